@@ -1,0 +1,32 @@
+"""The limits that exist: every module of :mod:`constraints.limits` declares one as ``LIMIT``."""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+from functools import cache
+from types import MappingProxyType
+from typing import TYPE_CHECKING
+
+from constraints import limits
+from constraints.definition import LimitDefinition
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+
+@cache
+def limit_definitions() -> Mapping[str, LimitDefinition]:
+    """Return every limit by its YAML key, in alphabetical order of the modules.
+
+    A file dropped into ``constraints/limits`` is all that a new limit needs.
+    """
+    found: dict[str, LimitDefinition] = {}
+    for module in sorted(pkgutil.iter_modules(limits.__path__), key=lambda item: item.name):
+        definition = importlib.import_module(f"{limits.__name__}.{module.name}").LIMIT
+        if not isinstance(definition, LimitDefinition):
+            raise TypeError(f"constraints/limits/{module.name}.py: LIMIT is no LimitDefinition")
+        if definition.key in found:
+            raise ValueError(f"constraints/limits/{module.name}.py: '{definition.key}' is taken")
+        found[definition.key] = definition
+    return MappingProxyType(found)

@@ -1,0 +1,72 @@
+"""What a limit is: data that says which quantity is bounded, how, and in which unit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+Quantities = Mapping[str, ca.SX]
+"""Named symbolic quantities of one instant; the mechanism says what it offers and their shapes."""
+
+BoundKind = Literal["interval", "symmetric", "upper", "lower"]
+
+
+def _identity(bound: NDArray[np.float64]) -> NDArray[np.float64]:
+    return bound
+
+
+@dataclass(frozen=True)
+class LimitDefinition:
+    """A kind of limit: what is bounded and how the user states the bound.
+
+    Attributes
+    ----------
+    key : str
+        Key under ``limits:`` in the YAML, and the limit's name in every report.
+    title : str
+        The limit in words, for figures and messages.
+    unit : str
+        SI unit of bound and quantity (``"m"``, ``"rad"``, ``"N"``, ``"1"`` …).
+    kind : {"interval", "symmetric", "upper", "lower"}
+        ``interval``: the user gives ``[min, max]``; ``symmetric``: one value b, −b ≤ q ≤ b;
+        ``upper``: q ≤ b; ``lower``: b ≤ q.
+    components : tuple of str
+        Names of the rows when the user bounds them by name (``("x", "y", "z")``), else empty.
+    per_actuator : bool
+        True when there is one row per actuator, whose bounds may then differ.
+    natural : callable
+        Quantities → column of rows in `unit`, as the user reads it. Reports and rechecks use it.
+    smooth : callable or None
+        Quantities → column of the same rows in an equivalent form that an optimiser
+        can differentiate (tan α for α). None: `natural` is smooth.
+    transform : callable
+        Maps bounds on `natural` to bounds on `smooth`; strictly monotone.
+    decreasing : bool
+        True when `transform` is decreasing (tilt → cosine), so that the bounds swap.
+    conservative : bool
+        True when `smooth` is an outer approximation: it never admits what `natural` forbids.
+    requires : tuple of str
+        Names of the quantities that are read.
+    pairs : bool
+        True when a row stands for a pair of actuators, in the order of
+        ``itertools.combinations``; pairs that share a joint are then left out.
+    """
+
+    key: str
+    title: str
+    unit: str
+    kind: BoundKind
+    natural: Callable[[Quantities], ca.SX]
+    requires: tuple[str, ...]
+    components: tuple[str, ...] = ()
+    per_actuator: bool = False
+    pairs: bool = False
+    smooth: Callable[[Quantities], ca.SX] | None = None
+    transform: Callable[[NDArray[np.float64]], NDArray[np.float64]] = field(default=_identity)
+    decreasing: bool = False
+    conservative: bool = False

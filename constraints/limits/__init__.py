@@ -1,0 +1,1 @@
+"""One limit per file; each declares its ``LIMIT``."""

@@ -1,0 +1,1 @@
+"""Estimation of the parameters from measurements taken along a designed trajectory."""

@@ -1,0 +1,56 @@
+"""The commands of the command line, in the order in which they are listed and used.
+
+Each command is a function in a module of its own, imported here. It imports what it computes with
+when it runs, takes `--json`, returns nothing when all is well, raises `CommandFailed` (exit 1) or
+`ConfigurationError` (exit 2) otherwise, and writes results to standard output, everything else to
+standard error (`expdesign.cli.output`).
+"""
+
+from __future__ import annotations
+
+from importlib.metadata import PackageNotFoundError, version
+from typing import Annotated
+
+import typer
+
+from expdesign.cli.check import check
+from expdesign.cli.robots import robots
+
+app = typer.Typer(
+    name="expdesign",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+def _print_version(wanted: bool) -> None:
+    if not wanted:
+        return
+    try:
+        typer.echo(version("expdesign"))
+    except PackageNotFoundError:
+        typer.echo("unknown (expdesign is not installed)")
+    raise typer.Exit
+
+
+@app.callback()
+def _expdesign(
+    _version: Annotated[
+        bool,
+        typer.Option(
+            "--version", help="Print the version.", callback=_print_version, is_eager=True
+        ),
+    ] = False,
+) -> None:
+    """Design excitation experiments for hexapods, from one YAML file to a trajectory.
+
+    RUN.yaml is a run file, or the name of one that ships (`palida`).
+
+    Exit status 0: done and within limits; 1: failed, or the result breaks a limit; 2: bad input.
+    """
+
+
+app.command()(robots)
+app.command()(check)

@@ -1,0 +1,38 @@
+"""`expdesign check`: validate a run and show what it means, without computing anything else."""
+
+from __future__ import annotations
+
+from expdesign.cli.output import JsonOption, RunArgument, note, warn, write_json
+
+
+def check(run: RunArgument, as_json: JsonOption = False) -> None:
+    """Validate a run and print its complete configuration, with every default, in SI units.
+
+    Nothing else is computed but whether the home pose keeps the limits. Warnings, and the pairs of struts that share a joint and are
+    therefore left out of the clearance, go to standard error.
+    """
+    import typer
+
+    from expdesign.configuration import load_run, resolved_yaml, shared_joint_pairs
+    from expdesign.robot import robot_from
+
+    configuration = load_run(run)
+    robot_from(configuration.robot)
+    pairs = [(i + 1, j + 1) for i, j in shared_joint_pairs(configuration.robot)]
+    if as_json:
+        write_json(
+            {
+                "status": 0,
+                "file": None if configuration.file is None else str(configuration.file),
+                "stages": configuration.stages,
+                "configuration": configuration.run.model_dump(mode="json", by_alias=True),
+                "shared_joints": pairs,
+                "warnings": configuration.warnings,
+            }
+        )
+        return
+    typer.echo(resolved_yaml(configuration), nl=False)
+    for first, second in pairs:
+        note(f"struts {first} and {second} share a joint: left out of the strut clearance")
+    for warning in configuration.warnings:
+        warn(warning)

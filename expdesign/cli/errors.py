@@ -1,0 +1,102 @@
+"""From what goes wrong to a message and an exit status; a traceback means a bug of ours."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import typer
+from rich.text import Text
+
+from expdesign.cli.output import messages, short, write_json
+from expdesign.configuration import ConfigurationError, Problem
+
+FAILED = 1
+BAD_INPUT = 2
+_JSON = "--json"
+
+
+class CommandFailed(Exception):  # noqa: N818 - it is no bug but a result
+    """A command came to no good end, or its result breaks a limit: exit status 1.
+
+    Parameters
+    ----------
+    message : str
+        What happened, and what can be done about it.
+    details : dict, optional
+        The same for machines.
+    """
+
+    def __init__(self, message: str, details: dict[str, Any] | None = None) -> None:
+        super().__init__(message)
+        self.message = message
+        self.details = details or {}
+
+
+def run(app: typer.Typer, arguments: Sequence[str]) -> int:
+    """Run the command line.
+
+    Parameters
+    ----------
+    app : typer.Typer
+    arguments : sequence of str
+        Without the name of the program.
+
+    Returns
+    -------
+    int
+        Exit status 0, 1 or 2. Problems are on standard error, with ``--json`` on standard output.
+    """
+    as_json = _JSON in arguments
+    try:
+        # Typer itself writes its messages about usage, unless they are to be JSON.
+        status = app(args=list(arguments), prog_name="expdesign", standalone_mode=not as_json)
+    except SystemExit as stop:
+        status = stop.code
+    except ConfigurationError as error:
+        return _bad_input(error.problems, as_json)
+    except CommandFailed as failure:
+        return _failed(failure, as_json)
+    except typer.TyperException as error:
+        return _bad_input([Problem(error.format_message())], as_json)
+    except OSError as error:
+        named = "" if error.filename is None else f"{error.filename}: "
+        return _failed(CommandFailed(f"{named}{error.strerror or error}"), as_json)
+    if not isinstance(status, int):
+        return 0
+    return status if status in (0, FAILED, BAD_INPUT) else FAILED
+
+
+def _bad_input(problems: Iterable[Problem], as_json: bool) -> int:
+    if as_json:
+        write_json({"status": BAD_INPUT, "problems": [_as_data(p) for p in problems]})
+        return BAD_INPUT
+    console = messages()
+    for problem in problems:
+        place = _place(problem)
+        line = Text.assemble(("error: ", "bold red"), (f"{place}: " if place else "", "bold"))
+        console.print(line.append(problem.message))
+        if problem.nearest:
+            console.print(f"  did you mean '{problem.nearest}'?")
+        if problem.allowed:
+            console.print(f"  allowed: {problem.allowed}")
+    return BAD_INPUT
+
+
+def _failed(failure: CommandFailed, as_json: bool) -> int:
+    if as_json:
+        write_json({"status": FAILED, "message": failure.message, **failure.details})
+    else:
+        messages().print(Text.assemble(("failed: ", "bold red"), failure.message))
+    return FAILED
+
+
+def _place(problem: Problem) -> str:
+    file = None if problem.file is None else Path(short(problem.file))
+    return replace(problem, file=file).place
+
+
+def _as_data(problem: Problem) -> dict[str, Any]:
+    return asdict(problem) | {"file": None if problem.file is None else str(problem.file)}

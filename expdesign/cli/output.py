@@ -1,0 +1,67 @@
+"""Where a command writes: results to standard output, everything else to standard error."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.text import Text
+
+RunArgument = Annotated[
+    str,
+    typer.Argument(
+        metavar="RUN.yaml",
+        help="A run file, or the name of a run that ships.",
+        show_default=False,
+    ),
+]
+JsonOption = Annotated[
+    bool, typer.Option("--json", help="Write JSON to standard output, for machines.")
+]
+
+
+def results() -> Console:
+    """Return the console for results, on standard output."""
+    return Console(highlight=False, markup=False)
+
+
+def messages() -> Console:
+    """Return the console for progress, warnings and errors, on standard error."""
+    return Console(stderr=True, highlight=False, markup=False, soft_wrap=True)
+
+
+def write_json(data: Any) -> None:
+    """Write data to standard output as JSON; NaN and ±inf, which JSON does not have, as null."""
+    typer.echo(json.dumps(_finite(data), indent=2))
+
+
+def warn(text: str) -> None:
+    """Write a warning to standard error."""
+    messages().print(Text.assemble(("warning: ", "yellow"), text))
+
+
+def note(text: str) -> None:
+    """Write a remark to standard error."""
+    messages().print(Text.assemble(("note: ", "cyan"), text))
+
+
+def short(path: Path) -> str:
+    """Return a path as a user would write it in the current folder."""
+    try:
+        return str(path.relative_to(Path.cwd()))
+    except (ValueError, OSError):
+        return str(path)
+
+
+def _finite(data: Any) -> Any:
+    if isinstance(data, dict):
+        return {key: _finite(value) for key, value in data.items()}
+    if isinstance(data, list | tuple):
+        return [_finite(item) for item in data]
+    if isinstance(data, float) and not math.isfinite(data):
+        return None
+    return data

@@ -1,0 +1,121 @@
+"""`expdesign robots`: the robots that ship."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from expdesign.cli.output import JsonOption, results, write_json
+
+if TYPE_CHECKING:
+    from expdesign.configuration import ResolvedLimit, ResolvedRobot
+
+
+def robots(as_json: JsonOption = False) -> None:
+    """List the robots that ship, with geometry, limits and source.
+
+    Any of the names can stand as `robot:` in a run file; so can the path of a file of your own.
+    """
+    from rich.table import Table
+
+    from expdesign.configuration import load_robot_description
+    from expdesign.library import robot_names
+
+    found = [load_robot_description(name) for name in robot_names()]
+    if as_json:
+        write_json([_as_data(robot) for robot in found])
+        return
+    table = Table(show_lines=True)
+    table.add_column("robot", no_wrap=True)
+    for heading in ("geometry", "limits", "source and assumptions"):
+        table.add_column(heading, overflow="fold")
+    for robot in found:
+        limits = "\n".join(_limit(limit) for limit in robot.limits.values())
+        table.add_row(robot.name, _geometry(robot), limits, robot.description.description)
+    results().print(table)
+
+
+def _geometry(robot: ResolvedRobot) -> str:
+    import numpy as np
+
+    home = _home(robot)
+    shortest, longest = (f"{end(home['strut_length']):.4g}" for end in (min, max))
+    length = shortest if shortest == longest else f"{shortest} … {longest}"
+    base, platform = (
+        float(np.mean(np.hypot(joints[:, 0], joints[:, 1])))
+        for joints in (robot.base_joints, robot.platform_joints)
+    )
+    pose = ", ".join(f"{value:.4g}" for value in robot.home)
+    return (
+        f"home {pose}\nstruts at home {length} m\nbase radius {base:.4g} m\n"
+        f"platform radius {platform:.4g} m\nplatform {robot.platform}\n"
+        f"Jacobian condition at home {home['jacobian_condition']:.3g} "
+        f"(L = {robot.characteristic_length:g} m)"
+    )
+
+
+def _home(robot: ResolvedRobot) -> dict[str, Any]:
+    from expdesign.configuration import condition_at_home, home_geometry
+
+    geometry = home_geometry(robot.home, robot.base_joints, robot.platform_joints)
+    return {
+        "strut_length": geometry.lengths.tolist(),
+        "jacobian_condition": condition_at_home(geometry, robot.characteristic_length),
+    }
+
+
+def _limit(limit: ResolvedLimit) -> str:
+    import numpy as np
+
+    from constraints import limit_definitions
+
+    definition = limit_definitions()[limit.key]
+    unit, factor = definition.unit, 1.0
+    if unit == "rad":
+        unit, factor = "deg", float(np.degrees(1.0))
+    suffix = "" if unit == "1" else f" {unit}"
+    rows = list(zip(limit.lower * factor, limit.upper * factor, strict=True))
+    alike = all(row == rows[0] for row in rows)
+    names = definition.components or tuple(f"strut {j}" for j in range(1, len(rows) + 1))
+    if alike:
+        return f"{definition.title} {_range(rows[0])}{suffix}"
+    parts = ", ".join(f"{name} {_range(row)}" for name, row in zip(names, rows, strict=True))
+    return f"{definition.title} {parts}{suffix}"
+
+
+def _range(row: tuple[float, float]) -> str:
+    import numpy as np
+
+    low, high = row
+    if np.isinf(low) and np.isinf(high):
+        return "free"
+    if np.isinf(low):
+        return f"≤ {high:.6g}"
+    if np.isinf(high):
+        return f"≥ {low:.6g}"
+    return f"±{high:.6g}" if low == -high else f"{low:.6g} … {high:.6g}"
+
+
+def _as_data(robot: ResolvedRobot) -> dict[str, Any]:
+    from constraints import limit_definitions
+
+    return {
+        "name": robot.name,
+        "description": robot.description.description,
+        "file": str(robot.source),
+        "platform": robot.platform,
+        "home": robot.home.tolist(),
+        "base_joints": robot.base_joints.tolist(),
+        "platform_joints": robot.platform_joints.tolist(),
+        "at_home": _home(robot),
+        "characteristic_length": robot.characteristic_length,
+        "parameters": dict(robot.parameters),
+        "limits": {
+            key: {
+                "lower": limit.lower.tolist(),
+                "upper": limit.upper.tolist(),
+                "unit": limit_definitions()[key].unit,
+            }
+            for key, limit in robot.limits.items()
+        },
+        "warnings": robot.warnings,
+    }

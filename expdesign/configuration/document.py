@@ -1,0 +1,115 @@
+"""A YAML file, or a mapping in its place, as plain data with the line of every key."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from numbers import Integral, Real
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from expdesign.configuration.problem import ConfigurationError, Key, Problem, key_path
+from expdesign.schema.failure import shown
+
+_LARGEST_COUNT = 100_000
+_DEEPEST = 40
+
+
+@dataclass(frozen=True)
+class Document:
+    """Plain data (dict, list, str, int, float, bool, None) and where it comes from.
+
+    Attributes
+    ----------
+    data : dict
+    file : Path or None
+        None for a mapping that was handed over by a program.
+    lines : dict
+        Line, from one, of every key and list item by its path.
+    """
+
+    data: dict[str, Any]
+    file: Path | None = None
+    lines: Mapping[Key, int] = field(default_factory=dict)
+
+    @property
+    def label(self) -> str:
+        """The file's name, or ``configuration``."""
+        return "configuration" if self.file is None else self.file.name
+
+    @property
+    def folder(self) -> Path:
+        """The folder that paths in the document are relative to."""
+        return Path.cwd() if self.file is None else self.file.parent
+
+    def line(self, key: Key) -> int | None:
+        """Return the line of a key, or of what contains it."""
+        for length in range(len(key), 0, -1):
+            if key[:length] in self.lines:
+                return self.lines[key[:length]]
+        return None
+
+    def problem(
+        self, key: Key, message: str, allowed: str | None = None, nearest: str | None = None
+    ) -> Problem:
+        """Return a problem with the value at a key."""
+        return Problem(message, self.file, self.line(key), key_path(key), allowed, nearest)
+
+
+def document_from_mapping(mapping: Mapping[Any, Any]) -> Document:
+    """Copy a mapping to plain data: tuples and arrays become lists, NumPy numbers Python's.
+
+    Raises
+    ------
+    ConfigurationError
+        If a key is no text, or the mapping contains itself or far too many values.
+    """
+    copier = _Copier()
+    data = copier.copy(mapping, (), 0)
+    if copier.problems:
+        raise ConfigurationError(copier.problems)
+    return Document(data)
+
+
+class _Copier:
+    def __init__(self) -> None:
+        self.problems: list[Problem] = []
+        self.count = 0
+
+    def copy(self, value: Any, key: Key, depth: int) -> Any:
+        self.count += 1
+        if depth > _DEEPEST or self.count > _LARGEST_COUNT:
+            raise ConfigurationError(
+                Problem("the mapping is nested too deeply or too large", key=key_path(key[:4]))
+            )
+        if isinstance(value, np.ndarray | np.generic):
+            value = value.tolist()
+        if isinstance(value, Mapping):
+            return self._mapping(value, key, depth)
+        if isinstance(value, list | tuple):
+            return [self.copy(item, (*key, i), depth + 1) for i, item in enumerate(value)]
+        if isinstance(value, str | Path):
+            return self._text(str(value), key)
+        if isinstance(value, Integral) and not isinstance(value, bool):
+            return int(value)
+        # What is no plain data is left to the schema, which refuses it.
+        return float(value) if isinstance(value, Real) and not isinstance(value, bool) else value
+
+    def _text(self, value: str, key: Key) -> str:
+        if any("\ud800" <= character <= "\udfff" for character in value):
+            message = "the text holds half of a surrogate pair"
+            self.problems.append(Problem(message, key=key_path(key)))
+        return value
+
+    def _mapping(self, value: Mapping[Any, Any], key: Key, depth: int) -> dict[str, Any]:
+        copied = {}
+        for name, item in value.items():
+            if isinstance(name, str):
+                self._text(name, key)
+                copied[name] = self.copy(item, (*key, name), depth + 1)
+            else:
+                problem = Problem(f"the key {shown(name)} is no text", key=key_path(key))
+                self.problems.append(problem)
+        return copied

@@ -1,0 +1,262 @@
+"""`limits:` against the limits that exist: bounds per row, from the robot, overridden by the run.
+
+What may be given for a limit follows from its definition in `constraints.limits`; a new limit
+needs nothing here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic_core import PydanticCustomError
+
+from constraints import LimitDefinition, limit_definitions
+from expdesign.configuration.document import Document
+from expdesign.configuration.problem import Key, Problem, key_path
+from expdesign.configuration.resolved import Array, ResolvedLimit, read_only
+from expdesign.schema import dimension_of
+from expdesign.schema.failure import nearest, refusal, shown
+
+CHARACTERISTIC_LENGTH = "characteristic_length"
+ACTUATORS = 6
+_PAIRS = ACTUATORS * (ACTUATORS - 1) // 2
+_ENDS = 2
+_PROBES = 65
+
+Bounds = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class LimitSource:
+    """The raw mapping under ``limits:``, and where it stands."""
+
+    raw: Mapping[str, Any]
+    document: Document
+    key: Key
+
+
+@dataclass(frozen=True)
+class _Given:
+    """What one source says of one limit: bounds by row, or by name of component."""
+
+    definition: LimitDefinition
+    rows: tuple[Bounds, ...]
+    components: Mapping[str, Bounds]
+    origin: str
+    file: Path | None
+    line: int | None
+
+
+def resolve_limits(
+    sources: Sequence[LimitSource],
+) -> tuple[dict[str, ResolvedLimit], float | None, list[Problem]]:
+    """Merge the limits of robot and run.
+
+    Parameters
+    ----------
+    sources : sequence of LimitSource
+        Later ones override earlier ones key by key; components of a limit are keys, too.
+
+    Returns
+    -------
+    limits : dict of ResolvedLimit
+        In the order of the catalogue.
+    characteristic_length : float or None
+        m; None when no source gives it.
+    problems : list of Problem
+        Of all sources, also of what is overridden.
+    """
+    given: dict[str, _Given] = {}
+    length: float | None = None
+    problems: list[Problem] = []
+    for source in sources:
+        for name, value in source.raw.items():
+            key = (*source.key, name)
+            try:
+                if name == CHARACTERISTIC_LENGTH:
+                    length = _positive(dimension_of("m").parse(value))
+                else:
+                    limit = _read(name, value, source.document, key)
+                    given[name] = _overridden(given.get(name), limit)
+            except PydanticCustomError as error:
+                problems.append(_problem(source.document, key, error))
+    resolved = {
+        name: _resolved(given[name], definition)
+        for name, definition in limit_definitions().items()
+        if name in given
+    }
+    return resolved, length, problems
+
+
+def limits_as_written(limits: Mapping[str, ResolvedLimit], length: float) -> dict[str, Any]:
+    """Return resolved limits as they can stand under ``limits:``, in SI units."""
+    written: dict[str, Any] = {}
+    for name, limit in limits.items():
+        definition = limit_definitions()[name]
+        rows = list(zip(limit.lower.tolist(), limit.upper.tolist(), strict=True))
+        if definition.components:
+            named = zip(definition.components, rows, strict=True)
+            written[name] = {c: list(row) for c, row in named if np.all(np.isfinite(row))}
+            continue
+        entries: list[Any] = [_entry(definition, row) for row in rows]
+        if definition.kind == "symmetric" and not all(low == -high for low, high in rows):
+            entries = [list(row) for row in rows]
+        alike = all(entry == entries[0] for entry in entries)
+        written[name] = entries[0] if alike else entries
+    return written | {CHARACTERISTIC_LENGTH: length}
+
+
+def _entry(definition: LimitDefinition, row: Bounds) -> Any:
+    if definition.kind == "interval":
+        return list(row)
+    return row[0] if definition.kind == "lower" else row[1]
+
+
+def _problem(document: Document, key: Key, error: PydanticCustomError) -> Problem:
+    context = error.context or {}
+    return document.problem(key, error.message(), context["allowed"], context["nearest"] or None)
+
+
+def _positive(value: float) -> float:
+    if value <= 0:
+        raise refusal(f"{value:g} is not positive", "a length above 0")
+    return value
+
+
+def _read(name: str, value: object, document: Document, key: Key) -> _Given:
+    definitions = limit_definitions()
+    if name not in definitions:
+        valid = [*definitions, CHARACTERISTIC_LENGTH]
+        raise refusal(f"unknown limit {shown(name)}", ", ".join(valid), nearest(name, valid))
+    definition = definitions[name]
+    rows: tuple[Bounds, ...] = ()
+    components: dict[str, Bounds] = {}
+    if definition.components:
+        components = _components(definition, value)
+    else:
+        rows = _rows(definition, value)
+    origin = f"{document.label}: {key_path(key)}"
+    return _Given(definition, rows, components, origin, document.file, document.line(key))
+
+
+def _overridden(earlier: _Given | None, later: _Given) -> _Given:
+    if earlier is None:
+        return later
+    return replace(later, components={**earlier.components, **later.components})
+
+
+def _resolved(given: _Given, definition: LimitDefinition) -> ResolvedLimit:
+    rows = given.rows
+    if definition.components:
+        free = (-np.inf, np.inf)
+        rows = tuple(given.components.get(name, free) for name in definition.components)
+    elif len(rows) == 1:
+        rows = rows * _row_count(definition)
+    bounds: Array = read_only(rows)
+    return ResolvedLimit(
+        given.definition.key,
+        read_only(bounds[:, 0]),
+        read_only(bounds[:, 1]),
+        given.origin,
+        given.file,
+        given.line,
+    )
+
+
+def _row_count(definition: LimitDefinition) -> int:
+    if definition.per_actuator:
+        return ACTUATORS
+    return _PAIRS if definition.pairs else 1
+
+
+def _components(definition: LimitDefinition, value: object) -> dict[str, Bounds]:
+    names = definition.components
+    pair = f"[min, max] in {definition.unit}"
+    allowed = f"a mapping of {', '.join(names)} to {pair}"
+    if not isinstance(value, dict) or not value:
+        raise refusal(f"{shown(value)} bounds no component", allowed)
+    bounds = {}
+    for name, item in value.items():
+        if name not in names:
+            raise refusal(f"unknown component {shown(name)}", allowed, nearest(name, names))
+        if not isinstance(item, list | tuple) or len(item) != _ENDS:
+            raise refusal(f"{name}: {shown(item)} is not a pair", allowed)
+        bounds[name] = _interval(definition, item, f"{name}: ")
+    return bounds
+
+
+def _rows(definition: LimitDefinition, value: object) -> tuple[Bounds, ...]:
+    """Read one entry for all rows, or, for a limit per actuator, six."""
+    items = list(value) if isinstance(value, list | tuple) else [value]
+    nested = any(isinstance(item, list | tuple) for item in items)
+    if definition.per_actuator and len(items) == ACTUATORS:
+        return tuple(_row(definition, item, f"strut {j}: ") for j, item in enumerate(items, 1))
+    if isinstance(value, list | tuple) and (nested or len(items) != _ENDS):
+        raise refusal(f"there are {len(items)} entries", _allowed(definition))
+    return (_row(definition, value, ""),)
+
+
+def _row(definition: LimitDefinition, value: object, where: str) -> Bounds:
+    kind = definition.kind
+    if isinstance(value, list | tuple):
+        if len(value) != _ENDS or kind not in ("interval", "symmetric"):
+            raise refusal(f"{where}{shown(value)} does not fit", _allowed(definition))
+        return _interval(definition, value, where)
+    if kind == "interval":
+        raise refusal(f"{where}{shown(value)} is not a pair", _allowed(definition))
+    bound = _number(definition, value, where)
+    if bound < 0 or (bound == 0 and kind != "lower"):
+        raise refusal(f"{where}the bound {bound:g} is not positive", _allowed(definition))
+    if kind == "symmetric":
+        return -bound, bound
+    if kind == "upper" and definition.unit == "rad" and bound > np.pi:
+        raise refusal(f"{where}{shown(value)} is no angle between directions", "at most 180 deg")
+    bounds = (-np.inf, bound) if kind == "upper" else (bound, np.inf)
+    _require_usable(definition, bounds, where)
+    return bounds
+
+
+def _interval(definition: LimitDefinition, value: Sequence[object], where: str) -> Bounds:
+    low, high = (_number(definition, end, where) for end in value)
+    if low >= high:
+        message = f"{where}min {low:g} is not below max {high:g}"
+        raise refusal(message, f"[min, max] in {definition.unit} with min < max")
+    _require_usable(definition, (low, high), where)
+    return low, high
+
+
+def _number(definition: LimitDefinition, value: object, where: str) -> float:
+    try:
+        return dimension_of(definition.unit).parse(value)
+    except PydanticCustomError as error:
+        context = error.context or {}
+        raise refusal(f"{where}{error.message()}", context["allowed"]) from None
+
+
+def _require_usable(definition: LimitDefinition, bounds: Bounds, where: str) -> None:
+    """Refuse bounds beyond the range in which the limit's transform is monotone (β of 90°)."""
+    finite = [bound for bound in bounds if np.isfinite(bound)]
+    probes = np.linspace(min(finite), max(finite), _PROBES if len(finite) == _ENDS else 1)
+    with np.errstate(all="ignore"):
+        steps = np.diff(definition.transform(probes))
+        usable = bool(np.all(np.isfinite(definition.transform(probes))))
+    if definition.decreasing:
+        steps = -steps
+    if not usable or np.any(steps <= 0):
+        message = f"{where}{definition.title} cannot be bounded so widely"
+        raise refusal(message, "bounds within the quantity's unique range")
+
+
+def _allowed(definition: LimitDefinition) -> str:
+    unit = "" if definition.unit == "1" else f" in {definition.unit}"
+    one = {
+        "interval": f"[min, max]{unit}",
+        "symmetric": f"one value{unit}, or [min, max]",
+        "upper": f"one value{unit}, an upper bound",
+        "lower": f"one value{unit}, a lower bound",
+    }[definition.kind]
+    return f"{one}; or six of these, one per strut" if definition.per_actuator else one

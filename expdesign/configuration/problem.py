@@ -1,0 +1,90 @@
+"""What is wrong with an input: one record per problem, all of them in one exception."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+Key = tuple[str | int, ...]
+"""Path to a value: keys of mappings and (from zero) positions in lists."""
+
+
+def key_path(key: Key) -> str:
+    """Return a key as the user reads it: ``base_joints[3][1]``, positions counted from one."""
+    text = ""
+    for part in key:
+        if isinstance(part, int):
+            text += f"[{part + 1}]"
+        else:
+            name = part if part.isprintable() else ascii(part)
+            text += f".{name}" if text else name
+    return text
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One thing that is wrong with an input.
+
+    Attributes
+    ----------
+    message : str
+        What is wrong, in words.
+    file : Path or None
+        The file that it stands in; None when the input is no file.
+    line : int or None
+        Line in the file, from one.
+    key : str
+        Path to the value, e.g. ``trajectory.harmonics`` or ``base_joints[3][1]``; positions in
+        lists count from one, like the struts. Empty for the file as a whole.
+    allowed : str or None
+        What would be accepted.
+    nearest : str or None
+        The valid name that was probably meant.
+    """
+
+    message: str
+    file: Path | None = None
+    line: int | None = None
+    key: str = ""
+    allowed: str | None = None
+    nearest: str | None = None
+
+    @property
+    def place(self) -> str:
+        """File, line and key, as far as they are known: ``run.yaml:4: trajectory.harmonics``."""
+        file = "" if self.file is None else str(self.file)
+        line = "" if self.line is None else f":{self.line}"
+        return ": ".join(part for part in (f"{file}{line}", self.key) if part)
+
+    def __str__(self) -> str:
+        text = f"{self.place}: {self.message}" if self.place else self.message
+        if self.nearest:
+            text += f"; did you mean '{self.nearest}'?"
+        if self.allowed:
+            text += f" (allowed: {self.allowed})"
+        return text
+
+
+class ConfigurationError(Exception):
+    """Bad input: everything that is wrong with it.
+
+    Parameters
+    ----------
+    problems : Problem or iterable of Problem
+        At least one.
+
+    Attributes
+    ----------
+    problems : tuple of Problem
+    """
+
+    def __init__(self, problems: Problem | Iterable[Problem]) -> None:
+        found = (problems,) if isinstance(problems, Problem) else tuple(problems)
+        if not found:
+            raise ValueError("a ConfigurationError needs a problem")
+        self.problems: tuple[Problem, ...] = found
+        super().__init__("\n".join(str(problem) for problem in found))
+
+    def __reduce__(self) -> tuple[type[ConfigurationError], tuple[tuple[Problem, ...]]]:
+        return type(self), (self.problems,)

@@ -1,0 +1,175 @@
+"""Runs: from a file, a mapping or a validated model to a complete configuration."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+from expdesign.configuration.document import Document, document_from_mapping
+from expdesign.configuration.finding import absolute, find_robot, find_run
+from expdesign.configuration.limits import LimitSource, resolve_limits
+from expdesign.configuration.noise import NoiseSource
+from expdesign.configuration.problem import ConfigurationError, Problem
+from expdesign.configuration.resolved import ResolvedRobot, RunConfiguration
+from expdesign.configuration.robot import RobotSource, read_robot, resolve_robot
+from expdesign.configuration.validation import validate
+from expdesign.configuration.yaml_reader import read_yaml
+from expdesign.schema import NoiseDescription, RobotDescription, RunDescription
+from expdesign.schema.failure import nearest
+
+_NOISE_USED_BY = ("design", "experiment", "montecarlo")
+
+
+def load_run(
+    source: str | PathLike[str] | Mapping[str, Any] | RunDescription | RunConfiguration,
+) -> RunConfiguration:
+    """Load a run with its robot.
+
+    Parameters
+    ----------
+    source : str, path-like, mapping, RunDescription or RunConfiguration
+        The name of a run that ships, the path of a run file, or what such a file would hold.
+        Relative paths in a mapping start from the current folder. A configuration is returned
+        as it is.
+
+    Returns
+    -------
+    RunConfiguration
+        Every default filled in, SI units, the robot with the run's limits and noise.
+
+    Raises
+    ------
+    ConfigurationError
+        With everything that is wrong, in the run and in its robot.
+    """
+    if isinstance(source, RunConfiguration):
+        return source
+    document = _document(source)
+    run, problems = validate(RunDescription, document.data, document)
+    robot_source = _robot_source(run, document, problems)
+    robot: ResolvedRobot | None = None
+    overrides = _overrides(document, problems, report=robot_source is None or run is None)
+    if robot_source is not None:
+        try:
+            robot = resolve_robot(robot_source, *overrides)
+        except ConfigurationError as error:
+            problems += error.problems
+    if run is not None and robot is not None:
+        problems += _unknown_parameters(run, robot, document)
+    if problems or run is None or robot is None:
+        raise ConfigurationError(dict.fromkeys(problems))
+    return RunConfiguration(
+        run=_completed(run, robot, document.folder),
+        robot=robot,
+        file=document.file,
+        warnings=(*robot.warnings, *_warnings(run, robot)),
+    )
+
+
+def _document(source: str | PathLike[str] | Mapping[str, Any] | RunDescription) -> Document:
+    if isinstance(source, RunDescription):
+        return document_from_mapping(_as_written(source))
+    if isinstance(source, Mapping):
+        return document_from_mapping(source)
+    return read_yaml(find_run(source))
+
+
+def _as_written(run: RunDescription) -> dict[str, Any]:
+    """Return a model as a file would state it, so that it names the same stages."""
+    written = run.model_dump(by_alias=True)
+    named = {"validate" if key == "validation" else key for key in run.model_fields_set}
+    return {key: value for key, value in written.items() if key in named}
+
+
+def _robot_source(
+    run: RunDescription | None, document: Document, problems: list[Problem]
+) -> RobotSource | None:
+    """Find the robot even when the run is wrong, so that the problems of both are reported."""
+    named = document.data.get("robot") if run is None else run.robot
+    if isinstance(named, RobotDescription):
+        return RobotSource(named, document, ("robot",))
+    if not isinstance(named, str) or not named.strip():
+        return None
+    try:
+        path = find_robot(named, document.folder)
+    except ConfigurationError as error:
+        problems += (
+            document.problem(("robot",), p.message, p.allowed, p.nearest) for p in error.problems
+        )
+        return None
+    try:
+        return read_robot(path)
+    except ConfigurationError as error:
+        problems += error.problems
+        return None
+
+
+def _overrides(
+    document: Document, problems: list[Problem], *, report: bool
+) -> tuple[list[LimitSource], list[NoiseSource]]:
+    """Return the run's limits and noise; their problems only when no robot reports them."""
+    limits: list[LimitSource] = []
+    noise: list[NoiseSource] = []
+    raw = document.data.get("limits")
+    if isinstance(raw, dict):
+        limits = [LimitSource(raw, document, ("limits",))]
+        if report:
+            problems += resolve_limits(limits)[2]
+    stated = document.data.get("noise")
+    if isinstance(stated, dict):
+        description, _ = validate(NoiseDescription, stated, document, ("noise",))
+        if description is not None:
+            noise = [NoiseSource(description, document, ("noise",))]
+    return limits, noise
+
+
+def _unknown_parameters(
+    run: RunDescription, robot: ResolvedRobot, document: Document
+) -> list[Problem]:
+    named = {
+        ("design", "parameters"): run.design.parameters or (),
+        ("estimate", "fixed"): run.estimate.fixed,
+        ("estimate", "prior"): run.estimate.prior,
+        ("estimate", "bounds"): run.estimate.bounds,
+    }
+    valid = robot.parameter_names
+    return [
+        document.problem(
+            key,
+            f"robot {robot.name} with its {robot.platform} platform has no parameter '{name}'",
+            ", ".join(valid),
+            nearest(name, valid),
+        )
+        for key, names in named.items()
+        for name in names
+        if name not in valid
+    ]
+
+
+def _completed(run: RunDescription, robot: ResolvedRobot, folder: Path) -> RunDescription:
+    """Fill in what follows from other sections, and put the robot itself into the run."""
+    update: dict[str, Any] = {"robot": robot.description, "limits": {}, "noise": None}
+    if run.trajectory.controller_period is None:
+        period = min(run.experiment.step, 1 / (2 * run.trajectory.frequency[1]))
+        update["trajectory"] = run.trajectory.model_copy(update={"controller_period": period})
+    if run.data.file is not None:
+        file = str(absolute(run.data.file, folder))
+        update["data"] = run.data.model_copy(update={"file": file})
+    if any(motion.file is not None for motion in run.validation):
+        update["validation"] = tuple(
+            motion
+            if motion.file is None
+            else motion.model_copy(update={"file": str(absolute(motion.file, folder))})
+            for motion in run.validation
+        )
+    return run.model_copy(update=update)
+
+
+def _warnings(run: RunDescription, robot: ResolvedRobot) -> list[str]:
+    users = [stage for stage in _NOISE_USED_BY if stage in run.stages]
+    forces_known = robot.noise is not None and robot.noise.force_covariance is not None
+    if users and not forces_known:
+        return [f"no noise of the forces is given; needed by: {', '.join(users)}"]
+    return []

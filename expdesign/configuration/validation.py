@@ -1,0 +1,102 @@
+"""Holding data against a model of the schema, with errors that a user can act on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, TypeVar, get_args
+
+from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
+
+from expdesign.configuration.document import Document
+from expdesign.configuration.problem import Key, Problem
+from expdesign.schema.failure import nearest, shown
+
+Model = TypeVar("Model", bound=BaseModel)
+
+# Steps of pydantic's location that are no key of the document.
+_MARKS = ("[key]", "(inline)", "(name)")
+
+
+def validate(
+    model: type[Model], data: object, document: Document, prefix: Key = ()
+) -> tuple[Model | None, list[Problem]]:
+    """Validate data against a model.
+
+    Parameters
+    ----------
+    model : type
+        A section of the schema.
+    data : object
+        What stands at `prefix` in the document.
+    document : Document
+        Where the data comes from.
+    prefix : tuple
+        Path of `data` in the document.
+
+    Returns
+    -------
+    instance : model or None
+        None when there are problems.
+    problems : list of Problem
+        Everything that is wrong, in the order of the model's keys.
+    """
+    try:
+        return model.model_validate(data), []
+    except ValidationError as error:
+        return None, [
+            _problem(model, details, document, prefix)
+            for details in error.errors(include_url=False)
+        ]
+
+
+def _problem(
+    model: type[BaseModel], details: ErrorDetails, document: Document, prefix: Key
+) -> Problem:
+    context = details.get("ctx", {})
+    kind = details["type"]
+    *steps, last = details["loc"] or ("",)
+    # What stands last in the location of an unknown key is the user's, however it is spelt.
+    keep_last = kind == "extra_forbidden" or last not in ("", *_MARKS)
+    location = (*(s for s in steps if s not in _MARKS), *([last] if keep_last else []))
+    key = (*prefix, *location)
+    if kind == "extra_forbidden":
+        valid = sorted(keys(_model_at(model, location[:-1])))
+        name = location[-1]
+        return document.problem(
+            key, f"unknown key {shown(name)}", ", ".join(valid), nearest(name, valid)
+        )
+    if kind == "missing":
+        return document.problem(key, f"the key '{location[-1]}' is missing")
+    if kind in ("model_type", "model_attributes_type"):
+        valid = sorted(keys(_model_at(model, location)))
+        message = f"{shown(details['input'])} is not a mapping"
+        return document.problem(key, message, f"the keys {', '.join(valid)}")
+    if kind == "refused":
+        key = (*key, context["key"]) if context["key"] else key
+        return document.problem(
+            key, context["reason"], context["allowed"], context["nearest"] or None
+        )
+    return document.problem(key, f"{shown(details['input'])}: {details['msg']}")
+
+
+def keys(model: type[BaseModel]) -> Iterator[str]:
+    """Yield the keys that a section may have, as they stand in the file."""
+    for name, info in model.model_fields.items():
+        yield info.alias or name
+
+
+def _model_at(model: type[BaseModel], location: Key) -> type[BaseModel]:
+    """Return the section that a location in the data belongs to."""
+    for step in location:
+        for name, info in model.model_fields.items():
+            if step == (info.alias or name):
+                model = next(_sections(info.annotation), model)
+    return model
+
+
+def _sections(annotation: Any) -> Iterator[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation
+    for argument in get_args(annotation):
+        yield from _sections(argument)

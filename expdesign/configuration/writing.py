@@ -1,0 +1,105 @@
+"""The resolved configuration as YAML that can be loaded again."""
+
+from __future__ import annotations
+
+import re
+import textwrap
+from collections.abc import Iterator
+from typing import Any
+
+from expdesign.configuration.resolved import RunConfiguration
+from expdesign.schema import STAGES
+
+_HEADER = """\
+# Resolved configuration: every value that is used, with the defaults. Values are in SI units
+# (m, s, kg, N, rad; frequencies in Hz). Loading this file gives the same configuration.
+"""
+_UNNAMED = """\
+# Stages that this run does not name, with the values that they would have:
+"""
+_WIDTH = 96
+_PLAIN = re.compile(r"[A-Za-z][A-Za-z0-9_./-]*")
+_WORDS = re.compile(r"[^\s]+(?: [^\s]+)*")
+_RESERVED = ("null", "true", "false", "yes", "no", "on", "off")
+
+
+def resolved_yaml(configuration: RunConfiguration) -> str:
+    """Return the complete configuration as YAML text.
+
+    The robot stands in it as a mapping, with its limits and noise as overridden by the run. The
+    sections of stages that the run does not name are comments, so that loading the text names
+    the same stages.
+
+    Parameters
+    ----------
+    configuration : RunConfiguration
+
+    Returns
+    -------
+    str
+        `load_run` of a file with this text gives an equal configuration, to the last bit.
+    """
+    data = configuration.run.model_dump(by_alias=True)
+    unnamed = [stage for stage in STAGES if stage not in configuration.stages]
+    # Empty now that they are part of the robot.
+    data = {key: data[key] for key in data if key not in ("limits", "noise")}
+    parts = [_HEADER]
+    for key, value in data.items():
+        if key not in unnamed:
+            parts += ["\n" if isinstance(value, dict) else "", *_lines(key, value, 0)]
+    if unnamed:
+        parts += ["\n", _UNNAMED]
+        for key in unnamed:
+            parts += [f"# {line}" for line in _lines(key, data[key], 0)]
+    return "".join(parts)
+
+
+def _lines(key: str, value: Any, indent: int) -> Iterator[str]:
+    """Yield the lines of one key of a mapping."""
+    margin = " " * indent
+    name = _text(key)
+    if isinstance(value, dict) and value:
+        yield f"{margin}{name}:\n"
+        for inner, item in value.items():
+            yield from _lines(inner, item, indent + 2)
+    elif isinstance(value, list | tuple) and any(isinstance(i, dict | list | tuple) for i in value):
+        yield f"{margin}{name}:\n"
+        for item in value:
+            yield f"{margin}  - {_flow(item)}\n"
+    elif isinstance(value, str) and len(value) > _WIDTH and _folds(value):
+        yield f"{margin}{name}: >-\n"
+        width = _WIDTH - indent - 2
+        for line in textwrap.wrap(
+            value, width, break_long_words=False, break_on_hyphens=False, expand_tabs=False
+        ):
+            yield f"{margin}  {line}\n"
+    else:
+        yield f"{margin}{name}: {_flow(value)}\n"
+
+
+def _folds(text: str) -> bool:
+    return text.isprintable() and _WORDS.fullmatch(text) is not None
+
+
+def _flow(value: Any) -> str:
+    """Return a value on one line."""
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{_text(k)}: {_flow(v)}" for k, v in value.items()) + "}"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(_flow(item) for item in value) + "]"
+    if isinstance(value, bool) or value is None:
+        return {True: "true", False: "false", None: "null"}[value]
+    return _text(value) if isinstance(value, str) else repr(value)
+
+
+def _text(text: str) -> str:
+    if _PLAIN.fullmatch(text) and text.lower() not in _RESERVED:
+        return text
+    escaped = "".join(_escaped(character) for character in text)
+    return f'"{escaped}"'
+
+
+def _escaped(character: str) -> str:
+    if character in '"\\':
+        return f"\\{character}"
+    return character if character.isprintable() else f"\\U{ord(character):08x}"

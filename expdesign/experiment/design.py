@@ -1,0 +1,242 @@
+"""The design of an experiment: from a configuration to a checked trajectory."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
+from os import PathLike
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from expdesign.configuration import ConfigurationError, Problem, RunConfiguration, load_run
+from expdesign.experiment.result import DesignResult, PredictedPrecision
+from expdesign.information.catalogue import criteria_by_key
+from expdesign.information.fisher import (
+    EXCITABLE,
+    ScaledInformation,
+    SingularInformationError,
+    information_matrix,
+    parameter_covariance,
+)
+from expdesign.problem import build_problem
+from expdesign.recheck import Judge
+from expdesign.robot import Robot, robot_from
+from expdesign.solver.continuation import coarse_points
+from expdesign.solver.progress import Monitor, SilentMonitor
+from expdesign.solver.random_start import random_start
+from expdesign.solver.search import SearchPlan, Workshop, search
+from expdesign.trajectory import FourierTrajectory
+
+Array = NDArray[np.float64]
+
+ConfigurationLike = str | PathLike[str] | Mapping[str, Any] | RunConfiguration
+
+_PROBES = 3
+_HOPELESS = 1e-4
+"""A random feasible motion whose weakest direction is this factor below what counts as excited
+will not be optimised into an exciting one: the limits themselves are too tight."""
+
+
+def design(config: ConfigurationLike, monitor: Monitor | None = None) -> DesignResult:
+    """Design the optimal excitation trajectory of a run.
+
+    Parameters
+    ----------
+    config : path, mapping or RunConfiguration
+    monitor : Monitor, optional
+        Gets every iteration and may ask to stop; the best so far is then the result, marked.
+
+    Raises
+    ------
+    ConfigurationError
+        The configuration is not valid.
+    SingularInformationError
+        The limits do not let some parameters be excited; it names them.
+    InfeasibleLimitsError, NoDesignError
+        No motion keeps the limits.
+    """
+    configuration = config if isinstance(config, RunConfiguration) else load_run(config)
+    began = time.perf_counter()
+    _refuse_what_is_not_there(configuration)
+    watch = monitor or SilentMonitor()
+    shop = build_workshop(configuration)
+    _refuse_unexcitable(shop)
+    found = search(partial(build_workshop, configuration), shop.plan, watch)
+    trajectory = found.finished.trajectory
+    judge, samples = shop.judge, configuration.run.trajectory.samples
+    information = judge.information(trajectory, samples)
+    return DesignResult(
+        configuration=configuration,
+        robot=judge.robot,
+        trajectory=trajectory,
+        samples=samples,
+        samples_per_period=trajectory.period / shop.plan.controller_period,
+        parameter_names=judge.names,
+        information=information,
+        log_det_information=judge.log_det(information),
+        criterion_value=judge.value(information),
+        per_period=_precision(judge, information, samples, 1),
+        experiment=_experiment_precision(judge, trajectory, configuration),
+        check=found.finished.check,
+        search=found,
+        seconds=time.perf_counter() - began,
+        warnings=(*configuration.warnings, *_warnings(configuration, trajectory, shop)),
+    )
+
+
+def build_workshop(configuration: RunConfiguration) -> Workshop:
+    """Build problem, judge and plan of a run; every worker process does it once."""
+    run = configuration.run
+    robot = robot_from(configuration.robot)
+    names = judged_parameters(configuration, robot)
+    scaling = parameter_scaling(robot, run.design.scaling)
+    criterion = criteria_by_key()[run.design.criterion]
+    covariance = force_covariance(configuration)
+    problem = build_problem(
+        robot,
+        harmonics=run.trajectory.harmonics,
+        frequency=run.trajectory.frequency,
+        samples=run.trajectory.samples,
+        covariance=covariance,
+        criterion=criterion,
+        scaling=np.abs(parameter_scaling(robot, "nominal")) if criterion.invariant else scaling,
+        names=names,
+    )
+    plan = SearchPlan(
+        starts=run.design.starts,
+        hops=run.design.hops if run.design.search == "hopping" else 0,
+        seed=run.design.seed,
+        widths=run.design.smoothing,
+        iterations=run.design.max_iterations,
+        controller_period=run.trajectory.controller_period or 1 / run.experiment.sampling,
+        workers=run.workers or 1,
+        max_seconds=run.design.max_seconds,
+    )
+    return Workshop(problem, Judge(robot, covariance, criterion, scaling, names), plan)
+
+
+def force_covariance(configuration: RunConfiguration) -> Array:
+    """Return Σ, (6, 6), N².
+
+    Raises
+    ------
+    ConfigurationError
+        Neither robot nor run state the noise of the forces.
+    """
+    noise = configuration.robot.noise
+    if noise is None or noise.force_covariance is None:
+        raise ConfigurationError(
+            [
+                Problem(
+                    "the design needs the noise of the forces, and neither robot nor run state it",
+                    file=configuration.file,
+                    key="noise",
+                    allowed="force_std (six values) or force_covariance (6 × 6)",
+                )
+            ]
+        )
+    return noise.force_covariance
+
+
+def judged_parameters(configuration: RunConfiguration, robot: Robot) -> tuple[str, ...]:
+    """Return the parameters that the criterion judges, in the order of the regressor."""
+    wanted = configuration.run.design.parameters
+    return tuple(name for name in robot.parameter_names if wanted is None or name in wanted)
+
+
+def parameter_scaling(robot: Robot, scaling: str) -> Array:
+    """Return (m,) the scale of every parameter: 1 (``si``), or its size (``nominal``).
+
+    A nominal value of zero has the physical scale p10·L (first moments) or p10·L² (products of
+    inertia), L the characteristic length; where the mass is zero too, 1.
+    """
+    if scaling == "si":
+        return np.ones(len(robot.parameter_names))
+    length = robot.characteristic_length
+    mass = abs(robot.description.parameters["p10"])
+    physical = {"sx": mass * length, "sy": mass * length, "p9": mass * length}
+    scales = []
+    for name, value in zip(robot.parameter_names, robot.parameters, strict=True):
+        scale = abs(value)
+        if scale == 0 and name.startswith(("I", "p6", "p7", "p8")):
+            scale = mass * length**2
+        elif scale == 0:
+            scale = physical.get(name, 1.0)
+        scales.append(scale or 1.0)
+    return np.array(scales)
+
+
+def _refuse_what_is_not_there(configuration: RunConfiguration) -> None:
+    if configuration.run.design.start == "rest":
+        raise ConfigurationError(
+            [
+                Problem(
+                    "a series that starts at rest cannot be designed by this version",
+                    file=configuration.file,
+                    key="design.start",
+                    allowed="periodic",
+                )
+            ]
+        )
+
+
+def _refuse_unexcitable(shop: Workshop) -> None:
+    """Fail early when random feasible motions are hopelessly far from exciting everything."""
+    problem, best, found = shop.problem, 0.0, None
+    points = coarse_points(problem.variables.harmonics)
+    for probe in range(_PROBES):
+        rng = np.random.default_rng(np.random.SeedSequence(shop.plan.seed, spawn_key=(0, probe)))
+        x = random_start(problem, rng, points, shop.plan.widths[0])
+        trajectory = problem.variables.trajectory(x)
+        scaled = ScaledInformation.of(shop.judge.information(trajectory, problem.cost.samples))
+        values = scaled.eigenvalues()
+        ratio = max(float(values[0] / values[-1]), 0.0) if values[-1] > 0 else 0.0
+        if found is None or ratio > best:
+            best, found = ratio, scaled
+    if found is not None and best < _HOPELESS * EXCITABLE:
+        raise SingularInformationError(found.unexcited(shop.judge.names))
+
+
+def _precision(
+    judge: Judge, information: Array, samples: int, periods: float
+) -> PredictedPrecision:
+    covariance = parameter_covariance(information, judge.names)
+    std = np.sqrt(np.diag(covariance))
+    return PredictedPrecision(
+        samples, periods, dict(zip(judge.names, (float(s) for s in std), strict=True))
+    )
+
+
+def _experiment_precision(
+    judge: Judge, trajectory: FourierTrajectory, configuration: RunConfiguration
+) -> PredictedPrecision:
+    experiment = configuration.run.experiment
+    per_period = trajectory.period * experiment.sampling
+    total = int(np.floor(experiment.periods * per_period * (1 + 1e-12)))
+    if abs(per_period - round(per_period)) < 1e-6 * per_period / max(per_period, 1):
+        count = round(per_period)
+        information = judge.information(trajectory, count) * experiment.periods
+    else:
+        motion = trajectory.sample(np.arange(total) / experiment.sampling)
+        regressors = judge.robot.regressor(motion.pose, motion.rate, motion.acceleration)
+        information = information_matrix(regressors[:, :, judge.columns], judge.covariance)
+    return _precision(judge, information, total, experiment.periods)
+
+
+def _warnings(
+    configuration: RunConfiguration, trajectory: FourierTrajectory, shop: Workshop
+) -> tuple[str, ...]:
+    found = []
+    steps = trajectory.period / shop.plan.controller_period
+    if abs(steps - round(steps)) > 1e-6:
+        found.append(
+            f"the frequency is fixed, and its period is {steps:.6g} controller steps, not a whole "
+            "number: a controller that repeats a table will not repeat this motion exactly"
+        )
+    if configuration.run.scheduler is not None:
+        found.append("the design runs in local processes; the scheduler serves the Monte Carlo")
+    return tuple(found)

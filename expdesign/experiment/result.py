@@ -1,0 +1,91 @@
+"""What a design came to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from expdesign.configuration import RunConfiguration
+from expdesign.recheck import Recheck
+from expdesign.robot import Robot
+from expdesign.solver.search import SearchResult
+from expdesign.trajectory import FourierTrajectory
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class PredictedPrecision:
+    """Standard deviations of the Gauss–Markov estimates, √diag F⁻¹.
+
+    Attributes
+    ----------
+    samples : int
+        Samples that the information is counted over.
+    periods : float
+    std : dict
+        By parameter, SI.
+    """
+
+    samples: int
+    periods: float
+    std: dict[str, float]
+
+
+@dataclass(frozen=True)
+class DesignResult:
+    """A designed trajectory with everything that is reported about it.
+
+    Attributes
+    ----------
+    configuration : RunConfiguration
+    robot : Robot
+    trajectory : FourierTrajectory
+        The one that was checked.
+    samples : int
+        Samples of one period over which the information is counted.
+    samples_per_period : float
+        Controller steps per period; whole unless the frequency was fixed otherwise.
+    parameter_names : tuple of str
+        Parameters that were judged.
+    information : (k, k)
+        F of one period by the unsmoothed model with the full Σ, SI.
+    log_det_information, criterion_value : float
+    per_period, experiment : PredictedPrecision
+    check : Recheck
+    search : SearchResult
+    seconds : float
+    warnings : tuple of str
+    """
+
+    configuration: RunConfiguration
+    robot: Robot
+    trajectory: FourierTrajectory
+    samples: int
+    samples_per_period: float
+    parameter_names: tuple[str, ...]
+    information: Array
+    log_det_information: float
+    criterion_value: float
+    per_period: PredictedPrecision
+    experiment: PredictedPrecision
+    check: Recheck
+    search: SearchResult
+    seconds: float
+    warnings: tuple[str, ...]
+
+    @property
+    def status(self) -> str:
+        """``"limits broken"``, ``"interrupted"``, ``"converged"`` or ``"not converged"``."""
+        if not self.check.passed:
+            return "limits broken"
+        if self.search.interrupted:
+            return "interrupted"
+        return "converged" if self.search.best.converged else "not converged"
+
+    @property
+    def passed(self) -> bool:
+        """True when every limit is kept and the search came to its end."""
+        return self.status in {"converged", "not converged"}

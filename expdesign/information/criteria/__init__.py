@@ -1,0 +1,1 @@
+"""One criterion per file; each declares its ``CRITERION``."""

@@ -1,0 +1,135 @@
+"""Fisher information of the parameters, equations (8) to (11) of the paper, and what it predicts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg as sla
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+EXCITABLE = 1e-12
+"""Smallest eigenvalue of the column-scaled F, relative to its largest, that counts as excited."""
+
+
+def whitening(covariance: Array) -> Array:
+    """Return the lower triangular S⁻¹ with Σ = S Sᵀ: S⁻¹ q has unit covariance.
+
+    Parameters
+    ----------
+    covariance : (6, 6)
+        Σ, symmetric positive definite, N².
+    """
+    factor = np.linalg.cholesky(covariance)
+    return sla.solve_triangular(factor, np.eye(len(factor)), lower=True)
+
+
+def information_matrix(regressors: Array, covariance: Array) -> Array:
+    """Return F = Σ_t A_tᵀ Σ⁻¹ A_t, (m, m).
+
+    Parameters
+    ----------
+    regressors : (N, 6, m)
+        A at every sample.
+    covariance : (6, 6)
+        Full covariance Σ of the force noise.
+    """
+    white = np.matmul(whitening(covariance), regressors)
+    stacked = white.reshape(-1, white.shape[2])
+    return stacked.T @ stacked
+
+
+@dataclass(frozen=True)
+class ScaledInformation:
+    """F brought to unit diagonal, with the scales taken out: D F̃ D = F, D diagonal.
+
+    Attributes
+    ----------
+    matrix : (m, m)
+        F̃, unit diagonal (0 in rows that nothing excites).
+    scales : (m,)
+        D: square roots of F's diagonal.
+    """
+
+    matrix: Array
+    scales: Array
+
+    @classmethod
+    def of(cls, information: Array) -> ScaledInformation:
+        """Scale the columns of F, (m, m), to unit length."""
+        scales = np.sqrt(np.maximum(np.diag(information), 0.0))
+        divisor = np.where(scales > 0, scales, 1.0)
+        return cls(information / np.multiply.outer(divisor, divisor), scales)
+
+    def eigenvalues(self) -> Array:
+        """(m,) eigenvalues of F̃, ascending."""
+        return np.linalg.eigvalsh(self.matrix)
+
+    def is_singular(self) -> bool:
+        """Tell whether F̃ is singular to working precision (see `EXCITABLE`)."""
+        values = self.eigenvalues()
+        return bool(values[0] <= EXCITABLE * values[-1]) or bool(np.any(self.scales <= 0))
+
+    def unexcited(self, names: tuple[str, ...]) -> tuple[str, ...]:
+        """Name the parameters that take part in combinations that F does not determine.
+
+        They are dropped one by one, always the one with the largest share of the weakest
+        direction, until what is left is regular; the rest can be estimated together.
+        """
+        keep = [k for k in range(len(names)) if self.scales[k] > 0]
+        dropped = [k for k in range(len(names)) if self.scales[k] <= 0]
+        while keep:
+            values, vectors = np.linalg.eigh(self.matrix[np.ix_(keep, keep)])
+            if values[0] > EXCITABLE * values[-1]:
+                break
+            dropped.append(keep.pop(int(np.argmax(np.abs(vectors[:, 0])))))
+        return tuple(names[k] for k in sorted(dropped))
+
+
+class SingularInformationError(ArithmeticError):
+    """F is numerically singular: some parameters are not excited.
+
+    Attributes
+    ----------
+    unexcited : tuple of str
+        Their names.
+    """
+
+    def __init__(self, unexcited: tuple[str, ...]) -> None:
+        self.unexcited = unexcited
+        super().__init__(f"the trajectory does not excite {', '.join(unexcited)}")
+
+
+def log_det(information: Array, names: tuple[str, ...]) -> float:
+    """Return log det F; the scaling to unit diagonal keeps all digits.
+
+    Raises
+    ------
+    SingularInformationError
+        F is singular to working precision; a logarithm of rounding errors is not reported.
+    """
+    scaled = _regular(information, names)
+    factor = np.linalg.cholesky(scaled.matrix)
+    return float(2 * (np.sum(np.log(np.diag(factor))) + np.sum(np.log(scaled.scales))))
+
+
+def parameter_covariance(information: Array, names: tuple[str, ...]) -> Array:
+    """Return F⁻¹, (m, m): the Gauss–Markov estimator's covariance.
+
+    Raises
+    ------
+    SingularInformationError
+        F is singular to working precision.
+    """
+    scaled = _regular(information, names)
+    inverse = sla.cho_solve(sla.cho_factor(scaled.matrix), np.eye(len(scaled.scales)))
+    return inverse / np.multiply.outer(scaled.scales, scaled.scales)
+
+
+def _regular(information: Array, names: tuple[str, ...]) -> ScaledInformation:
+    scaled = ScaledInformation.of(information)
+    if scaled.is_singular():
+        raise SingularInformationError(scaled.unexcited(names))
+    return scaled

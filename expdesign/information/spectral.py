@@ -1,0 +1,102 @@
+"""Criteria as functions of the eigenvalues of the scaled information matrix."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+class Criterion(Protocol):
+    """A criterion of optimality: what is reported, and what an optimiser minimises.
+
+    The optimiser's cost is a smooth function of x = log of the eigenvalues of the scaled F,
+    ascending; order of magnitude one. A file in ``expdesign/information/criteria`` that declares
+    ``CRITERION`` adds one.
+    """
+
+    key: str
+    """Value of ``design.criterion`` in the YAML."""
+    title: str
+    larger_is_better: bool
+    invariant: bool
+    """True when a rescaling of the parameters only shifts the cost."""
+    levels: tuple[float, ...]
+    """Sharpness of a smooth surrogate, continued from blunt to sharp; (0.0,) if it is exact."""
+
+    def value(self, eigenvalues: Array) -> float:
+        """Return the reported number from the eigenvalues of the scaled F."""
+        ...
+
+    def cost(self, logs: Array, level: float) -> tuple[float, Array, Array]:
+        """Return cost, gradient (m,) and Hessian (m, m) with respect to the logarithms."""
+        ...
+
+    def from_cost(self, cost: float, count: int, samples: int, log_scale: float) -> float:
+        """Return the reported number that a cost of F per sample stands for (progress only).
+
+        Parameters
+        ----------
+        cost : float
+            For the mean of the scaled F over the samples.
+        count : int
+            Number m of parameters.
+        samples : int
+            Samples that F is summed over.
+        log_scale : float
+            Sum of the logarithms of the parameters' scales.
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class SpectralCost:
+    """A criterion's cost with its derivatives with respect to the scaled F.
+
+    Attributes
+    ----------
+    value : float
+    basis : (m, m)
+        Eigenvectors of F, columns.
+    slope : (m,)
+        Derivatives with respect to the eigenvalues: dcost = Σ slope_i (Vᵀ dF V)_ii.
+    diagonal : (m, m)
+        Positive semidefinite curvature between the diagonal entries of Vᵀ dF V.
+    mixing : (m, m)
+        Nonnegative curvature of its off-diagonal entries (Daleckii–Krein differences), zero diagonal.
+    """
+
+    value: float
+    basis: Array
+    slope: Array
+    diagonal: Array
+    mixing: Array
+
+
+def spectral_cost(information: Array, criterion: Criterion, level: float) -> SpectralCost:
+    """Evaluate a criterion on the scaled F, (m, m), for a Gauss–Newton method.
+
+    The second derivative of φ(λ(F)) along dF, with E = Vᵀ dF V, is
+    Σ φ''_ij E_ii E_jj + Σ_{i≠j} (φ'_i − φ'_j)/(λ_i − λ_j) E_ij²; its negative parts are cut.
+    """
+    values, basis = np.linalg.eigh(information)
+    # Rounding leaves eigenvalues of a nearly singular F at either sign: their logarithm is cut.
+    values = np.maximum(values, np.finfo(float).eps ** 2 * values[-1])
+    cost, gradient, hessian = criterion.cost(np.log(values), level)
+    slope = gradient / values
+    curvature = (hessian - np.diag(gradient)) / np.multiply.outer(values, values)
+    gap = np.subtract.outer(values, values)
+    close = np.abs(gap) <= 1e-9 * np.maximum.outer(values, values)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        mixing = np.where(close, 0.0, np.subtract.outer(slope, slope) / gap)
+    # The limit of the difference quotient for coinciding eigenvalues.
+    second = np.diag(curvature)[:, None] - curvature
+    mixing = np.where(close, (second + second.T) / 2, mixing)
+    np.fill_diagonal(mixing, 0.0)
+    spectrum, vectors = np.linalg.eigh((curvature + curvature.T) / 2)
+    diagonal = (vectors * np.maximum(spectrum, 0.0)) @ vectors.T
+    return SpectralCost(cost, basis, slope, diagonal, np.maximum(mixing, 0.0))

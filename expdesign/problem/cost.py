@@ -1,0 +1,125 @@
+"""The objective: a criterion of F over the samples of one period, with its derivatives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from expdesign.information.fisher import whitening
+from expdesign.information.spectral import Criterion, spectral_cost
+from expdesign.problem.variables import DesignVariables
+from expdesign.robot.batch import BatchFunction
+from expdesign.robot.graph import Friction, HexapodGraph
+from expdesign.trajectory import PhaseBasis
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class RegressorKernels:
+    """Smoothed regressor of one instant, without and with its Jacobian to the state."""
+
+    value: BatchFunction
+    derivative: BatchFunction
+
+    @classmethod
+    def of(cls, graph: HexapodGraph) -> RegressorKernels:
+        """Compile both for a graph."""
+        regressor = graph.regressor_with(Friction.SMOOTH)
+        flat = ca.vec(regressor.T)
+        slope = ca.cse(ca.jacobian(flat, graph.state))
+        fixed = [graph.geometry.vector, graph.width]
+        return cls(
+            BatchFunction("regressor", [graph.state], fixed, [regressor]),
+            BatchFunction("regressor_slope", [graph.state], fixed, [regressor, slope]),
+        )
+
+
+@dataclass(frozen=True)
+class InformationCost:
+    """Criterion of the smoothed information as a function of the scaled variables.
+
+    Attributes
+    ----------
+    kernels : RegressorKernels
+    geometry : (g,)
+        The graph's geometry input.
+    variables : DesignVariables
+    covariance : (6, 6)
+        Full Σ of the force noise, N².
+    columns : (k,) of int
+        Parameters that the criterion judges.
+    scaling : (k,)
+        Every column of A is multiplied by it.
+    criterion : Criterion
+    samples : int
+        Samples of one period.
+    """
+
+    kernels: RegressorKernels
+    geometry: Array
+    variables: DesignVariables
+    covariance: Array
+    columns: NDArray[np.intp]
+    scaling: Array
+    criterion: Criterion
+    samples: int
+
+    def basis(self) -> PhaseBasis:
+        """Return the Fourier basis at the samples."""
+        phases = 2 * np.pi * np.arange(self.samples) / self.samples
+        return PhaseBasis.at(phases, self.variables.harmonics)
+
+    def information(self, variables: Array, width: float) -> Array:
+        """Return the scaled, smoothed F per sample, (k, k)."""
+        states = self.variables.states(variables, self.basis())
+        (regressors,) = self.kernels.value(states, self.geometry, np.array([width]))
+        white = self._whiten(regressors)
+        stacked = white.reshape(-1, white.shape[2])
+        return stacked.T @ stacked / self.samples
+
+    def value(self, variables: Array, width: float, level: float) -> float:
+        """Return the cost alone."""
+        values = np.linalg.eigvalsh(self.information(variables, width))
+        values = np.maximum(values, np.finfo(float).eps ** 2 * values[-1])
+        return self.criterion.cost(np.log(values), level)[0]
+
+    def derivatives(
+        self, variables: Array, width: float, level: float
+    ) -> tuple[float, Array, Array]:
+        """Return cost, gradient (z,) and positive semidefinite Gauss–Newton Hessian (z, z)."""
+        basis = self.basis()
+        states = self.variables.states(variables, basis)
+        regressors, slopes = self.kernels.derivative(states, self.geometry, np.array([width]))
+        white = self._whiten(regressors)
+        count, actuators, k = white.shape
+        information = np.tensordot(white, white, axes=([0, 1], [0, 1])) / count
+        cost = spectral_cost(information, self.criterion, level)
+        m = regressors.shape[2]
+        white_slopes = self._whiten(
+            slopes.reshape(count, actuators, m, -1).transpose(3, 0, 1, 2)
+        ).transpose(1, 2, 3, 0)
+        # In the eigenbasis: one factor rotated here, the other after the sum over the samples.
+        rotated = white @ cost.basis
+        products = np.matmul(
+            rotated.transpose(0, 2, 1), white_slopes.reshape(count, actuators, -1)
+        ).reshape(count, k * k, -1)
+        summed = self.variables.accumulate(variables, basis, products) / count
+        half = np.matmul(cost.basis.T, summed.T.reshape(-1, k, k).transpose(0, 2, 1))
+        change = half + half.transpose(0, 2, 1)
+        own = np.einsum("zii->zi", change)
+        gradient = own @ cost.slope
+        flat = change.reshape(len(change), -1)
+        hessian = own @ cost.diagonal @ own.T + (flat * cost.mixing.ravel()) @ flat.T
+        return cost.value, gradient, hessian
+
+    def readable(self, cost: float) -> float:
+        """Return the criterion that a cost stands for: F over all samples, SI for ``d``."""
+        k = self.scaling.size
+        return self.criterion.from_cost(cost, k, self.samples, float(np.sum(np.log(self.scaling))))
+
+    def _whiten(self, regressors: Array) -> Array:
+        return np.matmul(whitening(self.covariance), regressors[..., self.columns] * self.scaling)

@@ -1,0 +1,230 @@
+"""The design problem: variables, objective and limits. It states them and solves nothing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from constraints import Limit
+from expdesign.information.spectral import Criterion
+from expdesign.problem.cost import InformationCost, RegressorKernels
+from expdesign.problem.limit_rows import LimitEvaluator, LimitKernels, LimitRows
+from expdesign.problem.reach import coordinate_reach
+from expdesign.problem.variables import DesignVariables
+from expdesign.robot import ExactModel, Robot, hexapod_graph
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class DesignProblem:
+    """What is to be designed, for one robot.
+
+    Attributes
+    ----------
+    exact : ExactModel
+        Robot and limits by the unsmoothed model.
+    cost : InformationCost
+        The smoothed objective; its `samples` and ω bounds are the user's.
+    evaluator : LimitEvaluator
+        The smoothed limits.
+    names : tuple of str
+        Parameters that the criterion judges.
+    """
+
+    exact: ExactModel
+    cost: InformationCost
+    evaluator: LimitEvaluator
+    names: tuple[str, ...]
+
+    @property
+    def robot(self) -> Robot:
+        """The robot."""
+        return self.exact.robot
+
+    @property
+    def limits(self) -> tuple[Limit, ...]:
+        """The limits, in the order of the rows."""
+        return self.exact.limits
+
+    @property
+    def variables(self) -> DesignVariables:
+        """The scaled variables."""
+        return self.cost.variables
+
+    @property
+    def criterion(self) -> Criterion:
+        """The criterion of optimality."""
+        return self.cost.criterion
+
+    def with_frequency(self, omega_bounds: tuple[float, float]) -> DesignProblem:
+        """Return the same problem with other bounds on ω, rad/s; the scaling of ω stays."""
+        variables = replace(self.variables, omega_bounds=omega_bounds)
+        return replace(
+            self,
+            cost=replace(self.cost, variables=variables),
+            evaluator=replace(self.evaluator, variables=variables),
+        )
+
+    def smooth_bounds(self, margins: Array | None = None) -> tuple[Array, Array]:
+        """Return bounds on the smooth rows, (R,) each or with margins (…, R).
+
+        Parameters
+        ----------
+        margins : (…, R), optional
+            How far the natural bounds are drawn in, as shares of their ranges.
+        """
+        columns = self.exact.columns()
+        parts = [
+            limit.smooth_bounds(0.0 if margins is None else margins[..., part])
+            for limit, part in zip(self.limits, columns, strict=True)
+        ]
+        if not parts:
+            return np.empty(0), np.empty(0)
+        return tuple(np.concatenate(side, axis=-1) for side in zip(*parts, strict=True))  # type: ignore[return-value]
+
+    def row_scale(self) -> Array:
+        """Return (R,) the range of every smooth row: what counts as one in the NLP."""
+        lower, upper = self.smooth_bounds()
+        both = np.isfinite(lower) & np.isfinite(upper)
+        with np.errstate(invalid="ignore"):
+            width = np.where(both, upper - lower, 0.0)
+        one = np.abs(np.where(np.isfinite(lower), lower, upper))
+        scale = np.where(both, width, one)
+        return np.where(np.isfinite(scale) & (scale > 0), scale, 1.0)
+
+    def smooth_violations(self, variables: Array, phases: Array, width: float) -> Array:
+        """Return (K, R) excess of the smooth rows over their bounds, as shares of their scale.
+
+        Open rows are at −inf; a value that is not a number counts as broken.
+        """
+        values = self.evaluator.values(variables, phases, width)
+        lower, upper = self.smooth_bounds()
+        excess = np.maximum(lower - values, values - upper) / self.row_scale()
+        return np.nan_to_num(excess, nan=np.inf, posinf=np.inf, neginf=-np.inf)
+
+    def rows(self, phases: Array, mask: Mask, margins: Array | None = None) -> LimitRows:
+        """Return the NLP's rows: which limit holds at which phase, with margins if given."""
+        lower, upper = self.smooth_bounds(margins)
+        used = np.any(mask, axis=1)
+        shape = mask.shape
+        lower, upper = np.broadcast_to(lower, shape), np.broadcast_to(upper, shape)
+        return LimitRows(phases[used], mask[used], lower[used], upper[used])
+
+    def program(self, rows: LimitRows, width: float, level: float, samples: int) -> DesignProgram:
+        """Return the NLP with the rows given; the cost is summed over `samples` samples."""
+        return DesignProgram(self, self.cost_with(samples), rows, width, level)
+
+    def cost_with(self, samples: int) -> InformationCost:
+        """Return the cost over another number of samples of the period."""
+        return replace(self.cost, samples=samples)
+
+
+class DesignProgram:
+    """One nonlinear program: `expdesign.solver.ipopt.NonlinearProgram` for a set of rows."""
+
+    def __init__(
+        self,
+        problem: DesignProblem,
+        cost: InformationCost,
+        rows: LimitRows,
+        width: float,
+        level: float,
+    ) -> None:
+        self._problem, self._cost, self._rows = problem, cost, rows
+        self._width, self._level = width, level
+        self._scale = np.broadcast_to(problem.row_scale(), rows.mask.shape)[rows.mask]
+        row_lower, row_upper = rows.bounds()
+        self.row_lower, self.row_upper = row_lower / self._scale, row_upper / self._scale
+        self.lower, self.upper = problem.variables.bounds()
+
+    def within(self, center: Array, radius: float | None) -> DesignProgram:
+        """Confine the variables to a box about a point; None leaves them free."""
+        if radius is not None:
+            self.lower = np.maximum(self.lower, center - radius)
+            self.upper = np.minimum(self.upper, center + radius)
+        return self
+
+    def cost(self, x: Array) -> float:
+        """Return the smoothed criterion."""
+        return self._cost.value(x, self._width, self._level)
+
+    def cost_derivatives(self, x: Array) -> tuple[float, Array, Array]:
+        """Return the smoothed criterion, its gradient and Gauss–Newton Hessian."""
+        return self._cost.derivatives(x, self._width, self._level)
+
+    def rows(self, x: Array) -> Array:
+        """Return the scaled limit rows."""
+        values = self._problem.evaluator.values(x, self._rows.phases, self._width)
+        return values[self._rows.mask] / self._scale
+
+    def rows_jacobian(self, x: Array) -> tuple[Array, Array]:
+        """Return the scaled limit rows and their Jacobian."""
+        values, slopes = self._problem.evaluator.jacobian(x, self._rows, self._width)
+        return values / self._scale, slopes / self._scale[:, None]
+
+
+@cache
+def _regressor_kernels(*, general: bool) -> RegressorKernels:
+    return RegressorKernels.of(hexapod_graph(general=general))
+
+
+def build_problem(
+    robot: Robot,
+    *,
+    harmonics: int,
+    frequency: tuple[float, float],
+    samples: int,
+    covariance: Array,
+    criterion: Criterion,
+    scaling: Array,
+    names: tuple[str, ...],
+) -> DesignProblem:
+    """State the design problem of a robot.
+
+    Parameters
+    ----------
+    robot : Robot
+        With its limits.
+    harmonics : int
+        n.
+    frequency : (float, float)
+        Bounds on the base frequency, Hz.
+    samples : int
+        Samples of one period over which F is summed.
+    covariance : (6, 6)
+        Σ, N².
+    criterion : Criterion
+    scaling : (m,)
+        Scale of every parameter: column k of A is multiplied by it.
+    names : tuple of str
+        Parameters that the criterion judges.
+    """
+    exact = ExactModel(robot, robot.limits)
+    lowest, highest = (2 * np.pi * bound for bound in frequency)
+    variables = DesignVariables(
+        harmonics, coordinate_reach(exact, robot.limits) / 2, robot.home, (lowest, highest), highest
+    )
+    columns = np.array([robot.parameter_names.index(name) for name in names], dtype=np.intp)
+    cost = InformationCost(
+        _regressor_kernels(general=robot.general),
+        robot.geometry_vector,
+        variables,
+        covariance,
+        columns,
+        scaling[columns],
+        criterion,
+        samples,
+    )
+    evaluator = LimitEvaluator(
+        LimitKernels.of(robot.graph, robot.limits),
+        variables,
+        robot.geometry_vector,
+        robot.parameters,
+        robot.characteristic_length,
+    )
+    return DesignProblem(exact, cost, evaluator, names)

@@ -1,0 +1,21 @@
+"""Checks of a trajectory that share nothing with the optimiser but the graph."""
+
+from expdesign.recheck.information import Judge
+from expdesign.recheck.recheck import (
+    TOLERANCE,
+    LimitCheck,
+    Recheck,
+    grid_points,
+    recheck,
+    states_at,
+)
+
+__all__ = [
+    "TOLERANCE",
+    "Judge",
+    "LimitCheck",
+    "Recheck",
+    "grid_points",
+    "recheck",
+    "states_at",
+]

@@ -1,0 +1,84 @@
+"""The information of a trajectory by the unsmoothed model: what is reported."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from expdesign.information.fisher import (
+    ScaledInformation,
+    SingularInformationError,
+    information_matrix,
+    log_det,
+)
+from expdesign.information.spectral import Criterion
+from expdesign.robot import Robot
+from expdesign.trajectory import FourierTrajectory
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Judge:
+    """How trajectories of a robot are judged: Σ, criterion, scaling and parameters.
+
+    Attributes
+    ----------
+    robot : Robot
+    covariance : (6, 6)
+        Full Σ of the force noise, N².
+    criterion : Criterion
+    scaling : (m,)
+        Scale of every parameter (1 for SI).
+    names : tuple of str
+        Parameters that are judged.
+    """
+
+    robot: Robot
+    covariance: Array
+    criterion: Criterion
+    scaling: Array
+    names: tuple[str, ...]
+
+    def information(self, trajectory: FourierTrajectory, samples: int) -> Array:
+        """Return F of the judged parameters over one period of `samples` samples, SI, (k, k)."""
+        motion = trajectory.sample(trajectory.sample_times(samples))
+        regressors = self.robot.regressor(motion.pose, motion.rate, motion.acceleration)
+        return information_matrix(regressors[:, :, self.columns], self.covariance)
+
+    @property
+    def columns(self) -> NDArray[np.intp]:
+        """Columns of the judged parameters in A."""
+        every = self.robot.parameter_names
+        return np.array([every.index(name) for name in self.names], dtype=np.intp)
+
+    def log_det(self, information: Array) -> float:
+        """Return log det F in SI units; raises `SingularInformationError`."""
+        return log_det(information, self.names)
+
+    def value(self, information: Array) -> float:
+        """Return the criterion of F in its scaling.
+
+        Raises
+        ------
+        SingularInformationError
+            F is singular to working precision.
+        """
+        if ScaledInformation.of(information).is_singular():
+            raise SingularInformationError(ScaledInformation.of(information).unexcited(self.names))
+        if self.criterion.invariant:
+            # The logarithms of a badly scaled F's eigenvalues lose digits that its factor keeps.
+            return self.log_det(information)
+        scale = self.scaling[self.columns]
+        scaled = information * np.multiply.outer(scale, scale)
+        return self.criterion.value(np.linalg.eigvalsh(scaled))
+
+    def merit(self, trajectory: FourierTrajectory, samples: int) -> float:
+        """Return a number that is larger for better trajectories; −inf for a singular F."""
+        try:
+            value = self.value(self.information(trajectory, samples))
+        except SingularInformationError:
+            return -np.inf
+        return value if self.criterion.larger_is_better else -value

@@ -1,0 +1,84 @@
+"""Evaluation of the symbolic graph over many samples: the one place where that is done."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+_CHUNK = 1024
+
+
+class BatchFunction:
+    """A function of one instant, evaluated for N instants by CasADi's virtual machine.
+
+    Parameters
+    ----------
+    name : str
+        Name in CasADi's messages.
+    varying : sequence of SX columns
+        Inputs that differ from sample to sample.
+    fixed : sequence of SX columns
+        Inputs that all samples share.
+    outputs : sequence of SX
+        Expressions; each comes back as (N, rows, columns), or (N, rows) if it is a column.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        varying: Sequence[ca.SX],
+        fixed: Sequence[ca.SX],
+        outputs: Sequence[ca.SX],
+    ) -> None:
+        # Row-major nonzeros: CasADi stores by columns, NumPy by rows.
+        transposed = [output.T for output in outputs]
+        nonzeros = [ca.vertcat(*t.nonzeros()) if t.nnz() else ca.SX(0, 1) for t in transposed]
+        self._function = ca.Function(name, [*varying, *fixed], nonzeros, {"cse": True})
+        self._varying = len(varying)
+        self._shapes = [output.shape for output in outputs]
+        self._places = [_places(t) for t in transposed]
+        self._maps: dict[int, ca.Function] = {}
+
+    @property
+    def instructions(self) -> int:
+        """Number of scalar instructions per sample."""
+        return int(self._function.n_instructions())
+
+    def __call__(self, *inputs: Array) -> list[Array]:
+        """Evaluate: varying inputs as (N, rows), fixed ones as (rows,)."""
+        varying = [np.atleast_2d(value) for value in inputs[: self._varying]]
+        fixed = [np.reshape(value, (-1, 1)) for value in inputs[self._varying :]]
+        count = varying[0].shape[0]
+        pieces = [
+            self._chunk([value[start : start + _CHUNK] for value in varying], fixed)
+            for start in range(0, count, _CHUNK)
+        ]
+        results = []
+        for k, (rows, columns) in enumerate(self._shapes):
+            flat = np.zeros((count, rows * columns))
+            flat[:, self._places[k]] = np.concatenate([piece[k] for piece in pieces])
+            results.append(flat if columns == 1 else flat.reshape(count, rows, columns))
+        return results
+
+    def _chunk(self, varying: list[Array], fixed: list[Array]) -> list[Array]:
+        count = varying[0].shape[0]
+        if count not in self._maps:
+            if len(self._maps) > 16:  # noqa: PLR2004 - a bound on memory, not a tuned number
+                self._maps.clear()
+            self._maps[count] = self._function.map(count)
+        values = self._maps[count].call(
+            [ca.DM(value.T) for value in varying] + [ca.DM(value) for value in fixed]
+        )
+        return [value.full().T for value in values]
+
+
+def _places(transposed: ca.SX) -> NDArray[np.intp]:
+    rows, columns = transposed.sparsity().get_triplet()
+    return np.asarray(columns, dtype=np.intp) * transposed.shape[0] + np.asarray(
+        rows, dtype=np.intp
+    )

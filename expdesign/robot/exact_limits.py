@@ -1,0 +1,74 @@
+"""The unsmoothed model of a robot with its limits, as users read them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache, cached_property
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from constraints import Limit, LimitDefinition
+from expdesign.robot.batch import BatchFunction
+from expdesign.robot.graph import Friction, hexapod_graph
+from expdesign.robot.robot import Robot
+
+Array = NDArray[np.float64]
+
+
+@cache
+def _exact_kernel(definitions: tuple[LimitDefinition, ...], *, general: bool) -> BatchFunction:
+    graph = hexapod_graph(general=general)
+    quantities = graph.quantities(Friction.EXACT)
+    rows = ca.vertcat(*(ca.densify(d.natural(quantities)) for d in definitions))
+    state, geometry, parameters, length, _ = graph.inputs(Friction.EXACT)
+    return BatchFunction("exact_limits", [state], [geometry, parameters, length], [rows])
+
+
+@dataclass(frozen=True)
+class ExactModel:
+    """Limits at any state by the unsmoothed model; shares no code with the optimiser's rows.
+
+    Attributes
+    ----------
+    robot : Robot
+    limits : tuple of Limit
+    """
+
+    robot: Robot
+    limits: tuple[Limit, ...]
+
+    @cached_property
+    def rows(self) -> tuple[tuple[int, int], ...]:
+        """Limit and row within it of each column of `values`."""
+        return tuple((i, k) for i, limit in enumerate(self.limits) for k in range(limit.lower.size))
+
+    def values(self, states: Array) -> Array:
+        """Return every limited quantity, (N, R), in SI units at the states (N, 18)."""
+        kernel = _exact_kernel(
+            tuple(limit.definition for limit in self.limits), general=self.robot.general
+        )
+        (values,) = kernel(
+            states,
+            self.robot.geometry_vector,
+            self.robot.parameters,
+            np.array([self.robot.characteristic_length]),
+        )
+        return values
+
+    def violations(self, states: Array) -> Array:
+        """Return (N, R) excess over the bounds as a share of each range; NaN counts as broken."""
+        values = self.values(states)
+        return np.concatenate(
+            [
+                np.nan_to_num(limit.violation(values[:, columns]), nan=np.inf, neginf=-np.inf)
+                for limit, columns in zip(self.limits, self.columns(), strict=True)
+            ],
+            axis=1,
+        )
+
+    def columns(self) -> list[slice]:
+        """Return the columns of each limit in `values`."""
+        sizes = np.cumsum([0, *(limit.lower.size for limit in self.limits)])
+        return [slice(a, b) for a, b in zip(sizes[:-1], sizes[1:], strict=True)]

@@ -1,0 +1,45 @@
+"""The graph's functions that robots share, compiled once per kind of platform."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import casadi as ca
+
+from expdesign.robot.batch import BatchFunction
+from expdesign.robot.graph import Friction, hexapod_graph
+
+STRUT_MOTION = (
+    "strut_length",
+    "strut_speed",
+    "strut_acceleration",
+    "alpha",
+    "alpha_rate",
+    "beta",
+    "beta_rate",
+)
+
+
+@cache
+def length_kernel() -> BatchFunction:
+    """Pose (6) → strut lengths (6) and their Jacobian to the pose (6, 6)."""
+    graph = hexapod_graph(general=False)
+    lengths = graph.kinematic["strut_length"]
+    slope = ca.jacobian(lengths, graph.pose)
+    return BatchFunction("lengths", [graph.pose], [graph.geometry.vector], [lengths, slope])
+
+
+@cache
+def motion_kernel() -> BatchFunction:
+    """State (18) → the quantities `STRUT_MOTION` (6 each)."""
+    graph = hexapod_graph(general=False)
+    outputs = [graph.kinematic[name] for name in STRUT_MOTION]
+    return BatchFunction("strut_motion", [graph.state], [graph.geometry.vector], outputs)
+
+
+@cache
+def regressor_kernel(*, general: bool) -> BatchFunction:
+    """State (18) → regressor (6, m) with the exact signs of dry friction."""
+    graph = hexapod_graph(general=general)
+    regressor = graph.regressor_with(Friction.EXACT)
+    return BatchFunction("regressor", [graph.state], [graph.geometry.vector], [regressor])

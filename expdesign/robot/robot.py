@@ -1,0 +1,207 @@
+"""The public robot: numbers in, numbers out, all from the shared symbolic graph."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from constraints import Limit
+from expdesign.configuration import ResolvedRobot
+from expdesign.robot.forward import solve_pose
+from expdesign.robot.geometry import STRUTS, Geometry, cardan_frames
+from expdesign.robot.graph import HexapodGraph, hexapod_graph, parameter_names
+from expdesign.robot.kernels import length_kernel, motion_kernel, regressor_kernel
+from expdesign.robot.limits import robot_limits
+from expdesign.robot.rotation import rotation_matrix
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class StrutMotion:
+    """Motion of all struts: (N, 6) each, or (6,) for a single state; m, rad, s."""
+
+    length: Array
+    length_rate: Array
+    length_acceleration: Array
+    alpha: Array
+    alpha_rate: Array
+    beta: Array
+    beta_rate: Array
+
+
+@dataclass(frozen=True)
+class Robot:
+    """A 6-UPS hexapod: its geometry and nominal parameters beside the graph that all share.
+
+    Attributes
+    ----------
+    description : ResolvedRobot
+        Everything that its file says, in SI units.
+    geometry : Geometry
+    """
+
+    description: ResolvedRobot
+    geometry: Geometry
+
+    @classmethod
+    def of(cls, description: ResolvedRobot) -> Robot:
+        """Build a robot from its validated description."""
+        home = np.asarray(description.home, dtype=float)
+        rotation = rotation_matrix(ca.DM(home[3:])).full()
+        joints, base = description.platform_joints, description.base_joints
+        at_home = home[:3] + joints @ rotation.T
+        frames = cardan_frames(base, description.alpha_axes, at_home)
+        geometry = Geometry(
+            base, joints, frames, description.platform_joint_axes, description.gravity
+        )
+        return cls(description, geometry)
+
+    @property
+    def name(self) -> str:
+        """Name from the robot's file."""
+        return self.description.name
+
+    @property
+    def general(self) -> bool:
+        """True when the platform has its full ten rigid-body parameters."""
+        return self.description.platform == "general"
+
+    @property
+    def home(self) -> Array:
+        """(6,) home pose: m, rad."""
+        return self.description.home
+
+    @property
+    def characteristic_length(self) -> float:
+        """Length that makes rotations comparable with translations, m."""
+        return self.description.characteristic_length
+
+    @property
+    def parameter_names(self) -> tuple[str, ...]:
+        """Names of the regressor's columns."""
+        return parameter_names(general=self.general)
+
+    @cached_property
+    def parameters(self) -> Array:
+        """(m,) nominal parameters, SI."""
+        values = np.array([self.description.parameters[name] for name in self.parameter_names])
+        values.setflags(write=False)
+        return values
+
+    @property
+    def graph(self) -> HexapodGraph:
+        """The symbolic graph, shared by all robots with this kind of platform."""
+        return hexapod_graph(general=self.general)
+
+    @cached_property
+    def geometry_vector(self) -> Array:
+        """(g,) geometry input of the graph."""
+        return self.geometry.vector()
+
+    @cached_property
+    def limits(self) -> tuple[Limit, ...]:
+        """The limits that its file (and the run's) gives, ready for the graph."""
+        return robot_limits(self.description)
+
+    def inverse_kinematics(self, pose: ArrayLike) -> Array:
+        """Return strut lengths, m: (6,) or (N, 6) like the pose (m, rad)."""
+        rows, single = _rows("pose", pose)
+        lengths, _ = length_kernel()(rows, self.geometry_vector)
+        return lengths[0] if single else lengths
+
+    def length_jacobian(self, pose: ArrayLike) -> Array:
+        """Return ∂q/∂λ, (6, 6) or (N, 6, 6), of the strut lengths to the pose."""
+        rows, single = _rows("pose", pose)
+        _, jacobian = length_kernel()(rows, self.geometry_vector)
+        return jacobian[0] if single else jacobian
+
+    def forward_kinematics(self, lengths: ArrayLike, guess: ArrayLike | None = None) -> Array:
+        """Return the pose of given strut lengths on the guess's assembly branch.
+
+        Parameters
+        ----------
+        lengths : (6,) or (N, 6)
+            m.
+        guess : (6,) or (N, 6), optional
+            Pose to start from (m, rad); the home pose by default.
+
+        Raises
+        ------
+        ForwardKinematicsError
+            No pose with these lengths was found.
+        """
+        rows, single = _rows("lengths", lengths)
+        start, _ = _rows("guess", self.home if guess is None else guess)
+        start = np.array(np.broadcast_to(start, rows.shape))
+
+        def function(poses: Array) -> tuple[Array, Array]:
+            values, jacobian = length_kernel()(poses, self.geometry_vector)
+            return values, jacobian
+
+        poses = solve_pose(function, rows, start)
+        return poses[0] if single else poses
+
+    def strut_motion(self, pose: ArrayLike, rate: ArrayLike, acceleration: ArrayLike) -> StrutMotion:
+        """Return lengths, cardan angles and their rates of all struts.
+
+        Parameters
+        ----------
+        pose, rate, acceleration : (6,) or (N, 6)
+            λ, λ̇, λ̈: m, rad, s.
+        """
+        state, single = _states(pose, rate, acceleration)
+        length, speed, acceleration_, *angles = motion_kernel()(state, self.geometry_vector)
+        values = (length, speed, acceleration_, *angles)
+        return StrutMotion(*(value[0] if single else value for value in values))
+
+    def regressor(self, pose: ArrayLike, rate: ArrayLike, acceleration: ArrayLike) -> Array:
+        """Return A of Q = A p with the exact signs of dry friction: (6, m) or (N, 6, m)."""
+        state, single = _states(pose, rate, acceleration)
+        (regressors,) = regressor_kernel(general=self.general)(state, self.geometry_vector)
+        return regressors[0] if single else regressors
+
+    def actuator_forces(
+        self,
+        pose: ArrayLike,
+        rate: ArrayLike,
+        acceleration: ArrayLike,
+        parameters: ArrayLike | None = None,
+    ) -> Array:
+        """Return actuator forces, N, positive when they extend: (6,) or (N, 6).
+
+        Parameters
+        ----------
+        pose, rate, acceleration : (6,) or (N, 6)
+            λ, λ̇, λ̈: m, rad, s.
+        parameters : (m,), optional
+            SI, in the order of `parameter_names`; the nominal ones by default.
+        """
+        values = self.parameters if parameters is None else np.asarray(parameters, dtype=float)
+        if values.shape != (len(self.parameter_names),):
+            raise ValueError(
+                f"parameters: expected {len(self.parameter_names)} values, got {values.shape}"
+            )
+        return self.regressor(pose, rate, acceleration) @ values
+
+
+def _rows(name: str, value: ArrayLike) -> tuple[Array, bool]:
+    array = np.asarray(value, dtype=float)
+    if array.ndim not in (1, 2) or array.shape[-1] != STRUTS:
+        raise ValueError(f"{name}: expected the shape (6,) or (N, 6), got {array.shape}")
+    return np.atleast_2d(array), array.ndim == 1
+
+
+def _states(*parts: ArrayLike) -> tuple[Array, bool]:
+    names = ("pose", "rate", "acceleration")
+    rows = [_rows(name, part) for name, part in zip(names, parts, strict=True)]
+    count = max(len(array) for array, _ in rows)
+    for name, (array, _) in zip(names, rows, strict=True):
+        if len(array) not in (1, count):
+            raise ValueError(f"{name}: has {len(array)} rows, the others have {count}")
+    stacked = [np.broadcast_to(array, (count, STRUTS)) for array, _ in rows]
+    return np.concatenate(stacked, axis=1), all(single for _, single in rows)

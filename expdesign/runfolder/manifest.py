@@ -1,0 +1,122 @@
+"""`manifest.json`: what made a run folder, which stages are done and from what."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import platform
+from dataclasses import asdict, dataclass, field, replace
+from datetime import UTC, datetime
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from expdesign.runfolder.atomic import write_json
+
+NAME = "manifest.json"
+
+_PACKAGES = ("expdesign", "casadi", "numpy", "scipy", "pandas", "matplotlib", "pydantic", "joblib")
+
+
+@dataclass(frozen=True)
+class StageEntry:
+    """One stage of a run.
+
+    Attributes
+    ----------
+    status : str
+        ``"done"``, ``"limits broken"``, ``"interrupted"`` or ``"failed"``.
+    inputs : str
+        Hash of everything that the stage was made from.
+    seconds : float
+    finished : str
+        When, UTC, ISO 8601.
+    message : str
+        What there is to say about it.
+    files : dict
+        SHA-256 of every file that the stage wrote, by path in the run folder.
+    """
+
+    status: str
+    inputs: str
+    seconds: float
+    finished: str
+    message: str = ""
+    files: dict[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Manifest:
+    """The run as a whole: versions, seeds, evaluation back end and stages."""
+
+    versions: dict[str, str]
+    seeds: dict[str, int]
+    evaluation: str
+    stages: dict[str, StageEntry]
+
+    @classmethod
+    def new(cls, seeds: dict[str, int]) -> Manifest:
+        """Start a manifest with the versions that are installed."""
+        versions = {"python": platform.python_version()}
+        for package in _PACKAGES:
+            try:
+                versions[package] = version(package)
+            except PackageNotFoundError:
+                versions[package] = "not installed"
+        return cls(versions, seeds, "casadi virtual machine", {})
+
+    @classmethod
+    def read(cls, folder: Path) -> Manifest | None:
+        """Read a folder's manifest; None when there is none or it cannot be used."""
+        try:
+            data = json.loads((folder / NAME).read_text(encoding="utf-8"))
+            stages = {key: StageEntry(**entry) for key, entry in data["stages"].items()}
+            return cls(data["versions"], data["seeds"], data["evaluation"], stages)
+        except (OSError, ValueError, KeyError, TypeError):
+            return None
+
+    def with_stage(self, name: str, entry: StageEntry) -> Manifest:
+        """Return the manifest with one stage set."""
+        return replace(self, stages={**self.stages, name: entry})
+
+    def is_done(self, name: str, inputs: str, folder: Path) -> bool:
+        """Tell whether a stage was done from these inputs and its files are still as written."""
+        entry = self.stages.get(name)
+        if entry is None or entry.inputs != inputs or entry.status != "done":
+            return False
+        return all(
+            (folder / file).is_file() and file_hash(folder / file) == digest
+            for file, digest in entry.files.items()
+        )
+
+    def write(self, folder: Path) -> None:
+        """Write it into the folder."""
+        write_json(folder / NAME, asdict(self))
+
+
+def entry(
+    status: str, inputs: str, seconds: float, message: str, folder: Path, files: list[Path]
+) -> StageEntry:
+    """Return the entry of a stage that ended now and wrote `files`."""
+    return StageEntry(
+        status=status,
+        inputs=inputs,
+        seconds=round(seconds, 3),
+        finished=datetime.now(UTC).isoformat(timespec="seconds"),
+        message=message,
+        files={str(file.relative_to(folder)): file_hash(file) for file in sorted(files)},
+    )
+
+
+def file_hash(path: Path) -> str:
+    """Return the SHA-256 of a file."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def text_hash(*texts: Any) -> str:
+    """Return the SHA-256 of the texts given, in their order."""
+    digest = hashlib.sha256()
+    for text in texts:
+        digest.update(str(text).encode())
+        digest.update(b"\0")
+    return digest.hexdigest()

@@ -1,0 +1,87 @@
+"""`design:`, what is optimised and how the optimum is searched for."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, BeforeValidator, field_serializer
+
+from expdesign.schema.base import Section
+from expdesign.schema.failure import refusal, shown
+from expdesign.schema.parameters import ParameterName
+from expdesign.schema.quantity import Duration, Positive, Speed
+from expdesign.schema.scalars import Distinct, Seed, at_least, one_of, whole
+
+Criterion = Literal["d", "a", "e", "condition"]
+Search = Literal["restarts", "hopping"]
+Start = Literal["periodic", "rest"]
+Scaling = Literal["si", "nominal"]
+
+_LARGEST_COUNT = 100_000
+
+
+def _all_or_names(value: object) -> Any:
+    if value == "all" and isinstance(value, str):
+        return None
+    if not isinstance(value, list | tuple):
+        raise refusal(f"{shown(value)} is no choice of parameters", "all, or a list of names")
+    return value
+
+
+def _falling(widths: tuple[float, ...]) -> tuple[float, ...]:
+    if any(a <= b for a, b in pairwise(widths)):
+        raise refusal("the widths do not fall", "a list from blunt to sharp, such as [0.4, 0.1]")
+    return widths
+
+
+class DesignSection(Section):
+    """Settings of the optimal design.
+
+    Attributes
+    ----------
+    criterion : {"d", "a", "e", "condition"}
+    starts : int
+        Number of random starts.
+    seed : int
+        Of the random starts and of the hops.
+    search : {"restarts", "hopping"}
+        Only restarts, or basin hopping from the best of them.
+    hops : int
+        Number of hops; without effect on restarts.
+    start : {"periodic", "rest"}
+        Whether the series starts at rest (rate and acceleration zero at t = 0).
+    scaling : {"si", "nominal"}
+        Columns of the information matrix for criteria that depend on it.
+    parameters : tuple of str or None
+        The parameters that the experiment shall identify; None (``all`` in the YAML): all.
+    smoothing : tuple of float
+        Falling widths of the smoothed friction sign, a strut speed in m/s: the problem is
+        solved with the first, then, from that solution, with the next.
+    max_iterations : int
+        Of the solver, for one start at the first smoothing width; half of it for each further
+        round.
+    max_seconds : float or None
+        Time for all starts, s.
+    """
+
+    criterion: Annotated[Criterion, one_of(Criterion)] = "d"
+    starts: Annotated[int, whole(1, _LARGEST_COUNT)] = 8
+    seed: Seed = 0
+    search: Annotated[Search, one_of(Search)] = "restarts"
+    hops: Annotated[int, whole(0, _LARGEST_COUNT)] = 100
+    start: Annotated[Start, one_of(Start)] = "periodic"
+    scaling: Annotated[Scaling, one_of(Scaling)] = "si"
+    parameters: Annotated[
+        Annotated[tuple[ParameterName, ...], at_least(1, "parameters"), Distinct] | None,
+        BeforeValidator(_all_or_names),
+    ] = None
+    smoothing: Annotated[
+        tuple[Annotated[Speed, Positive], ...], at_least(1, "widths"), AfterValidator(_falling)
+    ] = (0.4, 0.1)
+    max_iterations: Annotated[int, whole(1, _LARGEST_COUNT)] = 120
+    max_seconds: Annotated[Duration, Positive] | None = None
+
+    @field_serializer("parameters")
+    def _all(self, parameters: tuple[str, ...] | None) -> list[str] | str:
+        return "all" if parameters is None else list(parameters)

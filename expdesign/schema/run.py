@@ -1,0 +1,125 @@
+"""The run file: which robot does which experiment, stage by stage."""
+
+from __future__ import annotations
+
+import re
+from typing import Annotated, Any
+
+from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
+
+from expdesign.schema.base import Section
+from expdesign.schema.data import DataSection
+from expdesign.schema.design import DesignSection
+from expdesign.schema.estimate import EstimateSection
+from expdesign.schema.experiment import ExperimentSection
+from expdesign.schema.export import ExportFormats
+from expdesign.schema.failure import refusal, shown
+from expdesign.schema.montecarlo import MonteCarloSection
+from expdesign.schema.noise import NoiseDescription
+from expdesign.schema.report import ReportSection
+from expdesign.schema.robot import RawMapping, RobotDescription
+from expdesign.schema.scalars import FilledText, Name, Text, at_least, whole
+from expdesign.schema.trajectory import TrajectorySection
+from expdesign.schema.validation import ValidationMotion
+
+_DEFAULT_WORKERS = 2
+_LARGEST_WORKERS = 1024
+_ADDRESS = re.compile(r"(?:tcp|tls|ucx|ws|wss)://[A-Za-z0-9._\[\]:-]{1,250}:\d{1,5}")
+
+STAGES = ("design", "experiment", "montecarlo", "estimate", "validate", "export", "report")
+"""Sections that name a stage of the run, in the order in which they are done."""
+
+_LISTS = ("validate", "export")
+_SECTIONS = ("trajectory", "data", *(stage for stage in STAGES if stage not in _LISTS))
+
+
+def _address(value: str) -> str:
+    if not _ADDRESS.fullmatch(value):
+        raise refusal(
+            f"{shown(value)} is not the address of a scheduler", "tcp://host:port of a Dask cluster"
+        )
+    return value
+
+
+def _name_or_inline(value: object) -> str:
+    return "(inline)" if isinstance(value, dict | RobotDescription) else "(name)"
+
+
+class RunDescription(Section):
+    """A run as its YAML file states it, in SI units.
+
+    Every section is there, with its defaults when the file does not name it; `stages` tells
+    which the file does name.
+
+    Attributes
+    ----------
+    name : str
+    robot : str or RobotDescription
+        A robot that ships, a path relative to the run file, or the robot itself.
+    trajectory, design, experiment, data, estimate, montecarlo, report : section
+    validation : tuple of ValidationMotion
+        The key in the file is ``validate``.
+    export : tuple of str
+        Names of formats.
+    limits : dict
+        As written; they override the robot's key by key.
+    noise : NoiseDescription or None
+        Overrides the robot's key by key.
+    workers : int or None
+        Local processes; None when a scheduler is given.
+    scheduler : str or None
+        Address of a Dask cluster.
+    """
+
+    name: Name
+    description: Text = ""
+    robot: Annotated[
+        Annotated[FilledText, Tag("(name)")] | Annotated[RobotDescription, Tag("(inline)")],
+        Discriminator(_name_or_inline),
+    ]
+    trajectory: TrajectorySection = TrajectorySection()
+    design: DesignSection = DesignSection()
+    limits: RawMapping = Field(default_factory=dict)
+    noise: NoiseDescription | None = None
+    experiment: ExperimentSection = ExperimentSection()
+    data: DataSection = DataSection()
+    montecarlo: MonteCarloSection = MonteCarloSection()
+    estimate: EstimateSection = EstimateSection()
+    validation: Annotated[tuple[ValidationMotion, ...], at_least(0, "motions")] = Field(
+        default=(), alias="validate"
+    )
+    export: ExportFormats = ()
+    report: ReportSection = ReportSection()
+    workers: Annotated[int, whole(1, _LARGEST_WORKERS)] | None = None
+    scheduler: Annotated[FilledText, AfterValidator(_address)] | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _empty_sections_take_defaults(cls, data: Any) -> Any:
+        if not isinstance(data, dict):
+            return data
+        given = dict(data)
+        for key, value in data.items():
+            if value is None and key in (*_SECTIONS, *_LISTS):
+                given[key] = [] if key in _LISTS else {}
+        if given.get("workers") is None and given.get("scheduler") is None:
+            given["workers"] = _DEFAULT_WORKERS
+        return given
+
+    @model_validator(mode="after")
+    def _workers_or_scheduler(self) -> RunDescription:
+        if self.workers is not None and self.scheduler is not None:
+            raise refusal(
+                "workers and scheduler are both given",
+                "workers or scheduler, not both",
+                key="scheduler",
+            )
+        return self
+
+    @property
+    def stages(self) -> tuple[str, ...]:
+        """The stages that the file names, in the order in which they are done."""
+        named = {"validate" if key == "validation" else key for key in self.model_fields_set}
+        empty = {"validate"} if not self.validation else set()
+        empty |= {"export"} if not self.export else set()
+        return tuple(stage for stage in STAGES if stage in named - empty)

@@ -1,0 +1,17 @@
+"""Solving the design problem: Ipopt, continuation, many starts, and the finish."""
+
+from expdesign.solver.progress import Monitor, SearchEvent, SilentMonitor
+from expdesign.solver.random_start import InfeasibleLimitsError
+from expdesign.solver.search import NoDesignError, SearchPlan, SearchResult, Workshop, search
+
+__all__ = [
+    "InfeasibleLimitsError",
+    "Monitor",
+    "NoDesignError",
+    "SearchEvent",
+    "SearchPlan",
+    "SearchResult",
+    "SilentMonitor",
+    "Workshop",
+    "search",
+]

@@ -1,0 +1,82 @@
+"""The stages of one start: friction and criterion continued from blunt to sharp."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from expdesign.problem import DesignProblem
+from expdesign.solver.stage import Stage
+
+_EVERYTHING = 10.0
+_NEAR = 0.15
+_RADIUS = 0.3
+_FINISH_NEAR = 0.1
+_FINISH_RADIUS = 0.1
+
+
+def coarse_points(harmonics: int) -> int:
+    """Points per period that resolve the limited quantities well enough for a blunt stage."""
+    return 8 * harmonics + 8
+
+
+def fine_points(harmonics: int) -> int:
+    """Points per period for the sharp stages and the finish."""
+    return 16 * harmonics + 20
+
+
+def continuation_stages(
+    problem: DesignProblem, widths: Sequence[float], iterations: int
+) -> list[Stage]:
+    """Return the stages of one start.
+
+    The first one holds every limit on a coarse grid with blunt friction: it finds the basin.
+    The others start from its result, so that only rows near their bounds need to be in the NLP.
+    A criterion with a surrogate is sharpened over the stages; its last levels follow at the last
+    width.
+
+    Parameters
+    ----------
+    problem : DesignProblem
+    widths : sequence of float
+        Decreasing smoothing widths of dry friction, m/s.
+    iterations : int
+        Most iterations of a start's first stage; later ones get half.
+    """
+    n, samples = problem.variables.harmonics, problem.cost.samples
+    levels = problem.criterion.levels
+    count = max(len(widths), len(levels))
+    stages = []
+    for k in range(count):
+        width = widths[min(k, len(widths) - 1)]
+        level = levels[min(k, len(levels) - 1)]
+        first = k == 0
+        points = coarse_points(n) if first else fine_points(n)
+        stages.append(
+            Stage(
+                name="blunt" if first else "sharp",
+                width=width,
+                level=level,
+                samples=min(samples, points),
+                points=points,
+                near=_EVERYTHING if first else _NEAR,
+                radius=None if first else _RADIUS,
+                iterations=iterations if first else iterations // 2,
+            )
+        )
+    return stages
+
+
+def finish_stage(problem: DesignProblem, widths: Sequence[float], iterations: int) -> Stage:
+    """Return the settings of each round of the finish: a small box, the sharpest smoothing."""
+    n = problem.variables.harmonics
+    points = fine_points(n)
+    return Stage(
+        name="finish",
+        width=widths[-1],
+        level=problem.criterion.levels[-1],
+        samples=min(problem.cost.samples, 2 * points),
+        points=points,
+        near=_FINISH_NEAR,
+        radius=_FINISH_RADIUS,
+        iterations=max(10, iterations // 4),
+    )

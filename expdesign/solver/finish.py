@@ -1,0 +1,170 @@
+"""The finish of a design: whole controller steps, and every limit kept between the samples.
+
+The optimiser holds smoothed limits at some points. Here the frequency is moved so that a period
+is a whole number of controller steps, and the coefficients are solved again at that ω with
+margins where the unsmoothed model, on a fine grid, is beyond the smoothed one. What little is
+left over is removed by shrinking the motion about its centre.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d
+
+from expdesign.problem import DesignProblem
+from expdesign.recheck import Judge, Recheck, grid_points, recheck
+from expdesign.solver.ipopt import IpoptResult
+from expdesign.solver.shrink import GRID_MARGIN, shrink_to_limits
+from expdesign.solver.stage import Report, Stage, StageRecord, Tally, solve_best
+from expdesign.trajectory import FourierTrajectory, PhaseBasis
+
+Array = NDArray[np.float64]
+
+_CHECKS = 4
+_WORTHWHILE = 1e-4
+
+
+@dataclass(frozen=True)
+class Finished:
+    """A trajectory that was checked.
+
+    Attributes
+    ----------
+    trajectory : FourierTrajectory
+    check : Recheck
+    shrink : float
+        Factor by which the motion was shrunk in the end; 1: not at all.
+    record : StageRecord or None
+        Statistics of the solves; None when there were none.
+    """
+
+    trajectory: FourierTrajectory
+    check: Recheck
+    shrink: float
+    record: StageRecord | None = None
+
+
+def controller_omega(omega: float, bounds: tuple[float, float], step: float) -> tuple[float, int]:
+    """Return the nearest ω within the bounds whose period is a whole number of steps, and how many.
+
+    Raises
+    ------
+    ValueError
+        No whole number of steps fits between the bounds.
+    """
+    slack = 1e-12
+    fewest = int(np.ceil(2 * np.pi / (bounds[1] * step) * (1 - slack)))
+    most = int(np.floor(2 * np.pi / (bounds[0] * step) * (1 + slack)))
+    if fewest > most:
+        raise ValueError("no period within the frequency bounds is a whole number of steps")
+    steps = int(np.clip(np.rint(2 * np.pi / (omega * step)), fewest, most))
+    return 2 * np.pi / (steps * step), steps
+
+
+def finish(
+    problem: DesignProblem,
+    judge: Judge,
+    start: Array,
+    stage: Stage,
+    *,
+    rounds: int,
+    report: Report,
+) -> Finished:
+    """Mend a solution on the fine grid; ω stays as the problem's (equal) bounds fix it.
+
+    Parameters
+    ----------
+    problem : DesignProblem
+        With both bounds of ω at the value wanted.
+    judge : Judge
+        Decides which of the rounds' trajectories is the best.
+    start : (z,)
+        Scaled variables.
+    stage : Stage
+        Settings of each round's solve.
+    rounds : int
+        Most rounds.
+    report : callable
+        As for `run_stage`.
+    """
+    x = start.copy()
+    x[-1] = problem.variables.bounds()[0][-1]
+    best = _checked(problem, x)
+    best_merit = judge.merit(best.trajectory, problem.cost.samples)
+    tally = Tally()
+    for _ in range(rounds):
+        x, result = _round(problem, stage, x, report, tally)
+        candidate = _checked(problem, x)
+        merit = judge.merit(candidate.trajectory, problem.cost.samples)
+        gain = merit - best_merit
+        if candidate.check.passed and (not best.check.passed or gain > 0):
+            best, best_merit = candidate, merit
+        if result.status == "User_Requested_Stop":
+            break
+        if best.check.passed and gain < _WORTHWHILE * max(1.0, abs(best_merit)):
+            break
+    cost = problem.cost_with(stage.samples).value(x, stage.width, stage.level)
+    return replace(best, record=tally.record(stage, cost, best.check.worst))
+
+
+def _round(
+    problem: DesignProblem, stage: Stage, x: Array, report: Report, tally: Tally
+) -> tuple[Array, IpoptResult]:
+    phases, mask, margins = _critical_rows(problem, x, stage)
+    rows = problem.rows(phases, mask, margins)
+    program = problem.program(rows, stage.width, stage.level, stage.samples)
+    result, reached = solve_best(
+        program.within(x, stage.radius), stage, x, tally.iterations, report
+    )
+    tally.add(result, rows.count)
+    return reached, result
+
+
+def _critical_rows(
+    problem: DesignProblem, x: Array, stage: Stage
+) -> tuple[Array, NDArray[np.bool_], Array]:
+    """Choose the instants that matter, with margins: (K,), (K, R), (K, R).
+
+    Instants are a regular grid and every local worst of the unsmoothed limits on the fine grid.
+    A row's margin is what the unsmoothed value exceeds the smoothed one by, anywhere within one
+    step of the regular grid: that covers the jumps of dry friction where a sign changes.
+    """
+    points = grid_points(problem.cost.samples)
+    fine = 2 * np.pi * np.arange(points) / points
+    states = problem.variables.states(
+        x, PhaseBasis.at(fine, problem.variables.harmonics)
+    )
+    exact = problem.exact.violations(states)
+    smooth = problem.smooth_violations(x, fine, stage.width)
+    lower, upper = problem.smooth_bounds()
+    both = np.isfinite(lower) & np.isfinite(upper)
+    excess = np.where(both, exact - smooth, 0.0)
+    excess = np.nan_to_num(excess, nan=0.0, posinf=0.0, neginf=0.0)
+    reach = max(1, points // stage.points)
+    excess = maximum_filter1d(np.maximum(excess, 0.0), 2 * reach + 1, axis=0, mode="wrap")
+    peaks = (exact >= np.roll(exact, 1, axis=0)) & (exact >= np.roll(exact, -1, axis=0))
+    peaks &= exact > -stage.near / 3
+    regular = np.zeros(points, dtype=bool)
+    regular[:: max(1, points // (2 * stage.points))] = True
+    near = (exact > -stage.near) & np.isfinite(exact)
+    used = (regular[:, None] & near) | peaks
+    chosen = np.any(used, axis=1)
+    return fine[chosen], used[chosen], excess[chosen] + 2 * GRID_MARGIN
+
+
+
+
+def _checked(problem: DesignProblem, x: Array) -> Finished:
+    """Shrink until the recheck, which looks between the grid's points as well, is passed."""
+    trajectory = problem.variables.trajectory(x)
+    margin = GRID_MARGIN
+    for _ in range(_CHECKS):
+        shrunk = shrink_to_limits(problem, trajectory, margin)
+        check = recheck(problem.exact, shrunk.trajectory, problem.cost.samples)
+        if check.passed or not shrunk.kept:
+            break
+        margin += 2 * check.worst
+    return Finished(shrunk.trajectory, check, shrunk.factor)

@@ -1,0 +1,125 @@
+"""Jobs on local processes, one BLAS thread each, with live events and a way to stop them."""
+
+from __future__ import annotations
+
+import hashlib
+import pickle
+import queue
+import signal
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from multiprocessing import Manager
+from typing import Any
+
+from joblib import Parallel, delayed, parallel_config
+from threadpoolctl import threadpool_limits
+
+from expdesign.solver.progress import Monitor, SearchEvent
+
+_POLL = 0.1
+
+
+@dataclass(frozen=True)
+class Job:
+    """A call ``function(workshop, monitor, *arguments)``; function and arguments are picklable."""
+
+    function: Callable[..., Any]
+    arguments: tuple[Any, ...]
+
+
+def run_jobs(
+    build: Callable[[], Any], jobs: Sequence[Job], workers: int, monitor: Monitor
+) -> Iterator[Any]:
+    """Run jobs in up to `workers` processes; yield their results in the jobs' order.
+
+    Parameters
+    ----------
+    build : callable
+        Picklable; builds what every job gets as its first argument, once per process.
+    jobs : sequence of Job
+    workers : int
+        1: everything runs in this process.
+    monitor : Monitor
+        Gets the events of all jobs; its request to stop reaches them between two iterations.
+    """
+    workers = min(workers, len(jobs))
+    if workers <= 1:
+        yield from _in_process(build, jobs, monitor)
+    else:
+        yield from _in_processes(build, jobs, workers, monitor)
+
+
+def _in_process(build: Callable[[], Any], jobs: Sequence[Job], monitor: Monitor) -> Iterator[Any]:
+    recipe = pickle.dumps(build)
+    with threadpool_limits(1):
+        for job in jobs:
+            if monitor.stop_requested():
+                return
+            yield job.function(_workshop(recipe), monitor, *job.arguments)
+
+
+def _in_processes(
+    build: Callable[[], Any], jobs: Sequence[Job], workers: int, monitor: Monitor
+) -> Iterator[Any]:
+    recipe = pickle.dumps(build)
+    with Manager() as manager:
+        events, stop, done = manager.Queue(), manager.Event(), threading.Event()
+        pump = threading.Thread(target=_pump, args=(events, stop, done, monitor), daemon=True)
+        pump.start()
+        try:
+            with parallel_config("loky", n_jobs=workers, inner_max_num_threads=1):
+                run = Parallel(return_as="generator", pre_dispatch=workers)
+                for result in run(delayed(_in_worker)(recipe, job, events, stop) for job in jobs):
+                    if result is not None:
+                        yield result
+        finally:
+            done.set()
+            pump.join()
+
+
+def _pump(events: Any, stop: Any, done: threading.Event, monitor: Monitor) -> None:
+    """Carry events from the workers to the monitor, and its request to stop back."""
+    while True:
+        if monitor.stop_requested() and not stop.is_set():
+            stop.set()
+        try:
+            monitor.report(events.get(timeout=_POLL))
+        except queue.Empty:
+            if done.is_set():
+                return
+
+
+@dataclass(frozen=True)
+class _Remote:
+    """The monitor inside a worker."""
+
+    events: Any
+    stop: Any
+
+    def report(self, event: SearchEvent) -> None:
+        self.events.put(event)
+
+    def stop_requested(self) -> bool:
+        return bool(self.stop.is_set())
+
+
+def _in_worker(recipe: bytes, job: Job, events: Any, stop: Any) -> Any:
+    # The terminal sends Ctrl-C to all processes; the parent alone decides what it means.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if stop.is_set():
+        return None
+    with threadpool_limits(1):
+        return job.function(_workshop(recipe), _Remote(events, stop), *job.arguments)
+
+
+_built: dict[str, Any] = {}
+
+
+def _workshop(recipe: bytes) -> Any:
+    """Build once per process; the last recipe stays."""
+    key = hashlib.sha256(recipe).hexdigest()
+    if key not in _built:
+        _built.clear()
+        _built[key] = pickle.loads(recipe)()  # noqa: S301 - our own bytes, made by the parent
+    return _built[key]

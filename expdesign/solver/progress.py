@@ -1,0 +1,60 @@
+"""What a search tells while it runs, and how it is asked to stop."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+
+@dataclass(frozen=True)
+class SearchEvent:
+    """One iteration, or the end, of one start.
+
+    Attributes
+    ----------
+    start : int
+        Number of the start (hops go on counting).
+    phase : str
+        ``"blunt"``, ``"sharp"``, ``"finish"``, or ``"done"``.
+    iteration : int
+        Iterations of this start so far.
+    objective : float
+        The smoothed criterion in the units in which it is reported (log det F for ``d``).
+    violation : float
+        Largest violation of the limits in the NLP, as a share of their range.
+    seconds : float
+        Since this start began.
+    status : str
+        Empty while it runs; then how it ended.
+    """
+
+    start: int
+    phase: str
+    iteration: int
+    objective: float
+    violation: float
+    seconds: float
+    status: str = ""
+
+
+class Monitor(Protocol):
+    """Takes events; says when to stop."""
+
+    def report(self, event: SearchEvent) -> None:
+        """Take one event."""
+        ...
+
+    def stop_requested(self) -> bool:
+        """Tell whether the search should end with what it has."""
+        ...
+
+
+class SilentMonitor:
+    """Takes every event and never stops."""
+
+    def report(self, event: SearchEvent) -> None:
+        """Ignore the event."""
+
+    def stop_requested(self) -> bool:
+        """Never."""
+        return False

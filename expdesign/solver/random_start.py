@@ -1,0 +1,83 @@
+"""A feasible random trajectory to start from."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from expdesign.problem import DesignProblem
+
+Array = NDArray[np.float64]
+
+_DECAY = 0.7
+_BISECTIONS = 16
+_LARGEST_SHARE = 4.0
+_INSIDE = 0.95
+
+
+class InfeasibleLimitsError(ArithmeticError):
+    """No trajectory was found that keeps the limits, not even a very small one."""
+
+
+def random_start(
+    problem: DesignProblem, rng: np.random.Generator, points: int, width: float
+) -> Array:
+    """Draw amplitudes, then shrink the motion about home until every limit is kept.
+
+    The amplitudes of harmonic k are normal with a standard deviation of k^−0.7 quarter reaches
+    of their coordinate; ω is uniform in the upper half of its range.
+
+    Parameters
+    ----------
+    problem : DesignProblem
+    rng : numpy Generator
+    points : int
+        Points of one period at which the limits are tested.
+    width : float
+        Smoothing of dry friction, m/s.
+
+    Raises
+    ------
+    InfeasibleLimitsError
+        Not even a motion of 1e-4 of the drawn size keeps the limits.
+    """
+    variables = problem.variables
+    n = variables.harmonics
+    decay = np.arange(1, n + 1) ** -_DECAY
+    table = np.zeros((6, variables.per_coordinate))
+    table[:, 0] = 0.3 * rng.normal(size=6)
+    table[:, 1 : n + 1] = 0.5 * decay * rng.normal(size=(6, n))
+    table[:, n + 1 :] = 0.5 * decay * rng.normal(size=(6, n))
+    lower, upper = variables.bounds()
+    omega = rng.uniform((lower[-1] + upper[-1]) / 2, upper[-1])
+    phases = 2 * np.pi * np.arange(points) / points
+
+    def kept(share: float, at: float) -> bool:
+        candidate = np.append((share * table).ravel(), at)
+        violations = problem.smooth_violations(candidate, phases, width)
+        return bool(np.all(violations <= 0))
+
+    for at in (omega, lower[-1]):
+        low, high = 0.0, _LARGEST_SHARE
+        for _ in range(_BISECTIONS):
+            share = (low + high) / 2
+            low, high = (share, high) if kept(share, at) else (low, share)
+        if low > 0:
+            return np.append((_INSIDE * low * table).ravel(), at)
+    raise InfeasibleLimitsError(
+        f"no motion keeps the limits: one of {_LARGEST_SHARE / 2**_BISECTIONS:.1g} of the "
+        f"coordinates' reach about home breaks {_broken(problem, table, lower[-1], width)}"
+    )
+
+
+def _broken(problem: DesignProblem, table: Array, omega: float, width: float) -> str:
+    share = _LARGEST_SHARE / 2**_BISECTIONS
+    candidate = np.append((share * table).ravel(), omega)
+    phases = 2 * np.pi * np.arange(64) / 64
+    violations = np.max(problem.smooth_violations(candidate, phases, width), axis=0)
+    keys = [
+        limit.key
+        for limit, part in zip(problem.limits, problem.exact.columns(), strict=True)
+        if np.max(violations[part]) > 0
+    ]
+    return ", ".join(keys) or "one of them"

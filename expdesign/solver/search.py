@@ -1,0 +1,233 @@
+"""The search: random starts in parallel, hops from the best if wanted, then the finish."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from expdesign.problem import DesignProblem
+from expdesign.recheck import Judge
+from expdesign.solver.continuation import coarse_points, continuation_stages, finish_stage
+from expdesign.solver.finish import Finished, controller_omega, finish
+from expdesign.solver.hop import perturbed
+from expdesign.solver.pool import Job, run_jobs
+from expdesign.solver.progress import Monitor, SearchEvent
+from expdesign.solver.random_start import random_start
+from expdesign.solver.start import StartResult, run_start
+
+Array = NDArray[np.float64]
+
+HOPS_AT_ONCE = 4
+"""Hops from the same best before it is renewed: the result must not depend on the workers."""
+
+CANDIDATES = 2
+"""Starts that are finished, the best first; more only when none of them keeps the limits."""
+
+_FINISH_ROUNDS = 4
+
+
+@dataclass(frozen=True)
+class SearchPlan:
+    """How to search.
+
+    Attributes
+    ----------
+    starts, hops : int
+        Random starts, and hops from the best of them (0: none).
+    seed : int
+    widths : tuple of float
+        Smoothing widths of dry friction, m/s, falling.
+    iterations : int
+        Most iterations of a start's first stage.
+    controller_period : float
+        Step of the controller, s.
+    workers : int
+        Processes.
+    max_seconds : float or None
+        Time for starts and hops, s.
+    """
+
+    starts: int
+    hops: int
+    seed: int
+    widths: tuple[float, ...]
+    iterations: int
+    controller_period: float
+    workers: int
+    max_seconds: float | None
+
+
+@dataclass(frozen=True)
+class SearchResult:
+    """What the search came to.
+
+    Attributes
+    ----------
+    finished : Finished
+        The best trajectory, finished and rechecked.
+    best : StartResult
+        The start that it came from.
+    starts : tuple of StartResult
+        Every start and hop, in their order.
+    interrupted : bool
+        True when the search was asked to stop before its end.
+    seconds : float
+    """
+
+    finished: Finished
+    best: StartResult
+    starts: tuple[StartResult, ...]
+    interrupted: bool
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Workshop:
+    """What every worker process needs: the problem, its judge and the plan."""
+
+    problem: DesignProblem
+    judge: Judge
+    plan: SearchPlan
+
+
+class NoDesignError(ArithmeticError):
+    """The search found no trajectory that keeps the limits and excites the parameters."""
+
+
+Build = Callable[[], Workshop]
+"""Builds the workshop inside a worker; picklable."""
+
+
+def search(build: Build, plan: SearchPlan, monitor: Monitor) -> SearchResult:
+    """Search for the best trajectory.
+
+    Parameters
+    ----------
+    build : callable
+        Picklable; builds problem and judge in each worker process.
+    plan : SearchPlan
+    monitor : Monitor
+        Gets every iteration; its request to stop ends the search with the best so far.
+
+    Raises
+    ------
+    NoDesignError
+        No start reached a motion that keeps the limits.
+    """
+    began = time.perf_counter()
+    clock = _Deadline(monitor, began, plan.max_seconds)
+    jobs = [Job(_random_job, (index,)) for index in range(plan.starts)]
+    results = list(run_jobs(build, jobs, plan.workers, clock))
+    for first in range(0, plan.hops, HOPS_AT_ONCE):
+        if clock.stop_requested():
+            break
+        best = max(results, key=lambda result: result.merit)
+        batch = range(first, min(first + HOPS_AT_ONCE, plan.hops))
+        jobs = [Job(_hop_job, (plan.starts + k, best.variables)) for k in batch]
+        results += run_jobs(build, jobs, plan.workers, clock)
+    ranked = sorted(results, key=lambda result: (-result.merit, result.index))
+    if not ranked or not np.isfinite(ranked[0].merit):
+        raise NoDesignError(_why_none(ranked))
+    finished, best = _finish_best(build, ranked, plan, monitor)
+    return SearchResult(
+        finished,
+        best,
+        tuple(sorted(results, key=lambda result: result.index)),
+        interrupted=monitor.stop_requested(),
+        seconds=time.perf_counter() - began,
+    )
+
+
+def _finish_best(
+    build: Build, ranked: Sequence[StartResult], plan: SearchPlan, monitor: Monitor
+) -> tuple[Finished, StartResult]:
+    usable = [result for result in ranked if np.isfinite(result.merit)]
+    tried: list[tuple[float, Finished, StartResult]] = []
+    for first in range(0, len(usable), CANDIDATES):
+        batch = usable[first : first + CANDIDATES]
+        jobs = [Job(_finish_job, (result.index, result.variables)) for result in batch]
+        outcomes: Iterator[tuple[float, Finished]] = run_jobs(build, jobs, plan.workers, monitor)
+        for result, (merit, finished) in zip(batch, outcomes, strict=True):
+            tried.append((merit, finished, result))
+        passed = [item for item in tried if item[1].check.passed]
+        if passed or monitor.stop_requested():
+            break
+    passed = [item for item in tried if item[1].check.passed]
+    if passed:
+        _, finished, best = max(passed, key=lambda item: item[0])
+    else:
+        _, finished, best = min(tried, key=lambda item: item[1].check.worst)
+    return finished, best
+
+
+def _why_none(results: Sequence[StartResult]) -> str:
+    if not results:
+        return "the search was stopped before any start had a result"
+    states = sorted({result.status for result in results})
+    return (
+        f"none of {len(results)} starts reached a motion that keeps the limits and excites the "
+        f"parameters ({'; '.join(states)})"
+    )
+
+
+def _rng(seed: int, index: int) -> np.random.Generator:
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(index,)))
+
+
+def _random_job(shop: Workshop, monitor: Monitor, index: int) -> StartResult:
+    problem, plan = shop.problem, shop.plan
+    points = coarse_points(problem.variables.harmonics)
+    start = random_start(problem, _rng(plan.seed, index), points, plan.widths[0])
+    stages = continuation_stages(problem, plan.widths, plan.iterations)
+    return run_start(
+        problem, shop.judge, stages, start, index=index, kind="random", monitor=monitor
+    )
+
+
+def _hop_job(shop: Workshop, monitor: Monitor, index: int, origin: Array) -> StartResult:
+    problem, plan = shop.problem, shop.plan
+    start = perturbed(problem, origin, _rng(plan.seed, index), plan.widths[0])
+    stages = continuation_stages(problem, plan.widths, plan.iterations)
+    return run_start(problem, shop.judge, stages, start, index=index, kind="hop", monitor=monitor)
+
+
+def _finish_job(
+    shop: Workshop, monitor: Monitor, index: int, variables: Array
+) -> tuple[float, Finished]:
+    problem, plan = shop.problem, shop.plan
+    began = time.perf_counter()
+    omega = problem.variables.trajectory(variables).omega
+    bounds = problem.variables.omega_bounds
+    if bounds[0] < bounds[1]:
+        omega, _ = controller_omega(omega, bounds, plan.controller_period)
+    fixed = problem.with_frequency((omega, omega))
+
+    def report(iteration: int, cost: float, violation: float) -> bool:
+        value, seconds = problem.cost.readable(cost), time.perf_counter() - began
+        monitor.report(SearchEvent(index, "finish", iteration, value, violation, seconds))
+        return not monitor.stop_requested()
+
+    stage = finish_stage(problem, plan.widths, plan.iterations)
+    rounds = 0 if monitor.stop_requested() else _FINISH_ROUNDS
+    finished = finish(fixed, shop.judge, variables, stage, rounds=rounds, report=report)
+    return shop.judge.merit(finished.trajectory, problem.cost.samples), finished
+
+
+@dataclass(frozen=True)
+class _Deadline:
+    """A monitor that also stops when the time is over."""
+
+    monitor: Monitor
+    began: float
+    seconds: float | None
+
+    def report(self, event: SearchEvent) -> None:
+        self.monitor.report(event)
+
+    def stop_requested(self) -> bool:
+        late = self.seconds is not None and time.perf_counter() - self.began > self.seconds
+        return late or self.monitor.stop_requested()

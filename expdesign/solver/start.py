@@ -1,0 +1,147 @@
+"""One start of the search: from a random or given trajectory through all stages."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from expdesign.problem import DesignProblem
+from expdesign.recheck import Judge
+from expdesign.solver.progress import Monitor, SearchEvent
+from expdesign.solver.shrink import shrink_to_limits
+from expdesign.solver.stage import Stage, StageRecord, run_stage
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class TracePoint:
+    """One iteration of a start, for the convergence figure."""
+
+    stage: str
+    iteration: int
+    objective: float
+    violation: float
+
+
+@dataclass(frozen=True)
+class StartResult:
+    """What one start (or hop) came to.
+
+    Attributes
+    ----------
+    index : int
+    kind : str
+        ``"random"`` or ``"hop"``.
+    variables : (z,)
+        Scaled variables reached.
+    merit : float
+        The judged criterion, larger is better, of the motion shrunk until it keeps every limit;
+        −inf when it cannot be.
+    status : str
+        How the last stage ended, in words.
+    converged : bool
+        True when the last stage converged.
+    stages : tuple of StageRecord
+    trace : tuple of TracePoint
+    seconds : float
+    """
+
+    index: int
+    kind: str
+    variables: Array
+    merit: float
+    status: str
+    converged: bool
+    stages: tuple[StageRecord, ...]
+    trace: tuple[TracePoint, ...]
+    seconds: float
+
+    @property
+    def iterations(self) -> int:
+        """Iterations of all stages."""
+        return sum(stage.iterations for stage in self.stages)
+
+
+STATUS_TEXTS = {
+    "Solve_Succeeded": "converged",
+    "Solved_To_Acceptable_Level": "converged to an acceptable level: the objective stood still",
+    "Maximum_Iterations_Exceeded": "stopped at the most iterations allowed, with the best "
+    "iterate that keeps the limits",
+    "Maximum_CpuTime_Exceeded": "stopped at the time allowed",
+    "User_Requested_Stop": "stopped by the user",
+    "Infeasible_Problem_Detected": "no point nearby keeps the limits",
+    "Restoration_Failed": "the limits could not be restored from where the solver stood",
+    "Search_Direction_Becomes_Too_Small": "steps became too small",
+    "Invalid_Number_Detected": "the model gave a value that is not a number",
+}
+
+
+def status_text(status: str) -> str:
+    """Return Ipopt's status in words."""
+    return STATUS_TEXTS.get(status, status.replace("_", " ").lower())
+
+
+def run_start(
+    problem: DesignProblem,
+    judge: Judge,
+    stages: Sequence[Stage],
+    start: Array,
+    *,
+    index: int,
+    kind: str,
+    monitor: Monitor,
+) -> StartResult:
+    """Run the stages from `start` and judge what they reach by the unsmoothed model."""
+    began = time.perf_counter()
+    trace: list[TracePoint] = []
+    records: list[StageRecord] = []
+    x = start
+    done = 0
+    for stage in stages:
+
+        def report(
+            iteration: int, cost: float, violation: float, stage: Stage = stage, base: int = done
+        ) -> bool:
+            value = problem.cost.readable(cost)
+            trace.append(TracePoint(stage.name, base + iteration, value, violation))
+            monitor.report(
+                SearchEvent(
+                    index,
+                    stage.name,
+                    base + iteration,
+                    value,
+                    violation,
+                    time.perf_counter() - began,
+                )
+            )
+            return not monitor.stop_requested()
+
+        x, record = run_stage(problem, stage, x, report)
+        records.append(record)
+        done += record.iterations
+        if monitor.stop_requested():
+            break
+    shrunk = shrink_to_limits(problem, problem.variables.trajectory(x))
+    merit = judge.merit(shrunk.trajectory, problem.cost.samples) if shrunk.kept else -np.inf
+    last = records[-1]
+    seconds = time.perf_counter() - began
+    status = status_text(last.status)
+    monitor.report(
+        SearchEvent(
+            index,
+            "done",
+            done,
+            merit if judge.criterion.larger_is_better else -merit,
+            max(last.violation, 0.0),
+            seconds,
+            status,
+        )
+    )
+    return StartResult(
+        index, kind, x, merit, status, last.converged, tuple(records), tuple(trace), seconds
+    )

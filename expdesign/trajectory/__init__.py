@@ -1,0 +1,5 @@
+"""Excitation trajectories."""
+
+from expdesign.trajectory.fourier import FourierTrajectory, PhaseBasis, PoseSamples
+
+__all__ = ["FourierTrajectory", "PhaseBasis", "PoseSamples"]

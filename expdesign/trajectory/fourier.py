@@ -1,0 +1,153 @@
+"""The finite Fourier series of the pose, equations (13) and (14) of the paper."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class PoseSamples:
+    """Pose and its time derivatives at N instants; m, rad, s. All (N, 6)."""
+
+    pose: Array
+    rate: Array
+    acceleration: Array
+
+
+@dataclass(frozen=True)
+class FourierTrajectory:
+    """λ_i(t) = λ0_i + Σ_k [μ_ik/(kω) sin kωt − ν_ik/(kω) cos kωt], k = 1 … n.
+
+    12 n + 7 variables: λ0, μ, ν and ω.
+
+    Attributes
+    ----------
+    omega : float
+        ω, rad/s.
+    lambda0 : (6,)
+        Centre of the motion: m, rad.
+    mu, nu : (6, n)
+        Rate amplitudes of the harmonics: m/s, rad/s.
+    """
+
+    omega: float
+    lambda0: Array
+    mu: Array
+    nu: Array
+
+    def __post_init__(self) -> None:
+        """Freeze the arrays and refuse shapes that do not fit."""
+        if not (np.isfinite(self.omega) and self.omega > 0):
+            raise ValueError(f"omega must be positive, not {self.omega}")
+        for name, shape in (
+            ("lambda0", (6,)),
+            ("mu", (6, np.shape(self.mu)[-1])),
+            ("nu", (6, np.shape(self.mu)[-1])),
+        ):
+            value = np.array(getattr(self, name), dtype=float)
+            if value.shape != shape:
+                raise ValueError(f"{name} has the shape {value.shape}, not {shape}")
+            if not np.all(np.isfinite(value)):
+                raise ValueError(f"{name} has values that are not finite")
+            value.setflags(write=False)
+            object.__setattr__(self, name, value)
+
+    @classmethod
+    def from_displacements(
+        cls, omega: float, center: ArrayLike, sine: ArrayLike, cosine: ArrayLike
+    ) -> FourierTrajectory:
+        """Build from displacement amplitudes: a = μ/(kω) of sin kωt, b = −ν/(kω) of cos kωt."""
+        sine, cosine = np.asarray(sine, dtype=float), np.asarray(cosine, dtype=float)
+        orders = omega * np.arange(1, sine.shape[1] + 1)
+        return cls(omega, np.asarray(center, dtype=float), sine * orders, -cosine * orders)
+
+    @classmethod
+    def from_vector(cls, vector: ArrayLike) -> FourierTrajectory:
+        """Build from the 12 n + 7 variables in the order of `vector`."""
+        values = np.asarray(vector, dtype=float)
+        harmonics, rest = divmod(values.size - 7, 12)
+        if values.ndim != 1 or rest or harmonics < 1:
+            raise ValueError(f"a trajectory has 12 n + 7 variables, not {values.size}")
+        table = values[:-1].reshape(6, 2 * harmonics + 1)
+        return cls(
+            float(values[-1]), table[:, 0], table[:, 1 : harmonics + 1], table[:, harmonics + 1 :]
+        )
+
+    def vector(self) -> Array:
+        """Return (12 n + 7,): per coordinate λ0, μ, ν; last ω."""
+        table = np.concatenate([self.lambda0[:, None], self.mu, self.nu], axis=1)
+        return np.append(table.ravel(), self.omega)
+
+    @property
+    def harmonics(self) -> int:
+        """Number n of harmonics."""
+        return int(self.mu.shape[1])
+
+    @property
+    def period(self) -> float:
+        """T = 2π/ω, s."""
+        return float(2 * np.pi / self.omega)
+
+    @property
+    def frequency(self) -> float:
+        """Base frequency, Hz."""
+        return float(self.omega / (2 * np.pi))
+
+    @property
+    def sine(self) -> Array:
+        """(6, n) displacement amplitudes of sin kωt: m, rad."""
+        return self.mu / (self.omega * np.arange(1, self.harmonics + 1))
+
+    @property
+    def cosine(self) -> Array:
+        """(6, n) displacement amplitudes of cos kωt: m, rad."""
+        return -self.nu / (self.omega * np.arange(1, self.harmonics + 1))
+
+    def sample(self, times: ArrayLike) -> PoseSamples:
+        """Return pose, rate and acceleration at the times given, in s; any number of them."""
+        basis = PhaseBasis.at(self.omega * np.atleast_1d(np.asarray(times, float)), self.harmonics)
+        table = np.concatenate([self.lambda0[:, None], self.sine, self.cosine], axis=1)
+        return PoseSamples(
+            basis.value @ table.T,
+            self.omega * (basis.first @ table.T),
+            self.omega**2 * (basis.second @ table.T),
+        )
+
+    def sample_times(self, count: int) -> Array:
+        """Return `count` equidistant times of one period from 0, its end left out, s."""
+        return self.period * np.arange(count) / count
+
+    def shifted(self, time: float) -> FourierTrajectory:
+        """Return the same motion started `time` seconds later on its orbit."""
+        phase = self.omega * time * np.arange(1, self.harmonics + 1)
+        cos, sin = np.cos(phase), np.sin(phase)
+        return FourierTrajectory(
+            self.omega, self.lambda0, self.mu * cos + self.nu * sin, self.nu * cos - self.mu * sin
+        )
+
+
+@dataclass(frozen=True)
+class PhaseBasis:
+    """1, sin kφ, cos kφ at N phases φ = ωt, with the derivatives to φ. All (N, 2 n + 1)."""
+
+    value: Array
+    first: Array
+    second: Array
+
+    @classmethod
+    def at(cls, phases: Array, harmonics: int) -> PhaseBasis:
+        """Evaluate the basis at the phases (N,), rad."""
+        orders = np.arange(1, harmonics + 1)
+        angle = np.multiply.outer(phases, orders)
+        sin, cos = np.sin(angle), np.cos(angle)
+        one, zero = np.ones((phases.size, 1)), np.zeros((phases.size, 1))
+        return cls(
+            np.concatenate([one, sin, cos], axis=1),
+            np.concatenate([zero, orders * cos, -orders * sin], axis=1),
+            np.concatenate([zero, -(orders**2) * sin, -(orders**2) * cos], axis=1),
+        )

@@ -1,0 +1,30 @@
+"""What a figure is: a name, what it shows, and how it is drawn from a record."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+from matplotlib.figure import Figure
+
+Record = TypeVar("Record")
+
+
+@dataclass(frozen=True)
+class FigureDefinition(Generic[Record]):
+    """A figure that can be made of every record of a kind.
+
+    Attributes
+    ----------
+    key : str
+        Name of its files without the ending.
+    caption : str
+        What is seen, for reports.
+    draw : callable
+        Record → figure. Computes nothing but what is shown, and saves nothing.
+    """
+
+    key: str
+    caption: str
+    draw: Callable[[Record], Figure]

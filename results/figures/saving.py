@@ -1,0 +1,46 @@
+"""Figures as files: PNG for the screen, SVG for paper; the same bytes for the same record."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from expdesign.runfolder.atomic import written_beside
+from results.figures.definition import FigureDefinition, Record
+from results.style import RESOLUTION, house_style
+
+# Neither dates nor versions: a figure changes when what it shows does.
+_METADATA: dict[str, dict[str, None]] = {
+    "png": {"Software": None},
+    "svg": {"Date": None, "Creator": None},
+}
+
+
+def save_figures(
+    definitions: Iterable[FigureDefinition[Record]], record: Record, folder: Path
+) -> tuple[Path, ...]:
+    """Draw figures and write each as PNG and SVG.
+
+    Parameters
+    ----------
+    definitions : iterable of FigureDefinition
+    record : object
+        What they are drawn from.
+    folder : Path
+        Made when it is missing. Every file is complete or absent.
+
+    Returns
+    -------
+    tuple of Path
+        The files, in the order of the definitions.
+    """
+    paths = []
+    for definition in definitions:
+        with house_style():
+            figure = definition.draw(record)
+            for ending, metadata in _METADATA.items():
+                path = folder / f"{definition.key}.{ending}"
+                with written_beside(path) as beside:
+                    figure.savefig(beside, format=ending, dpi=RESOLUTION, metadata=metadata)
+                paths.append(path)
+    return tuple(paths)

@@ -1,0 +1,295 @@
+"""`expdesign robots` and `expdesign check`, and how bad input ends."""
+
+import json
+import os
+import subprocess
+import sys
+
+import pytest
+import typer
+
+from expdesign.cli.app import app
+from expdesign.cli.errors import CommandFailed, run
+from expdesign.configuration import load_robot_description, load_run, resolved_yaml
+
+ROBOT = resolved_yaml(load_run("palida")).split("robot:\n")[1].split("\ntrajectory")[0]
+
+
+@pytest.fixture
+def expdesign(capsys):
+    """Run a command line; return exit status, standard output and standard error."""
+
+    def command(*arguments):
+        status = run(app, [str(argument) for argument in arguments])
+        captured = capsys.readouterr()
+        return status, captured.out, captured.err
+
+    return command
+
+
+@pytest.fixture
+def run_file(tmp_path):
+    """Write a run file whose robot, PaLiDA, stands in it."""
+
+    def write(text="", robot=ROBOT):
+        path = tmp_path / "run.yaml"
+        path.write_text(f"name: test\nrobot:\n{robot}\n{text}\n", encoding="utf-8")
+        return path
+
+    return write
+
+
+def test_robots_lists_geometry_limits_and_source(expdesign, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "160")
+    status, out, err = expdesign("robots")
+    assert (status, err) == (0, "")
+    for text in ("palida", "rubin", "struts at home 0.6762 m", "strut speed ±2 m/s", "Sourced"):
+        assert text in out
+
+
+@pytest.mark.parametrize("width", ["20", "80", "400"])
+def test_robots_at_any_width(expdesign, monkeypatch, width):
+    monkeypatch.setenv("COLUMNS", width)
+    assert expdesign("robots")[0] == 0
+
+
+def test_robots_as_json(expdesign):
+    status, out, err = expdesign("robots", "--json")
+    assert (status, err) == (0, "")
+    robots = {robot["name"]: robot for robot in json.loads(out)}
+    assert robots["palida"]["limits"]["tilt"]["lower"] == [None]
+    assert robots["palida"]["limits"]["strut_speed"]["upper"] == [2.0] * 6
+    assert robots["palida"]["at_home"]["jacobian_condition"] == pytest.approx(2.401, abs=1e-3)
+    joints = load_robot_description("linuxcnc").base_joints.tolist()
+    assert robots["linuxcnc"]["base_joints"] == joints
+
+
+def test_check_prints_the_resolved_configuration(expdesign):
+    status, out, err = expdesign("check", "palida")
+    assert status == 0
+    assert out == resolved_yaml(load_run("palida"))
+    assert "warning: physically inconsistent parameters: p2" in err
+
+
+def test_check_lists_struts_that_share_a_joint(expdesign, tmp_path):
+    path = tmp_path / "run.yaml"
+    path.write_text("name: a\nrobot: linuxcnc\n", encoding="utf-8")
+    status, out, err = expdesign("check", path)
+    assert status == 0
+    for pair in ("1 and 6", "2 and 3", "4 and 5"):
+        assert f"struts {pair} share a joint" in err
+    status, out, err = expdesign("check", "--json", path)
+    assert (status, err) == (0, "")
+    data = json.loads(out)
+    assert data["shared_joints"] == [[1, 6], [2, 3], [4, 5]]
+    assert data["stages"] == []
+    assert data["configuration"]["design"]["parameters"] == "all"
+    assert load_run(data["configuration"]).run.name == "a"
+
+
+def test_what_check_prints_can_be_checked(expdesign, tmp_path):
+    _, out, _ = expdesign("check", "palida-quick")
+    path = tmp_path / "resolved.yaml"
+    path.write_text(out, encoding="utf-8")
+    assert expdesign("check", path)[:2] == (0, out)
+
+
+# --- bad input ----------------------------------------------------------------------------------
+
+BAD_RUNS = {
+    "negative harmonics": ("trajectory: {harmonics: -1}", "trajectory.harmonics: -1 is out of"),
+    "zero harmonics": ("trajectory: {harmonics: 0}", "trajectory.harmonics: 0 is out of range"),
+    "min > max": ("limits: {strut_length: [0.9, 0.4]}", "min 0.9 is not below max 0.4"),
+    "wrong unit": ("limits: {strut_length: [5 kg, 9 kg]}", "'5 kg' is a mass, not a length"),
+    "nan": ("limits: {tilt: .nan}", "nan is not a finite number"),
+    "infinite": ("limits: {tilt: .inf}", "inf is not a finite number"),
+    "covariance": (
+        "noise: {force_covariance: [" + ", ".join(["[1, 1, 1, 1, 1, 1]"] * 6) + "]}",
+        "not positive definite",
+    ),
+    "duplicate key": ("design: {seed: 1, seed: 2}", "the key stands twice"),
+    "tag": ("data: !!python/object/apply:os.system [true]", "tag !!python/object/apply:os.system"),
+    "unknown key": ("desing: {}", "unknown key 'desing'"),
+}
+
+
+@pytest.mark.parametrize("case", BAD_RUNS)
+def test_bad_input_is_one_clear_message(expdesign, run_file, case):
+    text, says = BAD_RUNS[case]
+    path = run_file(text)
+    status, out, err = expdesign("check", path)
+    assert (status, out) == (2, "")
+    assert err.count("error: ") == 1
+    assert err.startswith(f"error: {path}:")
+    assert says in err
+    assert "Traceback" not in err
+    status, out, err = expdesign("check", path, "--json")
+    assert (status, err) == (2, "")
+    data = json.loads(out)
+    assert data["status"] == 2
+    (problem,) = data["problems"]
+    assert problem["file"] == str(path)
+    assert problem["line"] > 50
+    assert says.split(": ", 1)[-1] in problem["message"]
+
+
+BAD_ROBOTS = {
+    "five joints": (
+        ROBOT.replace("    - [0.4456206309337067, -0.06262789543202944, 0.0]\n", ""),
+        "robot.base_joints: there are 5 joints where 6 are needed",
+    ),
+    "home breaks a limit": (
+        ROBOT.replace("home: [0.0, 0.0, -0.654", "home: [0.0, 0.0, -0.9"),
+        "the home pose breaks this limit",
+    ),
+    "singular": (
+        ROBOT.replace("home: [0.0, 0.0, -0.654", "home: [0.0, 0.0, -0.104"),
+        "robot.home: the robot is singular at home",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", BAD_ROBOTS)
+def test_bad_robots(expdesign, run_file, case):
+    robot, says = BAD_ROBOTS[case]
+    status, out, err = expdesign("check", run_file(robot=robot))
+    assert (status, out) == (2, "")
+    assert says in err
+    assert err.count("error: ") == (4 if case == "home breaks a limit" else 1)
+
+
+def test_home_outside_a_limit_of_the_run(expdesign, run_file):
+    status, out, err = expdesign("check", run_file("limits: {position: {z: [-0.6, -0.5]}}"))
+    assert (status, out) == (2, "")
+    assert "limits.position" in err
+    assert "-0.654" in err
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        (b"", "the file is empty"),
+        (b"\x7fELF\0\0", "the file is binary"),
+        (b"\x80abc", "byte 0x80 is not UTF-8"),
+        (b"a: [1", "not valid YAML"),
+    ],
+)
+def test_bad_files(expdesign, tmp_path, content, says):
+    path = tmp_path / "run.yaml"
+    path.write_bytes(content)
+    status, out, err = expdesign("check", path)
+    assert (status, out) == (2, "")
+    assert says in err
+    assert err.count("error: ") == 1
+
+
+def test_missing_file_and_folder(expdesign, tmp_path):
+    assert expdesign("check", tmp_path / "missing.yaml")[0] == 2
+    status, _, err = expdesign("check", tmp_path)
+    assert status == 2
+    assert "this is a folder" in err
+
+
+def test_messages_help(expdesign, run_file):
+    _, _, err = expdesign("check", run_file("design: {criterium: d, start: periodical}"))
+    assert "did you mean 'criterion'?" in err
+    assert "did you mean 'periodic'?" in err
+    assert "allowed: periodic | rest" in err
+    _, _, err = expdesign("check", "palidda")
+    assert "did you mean 'palida'?" in err
+
+
+def test_markup_and_escapes_in_a_file_stay_text(expdesign, run_file):
+    _, _, err = expdesign("check", run_file('design: {"[red]x": 1, "\\e[31m": 2}'))
+    assert "[red]x" in err
+    assert "\x1b" not in err
+
+
+def test_files_are_named_as_the_user_would(expdesign, run_file, monkeypatch, tmp_path):
+    run_file("design: {seed: -1}")
+    monkeypatch.chdir(tmp_path)
+    _, _, err = expdesign("check", "run.yaml")
+    assert err.startswith("error: run.yaml:")
+
+
+# --- usage --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["check", "--help"], ["robots", "-h"]])
+def test_help(expdesign, arguments):
+    status, out, err = expdesign(*arguments)
+    assert (status, err) == (0, "")
+    assert "Usage" in out
+
+
+def test_version(expdesign):
+    status, out, _ = expdesign("--version")
+    assert status == 0
+    assert out.strip()
+
+
+@pytest.mark.parametrize("arguments", [["chek"], ["check"], ["check", "a", "b"], ["robots", "--x"]])
+def test_wrong_usage(expdesign, arguments):
+    status, out, err = expdesign(*arguments)
+    assert (status, out) == (2, "")
+    assert "Error" in err
+    status, out, err = expdesign(*arguments, "--json")
+    assert (status, err) == (2, "")
+    assert json.loads(out)["problems"][0]["message"]
+
+
+# --- other ends ---------------------------------------------------------------------------------
+
+
+def _app_that(error):
+    other = typer.Typer()
+
+    @other.command()
+    def fail(as_json: bool = typer.Option(False, "--json")) -> None:
+        raise error
+
+    return other
+
+
+@pytest.mark.parametrize(
+    ("error", "status", "says"),
+    [
+        (CommandFailed("tilt is exceeded", {"limit": "tilt"}), 1, "failed: tilt is exceeded"),
+        (PermissionError(13, "Permission denied", "/out"), 1, "/out: Permission denied"),
+        (typer.Exit(1), 1, ""),
+        (typer.Exit(0), 0, ""),
+        (KeyboardInterrupt(), 1, ""),
+    ],
+)
+def test_how_commands_end(capsys, error, status, says):
+    assert run(_app_that(error), []) == status
+    assert says in capsys.readouterr().err
+    assert run(_app_that(error), ["--json"]) == status
+    out = capsys.readouterr().out
+    if isinstance(error, CommandFailed):
+        assert json.loads(out) == {"status": 1, "message": "tilt is exceeded", "limit": "tilt"}
+
+
+def test_a_bug_of_ours_is_not_hidden():
+    with pytest.raises(ZeroDivisionError):
+        run(_app_that(ZeroDivisionError()), [])
+
+
+def test_the_console_script(tmp_path):
+    code = "from expdesign.cli import main; main()"
+
+    def command(*arguments):
+        return subprocess.run(
+            [sys.executable, "-W", "error", "-c", code, *arguments],
+            capture_output=True,
+            text=True,
+            check=False,
+            env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path), "PYTHONIOENCODING": "ascii"},
+        )
+
+    for arguments in (["check", "palida"], ["robots"], ["check", "--json", "palida"]):
+        good = command(*arguments)
+        assert good.returncode == 0, good.stderr
+    bad = command("check", str(tmp_path))
+    assert bad.returncode == 2
+    assert "Traceback" not in bad.stderr

@@ -1,0 +1,50 @@
+import copy
+
+import pytest
+from hypothesis import settings
+
+from expdesign.configuration import ConfigurationError, load_robot_description, load_run
+
+# A loaded machine is no reason to fail.
+settings.register_profile("without deadline", deadline=None)
+settings.load_profile("without deadline")
+
+
+@pytest.fixture(scope="session")
+def _palida():
+    return load_robot_description("palida").description.model_dump(mode="json", by_alias=True)
+
+
+@pytest.fixture
+def robot_mapping(_palida):
+    """PaLiDA as a mapping that a test may change."""
+    return copy.deepcopy(_palida)
+
+
+@pytest.fixture
+def run_mapping(robot_mapping):
+    """A run with its robot inline, that a test may change."""
+    return {"name": "test", "robot": robot_mapping}
+
+
+@pytest.fixture
+def problems_of():
+    """Return the problems of loading a run; fails when there are none."""
+
+    def problems(source):
+        with pytest.raises(ConfigurationError) as caught:
+            load_run(source)
+        return caught.value.problems
+
+    return problems
+
+
+@pytest.fixture
+def the_problem(problems_of):
+    """Return the only problem of loading a run."""
+
+    def problem(source):
+        (only,) = problems_of(source)
+        return only
+
+    return problem

@@ -1,0 +1,330 @@
+"""Every key that a run file may have: its default, what it takes and what it refuses."""
+
+import pytest
+from pydantic import ValidationError
+
+from expdesign.schema import RunDescription
+
+
+def _run(**keys):
+    return RunDescription.model_validate({"name": "test", "robot": "palida", **keys})
+
+
+@pytest.fixture
+def error_of(run_mapping, the_problem):
+    """Return the only problem of a run with the given keys."""
+
+    def error(**keys):
+        return the_problem(run_mapping | keys)
+
+    return error
+
+
+def test_defaults():
+    run = _run()
+    assert run.stages == ()
+    assert (run.workers, run.scheduler) == (2, None)
+    t = run.trajectory
+    assert (t.harmonics, t.frequency, t.samples) == (5, (0.1, 0.6), 200)
+    d = run.design
+    assert (d.criterion, d.starts, d.seed, d.search, d.hops) == ("d", 8, 0, "restarts", 100)
+    assert (d.start, d.scaling, d.parameters) == ("periodic", "si", None)
+    assert (d.smoothing, d.max_iterations, d.max_seconds) == ((0.4, 0.1, 0.02), 500, None)
+    e = run.experiment
+    assert (e.periods, e.sampling, e.seed, e.drift, e.step) == (10, 1000.0, 1, 0.0, 0.001)
+    assert (e.tracking_error, e.cogging, e.quantisation, e.outliers) == (None, None, None, None)
+    m = run.montecarlo
+    assert (m.repetitions, m.estimators, m.seed) == (400, ("ls", "gm", "ml"), 0)
+    s = run.estimate
+    assert (s.estimators, s.differentiation, s.harmonics) == (("ls", "gm", "ml"), "fourier", None)
+    assert (s.noise, s.frequency, s.fixed, s.prior, s.bounds) == ("auto", "known", {}, {}, {})
+    assert (run.data.time, run.data.time_tolerance, run.data.delimiter) == ("uniform", 0.01, ",")
+    assert (run.validation, run.export) == ((), ())
+
+
+def test_models_are_frozen():
+    with pytest.raises(ValidationError):
+        _run().design.starts = 3
+
+
+def test_stages_are_those_that_are_named_in_their_order():
+    run = _run(
+        report={},
+        export=["csv"],
+        validate=[{"motion": "circle"}],
+        estimate=None,
+        experiment={"periods": 3},
+        design={},
+        trajectory={"harmonics": 3},
+        data={},
+    )
+    assert run.stages == ("design", "experiment", "estimate", "validate", "export", "report")
+    assert _run(export=[], validate=None, montecarlo=None).stages == ("montecarlo",)
+
+
+def test_the_complete_example_of_the_contract():
+    run = _run(
+        trajectory={
+            "harmonics": 5,
+            "frequency": ["0.1 Hz", "0.6 Hz"],
+            "samples": 200,
+            "controller_period": "1 ms",
+        },
+        design={
+            "criterion": "condition",
+            "starts": 16,
+            "seed": 3,
+            "search": "hopping",
+            "hops": 10,
+            "start": "rest",
+            "scaling": "nominal",
+            "parameters": ["p1", "r_alpha"],
+            "max_seconds": "2 min",
+        },
+        experiment={
+            "periods": 10,
+            "sampling": "1 kHz",
+            "seed": 1,
+            "tracking_error": {"position": "1 mm", "angle": "0.1 deg", "harmonics": [6, 15]},
+            "drift": "0.05 mm",
+            "cogging": {
+                "amplitude": [0, 0, 12, 12, 0, 0],
+                "pitch": "30 mm",
+                "phase": [0, 0, 0.3, 1.1, 0, 0],
+            },
+            "quantisation": {"length": "1 um", "force": 0.1},
+            "outliers": {"share": 0.001, "length": "5 mm", "force": "200 N"},
+        },
+        data={
+            "file": "measured.csv",
+            "columns": {"t": "time", "q1": "Leg 1", "Q1": "F1", "period": "n"},
+            "units": {"t": "ms", "q": "mm", "Q": "A", "Q1": "N"},
+            "delimiter": ";",
+            "decimal": ",",
+            "force_constants": "90 N/A",
+            "start": "0.5 s",
+            "delay": {"forces": "2 ms", "lengths": 0},
+            "time": "stamped",
+            "time_tolerance": 0.05,
+        },
+        estimate={
+            "estimators": ["gm", "ml"],
+            "differentiation": "butterworth",
+            "harmonics": 9,
+            "noise": "given",
+            "frequency": "estimated",
+            "fixed": {"p1": 0.005, "p2": None},
+            "prior": {"p10": {"std": "0.5 kg"}, "p9": {"value": 1.7, "std": 0.1}},
+            "bounds": {"r1": [0, "50 N"]},
+        },
+        montecarlo={"repetitions": 100, "estimators": ["ls"], "seed": 7},
+        validate=[
+            {"motion": "circle", "mirror": "xz", "periods": 5},
+            {"motion": "line", "poses": [[0, 0, -0.6, 0, 0, 0], [0.1, 0, -0.6, 0, 0, "5 deg"]]},
+            {"motion": "file", "file": "other.csv"},
+        ],
+        export=["csv", "xps-pvt", "linuxcnc-gcode"],
+        report={"title": "A report", "figures": ["pdf"]},
+        scheduler="tcp://127.0.0.1:8786",
+    )
+    assert run.trajectory.controller_period == 0.001
+    assert run.design.max_seconds == 120
+    assert run.experiment.cogging.pitch == (0.03,) * 6
+    assert run.experiment.cogging.amplitude[2] == 12
+    assert run.data.force_constants == (90.0,) * 6
+    assert run.data.delay.forces == 0.002
+    assert run.estimate.fixed == {"p1": 0.005, "p2": None}
+    assert run.estimate.prior["p10"].std == 0.5
+    assert run.estimate.prior["p10"].value is None
+    assert run.estimate.bounds == {"r1": (0.0, 50.0)}
+    assert run.workers is None
+    # What is written is what was read.
+    assert RunDescription.model_validate(run.model_dump(by_alias=True)) == run
+
+
+def test_fixed_parameters_as_a_list():
+    assert _run(estimate={"fixed": ["p1", "v3"]}).estimate.fixed == {"p1": None, "v3": None}
+
+
+def test_parameters_all_and_harmonics_auto():
+    run = _run(design={"parameters": "all"}, estimate={"harmonics": "auto"})
+    assert run.design.parameters is None
+    assert run.estimate.harmonics is None
+    written = run.model_dump(by_alias=True)
+    assert written["design"]["parameters"] == "all"
+    assert written["estimate"]["harmonics"] == "auto"
+
+
+@pytest.mark.parametrize("name", ["a", "A.b_c-1", "-x", "..x", "x" * 100])
+def test_names(name):
+    assert _run(name=name).name == name
+
+
+@pytest.mark.parametrize("name", ["", ".", "..", "a b", "a/b", "ä", "a\n", "x" * 101, 5, None])
+def test_names_that_are_refused(error_of, name):
+    problem = error_of(name=name)
+    assert problem.key == "name"
+    assert problem.allowed
+
+
+@pytest.mark.parametrize(
+    ("section", "values", "key", "says"),
+    [
+        ("trajectory", {"harmonics": 0}, "harmonics", "0 is out of range"),
+        ("trajectory", {"harmonics": -3}, "harmonics", "-3 is out of range"),
+        ("trajectory", {"harmonics": 2.5}, "harmonics", "2.5 is not a whole number"),
+        ("trajectory", {"harmonics": True}, "harmonics", "True is not a whole number"),
+        ("trajectory", {"harmonics": "5"}, "harmonics", "'5' is not a whole number"),
+        ("trajectory", {"harmonics": 10**30}, "harmonics", "is out of range"),
+        ("trajectory", {"frequency": [0.6, 0.1]}, "frequency", "min 0.6 is above max 0.1"),
+        ("trajectory", {"frequency": [0, 0.1]}, "frequency[1]", "0 is not positive"),
+        ("trajectory", {"frequency": [0.1]}, "frequency", "there are 1 values"),
+        ("trajectory", {"frequency": 0.1}, "frequency", "0.1 is not a list"),
+        ("trajectory", {"frequency": [0.1, "0.6 s"]}, "frequency[2]", "is a duration"),
+        ("trajectory", {"frequency": [float("nan"), 1]}, "frequency[1]", "nan is not a finite"),
+        ("trajectory", {"samples": 21}, "samples", "21 samples are too few for 5 harmonics"),
+        (
+            "trajectory",
+            {"controller_period": "2 s"},
+            "controller_period",
+            "controller period of 2 s is too long",
+        ),
+        ("trajectory", {"controller_period": 0}, "controller_period", "0 is not positive"),
+        ("trajectory", 5, "", "5 is not a mapping"),
+        ("trajectory", [1], "", "a list of 1 is not a mapping"),
+        ("design", {"criterion": "D"}, "criterion", "'D' is not a choice"),
+        ("design", {"criterion": ["d"]}, "criterion", "a list of 1 is not a choice"),
+        ("design", {"search": "hoping"}, "search", "'hoping' is not a choice"),
+        ("design", {"starts": 0}, "starts", "0 is out of range"),
+        ("design", {"seed": -1}, "seed", "-1 is out of range"),
+        ("design", {"hops": -1}, "hops", "-1 is out of range"),
+        ("design", {"parameters": []}, "parameters", "the list has 0 parameters"),
+        ("design", {"parameters": "p1"}, "parameters", "'p1' is no choice"),
+        ("design", {"parameters": ["p1", "p1"]}, "parameters", "'p1' is listed twice"),
+        ("design", {"parameters": ["p11"]}, "parameters[1]", "'p11' is no parameter"),
+        ("design", {"smoothing": [0.1, 0.4]}, "smoothing", "the widths do not fall"),
+        ("design", {"smoothing": [0.1, 0]}, "smoothing[2]", "0 is not positive"),
+        ("design", {"smoothing": []}, "smoothing", "the list has 0 widths"),
+        ("design", {"max_iterations": 0}, "max_iterations", "0 is out of range"),
+        ("design", {"max_seconds": "5 kg"}, "max_seconds", "is a mass"),
+        ("experiment", {"periods": 0}, "periods", "out of range"),
+        ("experiment", {"sampling": "1 ms"}, "sampling", "is a duration"),
+        ("experiment", {"drift": "-1 mm"}, "drift", "-0.001 is negative"),
+        ("experiment", {"cogging": {"amplitude": 1}}, "cogging.pitch", "'pitch' is missing"),
+        (
+            "experiment",
+            {"cogging": {"amplitude": [1, 2], "pitch": 1}},
+            "cogging.amplitude",
+            "there are 2 amplitudes where 6 are needed",
+        ),
+        ("experiment", {"outliers": {"share": 1}}, "outliers.share", "is not a share"),
+        (
+            "experiment",
+            {"tracking_error": {"harmonics": [15, 6]}},
+            "tracking_error.harmonics",
+            "min 15 is above max 6",
+        ),
+        ("data", {"columns": {"q7": "x"}}, "columns.q7", "'q7' is no channel"),
+        ("data", {"columns": {"q1": 5}}, "columns.q1", "5 is no text"),
+        ("data", {"columns": {"q1": "x", "q2": "x"}}, "columns", "'x' is both q1 and q2"),
+        ("data", {"units": {"q": "kg"}}, "units", "'kg' is no unit for q"),
+        ("data", {"units": {"q": "nonsense"}}, "units", "'nonsense' is no unit for q"),
+        ("data", {"units": {"Q": "A"}}, "units", "no force_constants are given"),
+        ("data", {"delimiter": ";;"}, "delimiter", "is not one character"),
+        ("data", {"decimal": ","}, "decimal", "both delimiter and decimal mark"),
+        ("data", {"time_tolerance": 0.5}, "time_tolerance", "is no tolerance"),
+        ("data", {"time": "jitter"}, "time", "is not a choice"),
+        ("estimate", {"estimators": []}, "estimators", "the list has 0 estimators"),
+        ("estimate", {"estimators": ["ls", "ls"]}, "estimators", "'ls' is listed twice"),
+        ("estimate", {"estimators": ["lm"]}, "estimators[1]", "'lm' is not a choice"),
+        ("estimate", {"harmonics": "many"}, "harmonics", "'many' is no number of harmonics"),
+        ("estimate", {"harmonics": 0}, "harmonics", "0 is out of range"),
+        ("estimate", {"fixed": "p1"}, "fixed", "'p1' is not a mapping"),
+        ("estimate", {"fixed": ["q1"]}, "fixed", "'q1' is no parameter"),
+        ("estimate", {"fixed": {"p1": "5 m"}}, "fixed.p1", "'5 m' is a length"),
+        ("estimate", {"prior": {"p1": {"value": 1}}}, "prior.p1", "does not state a prior"),
+        ("estimate", {"prior": {"p1": {"std": 0}}}, "prior.p1", "0 is not positive"),
+        ("estimate", {"bounds": {"p1": [2, 1]}}, "bounds.p1", "min 2 is not below max 1"),
+        ("estimate", {"bounds": {"p1": 5}}, "bounds.p1", "5 is no pair"),
+        ("montecarlo", {"repetitions": 0}, "repetitions", "0 is out of range"),
+        ("report", {"figures": ["gif"]}, "figures[1]", "'gif' is not a choice"),
+    ],
+)
+def test_refused(error_of, section, values, key, says):
+    problem = error_of(**{section: values})
+    assert says in problem.message
+    assert problem.key == (f"{section}.{key}" if key else section)
+
+
+@pytest.mark.parametrize(
+    ("keys", "key", "says"),
+    [
+        ({"validate": [{"motion": "square"}]}, "validate[1].motion", "is not a choice"),
+        ({"validate": [{"mirror": "xz"}]}, "validate[1].motion", "is missing"),
+        ({"validate": [{"motion": "file"}]}, "validate[1].file", "names no file"),
+        ({"validate": [{"motion": "spline"}]}, "validate[1].poses", "has no poses"),
+        ({"validate": [{"motion": "circle", "normal": [0, 0, 0]}]}, "validate[1].normal", "zero"),
+        ({"validate": {"motion": "circle"}}, "validate", "a mapping is not a list"),
+        ({"export": ["xps"]}, "export[1]", "'xps' is not a choice"),
+        ({"export": "csv"}, "export", "'csv' is not a list"),
+        ({"workers": 0}, "workers", "0 is out of range"),
+        ({"workers": 1.0}, "workers", "1.0 is not a whole number"),
+        ({"scheduler": "localhost"}, "scheduler", "not the address of a scheduler"),
+        ({"workers": 2, "scheduler": "tcp://a:1"}, "scheduler", "both given"),
+        ({"limits": 5}, "limits", "5 is not a mapping"),
+        ({"noise": {"std": 5}}, "noise.std", "unknown key 'std'"),
+        ({"robot": 5}, "robot", "5 is no text"),
+        ({"robot": ""}, "robot", "the text is empty"),
+    ],
+)
+def test_refused_at_the_top(error_of, keys, key, says):
+    problem = error_of(**keys)
+    assert says in problem.message
+    assert problem.key == key
+
+
+@pytest.mark.parametrize(
+    ("keys", "key", "nearest"),
+    [
+        ({"trajektory": {}}, "trajektory", "trajectory"),
+        ({"Design": {}}, "Design", "design"),
+        ({"validation": []}, "validation", "validate"),
+        ({"trajectory": {"harmonic": 5}}, "trajectory.harmonic", "harmonics"),
+        ({"design": {"criterium": "d"}}, "design.criterium", "criterion"),
+        ({"design": {"start": "periodical"}}, "design.start", "periodic"),
+        (
+            {"experiment": {"tracking_error": {"positon": 1}}},
+            "experiment.tracking_error.positon",
+            "position",
+        ),
+        ({"validate": [{"motions": "circle", "motion": "line"}]}, None, "motion"),
+        ({"limits": {"strut_velocity": 1}}, "limits.strut_velocity", "strut_clearance"),
+    ],
+)
+def test_unknown_keys_name_the_nearest(problems_of, run_mapping, keys, key, nearest):
+    problem = next(p for p in problems_of(run_mapping | keys) if p.nearest)
+    if key is not None:
+        assert problem.key == key
+    if key != "limits.strut_velocity":
+        assert problem.nearest == nearest
+    assert problem.allowed
+
+
+@pytest.mark.parametrize("key", ["(name)", "(inline)", "[key]", "", "a.b", "x" * 10_000])
+def test_odd_unknown_keys(error_of, key):
+    assert "unknown key" in error_of(**{key: 1}).message
+
+
+def test_all_problems_are_reported_at_once(run_mapping, problems_of):
+    run_mapping["trajectory"] = {"harmonics": 0, "samples": "many"}
+    run_mapping["design"] = {"criterion": "x"}
+    run_mapping["limits"] = {"tilt": -1}
+    run_mapping["robot"]["base_joints"].pop()
+    keys = [p.key for p in problems_of(run_mapping)]
+    assert keys == [
+        "robot.base_joints",
+        "trajectory.harmonics",
+        "trajectory.samples",
+        "design.criterion",
+        "limits.tilt",
+    ]

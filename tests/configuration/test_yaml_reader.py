@@ -1,0 +1,166 @@
+import time
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from expdesign.configuration.problem import ConfigurationError
+from expdesign.configuration.yaml_reader import LARGEST_FILE, read_yaml
+
+
+@pytest.fixture
+def read(tmp_path):
+    """Read text or bytes as a YAML file."""
+
+    def reader(content):
+        path = tmp_path / "some.yaml"
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
+        return read_yaml(path)
+
+    return reader
+
+
+@pytest.fixture
+def refused(read):
+    """Return the problems of reading a text."""
+
+    def problems(content):
+        with pytest.raises(ConfigurationError) as caught:
+            read(content)
+        return caught.value.problems
+
+    return problems
+
+
+def test_plain_types_and_lines(read):
+    document = read(
+        "# comment\n"
+        "a: 1\n"
+        "b: [1.5, 1e-3, 0x10, yes, true, ~, 'x', 2020-01-01]\n"
+        "c:\n"
+        "  d: -22.95 in\n"
+        "  e:\n"
+        "    - 1\n"
+        "    - 2\n"
+    )
+    assert document.data == {
+        "a": 1,
+        "b": [1.5, 1e-3, 16, "yes", True, None, "x", "2020-01-01"],
+        "c": {"d": "-22.95 in", "e": [1, 2]},
+    }
+    assert document.line(("a",)) == 2
+    assert document.line(("c", "d")) == 5
+    assert document.line(("c", "e", 1)) == 8
+    assert document.line(("c", "unknown")) == 4
+    assert document.line(("unknown",)) is None
+
+
+def test_anchors_and_merge_keys(read):
+    document = read("a: &x {p: 1, q: 2}\nb: *x\nc: {<<: *x, q: 3}\nd: {<<: [*x, {p: 5, r: 6}]}\n")
+    assert document.data["b"] == {"p": 1, "q": 2}
+    assert document.data["c"] == {"p": 1, "q": 3}
+    assert document.data["d"] == {"p": 1, "q": 2, "r": 6}
+
+
+def test_byte_order_mark_is_no_part_of_the_first_key(read):
+    assert read(b"\xef\xbb\xbfa: 1\n").data == {"a": 1}
+
+
+@pytest.mark.parametrize(
+    ("content", "says", "line"),
+    [
+        ("", "empty", None),
+        ("# only a comment\n", "empty", None),
+        ("a: 1\nb: 2\na: 3\n", "stands twice; it is also in line 1", 3),
+        ("a:\n  b: 1\n  b: 2\n", "stands twice", 3),
+        ("- 1\n- 2\n", "holds a list of 2", 1),
+        ("just text\n", "holds 'just text'", 1),
+        ("a: [1, 2\n", "not valid YAML", 2),
+        ("a: 1\n\tb: 2\n", "not valid YAML", 2),
+        ("a: *unknown\n", "not valid YAML: found undefined alias", 1),
+        ("a: 1\n---\nb: 2\n", "not valid YAML", 2),
+        ("1: a\n", "a key is no text", 1),
+        ("? [a, b]\n: c\n", "a key is no text", 1),
+        ("a: !!python/object/apply:os.system ['true']\n", "tag !!python/object/apply", 1),
+        ("a: !custom x\n", "tag !custom is not allowed", 1),
+        ("!!python/object:x.Y {}\n", "is not allowed", 1),
+        ("a: !!binary aGVsbG8=\n", "tag !!binary is not allowed", 1),
+        ("a: !!set {x}\n", "tag !!set is not allowed", 1),
+        ("a: !!int hello\n", "cannot be read", 1),
+        ("a: " + "9" * 10_000 + "\n", "cannot be read", 1),
+        ('a: "\\ud800"\n', "surrogate", 1),
+        ("<<: 5\n", "only mappings can be merged", 1),
+        ("a: &x [*x]\n", "the anchor contains itself", 1),
+        ("a: &x {b: *x}\n", "the anchor contains itself", 1),
+        ("a: &x\n  <<: *x\n", "the anchor contains itself", 1),
+        ("[" * 10_000, "nested too deeply", None),
+        ("{a: " * 100 + "1" + "}" * 100, "nested too deeply", 1),
+        (b"a: \xff\n", "byte 0xff is not UTF-8", 1),
+        (b"a: 1\nb: \xe4\n", "not UTF-8", 2),
+        ("a: 1".encode("utf-16"), "not UTF-8|binary", None),
+        (b"\x7fELF\x00\x01\x02", "binary", None),
+        (b"\x89PNG\r\n\x1a\n\x00\x00", "binary", None),
+        ("a: \x07\n", "not valid YAML", None),
+        ("a: 1\n" + "#" * LARGEST_FILE, "too large", None),
+    ],
+)
+def test_refused_with_one_clear_problem(refused, content, says, line):
+    (problem,) = refused(content)
+    assert any(part in problem.message for part in says.split("|")), problem.message
+    if line is not None:
+        assert problem.line == line
+    assert problem.file is not None
+    assert problem.message.isprintable()
+
+
+def test_missing_file_and_folder(tmp_path):
+    with pytest.raises(ConfigurationError, match="no such file"):
+        read_yaml(tmp_path / "missing.yaml")
+    with pytest.raises(ConfigurationError, match="folder"):
+        read_yaml(tmp_path)
+    with pytest.raises(ConfigurationError, match="cannot be read"):
+        read_yaml(tmp_path / ("x" * 5000))
+
+
+def test_all_duplicates_and_tags_are_reported_at_once(refused):
+    problems = refused("a: 1\na: 2\nb: !x 1\nc: {d: 1, d: 2}\n")
+    assert [(p.key, p.line) for p in problems] == [("a", 2), ("b", 3), ("c.d", 4)]
+
+
+def test_expansion_of_anchors_is_bounded(refused):
+    lines = ["a0: &a0 [x, x, x, x, x, x, x, x, x]"]
+    lines += [f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 9)}]" for i in range(1, 12)]
+    start = time.perf_counter()
+    (problem,) = refused("\n".join(lines))
+    assert time.perf_counter() - start < 5
+    assert "after expansion" in problem.message
+
+
+def test_merge_keys_do_not_escape_the_bound(refused):
+    lines = ["a0: &a0 {k: [1, 1, 1, 1, 1, 1, 1, 1]}"]
+    for i in range(1, 12):
+        keys = ", ".join(f"k{j}: *a{i - 1}" for j in range(8))
+        lines.append(f"a{i}: &a{i} {{{keys}}}")
+    (problem,) = refused("\n".join(lines))
+    assert "after expansion" in problem.message
+
+
+@given(content=st.one_of(st.binary(max_size=200), st.text(max_size=200)))
+def test_any_content_is_read_or_refused(tmp_path_factory, content):
+    _read_or_refuse(tmp_path_factory, content)
+
+
+@given(content=st.text(alphabet="ab1:-?[]{}&*!|>'\"%@`#,~<= \n\t\\.%", max_size=60))
+def test_any_text_of_yaml_marks_is_read_or_refused(tmp_path_factory, content):
+    _read_or_refuse(tmp_path_factory, content)
+
+
+def _read_or_refuse(tmp_path_factory, content):
+    path = tmp_path_factory.getbasetemp() / "fuzz.yaml"
+    raw = content if isinstance(content, bytes) else content.encode("utf-8", "surrogatepass")
+    path.write_bytes(raw)
+    try:
+        document = read_yaml(path)
+    except ConfigurationError:
+        return
+    assert isinstance(document.data, dict)
