@@ -1,1 +1,7 @@
 """What is shown of a run: tables, figures and reports. Computes nothing that a run decides."""
+
+from results.design import design_figures
+from results.errors import MissingFileError, RunFolderError
+from results.record import DesignRecord
+
+__all__ = ["DesignRecord", "MissingFileError", "RunFolderError", "design_figures"]

@@ -37,6 +37,7 @@ ALERT = VERMILLION
 INK = "#222222"
 MUTED = "#6b6b6b"
 FAINT = "#b8b8b8"
+GREY = "#8f8f8f"
 FORBIDDEN = {"facecolor": "#f4f4f4", "edgecolor": "#cfcfcf", "hatch": "/////", "linewidth": 0.0}
 """Area beyond a limit."""
 
@@ -77,6 +78,8 @@ STYLE: dict[str, Any] = {
     "legend.borderaxespad": 0.2,
     "mathtext.fontset": "dejavusans",
     "figure.facecolor": "white",
+    "figure.constrained_layout.w_pad": 0.05,
+    "figure.constrained_layout.wspace": 0.03,
     "savefig.facecolor": "white",
     "savefig.dpi": RESOLUTION,
     # Text as paths looks the same without the font; a fixed salt gives the same ids every time.

@@ -42,7 +42,7 @@ def _power_norm_bound(q: Quantities) -> ca.SX:
     matrix = q["inverse_jacobian"]
     gram = matrix.T @ matrix
     inverse = ca.inv(matrix)
-    total: ca.SX = 0
+    total = ca.SX(0)
     for factor in (gram, inverse @ inverse.T):
         scale = ca.trace(factor)
         power = factor / scale

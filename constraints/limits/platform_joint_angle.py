@@ -12,9 +12,7 @@ def _cosines(q: Quantities) -> ca.SX:
 
 def _angles(q: Quantities) -> ca.SX:
     directions, axes = q["strut_direction"], q["platform_joint_axes"]
-    sines = [
-        ca.norm_2(ca.cross(directions[:, j], axes[:, j])) for j in range(directions.shape[1])
-    ]
+    sines = [ca.norm_2(ca.cross(directions[:, j], axes[:, j])) for j in range(directions.shape[1])]
     return ca.atan2(ca.vertcat(*sines), _cosines(q))
 
 

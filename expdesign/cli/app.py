@@ -14,7 +14,9 @@ from typing import Annotated
 import typer
 
 from expdesign.cli.check import check
+from expdesign.cli.design import design
 from expdesign.cli.robots import robots
+from expdesign.cli.run import run
 
 app = typer.Typer(
     name="expdesign",
@@ -54,3 +56,5 @@ def _expdesign(
 
 app.command()(robots)
 app.command()(check)
+app.command()(design)
+app.command()(run)

@@ -8,8 +8,8 @@ from expdesign.cli.output import JsonOption, RunArgument, note, warn, write_json
 def check(run: RunArgument, as_json: JsonOption = False) -> None:
     """Validate a run and print its complete configuration, with every default, in SI units.
 
-    Nothing else is computed but whether the home pose keeps the limits. Warnings, and the pairs of struts that share a joint and are
-    therefore left out of the clearance, go to standard error.
+    Nothing is computed but whether the home pose keeps the limits. Warnings, and the pairs of
+    struts that share a joint and are left out of the clearance, go to standard error.
     """
     import typer
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import partial
 from os import PathLike
 from typing import Any
@@ -13,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from expdesign.configuration import ConfigurationError, Problem, RunConfiguration, load_run
-from expdesign.experiment.result import DesignResult, PredictedPrecision
+from expdesign.experiment.result import DesignResult, PredictedPrecision, whole
 from expdesign.information.catalogue import criteria_by_key
 from expdesign.information.fisher import (
     EXCITABLE,
@@ -217,8 +216,8 @@ def _experiment_precision(
     experiment = configuration.run.experiment
     per_period = trajectory.period * experiment.sampling
     total = int(np.floor(experiment.periods * per_period * (1 + 1e-12)))
-    if abs(per_period - round(per_period)) < 1e-6 * per_period / max(per_period, 1):
-        count = round(per_period)
+    count = whole(per_period)
+    if count is not None:
         information = judge.information(trajectory, count) * experiment.periods
     else:
         motion = trajectory.sample(np.arange(total) / experiment.sampling)
@@ -232,7 +231,7 @@ def _warnings(
 ) -> tuple[str, ...]:
     found = []
     steps = trajectory.period / shop.plan.controller_period
-    if abs(steps - round(steps)) > 1e-6:
+    if whole(steps) is None:
         found.append(
             f"the frequency is fixed, and its period is {steps:.6g} controller steps, not a whole "
             "number: a controller that repeats a table will not repeat this motion exactly"

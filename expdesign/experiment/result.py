@@ -16,6 +16,14 @@ from expdesign.trajectory import FourierTrajectory
 Array = NDArray[np.float64]
 
 
+_WHOLE = 1e-6
+
+
+def whole(value: float) -> int | None:
+    """Return the whole number that a count of samples is, None when it is none."""
+    return round(value) if abs(value - round(value)) < _WHOLE else None
+
+
 @dataclass(frozen=True)
 class PredictedPrecision:
     """Standard deviations of the Gauss–Markov estimates, √diag F⁻¹.

@@ -1,4 +1,4 @@
-"""Fisher information of the parameters, equations (8) to (11) of the paper, and what it predicts."""
+"""Fisher information of the parameters, equations (8) to (11), and what it predicts."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class ScaledInformation:
 
     def eigenvalues(self) -> Array:
         """(m,) eigenvalues of F̃, ascending."""
-        return np.linalg.eigvalsh(self.matrix)
+        return np.asarray(np.linalg.eigvalsh(self.matrix), dtype=np.float64)
 
     def is_singular(self) -> bool:
         """Tell whether F̃ is singular to working precision (see `EXCITABLE`)."""

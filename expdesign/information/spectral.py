@@ -67,7 +67,7 @@ class SpectralCost:
     diagonal : (m, m)
         Positive semidefinite curvature between the diagonal entries of Vᵀ dF V.
     mixing : (m, m)
-        Nonnegative curvature of its off-diagonal entries (Daleckii–Krein differences), zero diagonal.
+        Nonnegative curvature of its off-diagonal entries (Daleckii–Krein), zero diagonal.
     """
 
     value: float

@@ -116,6 +116,29 @@ class InformationCost:
         hessian = own @ cost.diagonal @ own.T + (flat * cost.mixing.ravel()) @ flat.T
         return cost.value, gradient, hessian
 
+    def gradient(self, variables: Array, width: float, level: float) -> tuple[float, Array]:
+        """Return cost and gradient (z,) alone, at half the price of `derivatives`."""
+        basis = self.basis()
+        states = self.variables.states(variables, basis)
+        regressors, slopes = self.kernels.derivative(states, self.geometry, np.array([width]))
+        white = self._whiten(regressors)
+        count, actuators, k = white.shape
+        information = np.tensordot(white, white, axes=([0, 1], [0, 1])) / count
+        cost = spectral_cost(information, self.criterion, level)
+        # tr(∂cost/∂F dF) = Σ 2 (Σ⁻¹ A ∂cost/∂F) : dA, back through whitening and column scales.
+        by_information = (cost.basis * cost.slope) @ cost.basis.T
+        by_regressor = np.zeros(regressors.shape)
+        by_regressor[..., self.columns] = (
+            whitening(self.covariance).T @ (white @ by_information) * self.scaling * (2 / count)
+        )
+        by_state = np.einsum(
+            "nr,nrs->ns",
+            by_regressor.reshape(count, -1),
+            slopes.reshape(count, actuators * regressors.shape[2], -1),
+        )
+        summed = self.variables.accumulate(variables, basis, by_state[:, None, :])
+        return cost.value, summed[0]
+
     def readable(self, cost: float) -> float:
         """Return the criterion that a cost stands for: F over all samples, SI for ``d``."""
         k = self.scaling.size

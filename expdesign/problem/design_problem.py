@@ -157,6 +157,10 @@ class DesignProgram:
         """Return the smoothed criterion, its gradient and Gauss–Newton Hessian."""
         return self._cost.derivatives(x, self._width, self._level)
 
+    def cost_gradient(self, x: Array) -> tuple[float, Array]:
+        """Return the smoothed criterion and its gradient."""
+        return self._cost.gradient(x, self._width, self._level)
+
     def rows(self, x: Array) -> Array:
         """Return the scaled limit rows."""
         values = self._problem.evaluator.values(x, self._rows.phases, self._width)
@@ -207,7 +211,7 @@ def build_problem(
     exact = ExactModel(robot, robot.limits)
     lowest, highest = (2 * np.pi * bound for bound in frequency)
     variables = DesignVariables(
-        harmonics, coordinate_reach(exact, robot.limits) / 2, robot.home, (lowest, highest), highest
+        harmonics, coordinate_reach(exact) / 2, robot.home, (lowest, highest), highest
     )
     columns = np.array([robot.parameter_names.index(name) for name in names], dtype=np.intp)
     cost = InformationCost(

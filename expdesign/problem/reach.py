@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from constraints import Limit
 from expdesign.robot import ExactModel
 
 Array = NDArray[np.float64]
@@ -13,7 +12,7 @@ Array = NDArray[np.float64]
 LARGEST_ANGLE = np.pi / 2
 
 
-def coordinate_reach(model: ExactModel, limits: tuple[Limit, ...]) -> Array:
+def coordinate_reach(model: ExactModel) -> Array:
     """Return (6,) displacements from home, m and rad, that keep the limits at rest.
 
     Each coordinate is moved alone, to both sides, as far as the limits allow; the smaller side

@@ -64,9 +64,7 @@ class DesignVariables:
             ],
             axis=1,
         )
-        return np.append(
-            (table / self.scale[:, None]).ravel(), trajectory.omega / self.omega_scale
-        )
+        return np.append((table / self.scale[:, None]).ravel(), trajectory.omega / self.omega_scale)
 
     def amplitudes(self, variables: Array) -> tuple[Array, float]:
         """Return centre and amplitudes, (6, 2 n + 1), in m and rad, and ω in rad/s."""
@@ -115,7 +113,7 @@ class DesignVariables:
         drift = self.state_slope_to_omega(variables, basis)
         to_omega = np.einsum("nrs,ns->nr", sensitivities, drift)
         return np.concatenate(
-            [linear.reshape(count, rows, -1), to_omega[:, :, None]],
+            [linear.reshape(count, rows, 6 * self.per_coordinate), to_omega[:, :, None]],
             axis=2,
         )
 

@@ -73,7 +73,7 @@ class Judge:
             return self.log_det(information)
         scale = self.scaling[self.columns]
         scaled = information * np.multiply.outer(scale, scale)
-        return self.criterion.value(np.linalg.eigvalsh(scaled))
+        return self.criterion.value(np.asarray(np.linalg.eigvalsh(scaled), dtype=np.float64))
 
     def merit(self, trajectory: FourierTrajectory, samples: int) -> float:
         """Return a number that is larger for better trajectories; −inf for a singular F."""

@@ -37,7 +37,7 @@ class BatchFunction:
     ) -> None:
         # Row-major nonzeros: CasADi stores by columns, NumPy by rows.
         transposed = [output.T for output in outputs]
-        nonzeros = [ca.vertcat(*t.nonzeros()) if t.nnz() else ca.SX(0, 1) for t in transposed]
+        nonzeros = [_nonzeros(t) for t in transposed]
         self._function = ca.Function(name, [*varying, *fixed], nonzeros, {"cse": True})
         self._varying = len(varying)
         self._shapes = [output.shape for output in outputs]
@@ -61,7 +61,8 @@ class BatchFunction:
         results = []
         for k, (rows, columns) in enumerate(self._shapes):
             flat = np.zeros((count, rows * columns))
-            flat[:, self._places[k]] = np.concatenate([piece[k] for piece in pieces])
+            if pieces:
+                flat[:, self._places[k]] = np.concatenate([piece[k] for piece in pieces])
             results.append(flat if columns == 1 else flat.reshape(count, rows, columns))
         return results
 
@@ -75,6 +76,12 @@ class BatchFunction:
             [ca.DM(value.T) for value in varying] + [ca.DM(value) for value in fixed]
         )
         return [value.full().T for value in values]
+
+
+def _nonzeros(expression: ca.SX) -> ca.SX:
+    rows, columns = expression.sparsity().get_triplet()
+    entries = [expression[row, column] for row, column in zip(rows, columns, strict=True)]
+    return ca.vertcat(*entries) if entries else ca.SX(0, 1)
 
 
 def _places(transposed: ca.SX) -> NDArray[np.intp]:

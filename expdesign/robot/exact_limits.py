@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache, cached_property
+from itertools import pairwise
 
 import casadi as ca
 import numpy as np
@@ -62,8 +63,11 @@ class ExactModel:
         values = self.values(states)
         return np.concatenate(
             [
-                np.nan_to_num(limit.violation(values[:, columns]), nan=np.inf, neginf=-np.inf)
-                for limit, columns in zip(self.limits, self.columns(), strict=True)
+                np.empty((len(values), 0)),
+                *(
+                    np.nan_to_num(limit.violation(values[:, columns]), nan=np.inf, neginf=-np.inf)
+                    for limit, columns in zip(self.limits, self.columns(), strict=True)
+                ),
             ],
             axis=1,
         )
@@ -71,4 +75,4 @@ class ExactModel:
     def columns(self) -> list[slice]:
         """Return the columns of each limit in `values`."""
         sizes = np.cumsum([0, *(limit.lower.size for limit in self.limits)])
-        return [slice(a, b) for a, b in zip(sizes[:-1], sizes[1:], strict=True)]
+        return [slice(a, b) for a, b in pairwise(sizes)]

@@ -105,11 +105,11 @@ def _newton(
 
 def _newton_step(jacobian: Array, mismatch: Array) -> Array:
     try:
-        return np.linalg.solve(jacobian, mismatch[:, :, None])[:, :, 0]
+        return np.asarray(np.linalg.solve(jacobian, mismatch[:, :, None])[:, :, 0], np.float64)
     except np.linalg.LinAlgError:
-        return np.stack(
-            [np.linalg.lstsq(j, r, rcond=1e-12)[0] for j, r in zip(jacobian, mismatch, strict=True)]
-        )
+        pairs = zip(jacobian, mismatch, strict=True)
+        steps = [np.linalg.lstsq(j, r, rcond=1e-12)[0] for j, r in pairs]
+        return np.array(steps, dtype=np.float64)
 
 
 def _follow(function: LengthsAndJacobian, lengths: Array, guess: Array) -> tuple[Array, Array]:

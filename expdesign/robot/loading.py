@@ -50,7 +50,7 @@ def robot_from(description: ResolvedRobot) -> Robot:
                 Problem(
                     f"the home pose breaks this limit: {limit.definition.title}{label} is "
                     f"{value:.6g} {limit.unit}",
-                    file=description.source,
+                    file=description.limits[limit.key].file,
                     line=description.limits[limit.key].line,
                     key=f"limits.{limit.key}",
                     allowed=_allowed(limit.lower[row], limit.upper[row], limit.unit),

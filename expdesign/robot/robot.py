@@ -52,7 +52,7 @@ class Robot:
     def of(cls, description: ResolvedRobot) -> Robot:
         """Build a robot from its validated description."""
         home = np.asarray(description.home, dtype=float)
-        rotation = rotation_matrix(ca.DM(home[3:])).full()
+        rotation = ca.evalf(rotation_matrix(ca.SX(home[3:]))).full()
         joints, base = description.platform_joints, description.base_joints
         at_home = home[:3] + joints @ rotation.T
         frames = cardan_frames(base, description.alpha_axes, at_home)
@@ -146,7 +146,9 @@ class Robot:
         poses = solve_pose(function, rows, start)
         return poses[0] if single else poses
 
-    def strut_motion(self, pose: ArrayLike, rate: ArrayLike, acceleration: ArrayLike) -> StrutMotion:
+    def strut_motion(
+        self, pose: ArrayLike, rate: ArrayLike, acceleration: ArrayLike
+    ) -> StrutMotion:
         """Return lengths, cardan angles and their rates of all struts.
 
         Parameters

@@ -21,9 +21,7 @@ def rotation_matrix(angles: ca.SX) -> ca.SX:
         ca.horzcat(
             cphi * spsi + sphi * sthe * cpsi, cphi * cpsi - sphi * sthe * spsi, -sphi * cthe
         ),
-        ca.horzcat(
-            sphi * spsi - cphi * sthe * cpsi, sphi * cpsi + cphi * sthe * spsi, cphi * cthe
-        ),
+        ca.horzcat(sphi * spsi - cphi * sthe * cpsi, sphi * cpsi + cphi * sthe * spsi, cphi * cthe),
     )
 
 

@@ -26,7 +26,9 @@ _STRUTS = range(1, 7)
 
 
 def _derived(prefix: str, per: str, word: str) -> list[Column]:
-    return [Column(f"{prefix}{name}", f"{unit}/{per}", f"{word} of {name}") for name, unit, _ in _POSE]
+    return [
+        Column(f"{prefix}{name}", f"{unit}/{per}", f"{word} of {name}") for name, unit, _ in _POSE
+    ]
 
 
 def _strutwise(prefix: str, unit: str, meaning: str) -> list[Column]:

@@ -134,9 +134,7 @@ def _critical_rows(
     """
     points = grid_points(problem.cost.samples)
     fine = 2 * np.pi * np.arange(points) / points
-    states = problem.variables.states(
-        x, PhaseBasis.at(fine, problem.variables.harmonics)
-    )
+    states = problem.variables.states(x, PhaseBasis.at(fine, problem.variables.harmonics))
     exact = problem.exact.violations(states)
     smooth = problem.smooth_violations(x, fine, stage.width)
     lower, upper = problem.smooth_bounds()
@@ -153,8 +151,6 @@ def _critical_rows(
     used = (regular[:, None] & near) | peaks
     chosen = np.any(used, axis=1)
     return fine[chosen], used[chosen], excess[chosen] + 2 * GRID_MARGIN
-
-
 
 
 def _checked(problem: DesignProblem, x: Array) -> Finished:

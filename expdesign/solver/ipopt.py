@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any, Literal, Protocol
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+
+
+Curvature = Literal["gauss-newton", "limited-memory"]
 
 
 class NonlinearProgram(Protocol):
@@ -28,6 +31,10 @@ class NonlinearProgram(Protocol):
 
     def cost_derivatives(self, x: Array) -> tuple[float, Array, Array]:
         """Return f, its gradient (z,) and a positive semidefinite Hessian (z, z)."""
+        ...
+
+    def cost_gradient(self, x: Array) -> tuple[float, Array]:
+        """Return f and its gradient (z,)."""
         ...
 
     def rows(self, x: Array) -> Array:
@@ -125,7 +132,7 @@ class _Part(ca.Callback):
     def get_sparsity_out(self, i: int) -> ca.Sparsity:
         return self._outputs[i]
 
-    def eval(self, arg: list[ca.DM]) -> list[Any]:
+    def eval(self, arg: Sequence[ca.DM]) -> list[Any]:
         return self._compute(*(value.full().ravel() for value in arg))
 
 
@@ -149,7 +156,7 @@ class _Watch(ca.Callback):
     def get_sparsity_in(self, i: int) -> ca.Sparsity:
         return ca.Sparsity.dense(self._shape[ca.nlpsol_out(i)], 1)
 
-    def eval(self, arg: list[ca.DM]) -> list[Any]:
+    def eval(self, arg: Sequence[ca.DM]) -> list[Any]:
         x = arg[0].full().ravel()
         objective, rows = float(arg[1]), arg[2].full().ravel()
         lower, upper = self.bounds
@@ -164,6 +171,7 @@ def solve_with_ipopt(
     start: Array,
     *,
     options: Mapping[str, Any],
+    curvature: Curvature = "gauss-newton",
     report: Callable[[Iteration, Array], bool] | None = None,
     multipliers: Array | None = None,
 ) -> IpoptResult:
@@ -176,6 +184,9 @@ def solve_with_ipopt(
         Initial variables.
     options : mapping
         Ipopt's own options (without the prefix ``ipopt.``).
+    curvature : {"gauss-newton", "limited-memory"}
+        Hessian of the Lagrangian: the cost's own positive semidefinite one, without the rows'
+        curvature; or Ipopt's limited-memory quasi-Newton approximation of the whole.
     report : callable, optional
         Called once per iteration with the iterate; False stops the solver.
     multipliers : (r,), optional
@@ -189,7 +200,10 @@ def solve_with_ipopt(
         return [memory.at("f", x, program.cost)]
 
     def gradient(x: Array, _p: Array) -> list[Any]:
-        value, slope, _ = memory.at("grad_f", x, program.cost_derivatives)
+        if curvature == "limited-memory":
+            value, slope = memory.at("grad_f", x, program.cost_gradient)
+        else:
+            value, slope, _ = memory.at("grad_f", x, program.cost_derivatives)
         return [value, slope]
 
     def rows(x: Array, _p: Array) -> list[Any]:
@@ -222,6 +236,8 @@ def solve_with_ipopt(
     watch = _Watch(size, count, report or (lambda _iteration, _x: True))
     watch.bounds = (program.row_lower, program.row_upper)
     settings = {f"ipopt.{key}": value for key, value in options.items()}
+    if curvature == "limited-memory":
+        settings["ipopt.hessian_approximation"] = "limited-memory"
     solver = ca.nlpsol(
         "design",
         "ipopt",

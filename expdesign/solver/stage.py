@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from expdesign.problem import DesignProblem, DesignProgram
-from expdesign.solver.ipopt import IpoptResult, Iteration, solve_with_ipopt
+from expdesign.solver.ipopt import Curvature, IpoptResult, Iteration, solve_with_ipopt
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -55,6 +55,8 @@ class Stage:
         Half-width of the box about the stage's start, in scaled variables.
     iterations : int
         Most iterations.
+    curvature : {"gauss-newton", "limited-memory"}
+        See `solve_with_ipopt`.
     """
 
     name: str
@@ -65,6 +67,7 @@ class Stage:
     near: float
     radius: float | None
     iterations: int
+    curvature: Curvature = "gauss-newton"
 
 
 @dataclass(frozen=True)
@@ -156,7 +159,7 @@ def solve_best(
         return report(done + iteration.number, iteration.objective, iteration.violation)
 
     options = {**IPOPT_OPTIONS, "max_iter": stage.iterations}
-    result = solve_with_ipopt(program, x, options=options, report=watch)
+    result = solve_with_ipopt(program, x, options=options, curvature=stage.curvature, report=watch)
     return result, result.x if result.converged else best.x
 
 

@@ -155,7 +155,7 @@ def test_bad_robots(expdesign, run_file, case):
     status, out, err = expdesign("check", run_file(robot=robot))
     assert (status, out) == (2, "")
     assert says in err
-    assert err.count("error: ") == (4 if case == "home breaks a limit" else 1)
+    assert err.count("error: ") == 1
 
 
 def test_home_outside_a_limit_of_the_run(expdesign, run_file):

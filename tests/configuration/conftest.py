@@ -5,7 +5,7 @@ from hypothesis import settings
 
 from expdesign.configuration import ConfigurationError, load_robot_description, load_run
 
-# A loaded machine is no reason to fail.
+# How long an example takes is not what is tested.
 settings.register_profile("without deadline", deadline=None)
 settings.load_profile("without deadline")
 

@@ -24,7 +24,7 @@ class ConditionNumber:
         return float(np.max(eigenvalues) / np.min(eigenvalues))
 
     def cost(self, logs: Array, level: float) -> tuple[float, Array, Array]:
-        """Return the surrogate for p = level with its derivatives with respect to the logarithms."""
+        """Return the surrogate for p = level and its derivatives to the logarithms."""
         high, high_slope, high_curvature = log_sum_exp(logs, level)
         low, low_slope, low_curvature = log_sum_exp(logs, -level)
         return (

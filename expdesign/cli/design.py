@@ -1,0 +1,158 @@
+"""`expdesign design`: the optimal excitation trajectory of a run, in its run folder."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from expdesign.cli.errors import CommandFailed
+from expdesign.cli.output import JsonOption, RunArgument, messages, results, short, warn, write_json
+
+if TYPE_CHECKING:
+    from expdesign.configuration import RunConfiguration
+    from expdesign.experiment import DesignResult
+
+_AT_BOUND = -1e-3
+
+OutOption = Annotated[
+    Path | None,
+    typer.Option("--out", metavar="DIR", help="Run folder; runs/<name> by default."),
+]
+
+
+def design(run: RunArgument, out: OutOption = None, as_json: JsonOption = False) -> None:
+    """Design the optimal excitation trajectory.
+
+    Writes the resolved configuration, design.json, trajectory.csv, tables and figures. Ctrl-C
+    ends the search and keeps the best so far, marked.
+    """
+    from expdesign.configuration import load_run
+
+    configuration = load_run(run)
+    design_stage(configuration, run_folder(configuration, out), as_json=as_json)
+
+
+def run_folder(configuration: RunConfiguration, out: Path | None) -> Path:
+    """Return the run folder: what the user asked for, or runs/<name> in the current folder."""
+    return (out or Path("runs") / configuration.run.name).absolute()
+
+
+def design_stage(configuration: RunConfiguration, folder: Path, *, as_json: bool) -> None:
+    """Design, write the run folder and say what came out.
+
+    Raises
+    ------
+    CommandFailed
+        No design, an interrupted one, or one that breaks a limit.
+    """
+    from expdesign.cli.stages import record_stage
+    from expdesign.experiment import design as compute
+    from expdesign.experiment.output import write_design
+    from results import design_figures
+
+    for warning in configuration.warnings:
+        warn(warning)
+    display = _display(configuration)
+    with record_stage("design", configuration, folder) as stage:
+        with display.shown():
+            result = _computed(compute, configuration, display)
+        stage.files = write_design(result, folder)
+        stage.files += design_figures(folder)
+        stage.status = "done" if result.passed else result.status
+        stage.message = result.search.best.status
+    summary = _summary(result, folder)
+    for warning in result.warnings[len(configuration.warnings) :]:
+        warn(warning)
+    if result.passed:
+        if as_json:
+            write_json({"status": 0, **summary})
+        else:
+            _show(result, folder)
+        return
+    raise CommandFailed(_what_is_wrong(result, folder), summary)
+
+
+def _computed(compute: Any, configuration: RunConfiguration, display: Any) -> DesignResult:
+    from expdesign.information.fisher import SingularInformationError
+    from expdesign.solver import InfeasibleLimitsError, NoDesignError
+
+    try:
+        result: DesignResult = compute(configuration, display)
+    except SingularInformationError as error:
+        names = ", ".join(error.unexcited)
+        raise CommandFailed(
+            f"the limits do not let these parameters be excited: {names}. Restrict "
+            "design.parameters to the others, or widen speed, acceleration or workspace.",
+            {"unexcited": list(error.unexcited)},
+        ) from error
+    except (InfeasibleLimitsError, NoDesignError) as error:
+        raise CommandFailed(str(error)) from error
+    return result
+
+
+def _display(configuration: RunConfiguration) -> Any:
+    from expdesign.cli.live import SearchDisplay
+    from expdesign.information.catalogue import criteria_by_key
+
+    section = configuration.run.design
+    criterion = criteria_by_key()[section.criterion]
+    total = section.starts + (section.hops if section.search == "hopping" else 0)
+    return SearchDisplay(
+        messages(), criterion.title, total, larger_is_better=criterion.larger_is_better
+    )
+
+
+def _summary(result: DesignResult, folder: Path) -> dict[str, Any]:
+    return {
+        "folder": str(folder),
+        "design_status": result.status,
+        "log_det_information": result.log_det_information,
+        "criterion_value": result.criterion_value,
+        "worst_violation": result.check.worst,
+        "seconds": result.seconds,
+        "warnings": list(result.warnings),
+    }
+
+
+def _what_is_wrong(result: DesignResult, folder: Path) -> str:
+    if result.status == "interrupted":
+        return f"interrupted: the best so far is saved, and marked, in {short(folder)}"
+    broken = [check for check in result.check.limits if check.violation > 0]
+    parts = [
+        f"{check.key} ({check.row}: {check.value:.6g} {check.unit} at {check.time:.4g} s, bound "
+        f"{check.bound:.6g}, {check.violation:.2g} of its range)"
+        for check in sorted(broken, key=lambda check: -check.violation)
+    ]
+    return f"the design breaks {'; '.join(parts)}. It is saved, and marked, in {short(folder)}"
+
+
+def _show(result: DesignResult, folder: Path) -> None:
+    from rich.table import Table
+
+    console = results()
+    trajectory = result.trajectory
+    console.print(
+        f"{result.configuration.run.name}: {result.status} in {result.seconds:.0f} s. "
+        f"log det F = {result.log_det_information:.4f} over {result.samples} samples of one "
+        f"period of {trajectory.period:.4f} s."
+    )
+    limits = Table(title="Limits over the whole period (unsmoothed model)", title_justify="left")
+    for head in ("limit", "where", "worst", "bound", "unit", "left"):
+        limits.add_column(head, justify="left" if head in {"limit", "where", "unit"} else "right")
+    for check in result.check.limits:
+        limits.add_row(
+            check.key,
+            check.row,
+            f"{check.value:.5g}",
+            f"{check.bound:.5g}",
+            check.unit,
+            _left(check.violation),
+        )
+    console.print(limits)
+    console.print(f"written to {short(folder)}")
+
+
+def _left(violation: float) -> str:
+    return "at the bound" if violation > _AT_BOUND else f"{-100 * violation:.1f} % free"

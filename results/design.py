@@ -1,0 +1,34 @@
+"""Everything that is shown of a design run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from results.figures.design.catalogue import DESIGN_FIGURES
+from results.figures.saving import save_figures
+from results.record import DesignRecord
+
+
+def design_figures(folder: Path) -> tuple[Path, ...]:
+    """Draw the figures of a design into ``figures/`` of its run folder.
+
+    Parameters
+    ----------
+    folder : Path
+        A run folder with `run.yaml`, `design.json`, `trajectory.csv` and the tables
+        `convergence`, `limits`, `parameters` and `eigenvalues`. Nothing else is read.
+
+    Returns
+    -------
+    tuple of Path
+        Each figure as PNG and SVG. The same folder gives the same bytes.
+
+    Raises
+    ------
+    RunFolderError
+        A file is missing (`MissingFileError`) or does not hold what it should.
+    ConfigurationError
+        `run.yaml` is not a valid run.
+    """
+    record = DesignRecord.load(Path(folder))
+    return save_figures(DESIGN_FIGURES, record, record.folder / "figures")

@@ -1,0 +1,1 @@
+"""The figures of a design: every module declares one as ``FIGURE``."""

@@ -1,0 +1,137 @@
+"""How the search went: objective and violation over the iterations of all starts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from numpy.typing import NDArray
+
+from expdesign.information.catalogue import criteria_by_key
+from results.figures.definition import FigureDefinition
+from results.reading.traces import Trace
+from results.record import DesignRecord
+from results.style import EMPHASIS, GREY, INK, ORANGE, new_figure
+
+Array = NDArray[np.float64]
+
+FLOOR = 1e-6
+"""Smaller violations are drawn here: the recheck counts such a limit as kept."""
+_SETTLED = 0.1
+"""The scale of the objective leaves out this first part of every start."""
+_LOGARITHMIC = 50.0
+"""Objectives that differ by more than this factor get a logarithmic axis."""
+
+_BEST, _OTHER, _HOP = "best", "starts", "hops"
+_LOOK: dict[str, dict[str, Any]] = {
+    _BEST: {"color": EMPHASIS, "linewidth": 1.5, "zorder": 3},
+    _OTHER: {"color": GREY, "linewidth": 0.8, "zorder": 2},
+    _HOP: {"color": ORANGE, "linewidth": 0.6, "alpha": 0.6, "zorder": 1.9},
+}
+
+
+def draw(record: DesignRecord) -> Figure:
+    """Draw all starts, the one that the design came from in front."""
+    figure = new_figure(4.4)
+    objective, violation = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
+    roles = [_role(trace, record.summary.best_start) for trace in record.traces]
+    for trace, role in zip(record.traces, roles, strict=True):
+        objective.plot(trace.iteration, trace.objective, **_LOOK[role])
+        violation.plot(trace.iteration, np.fmax(trace.violation, FLOOR), **_LOOK[role])
+        if role == _BEST:
+            _mark_stages(objective, trace)
+    value_line = _objective_axis(objective, record)
+    violation.set_yscale("log")
+    violation.set_ylim(bottom=FLOOR / 2)
+    violation.set_title("Largest violation of a limit")
+    violation.set_ylabel("Share of its range (1)")
+    violation.set_xlabel("Iteration of the start")
+    if not record.traces:
+        objective.text(
+            0.5, 0.5, "no iterations were recorded", transform=objective.transAxes, ha="center"
+        )
+    violation.set_xlim(left=0)
+    handles = [
+        Line2D([], [], **_LOOK[role], label=_label(role, roles, record.summary.best_start))
+        for role in _LOOK
+        if role in roles
+    ] + value_line
+    if handles:
+        figure.legend(handles=handles, loc="outside upper center", ncols=len(handles))
+    figure.align_ylabels()
+    return figure
+
+
+def _role(trace: Trace, best: int | None) -> str:
+    if trace.start == best:
+        return _BEST
+    return _HOP if trace.is_hop else _OTHER
+
+
+def _label(role: str, roles: Sequence[str], best: int | None) -> str:
+    if role == _BEST:
+        return f"best: start {best}"
+    count = roles.count(role)
+    noun = {_OTHER: "start", _HOP: "hop"}[role]
+    return f"{count} other {noun}{'s' * (count != 1)}" if role == _OTHER else f"{count} {noun}s"
+
+
+def _mark_stages(axes: Axes, trace: Trace) -> None:
+    """Mark where the best start entered each stage of the continuation."""
+    for k, stage in enumerate(trace.stages):
+        if k and stage == trace.stages[k - 1]:
+            continue
+        axes.axvline(trace.iteration[k], color=EMPHASIS, linewidth=0.6, alpha=0.5, zorder=1)
+        axes.annotate(
+            stage,
+            (trace.iteration[k], 1.0),
+            xycoords=("data", "axes fraction"),
+            xytext=(0, 2),
+            textcoords="offset points",
+            color=EMPHASIS,
+            fontsize="small",
+        )
+
+
+def _objective_axis(axes: Axes, record: DesignRecord) -> list[Line2D]:
+    """Name the axis, scale it to what matters; draw and return the written design's value."""
+    summary = record.summary
+    criterion = criteria_by_key().get(summary.criterion)
+    title = summary.criterion if criterion is None else criterion.title
+    scaling = {"si": "SI units", "nominal": "nominal scaling"}.get(summary.scaling, summary.scaling)
+    invariant = criterion is not None and criterion.invariant
+    axes.set_title("Objective, smoothed as the optimiser sees it", pad=13)
+    axes.set_ylabel(f"{title} ({'SI units' if invariant else scaling})")
+    settled = _settled(record.traces)
+    value = summary.criterion_value
+    shown = settled if value is None else np.append(settled, value)
+    if shown.size and np.min(shown) > 0 and np.max(shown) > _LOGARITHMIC * np.min(shown):
+        axes.set_yscale("log")
+        axes.set_ylim(np.min(shown) / 1.5, np.max(shown) * 1.5)
+    elif shown.size:
+        air = 0.06 * (np.ptp(shown) or 1.0)
+        axes.set_ylim(np.min(shown) - air, np.max(shown) + air)
+    if value is None:
+        return []
+    label = f"written design: {value:.5g}"
+    return [axes.axhline(value, color=INK, linewidth=0.9, dashes=(4, 2), zorder=4, label=label)]
+
+
+def _settled(traces: Sequence[Trace]) -> Array:
+    parts = [
+        trace.objective[int(_SETTLED * trace.objective.size) :] for trace in traces
+    ]
+    values = np.concatenate(parts) if parts else np.array([])
+    return values[np.isfinite(values)]
+
+
+FIGURE = FigureDefinition(
+    key="convergence",
+    caption="Objective (smoothed friction, as the optimiser sees it) and largest violation of a "
+    "limit over the iterations of all starts.",
+    draw=draw,
+)

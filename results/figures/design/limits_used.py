@@ -1,0 +1,138 @@
+"""How much of every limit the design uses."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from constraints import limit_definitions
+from expdesign.recheck import TOLERANCE
+from results.figures.definition import FigureDefinition
+from results.figures.legends import legend_above
+from results.reading.limit_checks import LimitCheck
+from results.record import DesignRecord
+from results.style import ALERT, EMPHASIS, INK, SECOND, new_figure
+from results.units import DisplayUnit, handy_unit
+
+_ACTIVE = 99.0
+"""From this share on, %, a limit counts as one that holds the design back."""
+_MOST = 130.0
+_COLUMNS = (6.0, 86.0)
+"""Of the texts beside the bars, points."""
+
+_BROKEN, _FULL, _FREE = "broken", f"at least {_ACTIVE:g} % used", "less"
+_LOOK: dict[str, dict[str, Any]] = {
+    _BROKEN: {"color": ALERT},
+    _FULL: {"color": EMPHASIS},
+    _FREE: {"color": SECOND},
+}
+
+
+def draw(record: DesignRecord) -> Figure:
+    """Draw one bar per limit, the fullest on top, with the worst moment beside it."""
+    worst = _worst_of_each(record.checks)
+    share = np.array([100 * share_used(check) for check in worst])
+    order = np.argsort(-np.nan_to_num(share, nan=np.inf), kind="stable")
+    worst, share = [worst[k] for k in order], share[order]
+    figure = new_figure(0.9 + 0.27 * max(len(worst), 2))
+    axes = figure.subplots()
+    if not worst:
+        axes.text(0.5, 0.5, "this run has no limits", transform=axes.transAxes, ha="center")
+    most = max(100.0, min(float(np.nanmax(share, initial=0.0)), _MOST))
+    drawn = np.clip(np.nan_to_num(share, nan=most), 0, most)
+    position = np.arange(len(worst), dtype=float)
+    state = np.array([_state(check) for check in worst])
+    handles = []
+    for name, look in _LOOK.items():
+        rows = state == name
+        if np.any(rows):
+            handles.append(axes.barh(position[rows], drawn[rows], height=0.62, label=name, **look))
+    axes.axvline(100, color=INK, linewidth=0.9)
+    axes.set_xlim(0, most)
+    for k, check in enumerate(worst):
+        colour = ALERT if state[k] == _BROKEN else INK
+        _beside(axes, position[k], _COLUMNS[0], _amount(check), colour)
+        _beside(axes, position[k], _COLUMNS[1], _moment(check), colour)
+    axes.set_yticks(position, [_title(check) for check in worst])
+    axes.invert_yaxis()
+    axes.tick_params(axis="y", length=0)
+    axes.grid(visible=False, axis="y")
+    axes.set_xlabel("Share of the limit used at its worst moment (%)")
+    if handles:
+        legend_above(axes, handles)
+    return figure
+
+
+def _state(check: LimitCheck) -> str:
+    if not check.violation <= TOLERANCE:
+        return _BROKEN
+    return _FULL if 100 * share_used(check) >= _ACTIVE else _FREE
+
+
+def _beside(axes: Axes, row: float, offset: float, text: str, colour: str) -> None:
+    """Write a text right of the axes, in points from their edge."""
+    axes.annotate(
+        text,
+        (1.0, row),
+        xycoords=("axes fraction", "data"),
+        xytext=(offset, 0),
+        textcoords="offset points",
+        va="center",
+        fontsize="small",
+        color=colour,
+        annotation_clip=False,
+    )
+
+
+def share_used(check: LimitCheck) -> float:
+    """Return how much of a limit is used: 0 at rest in the middle, 1 at the bound.
+
+    Two-sided limits are measured from the middle of their range, upper bounds from zero; of a
+    lower bound, the share is bound / value.
+    """
+    definition = limit_definitions().get(check.key)
+    kind = "upper" if definition is None else definition.kind
+    if kind in ("interval", "symmetric"):
+        return 1 + 2 * check.violation
+    if kind == "lower" and check.bound > 0 and check.value > 0:
+        return check.bound / check.value
+    return 1 + check.violation
+
+
+def _worst_of_each(checks: tuple[LimitCheck, ...]) -> list[LimitCheck]:
+    """Return the worst row of every limit, in case a table holds several."""
+    found: dict[str, LimitCheck] = {}
+    for check in checks:
+        if check.key not in found or check.violation > found[check.key].violation:
+            found[check.key] = check
+    return list(found.values())
+
+
+def _title(check: LimitCheck) -> str:
+    definition = limit_definitions().get(check.key)
+    title = check.key.replace("_", " ") if definition is None else definition.title
+    return title[:1].upper() + title[1:]
+
+
+def _amount(check: LimitCheck) -> str:
+    unit = handy_unit(check.unit, [check.bound])
+    number = DisplayUnit("", unit.factor).quantity(check.value)
+    definition = limit_definitions().get(check.key)
+    word = "over" if definition is not None and definition.kind == "lower" else "of"
+    return f"{number} {word} {unit.quantity(check.bound)}"
+
+
+def _moment(check: LimitCheck) -> str:
+    time = f"at {check.time:.2f} s" if np.isfinite(check.time) else ""
+    return ", ".join(part for part in (check.row, time) if part)
+
+
+FIGURE = FigureDefinition(
+    key="limits_used",
+    caption="Share of every limit that the design uses at its worst moment, with value, bound, "
+    "place and time.",
+    draw=draw,
+)

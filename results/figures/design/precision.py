@@ -1,0 +1,116 @@
+"""Predicted standard deviation of every parameter, relative to its nominal value."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter
+from numpy.typing import NDArray
+
+from results.figures.definition import FigureDefinition
+from results.figures.legends import legend_above
+from results.record import DesignRecord
+from results.style import ALERT, EMPHASIS, MUTED, SECOND, new_figure
+from results.symbols import symbol
+
+Array = NDArray[np.float64]
+
+IDENTIFIABLE = 50.0
+"""A parameter counts as identified below this standard deviation, % of its scale."""
+_WIDTH = 0.38
+
+
+def draw(record: DesignRecord) -> Figure:
+    """Draw two bars per parameter, one period and the whole experiment, on a logarithmic axis."""
+    precision, summary = record.precision, record.summary
+    periods = summary.experiment_periods
+    series = (
+        (
+            f"one period ({_count(summary.samples)} samples)",
+            precision.percent_per_period,
+            SECOND,
+            -_WIDTH / 2,
+        ),
+        (
+            f"experiment ({periods} period{'s' * (periods != 1)}, "
+            f"{_count(summary.experiment_samples)} samples)",
+            precision.percent_experiment,
+            EMPHASIS,
+            _WIDTH / 2,
+        ),
+    )
+    figure = new_figure(3.3)
+    axes = figure.subplots()
+    position = np.arange(len(precision.names), dtype=float)
+    floor = _scale(axes, np.concatenate([series[0][1], series[1][1]]))
+    handles = []
+    for label, percent, colour, shift in series:
+        known = np.isfinite(percent) & (percent > 0)
+        handles.append(
+            axes.bar(
+                position[known] + shift,
+                percent[known] - floor,
+                width=_WIDTH,
+                bottom=floor,
+                color=colour,
+                label=label,
+                zorder=2,
+            )
+        )
+    for k in np.flatnonzero(~np.isfinite(series[0][1]) & ~np.isfinite(series[1][1])):
+        reason = "nominal value 0" if precision.nominal[k] == 0 else "not designed for"
+        axes.text(
+            position[k],
+            0.03,
+            reason,
+            transform=axes.get_xaxis_transform(),
+            rotation=90,
+            ha="center",
+            va="bottom",
+            color=MUTED,
+            fontsize="small",
+        )
+    axes.axhline(IDENTIFIABLE, color=ALERT, linewidth=1.0, zorder=3)
+    axes.annotate(
+        f"{IDENTIFIABLE:g} %\nidentifiable\nbelow",
+        (1.0, IDENTIFIABLE),
+        xycoords=("axes fraction", "data"),
+        xytext=(4, 0),
+        textcoords="offset points",
+        va="center",
+        color=ALERT,
+        fontsize="small",
+        annotation_clip=False,
+    )
+    axes.set_xticks(position, [symbol(name) for name in precision.names])
+    axes.tick_params(axis="x", length=0)
+    axes.grid(visible=False, axis="x")
+    axes.set_xlim(-0.7, len(precision.names) - 0.3)
+    axes.set_xlabel("Parameter")
+    axes.set_ylabel("Standard deviation / |nominal| (%)")
+    axes.set_title("Predicted precision")
+    legend_above(axes, handles)
+    return figure
+
+
+def _scale(axes: Axes, percent: Array) -> float:
+    """Set the logarithmic axis; return where the bars begin."""
+    shown = np.append(percent[np.isfinite(percent) & (percent > 0)], IDENTIFIABLE)
+    floor = 10.0 ** np.floor(np.log10(np.min(shown) / 1.5))
+    axes.set_yscale("log")
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.set_ylim(floor, 2.0 * np.max(shown))
+    return float(floor)
+
+
+def _count(number: int) -> str:
+    return f"{number:,}".replace(",", "\u202f")
+
+
+FIGURE = FigureDefinition(
+    key="precision",
+    caption="Predicted standard deviation of every parameter relative to its nominal value, over "
+    "one period of the design and over the whole experiment.",
+    draw=draw,
+)
