@@ -38,7 +38,12 @@ INK = "#222222"
 MUTED = "#6b6b6b"
 FAINT = "#b8b8b8"
 GREY = "#8f8f8f"
-FORBIDDEN = {"facecolor": "#f4f4f4", "edgecolor": "#cfcfcf", "hatch": "/////", "linewidth": 0.0}
+FORBIDDEN: dict[str, Any] = {
+    "facecolor": "#f4f4f4",
+    "edgecolor": "#cfcfcf",
+    "hatch": "/////",
+    "linewidth": 0.0,
+}
 """Area beyond a limit."""
 
 STYLE: dict[str, Any] = {
@@ -91,12 +96,12 @@ STYLE: dict[str, Any] = {
 @contextmanager
 def house_style() -> Iterator[None]:
     """Draw and save in the project's style, whatever the user's own settings are."""
-    untouched = {
+    settings: dict[Any, Any] = {
         key: mpl.rcParamsDefault[key]
         for key in mpl.rcParamsDefault
         if not key.startswith(("backend", "interactive", "toolbar"))
     }
-    with mpl.rc_context({**untouched, **STYLE}):
+    with mpl.rc_context(settings | STYLE):
         yield
 
 

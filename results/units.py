@@ -34,11 +34,19 @@ class DisplayUnit:
         """Return the text of an axis: ``"Strut length (mm)"``."""
         return f"{text} ({self.symbol})" if self.symbol else text
 
+    def number(self, value: float, digits: int = 4) -> str:
+        """Return one SI value as text, without the unit: ``"450"``."""
+        return plain_number(self.factor * value, digits)
+
     def quantity(self, value: float, digits: int = 4) -> str:
-        """Return one SI value as text, with its unit: ``"450 mm"``."""
-        number = f"{self.factor * value:.{digits}g}".replace("-", "−")
+        """Return one SI value as text, with the unit: ``"450 mm"``."""
         space = "" if self.symbol in ("", "°") else " "
-        return f"{number}{space}{self.symbol}"
+        return f"{self.number(value, digits)}{space}{self.symbol}"
+
+
+def plain_number(value: float, digits: int = 4) -> str:
+    """Return a number with a true minus sign."""
+    return f"{value:.{digits}g}".replace("-", "−")
 
 
 # By SI unit, from large to small: the smallest magnitude for which each unit is taken.

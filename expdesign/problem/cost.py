@@ -122,7 +122,7 @@ class InformationCost:
         states = self.variables.states(variables, basis)
         regressors, slopes = self.kernels.derivative(states, self.geometry, np.array([width]))
         white = self._whiten(regressors)
-        count, actuators, k = white.shape
+        count, actuators, _ = white.shape
         information = np.tensordot(white, white, axes=([0, 1], [0, 1])) / count
         cost = spectral_cost(information, self.criterion, level)
         # tr(∂cost/∂F dF) = Σ 2 (Σ⁻¹ A ∂cost/∂F) : dA, back through whitening and column scales.

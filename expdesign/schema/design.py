@@ -59,8 +59,7 @@ class DesignSection(Section):
         Falling widths of the smoothed friction sign, a strut speed in m/s: the problem is
         solved with the first, then, from that solution, with the next.
     max_iterations : int
-        Of the solver, for one start at the first smoothing width; half of it for each further
-        round.
+        Of each solve: one per smoothing width, a second one where limits had to be added.
     max_seconds : float or None
         Time for all starts, s.
     """
@@ -78,8 +77,8 @@ class DesignSection(Section):
     ] = None
     smoothing: Annotated[
         tuple[Annotated[Speed, Positive], ...], at_least(1, "widths"), AfterValidator(_falling)
-    ] = (0.4, 0.1)
-    max_iterations: Annotated[int, whole(1, _LARGEST_COUNT)] = 120
+    ] = (0.4, 0.2, 0.1)
+    max_iterations: Annotated[int, whole(1, _LARGEST_COUNT)] = 80
     max_seconds: Annotated[Duration, Positive] | None = None
 
     @field_serializer("parameters")

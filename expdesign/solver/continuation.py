@@ -29,8 +29,10 @@ def continuation_stages(
 ) -> list[Stage]:
     """Return the stages of one start.
 
-    The first one holds every limit on a coarse grid with blunt friction: it finds the basin.
-    The others start from its result, so that only rows near their bounds need to be in the NLP.
+    The first one holds every limit on a coarse grid with blunt friction and the cost's own
+    curvature: it finds the basin. The others start from its result, so that only rows near their
+    bounds need to be in the NLP, and approximate the curvature of the whole Lagrangian: there the
+    active limits decide, and they converge where the cost's curvature alone does not (measured).
     A criterion with a surrogate is sharpened over the stages; its last levels follow at the last
     width.
 
@@ -40,27 +42,39 @@ def continuation_stages(
     widths : sequence of float
         Decreasing smoothing widths of dry friction, m/s.
     iterations : int
-        Most iterations of a start's first stage; later ones get half.
+        Most iterations of each solve.
     """
     n, samples = problem.variables.harmonics, problem.cost.samples
     levels = problem.criterion.levels
+    coarse, fine = coarse_points(n), fine_points(n)
     count = max(len(widths), len(levels))
-    stages = []
-    for k in range(count):
-        width = widths[min(k, len(widths) - 1)]
-        level = levels[min(k, len(levels) - 1)]
-        first = k == 0
-        points = coarse_points(n) if first else fine_points(n)
+    stages = [
+        Stage(
+            name="blunt",
+            width=widths[0],
+            level=levels[0],
+            samples=min(samples, coarse),
+            points=coarse,
+            near=_EVERYTHING,
+            radius=None,
+            iterations=iterations,
+        )
+    ]
+    for k in range(1, max(count, 2)):
+        # The grid goes from coarse to fine, the rows from many to those near their bounds.
+        share = min(k, len(widths) - 1) / max(len(widths) - 1, 1)
+        points = round(coarse + share * (fine - coarse))
         stages.append(
             Stage(
-                name="blunt" if first else "sharp",
-                width=width,
-                level=level,
+                name="sharp",
+                width=widths[min(k, len(widths) - 1)],
+                level=levels[min(k, len(levels) - 1)],
                 samples=min(samples, points),
                 points=points,
-                near=_EVERYTHING if first else _NEAR,
-                radius=None if first else _RADIUS,
-                iterations=iterations if first else iterations // 2,
+                near=_NEAR * (2 - share),
+                radius=_RADIUS,
+                iterations=iterations,
+                curvature="limited-memory",
             )
         )
     return stages
@@ -78,5 +92,6 @@ def finish_stage(problem: DesignProblem, widths: Sequence[float], iterations: in
         points=points,
         near=_FINISH_NEAR,
         radius=_FINISH_RADIUS,
-        iterations=max(10, iterations // 4),
+        iterations=max(10, iterations // 2),
+        curvature="limited-memory",
     )

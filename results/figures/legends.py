@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.container import Container
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
@@ -21,20 +22,19 @@ def strut_legend(figure: Figure) -> None:
     figure.legend(handles=handles, loc="outside upper center", ncols=len(handles))
 
 
-def legend_above(axes: Axes, handles: Sequence[Artist] | None = None) -> None:
+def legend_above(axes: Axes, handles: Sequence[Artist | Container]) -> None:
     """Put a panel's legend on its upper edge, at the right end of the title's line.
 
     Parameters
     ----------
     axes : Axes
-    handles : sequence of Artist, optional
-        With their labels; by default everything in the panel that has a label.
+    handles : sequence of Artist or Container
+        With their labels.
     """
-    shown = list(axes.get_legend_handles_labels()[0] if handles is None else handles)
     axes.legend(
-        handles=shown,
+        handles=list(handles),
         loc="lower right",
         bbox_to_anchor=(1.0, 1.0),
-        ncols=max(1, len(shown)),
+        ncols=max(1, len(handles)),
         borderaxespad=0.25,
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,8 +15,10 @@ from results.units import DisplayUnit, handy_unit
 
 Array = NDArray[np.float64]
 
-_FARTHEST = 2.5
-"""A bound that is farther from the curves than this many of their spans is not in view."""
+_SHARE = 6.0
+"""Limits are in view when their range is at most this many spans of the curves …"""
+_NEAR = 1.0
+"""… and each of them when it is at most this many spans away."""
 _BAND = 0.11
 """Height of the forbidden area in view, as a share of what lies between."""
 _AIR = 0.06
@@ -69,7 +72,6 @@ def limited_panel(
     unit = handy_unit(quantity.unit, finite[np.isfinite(finite)])
     for j, colour in enumerate(STRUT_COLOURS):
         axes.plot(time, unit.shown(values[:, j]), color=colour, label=f"strut {j + 1}")
-    axes.set_xlim(time[0], time[-1])
     axes.set_title(quantity.title)
     axes.set_ylabel(unit.label(quantity.label))
     _show_bounds(axes, unit, values, lower, upper)
@@ -78,30 +80,32 @@ def limited_panel(
 def _show_bounds(axes: Axes, unit: DisplayUnit, values: Array, lower: Array, upper: Array) -> None:
     low, high = float(np.min(values)), float(np.max(values))
     span = (high - low) or max(abs(high), 1.0) * 1e-3
-    sides = {
-        "below": (lower, float(np.min(lower)), low - float(np.min(lower))),
-        "above": (upper, float(np.max(upper)), float(np.max(upper)) - high),
-    }
-    seen = {side: gap <= _FARTHEST * span for side, (_, _, gap) in sides.items()}
-    bottom = min(low, sides["below"][1]) if seen["below"] else low
-    top = max(high, sides["above"][1]) if seen["above"] else high
+    least, most = float(np.min(lower)), float(np.max(upper))
+    near = most - least <= _SHARE * span
+    below = near or low - least <= _NEAR * span
+    above = near or most - high <= _NEAR * span
+    bottom, top = min(low, least) if below else low, max(high, most) if above else high
     height = top - bottom
-    edges = {
-        "below": bottom - (_BAND if seen["below"] else _AIR) * height,
-        "above": top + (_BAND if seen["above"] else _AIR) * height,
-    }
-    for side, (bounds, widest, _) in sides.items():
-        if seen[side]:
-            _forbid(axes, unit, bounds, widest, edges[side])
-    axes.set_ylim(*unit.shown([edges["below"], edges["above"]]))
-    hidden = [
-        _bounds_text(unit, bounds)
-        for side, (bounds, widest, _) in sides.items()
-        if np.isfinite(widest) and not seen[side]
-    ]
+    bottom -= height * (_BAND if below else _AIR)
+    top += height * (_BAND if above else _AIR)
+    axes.set_ylim(*unit.shown([bottom, top]))
+    hidden = []
+    for bounds, widest, edge, seen in ((lower, least, bottom, below), (upper, most, top, above)):
+        if seen:
+            _forbid(axes, unit, bounds, widest, edge)
+        elif np.isfinite(widest):
+            hidden.append(widest)
     if hidden:
-        text = f"out of view: {' and '.join(hidden)}"
+        text = f"{_hidden_text(unit, hidden)} not in view"
         axes.set_title(text, loc="right", fontsize="small", fontweight="normal", color=MUTED)
+
+
+def _hidden_text(unit: DisplayUnit, bounds: Sequence[float]) -> str:
+    if len(bounds) == 1:
+        return f"limit {unit.quantity(bounds[0])}"
+    if bounds[0] == -bounds[1]:
+        return f"limits ±{unit.quantity(bounds[1])}"
+    return f"limits {unit.number(bounds[0])} … {unit.quantity(bounds[1])}"
 
 
 def _forbid(axes: Axes, unit: DisplayUnit, bounds: Array, widest: float, edge: float) -> None:
@@ -131,5 +135,4 @@ def _bounds_text(unit: DisplayUnit, bounds: Array) -> str:
     smallest, largest = float(np.min(bounds)), float(np.max(bounds))
     if smallest == largest:
         return f"limit {unit.quantity(largest)}"
-    least = DisplayUnit("", unit.factor).quantity(smallest)
-    return f"limits by strut {least} … {unit.quantity(largest)}"
+    return f"limits by strut {unit.number(smallest)} … {unit.quantity(largest)}"

@@ -12,19 +12,24 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from expdesign.information.catalogue import criteria_by_key
+from expdesign.recheck import TOLERANCE
 from results.figures.definition import FigureDefinition
 from results.reading.traces import Trace
 from results.record import DesignRecord
 from results.style import EMPHASIS, GREY, INK, ORANGE, new_figure
+from results.units import plain_number
 
 Array = NDArray[np.float64]
 
-FLOOR = 1e-6
+FLOOR = TOLERANCE
 """Smaller violations are drawn here: the recheck counts such a limit as kept."""
 _SETTLED = 0.1
 """The scale of the objective leaves out this first part of every start."""
 _LOGARITHMIC = 50.0
 """Objectives that differ by more than this factor get a logarithmic axis."""
+
+_APART = 0.08
+"""Names of stages that are closer than this share of the axis would overlap."""
 
 _BEST, _OTHER, _HOP = "best", "starts", "hops"
 _LOOK: dict[str, dict[str, Any]] = {
@@ -39,11 +44,12 @@ def draw(record: DesignRecord) -> Figure:
     figure = new_figure(4.4)
     objective, violation = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
     roles = [_role(trace, record.summary.best_start) for trace in record.traces]
+    longest = max((float(trace.iteration[-1]) for trace in record.traces), default=1.0)
     for trace, role in zip(record.traces, roles, strict=True):
         objective.plot(trace.iteration, trace.objective, **_LOOK[role])
         violation.plot(trace.iteration, np.fmax(trace.violation, FLOOR), **_LOOK[role])
         if role == _BEST:
-            _mark_stages(objective, trace)
+            _mark_stages(objective, trace, longest)
     value_line = _objective_axis(objective, record)
     violation.set_yscale("log")
     violation.set_ylim(bottom=FLOOR / 2)
@@ -52,9 +58,9 @@ def draw(record: DesignRecord) -> Figure:
     violation.set_xlabel("Iteration of the start")
     if not record.traces:
         objective.text(
-            0.5, 0.5, "no iterations were recorded", transform=objective.transAxes, ha="center"
+            0.5, 0.7, "no iterations were recorded", transform=objective.transAxes, ha="center"
         )
-    violation.set_xlim(left=0)
+    violation.set_xlim(0, 1.02 * longest)
     handles = [
         Line2D([], [], **_LOOK[role], label=_label(role, roles, record.summary.best_start))
         for role in _LOOK
@@ -80,15 +86,20 @@ def _label(role: str, roles: Sequence[str], best: int | None) -> str:
     return f"{count} other {noun}{'s' * (count != 1)}" if role == _OTHER else f"{count} {noun}s"
 
 
-def _mark_stages(axes: Axes, trace: Trace) -> None:
-    """Mark where the best start entered each stage of the continuation."""
+def _mark_stages(axes: Axes, trace: Trace, longest: float) -> None:
+    """Mark where the best start entered each stage, out of `longest` iterations in view."""
+    written = -np.inf
     for k, stage in enumerate(trace.stages):
         if k and stage == trace.stages[k - 1]:
             continue
-        axes.axvline(trace.iteration[k], color=EMPHASIS, linewidth=0.6, alpha=0.5, zorder=1)
+        at = trace.iteration[k]
+        axes.axvline(at, color=EMPHASIS, linewidth=0.6, alpha=0.5, zorder=1)
+        if at - written < _APART * longest:
+            continue
+        written = at
         axes.annotate(
             stage,
-            (trace.iteration[k], 1.0),
+            (at, 1.0),
             xycoords=("data", "axes fraction"),
             xytext=(0, 2),
             textcoords="offset points",
@@ -117,14 +128,12 @@ def _objective_axis(axes: Axes, record: DesignRecord) -> list[Line2D]:
         axes.set_ylim(np.min(shown) - air, np.max(shown) + air)
     if value is None:
         return []
-    label = f"written design: {value:.5g}"
+    label = f"written design: {plain_number(value, 5)}"
     return [axes.axhline(value, color=INK, linewidth=0.9, dashes=(4, 2), zorder=4, label=label)]
 
 
 def _settled(traces: Sequence[Trace]) -> Array:
-    parts = [
-        trace.objective[int(_SETTLED * trace.objective.size) :] for trace in traces
-    ]
+    parts = [trace.objective[int(_SETTLED * trace.objective.size) :] for trace in traces]
     values = np.concatenate(parts) if parts else np.array([])
     return values[np.isfinite(values)]
 

@@ -25,7 +25,7 @@ def draw(record: DesignRecord) -> Figure:
     spectrum = record.spectrum
     panels = [("Columns scaled to unit length", spectrum.columns)]
     if spectrum.nominal is not None:
-        panels.append(("Columns scaled by the nominal parameters", spectrum.nominal))
+        panels.append(("Columns scaled by nominal values", spectrum.nominal))
     figure = new_figure(2.9)
     for axes, (title, values) in zip(
         figure.subplots(1, len(panels), squeeze=False).flat, panels, strict=True
@@ -64,7 +64,12 @@ def _stems(axes: Axes, values: Array) -> None:
             lost, np.full(lost.size, floor), "x", color=ALERT, markersize=5, clip_on=False, zorder=4
         )
     axes.annotate(
-        text, (0.02, 0.975), xycoords="axes fraction", va="top", color=MUTED, fontsize="medium"
+        text,
+        (0.02, 0.975),
+        xycoords="axes fraction",
+        va="top",
+        color=MUTED,
+        bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.0},
     )
 
 

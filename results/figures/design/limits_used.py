@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.container import Container
 from matplotlib.figure import Figure
 
 from constraints import limit_definitions
@@ -14,16 +15,17 @@ from results.figures.definition import FigureDefinition
 from results.figures.legends import legend_above
 from results.reading.limit_checks import LimitCheck
 from results.record import DesignRecord
-from results.style import ALERT, EMPHASIS, INK, SECOND, new_figure
-from results.units import DisplayUnit, handy_unit
+from results.style import ALERT, EMPHASIS, INK, MUTED, SECOND, new_figure
+from results.symbols import symbol
+from results.units import handy_unit
 
 _ACTIVE = 99.0
 """From this share on, %, a limit counts as one that holds the design back."""
 _MOST = 130.0
-_COLUMNS = (6.0, 86.0)
+_COLUMNS = (6.0, 92.0)
 """Of the texts beside the bars, points."""
 
-_BROKEN, _FULL, _FREE = "broken", f"at least {_ACTIVE:g} % used", "less"
+_BROKEN, _FULL, _FREE = "broken", f"at least {_ACTIVE:g} % used", f"below {_ACTIVE:g} %"
 _LOOK: dict[str, dict[str, Any]] = {
     _BROKEN: {"color": ALERT},
     _FULL: {"color": EMPHASIS},
@@ -39,13 +41,16 @@ def draw(record: DesignRecord) -> Figure:
     worst, share = [worst[k] for k in order], share[order]
     figure = new_figure(0.9 + 0.27 * max(len(worst), 2))
     axes = figure.subplots()
+    axes.set_xlabel("Share of the limit used at its worst moment (%)")
     if not worst:
+        axes.set_yticks([])
         axes.text(0.5, 0.5, "this run has no limits", transform=axes.transAxes, ha="center")
-    most = max(100.0, min(float(np.nanmax(share, initial=0.0)), _MOST))
+        return figure
+    most = max(100.0, min(float(np.fmax.reduce(share, initial=0.0)), _MOST))
     drawn = np.clip(np.nan_to_num(share, nan=most), 0, most)
     position = np.arange(len(worst), dtype=float)
     state = np.array([_state(check) for check in worst])
-    handles = []
+    handles: list[Container] = []
     for name, look in _LOOK.items():
         rows = state == name
         if np.any(rows):
@@ -56,13 +61,13 @@ def draw(record: DesignRecord) -> Figure:
         colour = ALERT if state[k] == _BROKEN else INK
         _beside(axes, position[k], _COLUMNS[0], _amount(check), colour)
         _beside(axes, position[k], _COLUMNS[1], _moment(check), colour)
+    for offset, text in zip(_COLUMNS, ("worst value (bound)", "where and when"), strict=True):
+        _beside(axes, -0.85, offset, text, MUTED)
     axes.set_yticks(position, [_title(check) for check in worst])
-    axes.invert_yaxis()
+    axes.set_ylim(len(worst) - 0.4, -0.6)
     axes.tick_params(axis="y", length=0)
     axes.grid(visible=False, axis="y")
-    axes.set_xlabel("Share of the limit used at its worst moment (%)")
-    if handles:
-        legend_above(axes, handles)
+    legend_above(axes, handles)
     return figure
 
 
@@ -119,15 +124,12 @@ def _title(check: LimitCheck) -> str:
 
 def _amount(check: LimitCheck) -> str:
     unit = handy_unit(check.unit, [check.bound])
-    number = DisplayUnit("", unit.factor).quantity(check.value)
-    definition = limit_definitions().get(check.key)
-    word = "over" if definition is not None and definition.kind == "lower" else "of"
-    return f"{number} {word} {unit.quantity(check.bound)}"
+    return f"{unit.number(check.value)} ({unit.quantity(check.bound)})"
 
 
 def _moment(check: LimitCheck) -> str:
     time = f"at {check.time:.2f} s" if np.isfinite(check.time) else ""
-    return ", ".join(part for part in (check.row, time) if part)
+    return ", ".join(part for part in (symbol(check.row), time) if part)
 
 
 FIGURE = FigureDefinition(

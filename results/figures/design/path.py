@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
+from matplotlib.transforms import Bbox
 from numpy.typing import NDArray
 
 from results.figures.definition import FigureDefinition
@@ -18,30 +19,43 @@ from results.units import DisplayUnit, handy_unit
 
 Array = NDArray[np.float64]
 
-_ELEVATION, _AZIMUTH = 20.0, -52.0
+_ELEVATION, _AZIMUTH = 20.0, -62.0
+_NAME_AT = 0.3
+"""Where on a strut its number stands, as a share of its length from the base."""
+_FITS = 3
+"""Rounds of fitting a view: labels do not grow with it, so that one does not suffice."""
+_AXES = (("x", (-2.0, -2.0), 0.0), ("y", (-2.0, -2.0), 0.12), ("z", (1.0, 2.5), 0.0))
+"""Axis, distances of its label and of its numbers (points), and the share at its lower end that is
+left without numbers: x ends where y begins."""
+_VIEWS = ((0.01, 0.01, 0.47, 0.86), (0.52, 0.01, 0.47, 0.86))
+"""Left, bottom, width and height of the views, as shares of the figure."""
 
 
 def draw(record: DesignRecord) -> Figure:
     """Draw both views, each with one scale for its three axes."""
-    figure = new_figure(4.1)
+    figure = new_figure(3.9)
     # The layout engine does not know how far the labels of three-dimensional axes reach out.
     figure.set_layout_engine("none")
     # Matplotlib has no types for three dimensions.
-    robot: Any = figure.add_axes((0.0, 0.03, 0.46, 0.84), projection="3d", computed_zorder=False)
-    alone: Any = figure.add_axes((0.5, 0.03, 0.46, 0.84), projection="3d", computed_zorder=False)
-    _draw_robot(robot, record)
-    _draw_path(alone, record)
-    titles = ("With the robot at home", "Path and limits of the TCP")
-    for left, title in zip((0.02, 0.52), titles, strict=True):
-        figure.text(left, 0.9, title, fontsize=8.5, fontweight="bold")
+    views: list[Any] = [
+        figure.add_axes(view, projection="3d", computed_zorder=False) for view in _VIEWS
+    ]
+    _draw_robot(views[0], record)
+    _draw_path(views[1], record)
+    bounded = _workspace(record) is not None
+    titles = ("With the robot at home", "Within the limits of its position" if bounded else "Alone")
+    for axes, view, title in zip(views, _VIEWS, titles, strict=True):
+        figure.text(view[0], 0.885, title, fontsize=8.5, fontweight="bold")
+        _fill(axes, view)
     handles = [
         Line2D([], [], color=EMPHASIS, label="path of the TCP"),
         Line2D([], [], color=FAINT, label="its shadow"),
-        Line2D([], [], color=INK, marker="+", linestyle="none", label="TCP at home"),
         Line2D([], [], color=EMPHASIS, marker="o", markersize=4, linestyle="none", label="start"),
+        Line2D([], [], color=INK, marker="+", linestyle="none", label="TCP at home"),
         Line2D([], [], color=INK, label="base, platform"),
-        Line2D([], [], color=MUTED, linestyle=(0, (3, 2)), linewidth=0.8, label="limits"),
     ]
+    if bounded:
+        handles.append(Line2D([], [], color=MUTED, dashes=(3, 2), linewidth=0.8, label="limits"))
     figure.legend(handles=handles, loc="upper center", ncols=len(handles))
     return figure
 
@@ -52,17 +66,23 @@ def _draw_robot(axes: Any, record: DesignRecord) -> None:
     unit = handy_unit("m", np.concatenate([base, joints, path]))
     base, joints, path = unit.shown(base), unit.shown(joints), unit.shown(path)
     home = unit.shown(record.robot.home[:3])
-    struts = base - joints
-    names = base + 0.09 * np.max(np.ptp(base, axis=0)) * struts / np.linalg.norm(
-        struts, axis=1, keepdims=True
-    )
-    _fit(axes, unit, np.concatenate([names, joints, path]))
-    # Struts behind the path and the platform first: the order is the one of drawing.
+    names = base + _NAME_AT * (joints - base)
+    _bound(axes, unit, np.concatenate([base, joints, path]))
+    # What is drawn later covers what was drawn before: the path comes last.
     axes.plot(*_polygon(base).T, color=INK, linewidth=1.2)
     for j, colour in enumerate(STRUT_COLOURS):
         strut = np.stack([base[j], joints[j]])
         axes.plot(*strut.T, color=colour, linewidth=2.0, marker="o", markersize=3.2)
-        axes.text(*names[j], f"{j + 1}", color=colour, ha="center", va="center", weight="bold")
+        axes.text(
+            *names[j],
+            f"{j + 1}",
+            color=colour,
+            fontsize="small",
+            fontweight="bold",
+            ha="center",
+            va="center",
+            bbox={"boxstyle": "circle,pad=0.15", "facecolor": "white", "edgecolor": colour},
+        )
     axes.plot(*_polygon(joints).T, color=INK, linewidth=1.2)
     tool = np.stack([np.mean(joints, axis=0), home])
     axes.plot(*tool.T, color=INK, linewidth=0.8, linestyle=":")
@@ -76,7 +96,7 @@ def _draw_path(axes: Any, record: DesignRecord) -> None:
     path, home = unit.shown(path), unit.shown(record.robot.home[:3])
     corners = _workspace(record)
     corners = path[:0] if corners is None else unit.shown(corners)
-    floor = _fit(axes, unit, np.concatenate([path, corners]))
+    floor = _bound(axes, unit, np.concatenate([path, corners]))
     for one, other in combinations(corners, 2):
         if np.count_nonzero(one != other) == 1:
             edge = np.stack([one, other])
@@ -95,23 +115,50 @@ def _workspace(record: DesignRecord) -> Array | None:
     return np.array(list(product(*zip(limit.lower, limit.upper, strict=True))))
 
 
-def _fit(axes: Any, unit: DisplayUnit, points: Array) -> float:
-    """Fit the axes around the points with one scale for all three; return the floor."""
+def _bound(axes: Any, unit: DisplayUnit, points: Array) -> float:
+    """Put the axes around the points, with one scale for all three; return the floor."""
     low, high = np.min(points, axis=0), np.max(points, axis=0)
     air = 0.03 * float(np.max(high - low))
     # A planar path still needs a box with some depth.
     thin = np.maximum(0.1 * float(np.max(high - low)) - (high - low), 0.0) / 2
     low, high = low - air - thin, high + air + thin
-    for k, name in enumerate("xyz"):
+    for k, (name, pads, free) in enumerate(_AXES):
         getattr(axes, f"set_{name}lim")(low[k], high[k])
-        getattr(axes, f"set_{name}label")(unit.label(f"${name}$"), labelpad=-1.0)
+        getattr(axes, f"set_{name}label")(unit.label(f"${name}$"), labelpad=pads[0])
         axis = getattr(axes, f"{name}axis")
-        axis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
-        axis.set_tick_params(pad=-1.5)
+        ticks = np.asarray(MaxNLocator(5, steps=[1, 2, 5, 10]).tick_values(low[k], high[k]))
+        begin = low[k] + free * (high[k] - low[k])
+        axis.set_ticks(ticks[(ticks >= begin) & (ticks <= high[k])])
+        axis.set_tick_params(pad=pads[1])
         axis.set_pane_color((1.0, 1.0, 1.0, 0.0))
-    axes.set_box_aspect(high - low, zoom=0.92)
+    axes.set_box_aspect(high - low)
     axes.view_init(_ELEVATION, _AZIMUTH)
     return float(low[2])
+
+
+def _fill(axes: Any, view: tuple[float, float, float, float]) -> None:
+    """Zoom and move the axes until they and their labels fill a part of the figure."""
+    left, bottom, width, height = view
+    aspect, zoom = np.diff([axes.get_xlim(), axes.get_ylim(), axes.get_zlim()])[:, 0], 1.0
+    for _ in range(_FITS):
+        used = _extent(axes)
+        zoom *= min(width / used.width, height / used.height)
+        axes.set_box_aspect(aspect, zoom=zoom)
+        used, place = _extent(axes), axes.get_position(original=True)
+        x = place.x0 + left + width / 2 - (used.x0 + used.x1) / 2
+        y = place.y0 + bottom + height / 2 - (used.y0 + used.y1) / 2
+        axes.set_position((x, y, place.width, place.height))
+
+
+def _extent(axes: Any) -> Bbox:
+    """Return what box and labels cover, as shares of the figure."""
+    axes.figure.draw_without_rendering()
+    corners = np.array(list(product(axes.get_xlim(), axes.get_ylim(), axes.get_zlim())))
+    projected = np.column_stack([corners, np.ones(len(corners))]) @ axes.get_proj().T
+    box = axes.transData.transform(projected[:, :2] / projected[:, 3:])
+    labels = [axis.get_tightbbox() for axis in (axes.xaxis, axes.yaxis, axes.zaxis)]
+    parts = [Bbox([np.min(box, axis=0), np.max(box, axis=0)]), *labels]
+    return Bbox.union(parts).transformed(axes.figure.transFigure.inverted())
 
 
 def _polygon(points: Array) -> Array:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.container import Container
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 from numpy.typing import NDArray
@@ -44,7 +45,7 @@ def draw(record: DesignRecord) -> Figure:
     axes = figure.subplots()
     position = np.arange(len(precision.names), dtype=float)
     floor = _scale(axes, np.concatenate([series[0][1], series[1][1]]))
-    handles = []
+    handles: list[Container] = []
     for label, percent, colour, shift in series:
         known = np.isfinite(percent) & (percent > 0)
         handles.append(

@@ -1,0 +1,109 @@
+import dataclasses
+import importlib
+import sys
+
+import numpy as np
+import pytest
+
+from constraints import limit_definitions, limits
+from expdesign.configuration import load_robot_description
+from expdesign.robot import ExactModel, robot_from
+from expdesign.robot.limits import robot_limits
+
+NEW = """\
+from constraints.definition import LimitDefinition
+
+LIMIT = LimitDefinition(
+    key="beta_rate",
+    title="rate of β",
+    unit="rad/s",
+    kind="symmetric",
+    per_actuator=True,
+    requires=("beta_rate",),
+    natural=lambda q: q["beta_rate"],
+)
+"""
+
+
+@pytest.fixture
+def add_file(tmp_path, monkeypatch):
+    """Return a function that drops a file into the folder of limits."""
+    before = set(sys.modules)
+    monkeypatch.setattr(limits, "__path__", [*limits.__path__, str(tmp_path)])
+
+    def add(name, text):
+        (tmp_path / f"{name}.py").write_text(text, encoding="utf-8")
+        importlib.invalidate_caches()
+        limit_definitions.cache_clear()
+
+    yield add
+    monkeypatch.undo()
+    limit_definitions.cache_clear()
+    for name in set(sys.modules) - before:
+        if name.startswith(f"{limits.__name__}."):
+            del sys.modules[name]
+            vars(limits).pop(name.rpartition(".")[2], None)
+
+
+def test_keys_are_those_of_the_definitions():
+    for key, definition in limit_definitions().items():
+        assert key == definition.key
+
+
+def test_a_file_is_all_that_a_limit_needs(add_file):
+    before = dict(limit_definitions())
+    add_file("zz_beta_rate", NEW)
+    definitions = limit_definitions()
+    assert set(definitions) == {*before, "beta_rate"}
+    assert all(definitions[key] is definition for key, definition in before.items())
+
+
+def test_a_new_limit_works_from_the_robot_file_to_the_check(add_file, tmp_path):
+    add_file("zz_beta_rate", NEW)
+    source = load_robot_description("palida").source.read_text(encoding="utf-8")
+    file = tmp_path / "mine.yaml"
+    file.write_text(source + "  beta_rate: 90 deg/s\n", encoding="utf-8")
+    robot = robot_from(load_robot_description(file))
+    limit = next(limit for limit in robot.limits if limit.key == "beta_rate")
+    np.testing.assert_allclose([-limit.lower, limit.upper], np.pi / 2)
+    assert limit.labels == tuple(f"strut {j}" for j in range(1, 7))
+    assert limit.origin == "mine.yaml: limits.beta_rate"
+    rng = np.random.default_rng(0)
+    states = np.concatenate([np.tile(robot.home, (9, 1)), rng.normal(size=(9, 12))], axis=1)
+    values = ExactModel(robot, (limit,)).values(states)
+    motion = robot.strut_motion(states[:, :6], states[:, 6:12], states[:, 12:])
+    np.testing.assert_allclose(values, motion.beta_rate, rtol=1e-12)
+
+
+def test_a_file_without_a_limit_is_named(add_file):
+    add_file("zz_other", "LIMIT = 3\n")
+    with pytest.raises(TypeError, match="zz_other"):
+        limit_definitions()
+
+
+def test_a_key_that_is_taken_is_named(add_file):
+    add_file("zz_again", NEW.replace('"beta_rate",\n    title', '"beta",\n    title'))
+    with pytest.raises(ValueError, match=r"zz_again.*beta"):
+        limit_definitions()
+
+
+def test_the_order_is_that_of_the_modules(add_file):
+    add_file("aa_first", NEW)
+    assert next(iter(limit_definitions())) == "beta_rate"
+
+
+def test_constraints_know_no_other_package():
+    for name in ("constraints", "constraints.catalogue", "constraints.limit"):
+        module = importlib.import_module(name)
+        for value in vars(module).values():
+            owner = getattr(value, "__module__", None) or ""
+            assert not owner.startswith(("expdesign", "estimation", "results"))
+
+
+def test_limits_of_a_robot_follow_the_catalogue():
+    description = load_robot_description("palida")
+    found = [limit.key for limit in robot_limits(description)]
+    assert found == [key for key in limit_definitions() if key in description.limits]
+    fewer = dataclasses.replace(description, limits={"tilt": description.limits["tilt"]})
+    assert [limit.key for limit in robot_limits(fewer)] == ["tilt"]
+    assert robot_limits(dataclasses.replace(description, limits={})) == ()

@@ -1,0 +1,362 @@
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq, minimize_scalar
+
+from constraints import Limit, limit_definitions
+from expdesign.recheck import TOLERANCE, grid_points, recheck, states_at
+from expdesign.robot import ExactModel, load_robot
+from expdesign.robot.limits import row_labels
+from expdesign.trajectory import FourierTrajectory
+
+SAMPLES = 50
+INF = np.inf
+
+
+@pytest.fixture(scope="module")
+def palida():
+    return load_robot("palida")
+
+
+@pytest.fixture(scope="module")
+def motion(palida):
+    """A generic motion whose extremes are between the points of any grid."""
+    rng = np.random.default_rng(2)
+    reach = np.array([0.06, 0.06, 0.05, 0.1, 0.1, 0.3])[:, None]
+    return FourierTrajectory.from_displacements(
+        2.9, palida.home, *(reach * rng.normal(size=(2, 6, 5)) / 3)
+    )
+
+
+def _limit(key, lower=-INF, upper=INF, origin="test"):
+    definition = limit_definitions()[key]
+    labels = row_labels(definition)
+    lower, upper = (np.broadcast_to(side, len(labels)).astype(float) for side in (lower, upper))
+    return Limit(definition, lower, upper, labels, origin)
+
+
+def _model(robot, *limits):
+    return ExactModel(robot, limits)
+
+
+def _value(robot, trajectory, limit, row):
+    """The quantity of one row as a function of time."""
+    model = _model(robot, limit)
+    return lambda t: float(model.values(states_at(trajectory, np.array([t])))[0, row])
+
+
+def _true_maximum(function, trajectory, points=400):
+    """Time and value of the largest value of a smooth function over the period."""
+    times = trajectory.period * np.arange(points) / points
+    best = times[np.argmax([function(t) for t in times])]
+    step = trajectory.period / points
+    found = minimize_scalar(
+        lambda t: -function(t),
+        bounds=(best - step, best + step),
+        method="bounded",
+        options={"xatol": 1e-12},
+    )
+    return found.x % trajectory.period, -found.fun
+
+
+def _on_grid(robot, trajectory, limit):
+    """Largest value of every row on the grid of the recheck."""
+    times = trajectory.sample_times(grid_points(SAMPLES))
+    return np.max(_model(robot, limit).values(states_at(trajectory, times)), axis=0)
+
+
+# --- the grid -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("samples", "points"), [(1, 4000), (50, 4000), (200, 4000), (201, 4020), (1000, 20000)]
+)
+def test_the_grid_is_twenty_times_finer(samples, points):
+    assert grid_points(samples) == points
+
+
+def test_states_are_side_by_side(motion):
+    states = states_at(motion, np.array([0.1, 0.2, 0.3]))
+    samples = motion.sample([0.1, 0.2, 0.3])
+    assert states.shape == (3, 18)
+    np.testing.assert_array_equal(states[:, :6], samples.pose)
+    np.testing.assert_array_equal(states[:, 6:12], samples.rate)
+    np.testing.assert_array_equal(states[:, 12:], samples.acceleration)
+
+
+# --- values, rows and times -----------------------------------------------------------------------
+
+
+def test_worst_values_are_those_of_the_motion(palida, motion):
+    """By the robot's own functions on a grid, limit by limit."""
+    found = {
+        check.key: check for check in recheck(_model(palida, *palida.limits), motion, 200).limits
+    }
+    assert list(found) == [limit.key for limit in palida.limits]
+    times = motion.sample_times(4000)
+    samples = motion.sample(times)
+    states = samples.pose, samples.rate, samples.acceleration
+    struts = palida.strut_motion(*states)
+    for key, values in (
+        ("strut_length", struts.length),
+        ("strut_speed", struts.length_rate),
+        ("strut_acceleration", struts.length_acceleration),
+        ("alpha", struts.alpha),
+        ("beta", struts.beta),
+        ("actuator_force", palida.actuator_forces(*states)),
+        ("position", samples.pose[:, :3]),
+    ):
+        limit = next(limit for limit in palida.limits if limit.key == key)
+        violations = limit.violation(values)
+        check = found[key]
+        assert check.violation >= np.max(violations)
+        assert check.violation == pytest.approx(np.max(violations), abs=1e-3)
+        row = limit.labels.index(check.row)
+        k = int(np.argmax(violations[:, row]))
+        apart = abs(check.time - times[k])
+        assert min(apart, motion.period - apart) < 2 * motion.period / 4000
+        assert check.bound in (limit.lower[row], limit.upper[row])
+        assert (check.origin, check.unit) == (limit.origin, limit.unit)
+        assert check.title == limit.definition.title
+
+
+def test_value_time_and_violation_belong_together(palida, motion):
+    model = _model(palida, *palida.limits)
+    for check in recheck(model, motion, SAMPLES).limits:
+        assert 0 <= check.time < motion.period
+        limit = next(limit for limit in palida.limits if limit.key == check.key)
+        row = limit.labels.index(check.row)
+        assert check.violation == limit.violation_of(row, check.value)
+        assert check.bound == limit.nearest_bound(row, check.value)
+        here = _value(palida, motion, limit, row)(check.time)
+        assert here == pytest.approx(check.value, rel=1e-9, abs=1e-9)
+
+
+@pytest.mark.parametrize("strut", range(6))
+def test_the_right_strut_and_side(strut, palida, motion):
+    """Only one strut's bound is tight, and only on one side."""
+    limit = _limit("strut_speed", -50, 50)
+    speed = _value(palida, motion, limit, strut)
+    for sign in (1, -1):
+        time, peak = _true_maximum(lambda t, s=sign: s * speed(t), motion)
+        lower, upper = np.full(6, -50.0), np.full(6, 50.0)
+        (upper if sign > 0 else lower)[strut] = sign * 0.9 * peak
+        (check,) = recheck(
+            _model(palida, dataclasses.replace(limit, lower=lower, upper=upper)), motion, SAMPLES
+        ).limits
+        assert check.row == f"strut {strut + 1}"
+        assert check.value == pytest.approx(sign * peak, rel=1e-9)
+        assert check.bound == pytest.approx(sign * 0.9 * peak)
+        assert check.violation == pytest.approx(0.1 * peak / (50 + 0.9 * peak), rel=1e-6)
+        assert check.time == pytest.approx(time, abs=1e-4)
+
+
+def test_pairs_of_struts(palida, motion):
+    limit = _limit("strut_clearance", 0.0, INF)
+    clear = _on_grid_smallest(palida, motion, limit)
+    closest = int(np.argmin(clear))
+    (check,) = recheck(_model(palida, limit), motion, SAMPLES).limits
+    lower = np.full(15, 1e-3)
+    lower[closest] = clear[closest] + 0.01
+    broken = dataclasses.replace(limit, lower=lower)
+    (check,) = recheck(_model(palida, broken), motion, SAMPLES).limits
+    assert check.row == limit.labels[closest]
+    assert check.violation > 0
+    # The same pair left open, as one that shares a joint.
+    lower[closest] = -INF
+    (check,) = recheck(
+        _model(palida, dataclasses.replace(limit, lower=lower)), motion, SAMPLES
+    ).limits
+    assert check.row != limit.labels[closest]
+
+
+def _on_grid_smallest(robot, trajectory, limit):
+    times = trajectory.sample_times(grid_points(SAMPLES))
+    return np.min(_model(robot, limit).values(states_at(trajectory, times)), axis=0)
+
+
+# --- between the points ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("key", ["strut_length", "strut_speed", "strut_acceleration", "tilt"])
+def test_a_violation_between_the_points_of_the_grid(key, palida, motion):
+    limit = _limit(key)
+    peaks = _on_grid(palida, motion, limit)
+    row = int(np.argmax(peaks))
+    time, peak = _true_maximum(_value(palida, motion, limit, row), motion)
+    assert peak > peaks[row] * (1 + 1e-14)
+    # Planted: no point of the grid breaks it, the motion does.
+    bound = (peaks[row] + peak) / 2
+    planted = _limit(key, upper=bound)
+    times = motion.sample_times(grid_points(SAMPLES))
+    model = _model(palida, planted)
+    assert np.max(model.violations(states_at(motion, times))) < 0
+    (check,) = recheck(model, motion, SAMPLES).limits
+    assert check.violation > 0
+    assert check.value == pytest.approx(peak, rel=1e-12)
+    assert check.row == planted.labels[row]
+    assert check.time == pytest.approx(time, abs=1e-4)
+
+
+def test_a_violation_at_the_seam_of_the_period(palida):
+    """The worst moment is just before t = 0, where the grid has ended."""
+    sine, cosine = np.zeros((6, 1)), np.zeros((6, 1))
+    step = 2 * np.pi / grid_points(SAMPLES)
+    sine[0], cosine[0] = 0.05 * np.sin(-0.4 * step), 0.05 * np.cos(-0.4 * step)
+    trajectory = FourierTrajectory.from_displacements(3.0, palida.home, sine, cosine)
+    planted = _limit("position", upper=[0.05 * (1 - 1e-9 * step), INF, INF])
+    (check,) = recheck(_model(palida, planted), trajectory, SAMPLES).limits
+    assert check.row == "x"
+    assert check.value == pytest.approx(0.05, rel=1e-13)
+    assert check.violation > 0
+    assert check.time == pytest.approx(trajectory.period - 0.4 * step / 3, rel=1e-6)
+
+
+def _turning_points(speed, period, points=2000):
+    """Times at which a speed changes its sign."""
+    times = np.linspace(0, period, points + 1)
+    values = np.array([speed(t) for t in times])
+    return [
+        brentq(speed, a, b, xtol=1e-15)
+        for a, b, p, q in zip(times[:-1], times[1:], values[:-1], values[1:], strict=True)
+        if p * q < 0
+    ]
+
+
+@pytest.fixture(scope="module")
+def sticky(palida):
+    """PaLiDA with so much dry friction in the actuators that the jumps are the extremes."""
+    p = {name: (60.0 if name in {f"r{j}" for j in range(1, 7)} else 0.0 if name[0] in "rv" else v)
+         for name, v in palida.description.parameters.items()}
+    return type(palida).of(dataclasses.replace(palida.description, parameters=p))
+
+
+@pytest.mark.parametrize("strut", range(6))
+def test_jumps_of_dry_friction(strut, sticky, motion):
+    """The force is largest just before or after its strut turns: its limit from one side."""
+    limit = _limit("actuator_force", -1e4, 1e4)
+    force = _value(sticky, motion, limit, strut)
+    speed = _value(sticky, motion, _limit("strut_speed"), strut)
+    turns = _turning_points(speed, motion.period)
+    assert len(turns) >= 2
+    inner = _true_maximum(force, motion, points=4000)[1]
+    sides = {t + side: force(t + side) for t in turns for side in (-1e-10, 1e-10)}
+    time, peak = max(sides.items(), key=lambda item: item[1])
+    on_grid = _on_grid(sticky, motion, limit)[strut]
+    lower, upper = np.full(6, -1e4), np.full(6, 1e4)
+    upper[strut] = (on_grid + max(peak, inner)) / 2
+    planted = dataclasses.replace(limit, lower=lower, upper=upper)
+    (check,) = recheck(_model(sticky, planted), motion, SAMPLES).limits
+    assert check.row == f"strut {strut + 1}"
+    assert check.violation > 0
+    assert check.value == pytest.approx(max(peak, inner), rel=1e-6)
+    if peak > inner + 1e-6:
+        assert check.time == pytest.approx(time % motion.period, abs=1e-6)
+
+
+def test_the_unsmoothed_force_is_checked(sticky, motion):
+    (check,) = recheck(
+        _model(sticky, _limit("actuator_force", -1e4, 1e4)), motion, SAMPLES
+    ).limits
+    sample = motion.sample(check.time)
+    forces = sticky.actuator_forces(sample.pose, sample.rate, sample.acceleration)[0]
+    row = int(check.row.split()[1]) - 1
+    assert forces[row] == pytest.approx(check.value, rel=1e-9)
+
+
+# --- every row and every peak ---------------------------------------------------------------------
+
+
+def test_a_row_that_is_second_on_the_grid_may_be_first_between(palida):
+    """x is worse on the grid, y is worse between its points."""
+    points = grid_points(SAMPLES)
+    step = 2 * np.pi / points
+    n = 12
+    sine, cosine = np.zeros((6, n)), np.zeros((6, n))
+    size = 0.02
+    # x has its peak on a point of the grid; y, twelve times faster, midway between two points.
+    cosine[0, 0] = size
+    sine[1, n - 1], cosine[1, n - 1] = size * np.sin(n * step / 2), size * np.cos(n * step / 2)
+    trajectory = FourierTrajectory.from_displacements(3.0, palida.home, sine, cosine)
+    missed = size * (1 - np.cos(n * step / 2))
+    bound = [size + missed / 4, size - missed / 4, INF]
+    model = _model(palida, _limit("position", lower=[-1, -1, -INF], upper=bound))
+    times = trajectory.sample_times(points)
+    on_grid = np.max(model.violations(states_at(trajectory, times)), axis=0)
+    assert on_grid[1] < on_grid[0] < 0
+    result = recheck(model, trajectory, SAMPLES)
+    assert result.worst > TOLERANCE
+    assert result.limits[0].row == "y"
+
+
+def test_a_peak_that_is_second_on_the_grid_may_be_first_between(palida):
+    """One strut turns often: the highest of its peaks is not where the grid is highest."""
+    points = grid_points(SAMPLES)
+    step = 2 * np.pi / points
+    n = 12
+    # Two peaks of x: a broad one on a point of the grid, a sharp one midway between two points.
+    sine, cosine = np.zeros((6, n)), np.zeros((6, n))
+    size = 0.02
+    sine[0, n - 1], cosine[0, n - 1] = size * np.sin(n * step / 2), size * np.cos(n * step / 2)
+    trajectory = FourierTrajectory.from_displacements(3.0, palida.home, sine, cosine)
+    # Twelve equal peaks; a slow harmonic lifts one of them by less than the grid misses.
+    function = _value(palida, trajectory, _limit("position"), 0)
+    times = trajectory.sample_times(points)
+    values = np.array([function(t) for t in times[: points // 2]])
+    best = int(np.argmax(values))
+    _, peak = _true_maximum(function, trajectory, points=points)
+    bound = (values[best] + peak) / 2
+    (check,) = recheck(
+        _model(palida, _limit("position", upper=[bound, INF, INF])), trajectory, SAMPLES
+    ).limits
+    assert check.violation > 0
+
+
+# --- the verdict ----------------------------------------------------------------------------------
+
+
+def test_verdict(palida, motion):
+    limit = _limit("strut_speed")
+    row = int(np.argmax(_on_grid(palida, motion, limit)))
+    _, peak = _true_maximum(_value(palida, motion, limit, row), motion)
+    for excess, passed in ((-1e-3, True), (0.5 * TOLERANCE, True), (2 * TOLERANCE, False)):
+        # One-sided: shares of |bound|.
+        result = recheck(
+            _model(palida, _limit("strut_speed", upper=peak / (1 + excess))), motion, SAMPLES
+        )
+        assert result.worst == pytest.approx(excess, rel=1e-4)
+        assert result.passed is passed
+
+
+def test_worst_of_several_limits(palida, motion):
+    loose, tight = _limit("strut_speed", -100, 100), _limit("strut_length", upper=0.3)
+    result = recheck(_model(palida, loose, tight), motion, SAMPLES)
+    assert [check.key for check in result.limits] == ["strut_speed", "strut_length"]
+    assert result.limits[0].violation < 0 < result.limits[1].violation
+    assert result.worst == result.limits[1].violation
+    assert not result.passed
+
+
+def test_no_limits(palida, motion):
+    result = recheck(_model(palida), motion, SAMPLES)
+    assert result.limits == ()
+    assert result.worst == -INF
+    assert result.passed
+
+
+def test_method_says_what_was_done(palida, motion):
+    result = recheck(_model(palida, _limit("tilt", upper=1.0)), motion, 300)
+    assert result.points == 6000
+    assert "6000 points" in result.method
+    assert "no proof" in result.method
+
+
+def test_a_value_that_is_not_a_number_counts_as_broken(palida):
+    """The TCP on a base joint: a strut without length has no direction."""
+    robot = type(palida).of(
+        dataclasses.replace(palida.description, platform_joints=palida.geometry.base_joints)
+    )
+    still = FourierTrajectory(1.0, np.zeros(6), np.zeros((6, 1)), np.zeros((6, 1)))
+    result = recheck(_model(robot, _limit("alpha", -1, 1)), still, SAMPLES)
+    assert not result.passed

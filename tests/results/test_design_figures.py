@@ -1,0 +1,327 @@
+import subprocess
+import sys
+import xml.etree.ElementTree as ET
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+
+from results import DesignRecord, design_figures
+from results.figures.design.catalogue import DESIGN_FIGURES
+from results.figures.design.convergence import FLOOR
+from results.figures.design.limits_used import share_used
+from results.figures.design.path import _extent as extent
+from results.figures.saving import save_figures
+from results.reading.limit_checks import LimitCheck
+from results.style import PAGE_WIDTH, RESOLUTION, STRUT_COLOURS, house_style
+
+KEYS = {definition.key for definition in DESIGN_FIGURES}
+STRUTS = range(1, 7)
+COUNTS = {"Parameter", "Index of the eigenvalue", "Iteration of the start"}
+
+
+def draw(run, key):
+    record = DesignRecord.load(run.folder)
+    definition = next(d for d in DESIGN_FIGURES if d.key == key)
+    with house_style():
+        return definition.draw(record)
+
+
+def curves(axes, count):
+    return np.column_stack([line.get_ydata() for line in axes.get_lines()[:count]])
+
+
+def texts(axes):
+    return [text.get_text() for text in axes.texts]
+
+
+def labels(axes):
+    names = [name for name in ("x", "y", "z") if hasattr(axes, f"get_{name}label")]
+    found = [getattr(axes, f"get_{name}label")() for name in names]
+    return [text for text in found if text]
+
+
+def test_files_are_complete(run):
+    paths = design_figures(run.folder)
+    folder = run.folder / "figures"
+    assert set(paths) == {folder / f"{key}.{end}" for key in KEYS for end in ("png", "svg")}
+    assert set(folder.iterdir()) == set(paths)
+    for path in paths:
+        if path.suffix == ".svg":
+            assert ET.parse(path).getroot().tag.endswith("svg")
+            assert "<dc:date>" not in path.read_text(encoding="utf-8")
+        else:
+            data = path.read_bytes()
+            assert data.startswith(b"\x89PNG")
+            assert int.from_bytes(data[16:20], "big") == PAGE_WIDTH * RESOLUTION
+
+
+def test_same_folder_gives_the_same_bytes_under_any_settings(run, tmp_path):
+    record = DesignRecord.load(run.folder)
+    chosen = [d for d in DESIGN_FIGURES if d.key in ("struts", "path", "precision")]
+    first = save_figures(chosen, record, tmp_path / "first")
+    with mpl.rc_context({"lines.linewidth": 9.0, "font.size": 20.0, "svg.fonttype": "none"}):
+        second = save_figures(chosen, record, tmp_path / "second")
+        assert mpl.rcParams["lines.linewidth"] == 9.0
+    assert len(first) == 2 * len(chosen)
+    for one, other in zip(first, second, strict=True):
+        assert one.read_bytes() == other.read_bytes(), one.name
+
+
+def test_pyplot_is_not_loaded():
+    code = "import sys, results; sys.exit('matplotlib.pyplot' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+@pytest.mark.parametrize("key", sorted(KEYS))
+def test_every_axis_has_a_unit(run, key):
+    for axes in draw(run, key).axes:
+        assert labels(axes)
+        for label in labels(axes):
+            assert label in COUNTS or label.endswith(")"), label
+
+
+@pytest.mark.parametrize("key", sorted(KEYS))
+def test_nothing_is_cut_off(run, key):
+    figure = draw(run, key)
+    with house_style():
+        figure.canvas.draw()
+    image = np.asarray(figure.canvas.buffer_rgba())
+    for edge in (image[0], image[-1], image[:, 0], image[:, -1]):
+        assert np.all(edge == 255)
+
+
+@pytest.mark.parametrize("key", sorted(KEYS))
+def test_no_legend_covers_data(run, key):
+    figure = draw(run, key)
+    with house_style():
+        figure.draw_without_rendering()
+    legends = [*figure.legends, *(axes.get_legend() for axes in figure.axes)]
+    for axes in figure.axes:
+        inside = axes.patch.get_window_extent()
+        if axes.name == "3d":  # its box stands somewhere in the patch
+            inside = extent(axes).transformed(figure.transFigure)
+        for legend in filter(None, legends):
+            assert not legend.get_window_extent().padded(-1).overlaps(inside)
+
+
+def test_captions_are_sentences():
+    assert len(KEYS) == len(DESIGN_FIGURES) == 8
+    assert all(definition.caption.endswith(".") for definition in DESIGN_FIGURES)
+
+
+def test_excitation_in_millimetres_from_home_and_degrees(run):
+    above, below = draw(run, "excitation").axes
+    pose = run.numbers("trajectory.csv", "x", "y", "z", "phi", "theta", "psi")
+    zero, *lines = above.get_lines()
+    assert list(zero.get_ydata()) == [0, 0]
+    np.testing.assert_array_equal(lines[0].get_xdata(), run.numbers("trajectory.csv", "t")[:, 0])
+    shown = np.column_stack([line.get_ydata() for line in lines])
+    np.testing.assert_allclose(shown, 1e3 * (pose[:, :3] - [0, 0, -0.654]), rtol=1e-12)
+    shown = np.column_stack([line.get_ydata() for line in below.get_lines()[1:]])
+    np.testing.assert_allclose(shown, np.rad2deg(pose[:, 3:]), rtol=1e-12)
+    assert above.get_ylabel() == "Displacement (mm)"
+    assert below.get_ylabel() == "Angle (°)"
+    assert [t.get_text() for t in below.get_legend().get_texts()] == [
+        r"$\varphi$",
+        r"$\theta$",
+        r"$\psi$",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("figure", "panel", "column", "factor", "bounds"),
+    [
+        ("struts", 0, "q", 1e3, (450, 950)),
+        ("struts", 1, "dq", 1, (-2, 2)),
+        ("struts", 2, "ddq", 1, None),
+        ("struts", 3, "Q", 1, (-230, 230)),
+        ("cardan_angles", 0, "alpha", 180 / np.pi, (-35, 35)),
+        ("cardan_angles", 1, "beta", 180 / np.pi, (-65, -5)),
+    ],
+)
+def test_strut_panels(run, figure, panel, column, factor, bounds):
+    axes = draw(run, figure).axes[panel]
+    expected = factor * run.numbers("trajectory.csv", *(f"{column}{j}" for j in STRUTS))
+    np.testing.assert_allclose(curves(axes, 6), expected, rtol=1e-12)
+    assert [line.get_color() for line in axes.get_lines()[:6]] == list(STRUT_COLOURS)
+    low, high = axes.get_ylim()
+    assert low < expected.min()
+    assert high > expected.max()
+    drawn = [line.get_ydata()[0] for line in axes.get_lines()[6:]]
+    if bounds is None:  # far away: told beside the title
+        assert drawn == []
+        assert axes.get_title(loc="right") == "limits ±30 m/s² not in view"
+    else:
+        np.testing.assert_allclose(drawn, bounds)
+        assert low < bounds[0]
+        assert high > bounds[1]
+        unit = {"q": " mm", "dq": " m/s", "Q": " N"}.get(column, "°")
+        assert texts(axes) == [f"limit {bound}{unit}".replace("-", "−") for bound in bounds]
+
+
+def test_limits_that_differ_from_strut_to_strut(run):
+    run.config["limits"] = {
+        "strut_length": [[0.45, 0.95], [0.46, 0.9], *([[0.45, 0.95]] * 4)],
+        "actuator_force": [150, 150, 150, 100, 150, 150],
+    }
+    run.write()
+    length, _, _, force = draw(run, "struts").axes
+    lines = {line.get_ydata()[0]: line for line in length.get_lines()[6:]}
+    assert sorted(lines) == pytest.approx([450, 460, 900, 950])
+    assert lines[900.0].get_color() == lines[460.0].get_color() == STRUT_COLOURS[1]
+    assert texts(length) == ["limits by strut 450 … 460 mm", "limits by strut 900 … 950 mm"]
+    assert texts(force) == ["limits by strut −150 … −100 N", "limits by strut 100 … 150 N"]
+
+
+def test_robot_without_limits(run):
+    path = run.folder / "run.yaml"
+    lines = path.read_text(encoding="utf-8").splitlines()
+    begin = next(k for k, line in enumerate(lines) if line.strip() == "limits:")
+    margin = lines[begin].index("limits")
+    end = begin + 1
+    while lines[end].startswith(" " * (margin + 1)):
+        end += 1
+    path.write_text("\n".join(lines[:begin] + lines[end:]), encoding="utf-8")
+    (run.folder / "tables/limits.csv").write_text("limit,row,unit,value,bound,violation,time\n")
+    for axes in draw(run, "struts").axes:
+        assert len(axes.get_lines()) == 6
+        assert axes.get_title(loc="right") == ""
+    assert "this run has no limits" in texts(draw(run, "limits_used").axes[0])
+    assert len(draw(run, "path").axes) == 2
+
+
+def test_path_is_closed_and_to_scale(run):
+    robot, alone = draw(run, "path").axes
+    path = 1e3 * run.numbers("trajectory.csv", "x", "y", "z")
+    closed = np.concatenate([path, path[:1]])
+    for axes in (robot, alone):
+        found = [np.column_stack(line.get_data_3d()) for line in axes.get_lines()]
+        assert any(line.shape == closed.shape and np.allclose(line, closed) for line in found)
+        spans = np.diff([axes.get_xlim(), axes.get_ylim(), axes.get_zlim()])[:, 0]
+        box = axes._box_aspect
+        np.testing.assert_allclose(spans / spans[0], box / box[0], rtol=1e-9)
+
+
+def test_robot_is_drawn_at_home(run):
+    record = DesignRecord.load(run.folder)
+    robot = draw(run, "path").axes[0]
+    found = [np.column_stack(line.get_data_3d()) for line in robot.get_lines()]
+    base, joints = record.robot.geometry.base_joints, record.home_joints()
+    for j in range(6):
+        strut = 1e3 * np.stack([base[j], joints[j]])
+        assert any(line.shape == (2, 3) and np.allclose(line, strut) for line in found)
+    assert texts(robot) == [str(j) for j in STRUTS]
+
+
+def test_eigenvalues(run):
+    first, second = draw(run, "eigenvalues").axes
+    table = run.numbers("tables/eigenvalues.csv", "index", "eigenvalue", "eigenvalue_nominal")
+    for axes, column in ((first, 1), (second, 2)):
+        assert axes.get_yscale() == "log"
+        (line,) = axes.get_lines()
+        np.testing.assert_array_equal(line.get_xdata(), table[:, 0])
+        np.testing.assert_array_equal(line.get_ydata(), table[:, column])
+    assert texts(first) == ["condition number 750"]
+
+
+def test_eigenvalues_that_are_not_positive(run):
+    path = run.folder / "tables/eigenvalues.csv"
+    path.write_text("index,eigenvalue\n1,-1e-17\n2,0\n3,0.5\n4,2\n")
+    (axes,) = draw(run, "eigenvalues").axes
+    positive, lost = axes.get_lines()
+    np.testing.assert_array_equal(positive.get_ydata(), [0.5, 2])
+    np.testing.assert_array_equal(lost.get_xdata(), [1, 2])
+    assert texts(axes) == ["2 not positive: singular to working precision"]
+
+
+def test_precision(run):
+    (axes,) = draw(run, "precision").axes
+    percent = run.numbers(
+        "tables/parameters.csv", "rel_std_percent_per_period", "rel_std_percent_experiment"
+    )
+    assert axes.get_yscale() == "log"
+    for bars, expected in zip(axes.containers, percent.T, strict=True):
+        tops = [bar.get_y() + bar.get_height() for bar in bars]
+        np.testing.assert_allclose(tops, expected, rtol=1e-9)
+    ticks = [label.get_text() for label in axes.get_xticklabels()]
+    assert ticks[:2] == ["$p_{1}$", "$p_{2}$"]
+    assert ticks[10] == r"$r_{\alpha}$"
+    assert [list(line.get_ydata()) for line in axes.get_lines()] == [[50, 50]]
+    legend = [text.get_text() for text in axes.get_legend().get_texts()]
+    assert legend[1] == "experiment (10 periods, 2\u202f000 samples)"
+
+
+def test_precision_without_a_nominal_value(run):
+    path = run.folder / "tables/parameters.csv"
+    lines = path.read_text().splitlines()
+    lines[1:3] = ["p1,1,0.0,0.1,0.01,,", "p2,1,0.5,,,,"]
+    path.write_text("\n".join(lines))
+    (axes,) = draw(run, "precision").axes
+    assert [len(bars) for bars in axes.containers] == [22, 22]
+    assert {"nominal value 0", "not designed for"} <= set(texts(axes))
+
+
+def test_convergence(run):
+    objective, violation = draw(run, "convergence").axes
+    table = run.numbers("tables/convergence.csv", "start", "iteration", "objective", "violation")
+    lines = [line for line in objective.get_lines() if len(line.get_xdata()) > 2]
+    widths = [line.get_linewidth() for line in lines]
+    assert np.argmax(widths) == 1  # the best start
+    assert len({line.get_color() for line in lines}) == 3
+    for start in range(3):
+        rows = table[table[:, 0] == start]
+        np.testing.assert_array_equal(lines[start].get_xdata(), rows[:, 1])
+        np.testing.assert_array_equal(lines[start].get_ydata(), rows[:, 2])
+        np.testing.assert_array_equal(
+            violation.get_lines()[start].get_ydata(), np.maximum(rows[:, 3], FLOOR)
+        )
+    assert objective.get_ylabel() == "log det F (SI units)"
+    legend = [text.get_text() for text in objective.figure.legends[0].get_texts()]
+    assert legend == ["best: start 1", "1 other start", "1 hop", "written design: 97.25"]
+    assert texts(objective) == ["blunt", "sharp"]
+
+
+def test_convergence_without_iterations(run):
+    header = "start,kind,stage,iteration,objective,violation,seconds\n"
+    (run.folder / "tables/convergence.csv").write_text(header)
+    objective, _ = draw(run, "convergence").axes
+    assert texts(objective) == ["no iterations were recorded"]
+
+
+def test_limits_used(run):
+    (axes,) = draw(run, "limits_used").axes
+    titles = [label.get_text() for label in axes.get_yticklabels()]
+    assert titles == [
+        "Actuator force",
+        "Clearance between struts",
+        "TCP position",
+        "Tilt of the platform",
+    ]
+    widths = {
+        round(bar.get_y() + bar.get_height() / 2): bar.get_width()
+        for bars in axes.containers
+        for bar in bars
+    }
+    expected = [100, 75, 100 * (1 - 2 * 0.046 / 0.3), 100 * 0.2 / np.deg2rad(20)]
+    np.testing.assert_allclose([widths[k] for k in range(4)], expected)
+    assert "−230 (−230 N)" in texts(axes)
+    assert "strut 3, at 0.50 s" in texts(axes)
+    assert "11.46 (20°)" in texts(axes)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "bound", "violation", "share"),
+    [
+        ("strut_speed", 2.0, 2.0, 0.0, 1.0),
+        ("strut_speed", 0.0, 2.0, -0.5, 0.0),
+        ("tilt", 0.1, 0.2, -0.5, 0.5),
+        ("strut_clearance", 0.03, 0.015, -1.0, 0.5),
+        ("strut_clearance", 0.010, 0.015, 1 / 3, 1.5),
+        ("strut_clearance", -0.1, 0.0, 0.1, 1.1),
+        ("a limit of a later version", 1.5, 1.0, 0.5, 1.5),
+    ],
+)
+def test_share_of_a_limit(key, value, bound, violation, share):
+    check = LimitCheck(key, "", "1", value, bound, violation, 0.0)
+    assert share_used(check) == pytest.approx(share)
