@@ -60,7 +60,6 @@ STYLE: dict[str, Any] = {
     "axes.spines.right": False,
     "axes.grid": True,
     "axes.axisbelow": True,
-    "axes.formatter.use_mathtext": True,
     "axes.unicode_minus": True,
     "grid.color": "#e4e4e4",
     "grid.linewidth": 0.6,

@@ -27,7 +27,7 @@ from expdesign.robot import Robot, robot_from
 from expdesign.solver.continuation import coarse_points
 from expdesign.solver.progress import Monitor, SilentMonitor
 from expdesign.solver.random_start import random_start
-from expdesign.solver.search import SearchPlan, Workshop, search
+from expdesign.solver.search import NoDesignError, SearchPlan, Workshop, search
 from expdesign.trajectory import FourierTrajectory
 
 Array = NDArray[np.float64]
@@ -35,7 +35,7 @@ Array = NDArray[np.float64]
 ConfigurationLike = str | PathLike[str] | Mapping[str, Any] | RunConfiguration
 
 _PROBES = 3
-_HOPELESS = 1e-4
+_HOPELESS = 1e-2
 """A random feasible motion whose weakest direction is this factor below what counts as excited
 will not be optimised into an exciting one: the limits themselves are too tight."""
 
@@ -64,7 +64,11 @@ def design(config: ConfigurationLike, monitor: Monitor | None = None) -> DesignR
     watch = monitor or SilentMonitor()
     shop = build_workshop(configuration)
     _refuse_unexcitable(shop)
-    found = search(partial(build_workshop, configuration), shop.plan, watch)
+    try:
+        found = search(partial(build_workshop, configuration), shop.plan, watch)
+    except NoDesignError as error:
+        _blame_unexcited(shop, error)
+        raise
     trajectory = found.finished.trajectory
     judge, samples = shop.judge, configuration.run.trajectory.samples
     information = judge.information(trajectory, samples)
@@ -198,6 +202,22 @@ def _refuse_unexcitable(shop: Workshop) -> None:
             best, found = ratio, scaled
     if found is not None and best < _HOPELESS * EXCITABLE:
         raise SingularInformationError(found.unexcited(shop.judge.names))
+
+
+def _blame_unexcited(shop: Workshop, error: NoDesignError) -> None:
+    """Raise `SingularInformationError` if that is why none of the starts has a result."""
+    informations = [
+        ScaledInformation.of(
+            shop.judge.information(
+                shop.problem.variables.trajectory(start.variables), shop.problem.cost.samples
+            )
+        )
+        for start in error.starts
+        if np.all(np.isfinite(start.variables))
+    ]
+    if informations and all(scaled.is_singular() for scaled in informations):
+        fewest = min((s.unexcited(shop.judge.names) for s in informations), key=len)
+        raise SingularInformationError(fewest) from error
 
 
 def _precision(

@@ -24,7 +24,7 @@ from expdesign.trajectory import FourierTrajectory, PhaseBasis
 Array = NDArray[np.float64]
 
 _CHECKS = 4
-_WORTHWHILE = 1e-4
+_WORTHWHILE = 5e-4
 
 
 @dataclass(frozen=True)
@@ -139,8 +139,8 @@ def _critical_rows(
     smooth = problem.smooth_violations(x, fine, stage.width)
     lower, upper = problem.smooth_bounds()
     both = np.isfinite(lower) & np.isfinite(upper)
-    excess = np.where(both, exact - smooth, 0.0)
-    excess = np.nan_to_num(excess, nan=0.0, posinf=0.0, neginf=0.0)
+    comparable = both & np.isfinite(exact) & np.isfinite(smooth)
+    excess = np.subtract(exact, smooth, out=np.zeros_like(exact), where=comparable)
     reach = max(1, points // stage.points)
     excess = maximum_filter1d(np.maximum(excess, 0.0), 2 * reach + 1, axis=0, mode="wrap")
     peaks = (exact >= np.roll(exact, 1, axis=0)) & (exact >= np.roll(exact, -1, axis=0))

@@ -95,7 +95,17 @@ class Workshop:
 
 
 class NoDesignError(ArithmeticError):
-    """The search found no trajectory that keeps the limits and excites the parameters."""
+    """The search found no trajectory that keeps the limits and excites the parameters.
+
+    Attributes
+    ----------
+    starts : tuple of StartResult
+        What the starts came to instead.
+    """
+
+    def __init__(self, message: str, starts: Sequence[StartResult]) -> None:
+        super().__init__(message)
+        self.starts = tuple(starts)
 
 
 Build = Callable[[], Workshop]
@@ -131,7 +141,7 @@ def search(build: Build, plan: SearchPlan, monitor: Monitor) -> SearchResult:
         results += run_jobs(build, jobs, plan.workers, clock)
     ranked = sorted(results, key=lambda result: (-result.merit, result.index))
     if not ranked or not np.isfinite(ranked[0].merit):
-        raise NoDesignError(_why_none(ranked))
+        raise NoDesignError(_why_none(ranked), ranked)
     finished, best = _finish_best(build, ranked, plan, monitor)
     return SearchResult(
         finished,

@@ -43,4 +43,6 @@ def save_figures(
                 with written_beside(path) as beside:
                     figure.savefig(beside, format=ending, dpi=RESOLUTION, metadata=metadata)
                 paths.append(path)
+                # Laid out by now: the next file has the same layout, and is written sooner.
+                figure.set_layout_engine("none")
     return tuple(paths)

@@ -32,11 +32,12 @@ class DesignSummary:
         m/s, rad/s.
     samples : int
         Samples of one period in the information.
-    samples_per_period : int
-        Controller steps of one period.
+    samples_per_period : float
+        Controller steps of one period, a whole number wherever one fits the frequency's range.
     log_det_information, criterion_value : float or None
         None when the information matrix is singular.
-    experiment_samples, experiment_periods : int
+    experiment_samples : int
+    experiment_periods : float
         What the standard deviations of the experiment are predicted for.
     best_start : int or None
         The start that the design came from.
@@ -52,11 +53,11 @@ class DesignSummary:
     mu: Array
     nu: Array
     samples: int
-    samples_per_period: int
+    samples_per_period: float
     log_det_information: float | None
     criterion_value: float | None
     experiment_samples: int
-    experiment_periods: int
+    experiment_periods: float
     best_start: int | None
     warnings: tuple[str, ...]
 
@@ -89,11 +90,11 @@ class DesignSummary:
             mu=top.array("mu", (6, harmonics)),
             nu=top.array("nu", (6, harmonics)),
             samples=top.integer("samples"),
-            samples_per_period=top.integer("samples_per_period"),
+            samples_per_period=top.number("samples_per_period"),
             log_det_information=top.number_or_none("log_det_information"),
             criterion_value=top.number_or_none("criterion_value"),
             experiment_samples=experiment.integer("samples"),
-            experiment_periods=experiment.integer("periods"),
+            experiment_periods=experiment.number("periods"),
             best_start=None if best is None else int(best),
             warnings=tuple(str(warning) for warning in top.optional("warnings") or ()),
         )

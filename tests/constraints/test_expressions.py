@@ -16,9 +16,7 @@ SEGMENT = "base_joints", "platform_joints"
 def _evaluate(key, form, **values):
     """Return (N, rows) of a limit's expression for N instants; values (N, …)."""
     definition = limit_definitions()[key]
-    symbols = {
-        name: ca.SX.sym(name, *(value.shape[1:] or (1,))) for name, value in values.items()
-    }
+    symbols = {name: ca.SX.sym(name, *(value.shape[1:] or (1,))) for name, value in values.items()}
     expression = definition.smooth or definition.natural if form == "smooth" else definition.natural
     function = ca.Function("f", list(symbols.values()), [ca.densify(expression(symbols))])
     count = len(next(iter(values.values())))
@@ -170,9 +168,7 @@ def test_platform_joint_angle(rng):
     np.testing.assert_allclose(natural, np.arccos(cosines), rtol=0, atol=1e-7)
     smooth = _evaluate("platform_joint_angle", "smooth", **values)
     np.testing.assert_allclose(smooth, cosines, rtol=0, atol=1e-15)
-    aligned = _evaluate(
-        "platform_joint_angle", "natural", strut_direction=u, platform_joint_axes=u
-    )
+    aligned = _evaluate("platform_joint_angle", "natural", strut_direction=u, platform_joint_axes=u)
     np.testing.assert_allclose(aligned, 0, atol=1e-15)
 
 
@@ -221,9 +217,7 @@ def test_clearance_is_the_distance_of_segments(rng):
     natural = _natural_clearance(A, B)
     assert natural.shape == (60, 15)
     np.testing.assert_allclose(natural, _clearances(A, B), rtol=0, atol=1e-12)
-    np.testing.assert_allclose(
-        natural[:4], _clearances(A[:4], B[:4], _distance), rtol=0, atol=1e-7
-    )
+    np.testing.assert_allclose(natural[:4], _clearances(A[:4], B[:4], _distance), rtol=0, atol=1e-7)
     smooth = _natural_clearance(A, B, "smooth")
     np.testing.assert_allclose(smooth, natural**2, rtol=1e-12, atol=1e-14)
 

@@ -18,9 +18,7 @@ def _limit(key, lower, upper):
 @pytest.fixture
 def mixed():
     """Rows: an interval, above only, below only, open, bounded at zero."""
-    return _limit(
-        "position", [-1, -INF, 0.2, -INF, 0, -INF], [3, 0.5, INF, INF, INF, 0]
-    )
+    return _limit("position", [-1, -INF, 0.2, -INF, 0, -INF], [3, 0.5, INF, INF, INF, 0])
 
 
 def test_name_and_unit():

@@ -6,7 +6,7 @@ from scipy.optimize import brentq, minimize_scalar
 
 from constraints import Limit, limit_definitions
 from expdesign.recheck import TOLERANCE, grid_points, recheck, states_at
-from expdesign.robot import ExactModel, load_robot
+from expdesign.robot import ExactModel, Robot, load_robot
 from expdesign.robot.limits import row_labels
 from expdesign.trajectory import FourierTrajectory
 
@@ -41,15 +41,20 @@ def _model(robot, *limits):
 
 
 def _value(robot, trajectory, limit, row):
-    """The quantity of one row as a function of time."""
+    """The quantity of one row as a function of time, or of many times."""
     model = _model(robot, limit)
-    return lambda t: float(model.values(states_at(trajectory, np.array([t])))[0, row])
+
+    def function(time):
+        values = model.values(states_at(trajectory, np.atleast_1d(time)))[:, row]
+        return values if np.ndim(time) else float(values[0])
+
+    return function
 
 
 def _true_maximum(function, trajectory, points=400):
     """Time and value of the largest value of a smooth function over the period."""
     times = trajectory.period * np.arange(points) / points
-    best = times[np.argmax([function(t) for t in times])]
+    best = times[np.argmax(function(times))]
     step = trajectory.period / points
     found = minimize_scalar(
         lambda t: -function(t),
@@ -216,7 +221,7 @@ def test_a_violation_at_the_seam_of_the_period(palida):
 def _turning_points(speed, period, points=2000):
     """Times at which a speed changes its sign."""
     times = np.linspace(0, period, points + 1)
-    values = np.array([speed(t) for t in times])
+    values = speed(times)
     return [
         brentq(speed, a, b, xtol=1e-15)
         for a, b, p, q in zip(times[:-1], times[1:], values[:-1], values[1:], strict=True)
@@ -227,9 +232,9 @@ def _turning_points(speed, period, points=2000):
 @pytest.fixture(scope="module")
 def sticky(palida):
     """PaLiDA with so much dry friction in the actuators that the jumps are the extremes."""
-    p = {name: (60.0 if name in {f"r{j}" for j in range(1, 7)} else 0.0 if name[0] in "rv" else v)
-         for name, v in palida.description.parameters.items()}
-    return type(palida).of(dataclasses.replace(palida.description, parameters=p))
+    friction = {f"r{j}": 60.0 for j in range(1, 7)} | {f"v{j}": 0.0 for j in range(1, 7)}
+    parameters = palida.description.parameters | friction | {"r_alpha": 0.0, "r_beta": 0.0}
+    return Robot.of(dataclasses.replace(palida.description, parameters=parameters))
 
 
 @pytest.mark.parametrize("strut", range(6))
@@ -256,9 +261,7 @@ def test_jumps_of_dry_friction(strut, sticky, motion):
 
 
 def test_the_unsmoothed_force_is_checked(sticky, motion):
-    (check,) = recheck(
-        _model(sticky, _limit("actuator_force", -1e4, 1e4)), motion, SAMPLES
-    ).limits
+    (check,) = recheck(_model(sticky, _limit("actuator_force", -1e4, 1e4)), motion, SAMPLES).limits
     sample = motion.sample(check.time)
     forces = sticky.actuator_forces(sample.pose, sample.rate, sample.acceleration)[0]
     row = int(check.row.split()[1]) - 1
@@ -270,47 +273,68 @@ def test_the_unsmoothed_force_is_checked(sticky, motion):
 
 def test_a_row_that_is_second_on_the_grid_may_be_first_between(palida):
     """x is worse on the grid, y is worse between its points."""
-    points = grid_points(SAMPLES)
-    step = 2 * np.pi / points
-    n = 12
+    step = 2 * np.pi / grid_points(SAMPLES)
+    n, size = 10, 0.02
     sine, cosine = np.zeros((6, n)), np.zeros((6, n))
-    size = 0.02
-    # x has its peak on a point of the grid; y, twelve times faster, midway between two points.
+    # x has its peak on a point of the grid; y, ten times faster, all of its midway.
     cosine[0, 0] = size
-    sine[1, n - 1], cosine[1, n - 1] = size * np.sin(n * step / 2), size * np.cos(n * step / 2)
+    sine[1, -1], cosine[1, -1] = size * np.sin(n * step / 2), size * np.cos(n * step / 2)
     trajectory = FourierTrajectory.from_displacements(3.0, palida.home, sine, cosine)
     missed = size * (1 - np.cos(n * step / 2))
-    bound = [size + missed / 4, size - missed / 4, INF]
-    model = _model(palida, _limit("position", lower=[-1, -1, -INF], upper=bound))
-    times = trajectory.sample_times(points)
-    on_grid = np.max(model.violations(states_at(trajectory, times)), axis=0)
+    upper = [size + missed / 8, size - missed / 2, INF]
+    model = _model(palida, _limit("position", upper=upper))
+    states = states_at(trajectory, trajectory.sample_times(grid_points(SAMPLES)))
+    on_grid = np.max(model.violations(states), axis=0)
     assert on_grid[1] < on_grid[0] < 0
     result = recheck(model, trajectory, SAMPLES)
-    assert result.worst > TOLERANCE
     assert result.limits[0].row == "y"
+    assert result.worst == pytest.approx(missed / 2 / size, rel=1e-3)
+    assert not result.passed
 
 
-def test_a_peak_that_is_second_on_the_grid_may_be_first_between(palida):
-    """One strut turns often: the highest of its peaks is not where the grid is highest."""
-    points = grid_points(SAMPLES)
-    step = 2 * np.pi / points
-    n = 12
-    # Two peaks of x: a broad one on a point of the grid, a sharp one midway between two points.
-    sine, cosine = np.zeros((6, n)), np.zeros((6, n))
+def test_peaks_that_are_second_on_the_grid_may_be_first_between(palida):
+    """x has twelve peaks: four on points of the grid, four higher ones a third of a step off."""
+    step = 2 * np.pi / grid_points(SAMPLES)
     size = 0.02
-    sine[0, n - 1], cosine[0, n - 1] = size * np.sin(n * step / 2), size * np.cos(n * step / 2)
+    missed = size * (1 - np.cos(12 * step / 3))
+    lift = missed / 3
+    cosine, sine = np.zeros((6, 12)), np.zeros((6, 12))
+    cosine[0, 11] = size
+    cosine[0, 3], sine[0, 3] = lift * np.cos(np.pi * 2 / 3), lift * np.sin(np.pi * 2 / 3)
     trajectory = FourierTrajectory.from_displacements(3.0, palida.home, sine, cosine)
-    # Twelve equal peaks; a slow harmonic lifts one of them by less than the grid misses.
-    function = _value(palida, trajectory, _limit("position"), 0)
-    times = trajectory.sample_times(points)
-    values = np.array([function(t) for t in times[: points // 2]])
-    best = int(np.argmax(values))
-    _, peak = _true_maximum(function, trajectory, points=points)
-    bound = (values[best] + peak) / 2
-    (check,) = recheck(
-        _model(palida, _limit("position", upper=[bound, INF, INF])), trajectory, SAMPLES
-    ).limits
-    assert check.violation > 0
+    upper = size + lift / 2
+    model = _model(palida, _limit("position", upper=[upper, INF, INF]))
+    states = states_at(trajectory, trajectory.sample_times(grid_points(SAMPLES)))
+    assert np.max(model.violations(states)) < 0
+    (check,) = recheck(model, trajectory, SAMPLES).limits
+    assert check.value == pytest.approx(size + lift, abs=lift / 100)
+    assert check.violation > TOLERANCE
+
+
+def test_a_jump_of_a_row_that_is_second_on_the_grid(sticky, motion):
+    """Two struts turn; the grid comes close to the jump of one and misses that of the other."""
+    limit = _limit("actuator_force", -1e4, 1e4)
+    on_grid = _on_grid(sticky, motion, limit)
+    peaks = np.empty(6)
+    for strut in range(6):
+        force = _value(sticky, motion, limit, strut)
+        speed = _value(sticky, motion, _limit("strut_speed"), strut)
+        turns = _turning_points(speed, motion.period)
+        peaks[strut] = max(force(t + side) for t in turns for side in (-1e-10, 1e-10))
+    gaps = peaks - on_grid
+    smooth, jumping = int(np.argmin(gaps)), int(np.argmax(gaps))
+    assert gaps[smooth] < 0 < gaps[jumping]
+    upper = np.full(6, 1e4)
+    upper[smooth] = on_grid[smooth] + gaps[jumping] / 20
+    upper[jumping] = peaks[jumping] - gaps[jumping] / 2
+    model = _model(sticky, _limit("actuator_force", upper=upper))
+    states = states_at(motion, motion.sample_times(grid_points(SAMPLES)))
+    found = np.max(model.violations(states), axis=0)
+    assert found[jumping] < found[smooth] < 0
+    result = recheck(model, motion, SAMPLES)
+    assert result.limits[0].row == f"strut {jumping + 1}"
+    assert result.worst == pytest.approx(gaps[jumping] / 2 / upper[jumping], rel=0.05)
+    assert not result.passed
 
 
 # --- the verdict ----------------------------------------------------------------------------------
@@ -354,7 +378,7 @@ def test_method_says_what_was_done(palida, motion):
 
 def test_a_value_that_is_not_a_number_counts_as_broken(palida):
     """The TCP on a base joint: a strut without length has no direction."""
-    robot = type(palida).of(
+    robot = Robot.of(
         dataclasses.replace(palida.description, platform_joints=palida.geometry.base_joints)
     )
     still = FourierTrajectory(1.0, np.zeros(6), np.zeros((6, 1)), np.zeros((6, 1)))

@@ -30,7 +30,13 @@ class FakeRun:
     """A run folder with a small motion and made-up tables; tests change what they are about."""
 
     folder: Path
-    config: dict = field(default_factory=lambda: {"name": "fake", "robot": "palida"})
+    config: dict = field(
+        default_factory=lambda: {
+            "name": "fake",
+            "robot": "palida",
+            "limits": {"actuator_force": 150},
+        }
+    )
 
     def __post_init__(self):
         self.trajectory = FourierTrajectory.from_displacements(

@@ -1,11 +1,13 @@
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
+from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
 import pytest
 
+import results
 from results import DesignRecord, design_figures
 from results.figures.design.catalogue import DESIGN_FIGURES
 from results.figures.design.convergence import FLOOR
@@ -58,7 +60,7 @@ def test_files_are_complete(run):
 
 def test_same_folder_gives_the_same_bytes_under_any_settings(run, tmp_path):
     record = DesignRecord.load(run.folder)
-    chosen = [d for d in DESIGN_FIGURES if d.key in ("struts", "path", "precision")]
+    chosen = [d for d in DESIGN_FIGURES if d.key in ("cardan_angles", "path")]
     first = save_figures(chosen, record, tmp_path / "first")
     with mpl.rc_context({"lines.linewidth": 9.0, "font.size": 20.0, "svg.fonttype": "none"}):
         second = save_figures(chosen, record, tmp_path / "second")
@@ -70,7 +72,8 @@ def test_same_folder_gives_the_same_bytes_under_any_settings(run, tmp_path):
 
 def test_pyplot_is_not_loaded():
     code = "import sys, results; sys.exit('matplotlib.pyplot' in sys.modules)"
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+    root = Path(results.__file__).parents[1]
+    assert subprocess.run([sys.executable, "-c", code], check=False, cwd=root).returncode == 0
 
 
 @pytest.mark.parametrize("key", sorted(KEYS))
@@ -135,7 +138,7 @@ def test_excitation_in_millimetres_from_home_and_degrees(run):
         ("struts", 0, "q", 1e3, (450, 950)),
         ("struts", 1, "dq", 1, (-2, 2)),
         ("struts", 2, "ddq", 1, None),
-        ("struts", 3, "Q", 1, (-230, 230)),
+        ("struts", 3, "Q", 1, (-150, 150)),
         ("cardan_angles", 0, "alpha", 180 / np.pi, (-35, 35)),
         ("cardan_angles", 1, "beta", 180 / np.pi, (-65, -5)),
     ],
@@ -278,7 +281,7 @@ def test_convergence(run):
         )
     assert objective.get_ylabel() == "log det F (SI units)"
     legend = [text.get_text() for text in objective.figure.legends[0].get_texts()]
-    assert legend == ["best: start 1", "1 other start", "1 hop", "written design: 97.25"]
+    assert legend == ["best start", "1 other start", "1 hop", "written design: 97.25"]
     assert texts(objective) == ["blunt", "sharp"]
 
 

@@ -96,10 +96,17 @@ def test_size_of_the_regressor():
 def test_quantities_have_their_documented_shapes(palida):
     quantities = palida.graph.quantities(Friction.EXACT)
     shapes = {name: value.shape for name, value in quantities.items()}
-    columns = (
-        "strut_length strut_speed strut_acceleration alpha beta sin_beta alpha_rate beta_rate "
-        "actuator_force"
-    ).split()
+    columns = [
+        "strut_length",
+        "strut_speed",
+        "strut_acceleration",
+        "alpha",
+        "beta",
+        "sin_beta",
+        "alpha_rate",
+        "beta_rate",
+        "actuator_force",
+    ]
     assert shapes == {
         "position": (3, 1),
         "rotation_angles": (3, 1),
@@ -125,9 +132,7 @@ def test_inverse_jacobian_maps_the_twist_to_the_strut_speeds(palida, states):
     for pose, rate, acceleration, expected in zip(*states, speeds, strict=True):
         phi, theta, _ = pose[3:]
         e_y = np.array([0, np.cos(phi), np.sin(phi)])
-        e_z = np.array(
-            [np.sin(theta), -np.sin(phi) * np.cos(theta), np.cos(phi) * np.cos(theta)]
-        )
+        e_z = np.array([np.sin(theta), -np.sin(phi) * np.cos(theta), np.cos(phi) * np.cos(theta)])
         omega = np.column_stack([[1, 0, 0], e_y, e_z]) @ rate[3:]
         state = np.concatenate([pose, rate, acceleration])
         G = function(state, palida.geometry_vector, length).full()
@@ -210,9 +215,7 @@ def test_friction_opposes_the_motion(palida, states):
     pose, rate, acceleration = states
     forward = palida.regressor(pose, rate, acceleration)
     backward = palida.regressor(pose, -rate, acceleration)
-    np.testing.assert_allclose(
-        backward[:, :, 10:], -forward[:, :, 10:], rtol=1e-12, atol=1e-12
-    )
+    np.testing.assert_allclose(backward[:, :, 10:], -forward[:, :, 10:], rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(backward[:, :, :10], forward[:, :, :10], rtol=1e-9, atol=1e-9)
 
 

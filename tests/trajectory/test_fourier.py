@@ -71,9 +71,7 @@ def test_rates_and_accelerations_are_derivatives(trajectory):
     times, h = np.linspace(0, trajectory.period, 29), 1e-4
     before, here, after = (trajectory.sample(times + step) for step in (-h, 0, h))
     np.testing.assert_allclose((after.pose - before.pose) / (2 * h), here.rate, atol=1e-5)
-    np.testing.assert_allclose(
-        (after.rate - before.rate) / (2 * h), here.acceleration, atol=1e-4
-    )
+    np.testing.assert_allclose((after.rate - before.rate) / (2 * h), here.acceleration, atol=1e-4)
 
 
 def test_derivatives_of_the_basis_are_those_to_the_phase():

@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 FLOOR = TOLERANCE
 """Smaller violations are drawn here: the recheck counts such a limit as kept."""
-_SETTLED = 0.1
+_SETTLED = 0.25
 """The scale of the objective leaves out this first part of every start."""
 _LOGARITHMIC = 50.0
 """Objectives that differ by more than this factor get a logarithmic axis."""
@@ -62,9 +62,7 @@ def draw(record: DesignRecord) -> Figure:
         )
     violation.set_xlim(0, 1.02 * longest)
     handles = [
-        Line2D([], [], **_LOOK[role], label=_label(role, roles, record.summary.best_start))
-        for role in _LOOK
-        if role in roles
+        Line2D([], [], **_LOOK[role], label=_label(role, roles)) for role in _LOOK if role in roles
     ] + value_line
     if handles:
         figure.legend(handles=handles, loc="outside upper center", ncols=len(handles))
@@ -78,12 +76,12 @@ def _role(trace: Trace, best: int | None) -> str:
     return _HOP if trace.is_hop else _OTHER
 
 
-def _label(role: str, roles: Sequence[str], best: int | None) -> str:
+def _label(role: str, roles: Sequence[str]) -> str:
     if role == _BEST:
-        return f"best: start {best}"
+        return "best start"
     count = roles.count(role)
-    noun = {_OTHER: "start", _HOP: "hop"}[role]
-    return f"{count} other {noun}{'s' * (count != 1)}" if role == _OTHER else f"{count} {noun}s"
+    noun = {_OTHER: "other start", _HOP: "hop"}[role]
+    return f"{count} {noun}{'s' * (count != 1)}"
 
 
 def _mark_stages(axes: Axes, trace: Trace, longest: float) -> None:

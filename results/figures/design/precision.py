@@ -34,7 +34,7 @@ def draw(record: DesignRecord) -> Figure:
             -_WIDTH / 2,
         ),
         (
-            f"experiment ({periods} period{'s' * (periods != 1)}, "
+            f"experiment ({periods:g} period{'s' * (periods != 1)}, "
             f"{_count(summary.experiment_samples)} samples)",
             precision.percent_experiment,
             EMPHASIS,
