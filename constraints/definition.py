@@ -70,3 +70,7 @@ class LimitDefinition:
     transform: Callable[[NDArray[np.float64]], NDArray[np.float64]] = field(default=_identity)
     decreasing: bool = False
     conservative: bool = False
+
+    def rows(self, quantities: Quantities) -> ca.SX:
+        """Return the rows in the form that an optimiser can differentiate."""
+        return ca.densify((self.smooth or self.natural)(quantities))

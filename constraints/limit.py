@@ -64,8 +64,7 @@ class Limit:
 
     def smooth(self, quantities: Quantities) -> ca.SX:
         """Return the rows in the form that an optimiser can differentiate."""
-        expression = self.definition.smooth or self.definition.natural
-        return ca.densify(expression(quantities))
+        return self.definition.rows(quantities)
 
     def smooth_bounds(self, margin: Array | float = 0.0) -> tuple[Array, Array]:
         """Return lower and upper bounds on `smooth`.

@@ -101,7 +101,7 @@ class SearchDisplay:
         for start in sorted(self._running):
             event = self._running[start]
             table.add_row(
-                f"{start + 1}",
+                f"{start}",
                 event.phase,
                 f"{event.iteration}",
                 f"{event.objective:.6g}",
@@ -118,13 +118,13 @@ class SearchDisplay:
 
 def _ended(event: SearchEvent, total: int) -> str:
     return (
-        f"start {event.start + 1}/{total}: {event.objective:.6g} within the limits after "
+        f"start {event.start}/{total}: {event.objective:.6g} within the limits after "
         f"{event.iteration} iterations, {event.seconds:.0f} s: {event.status}"
     )
 
 
 def _running(event: SearchEvent) -> str:
     return (
-        f"start {event.start + 1}: {event.phase}, iteration {event.iteration}, objective "
+        f"start {event.start}: {event.phase}, iteration {event.iteration}, objective "
         f"{event.objective:.6g}, violation {max(event.violation, 0.0):.1e}, {event.seconds:.0f} s"
     )

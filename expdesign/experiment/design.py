@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import partial
 from os import PathLike
 from typing import Any
@@ -21,7 +22,7 @@ from expdesign.information.fisher import (
     information_matrix,
     parameter_covariance,
 )
-from expdesign.problem import build_problem
+from expdesign.problem import DesignProblem, build_problem
 from expdesign.recheck import Judge
 from expdesign.robot import Robot, robot_from
 from expdesign.solver.continuation import coarse_points
@@ -106,7 +107,7 @@ def build_workshop(configuration: RunConfiguration) -> Workshop:
         samples=run.trajectory.samples,
         covariance=covariance,
         criterion=criterion,
-        scaling=np.abs(parameter_scaling(robot, "nominal")) if criterion.invariant else scaling,
+        scaling=scaling,
         names=names,
     )
     plan = SearchPlan(
@@ -119,7 +120,28 @@ def build_workshop(configuration: RunConfiguration) -> Workshop:
         workers=run.workers or 1,
         max_seconds=run.design.max_seconds,
     )
-    return Workshop(problem, Judge(robot, covariance, criterion, scaling, names), plan)
+    judge = Judge(robot, covariance, criterion, scaling, names)
+    if criterion.invariant:
+        problem = _well_scaled(problem, judge, plan)
+    return Workshop(problem, judge, plan)
+
+
+def _well_scaled(problem: DesignProblem, judge: Judge, plan: SearchPlan) -> DesignProblem:
+    """Scale the parameters so that a random motion's F has a unit diagonal.
+
+    The criterion does not depend on the scaling, but the digits that its eigenvalues keep do.
+    """
+    information = judge.information(_probe(problem, plan, 0), problem.cost.samples)
+    sizes = np.sqrt(np.diag(information) / problem.cost.samples)
+    scaling = 1 / np.where(sizes > 0, sizes, 1.0)
+    return replace(problem, cost=replace(problem.cost, scaling=scaling))
+
+
+def _probe(problem: DesignProblem, plan: SearchPlan, number: int) -> FourierTrajectory:
+    """Return one of a few random feasible motions that no start uses."""
+    rng = np.random.default_rng(np.random.SeedSequence(plan.seed, spawn_key=(0, number)))
+    points = coarse_points(problem.variables.harmonics)
+    return problem.variables.trajectory(random_start(problem, rng, points, plan.widths[0]))
 
 
 def force_covariance(configuration: RunConfiguration) -> Array:
@@ -190,11 +212,8 @@ def _refuse_what_is_not_there(configuration: RunConfiguration) -> None:
 def _refuse_unexcitable(shop: Workshop) -> None:
     """Fail early when random feasible motions are hopelessly far from exciting everything."""
     problem, best, found = shop.problem, 0.0, None
-    points = coarse_points(problem.variables.harmonics)
-    for probe in range(_PROBES):
-        rng = np.random.default_rng(np.random.SeedSequence(shop.plan.seed, spawn_key=(0, probe)))
-        x = random_start(problem, rng, points, shop.plan.widths[0])
-        trajectory = problem.variables.trajectory(x)
+    for number in range(_PROBES):
+        trajectory = _probe(problem, shop.plan, number)
         scaled = ScaledInformation.of(shop.judge.information(trajectory, problem.cost.samples))
         values = scaled.eigenvalues()
         ratio = max(float(values[0] / values[-1]), 0.0) if values[-1] > 0 else 0.0

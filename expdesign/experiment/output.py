@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -219,12 +219,20 @@ def starts_table(result: DesignResult) -> pd.DataFrame:
 
 def convergence_table(result: DesignResult) -> pd.DataFrame:
     """Return objective and violation over the iterations of every start."""
+    best = result.search.best
+    rows = [
+        (start.index, start.kind, p.stage, p.iteration, p.objective, p.violation)
+        for start in result.search.starts
+        for p in (
+            *start.trace,
+            *(
+                replace(q, iteration=start.iterations + q.iteration)
+                for q in (result.search.finished.trace if start is best else ())
+            ),
+        )
+    ]
     return pd.DataFrame(
-        [
-            (start.index, start.kind, p.stage, p.iteration, p.objective, p.violation)
-            for start in result.search.starts
-            for p in start.trace
-        ],
+        rows,
         columns=[column.name for column in TABLES["convergence"]],
     )
 

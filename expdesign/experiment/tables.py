@@ -26,7 +26,7 @@ TABLES: dict[str, tuple[Column, ...]] = {
         Column("rel_std_percent_experiment", "%", "of the nominal value; empty where that is 0"),
     ),
     "starts": (
-        Column("start", "1", "number of the start; hops go on counting"),
+        Column("start", "1", "number of the start, from 1; hops go on counting"),
         Column("kind", "", "random or hop"),
         Column("criterion_value", "", "criterion of the motion reached, within its limits"),
         Column("iterations", "1", "iterations of all stages"),

@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from constraints import Limit
+from constraints import Limit, LimitDefinition
 from expdesign.information.spectral import Criterion
 from expdesign.problem.cost import InformationCost, RegressorKernels
 from expdesign.problem.limit_rows import LimitEvaluator, LimitKernels, LimitRows
@@ -177,6 +177,11 @@ def _regressor_kernels(*, general: bool) -> RegressorKernels:
     return RegressorKernels.of(hexapod_graph(general=general))
 
 
+@cache
+def _limit_kernels(definitions: tuple[LimitDefinition, ...], *, general: bool) -> LimitKernels:
+    return LimitKernels.of(hexapod_graph(general=general), definitions)
+
+
 def build_problem(
     robot: Robot,
     *,
@@ -225,7 +230,7 @@ def build_problem(
         samples,
     )
     evaluator = LimitEvaluator(
-        LimitKernels.of(robot.graph, robot.limits),
+        _limit_kernels(tuple(limit.definition for limit in robot.limits), general=robot.general),
         variables,
         robot.geometry_vector,
         robot.parameters,

@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from constraints import Limit
+from constraints import LimitDefinition
 from expdesign.problem.variables import DesignVariables
 from expdesign.robot.batch import BatchFunction
 from expdesign.robot.graph import Friction, HexapodGraph
@@ -31,10 +31,10 @@ class LimitKernels:
     derivative: BatchFunction
 
     @classmethod
-    def of(cls, graph: HexapodGraph, limits: Sequence[Limit]) -> LimitKernels:
+    def of(cls, graph: HexapodGraph, definitions: Sequence[LimitDefinition]) -> LimitKernels:
         """Compile the rows of the limits given, in their order."""
         quantities = graph.quantities(Friction.SMOOTH)
-        rows = ca.cse(ca.vertcat(*(limit.smooth(quantities) for limit in limits)))
+        rows = ca.cse(ca.vertcat(*(definition.rows(quantities) for definition in definitions)))
         slope = ca.cse(ca.jacobian(rows, graph.state))
         _, *fixed = graph.inputs(Friction.SMOOTH)
         return cls(

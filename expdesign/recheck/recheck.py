@@ -17,6 +17,7 @@ FINER = 20
 LEAST_POINTS = 4000
 _ZOOMS = 4
 _ZOOM_POINTS = 33
+_MOST_CANDIDATES = 48
 
 TOLERANCE = 1e-6
 """Largest excess over a bound, as a share of the limit's range, that counts as kept."""
@@ -92,20 +93,18 @@ def grid_points(samples: int) -> int:
 def recheck(model: ExactModel, trajectory: FourierTrajectory, samples: int) -> Recheck:
     """Check every limit on a grid at least 20 times finer than the design's samples.
 
-    Each row's worst moment is then searched again on ever finer grids around it, so that neither
-    a maximum between the points nor a jump of dry friction is missed by more than rounding.
+    Every moment that could be a limit's worst is then searched again on ever finer grids around
+    it, so that neither a maximum between the points nor a jump of dry friction is missed. Two
+    changes of a rate's sign within one step of the grid are not seen.
     """
     points = grid_points(samples)
     times = trajectory.sample_times(points)
     violations = model.violations(states_at(trajectory, times))
     checks = []
     for limit, columns in zip(model.limits, model.columns(), strict=True):
-        part = violations[:, columns]
-        row = int(np.argmax(np.max(part, axis=0)))
-        column = columns.start + row
-        time = _zoom(model, trajectory, times, violations[:, column], column)
-        value = float(model.values(states_at(trajectory, np.array([time])))[0, column])
-        violation = float(limit.violation_of(row, value))
+        time, row = _worst_moment(model, trajectory, times, violations[:, columns], columns.start)
+        state = states_at(trajectory, np.array([time]))
+        value = float(model.values(state)[0, columns.start + row])
         checks.append(
             LimitCheck(
                 key=limit.key,
@@ -115,7 +114,7 @@ def recheck(model: ExactModel, trajectory: FourierTrajectory, samples: int) -> R
                 row=limit.labels[row],
                 value=value,
                 bound=limit.nearest_bound(row, value),
-                violation=violation if np.isfinite(value) else np.inf,
+                violation=limit.violation_of(row, value) if np.isfinite(value) else np.inf,
                 time=float(time % trajectory.period),
             )
         )
@@ -128,20 +127,37 @@ def states_at(trajectory: FourierTrajectory, times: Array) -> Array:
     return np.concatenate([samples.pose, samples.rate, samples.acceleration], axis=1)
 
 
-def _zoom(
-    model: ExactModel, trajectory: FourierTrajectory, times: Array, violations: Array, column: int
-) -> float:
-    """Return the time of the worst violation in the neighbourhood of the grid's worst points."""
-    step = times[1] - times[0]
-    candidates = np.argsort(violations)[-3:]
-    best_time, best = float(times[candidates[-1]]), float(violations[candidates[-1]])
-    for candidate in candidates:
-        center, width = float(times[candidate]), step
-        for _ in range(_ZOOMS):
-            local = center + np.linspace(-width, width, _ZOOM_POINTS)
-            found = model.violations(states_at(trajectory, local))[:, column]
-            k = int(np.argmax(found))
-            center, width = float(local[k]), 2 * width / (_ZOOM_POINTS - 1)
-            if found[k] > best:
-                best_time, best = center, float(found[k])
-    return best_time
+def _worst_moment(
+    model: ExactModel, trajectory: FourierTrajectory, times: Array, part: Array, first: int
+) -> tuple[float, int]:
+    """Return time and row of a limit's worst moment, between the grid's points as well.
+
+    Every local maximum of every row that could rise above the worst grid value is searched again
+    on ever finer grids: one that is as high as its slope to the neighbours allows.
+    """
+    ahead, behind = np.roll(part, -1, axis=0), np.roll(part, 1, axis=0)
+    with np.errstate(invalid="ignore"):
+        rise = np.maximum(np.abs(ahead - part), np.abs(behind - part))
+    possible = (part >= ahead) & (part >= behind) & np.isfinite(rise)
+    start, row = np.unravel_index(int(np.argmax(part)), part.shape)
+    best, time, worst_row = float(part[start, row]), float(times[start]), int(row)
+    if not np.isfinite(best):
+        return time, worst_row
+    # A row that hardly moves is at its worst everywhere: its highest points stand for the rest.
+    points, rows = np.nonzero(possible & (part + rise >= best))
+    order = np.argsort(-(part + rise)[points, rows], kind="stable")[:_MOST_CANDIDATES]
+    points, rows = points[order], rows[order]
+    centers, width = times[points], times[1] - times[0]
+    for _ in range(_ZOOMS):
+        local = centers[:, None] + np.linspace(-width, width, _ZOOM_POINTS)
+        states = states_at(trajectory, local.ravel())
+        found = model.violations(states)[:, first : first + part.shape[1]]
+        found = found.reshape(*local.shape, -1)[np.arange(len(rows)), :, rows]
+        steps = np.argmax(found, axis=1)
+        centers = local[np.arange(len(rows)), steps]
+        width *= 2 / (_ZOOM_POINTS - 1)
+        highest = found[np.arange(len(rows)), steps]
+        k = int(np.argmax(highest))
+        if highest[k] > best:
+            best, time, worst_row = float(highest[k]), float(centers[k]), int(rows[k])
+    return time, worst_row

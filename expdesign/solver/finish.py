@@ -18,13 +18,14 @@ from expdesign.problem import DesignProblem
 from expdesign.recheck import Judge, Recheck, grid_points, recheck
 from expdesign.solver.ipopt import IpoptResult
 from expdesign.solver.shrink import GRID_MARGIN, shrink_to_limits
-from expdesign.solver.stage import Report, Stage, StageRecord, Tally, solve_best
+from expdesign.solver.stage import Report, Stage, StageRecord, Tally, TracePoint, solve_best
 from expdesign.trajectory import FourierTrajectory, PhaseBasis
 
 Array = NDArray[np.float64]
 
 _CHECKS = 4
 _WORTHWHILE = 5e-4
+_LARGEST_MARGIN = 0.2
 
 
 @dataclass(frozen=True)
@@ -39,12 +40,15 @@ class Finished:
         Factor by which the motion was shrunk in the end; 1: not at all.
     record : StageRecord or None
         Statistics of the solves; None when there were none.
+    trace : tuple of TracePoint
+        Its iterations.
     """
 
     trajectory: FourierTrajectory
     check: Recheck
     shrink: float
     record: StageRecord | None = None
+    trace: tuple[TracePoint, ...] = ()
 
 
 def controller_omega(omega: float, bounds: tuple[float, float], step: float) -> tuple[float, int]:
@@ -117,7 +121,7 @@ def _round(
     rows = problem.rows(phases, mask, margins)
     program = problem.program(rows, stage.width, stage.level, stage.samples)
     result, reached = solve_best(
-        program.within(x, stage.radius), stage, x, tally.iterations, report
+        program.within(x, stage.radius), stage, x, 0, report
     )
     tally.add(result, rows.count)
     return reached, result
@@ -150,7 +154,8 @@ def _critical_rows(
     near = (exact > -stage.near) & np.isfinite(exact)
     used = (regular[:, None] & near) | peaks
     chosen = np.any(used, axis=1)
-    return fine[chosen], used[chosen], excess[chosen] + 2 * GRID_MARGIN
+    margins = np.minimum(excess[chosen] + 2 * GRID_MARGIN, _LARGEST_MARGIN)
+    return fine[chosen], used[chosen], margins
 
 
 def _checked(problem: DesignProblem, x: Array) -> Finished:

@@ -13,7 +13,7 @@ class SearchEvent:
     Attributes
     ----------
     start : int
-        Number of the start (hops go on counting).
+        Number of the start, from 1; hops go on counting.
     phase : str
         ``"blunt"``, ``"sharp"``, ``"finish"``, or ``"done"``.
     iteration : int

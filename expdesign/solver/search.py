@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from expdesign.solver.hop import perturbed
 from expdesign.solver.pool import Job, run_jobs
 from expdesign.solver.progress import Monitor, SearchEvent
 from expdesign.solver.random_start import random_start
+from expdesign.solver.stage import TracePoint
 from expdesign.solver.start import StartResult, run_start
 
 Array = NDArray[np.float64]
@@ -130,14 +131,14 @@ def search(build: Build, plan: SearchPlan, monitor: Monitor) -> SearchResult:
     """
     began = time.perf_counter()
     clock = _Deadline(monitor, began, plan.max_seconds)
-    jobs = [Job(_random_job, (index,)) for index in range(plan.starts)]
+    jobs = [Job(_random_job, (index,)) for index in range(1, plan.starts + 1)]
     results = list(run_jobs(build, jobs, plan.workers, clock))
     for first in range(0, plan.hops, HOPS_AT_ONCE):
         if clock.stop_requested():
             break
         best = max(results, key=lambda result: result.merit)
         batch = range(first, min(first + HOPS_AT_ONCE, plan.hops))
-        jobs = [Job(_hop_job, (plan.starts + k, best.variables)) for k in batch]
+        jobs = [Job(_hop_job, (plan.starts + 1 + k, best.variables)) for k in batch]
         results += run_jobs(build, jobs, plan.workers, clock)
     ranked = sorted(results, key=lambda result: (-result.merit, result.index))
     if not ranked or not np.isfinite(ranked[0].merit):
@@ -216,7 +217,12 @@ def _finish_job(
         omega, _ = controller_omega(omega, bounds, plan.controller_period)
     fixed = problem.with_frequency((omega, omega))
 
+    trace: list[TracePoint] = []
+
     def report(iteration: int, cost: float, violation: float) -> bool:
+        trace.append(
+            TracePoint("finish", iteration, problem.cost.readable(cost), max(violation, 0.0))
+        )
         value, seconds = problem.cost.readable(cost), time.perf_counter() - began
         monitor.report(SearchEvent(index, "finish", iteration, value, violation, seconds))
         return not monitor.stop_requested()
@@ -224,7 +230,8 @@ def _finish_job(
     stage = finish_stage(problem, plan.widths, plan.iterations)
     rounds = 0 if monitor.stop_requested() else _FINISH_ROUNDS
     finished = finish(fixed, shop.judge, variables, stage, rounds=rounds, report=report)
-    return shop.judge.merit(finished.trajectory, problem.cost.samples), finished
+    merit = shop.judge.merit(finished.trajectory, problem.cost.samples)
+    return merit, replace(finished, trace=tuple(trace))
 
 
 @dataclass(frozen=True)

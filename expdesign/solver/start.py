@@ -13,19 +13,9 @@ from expdesign.problem import DesignProblem
 from expdesign.recheck import Judge
 from expdesign.solver.progress import Monitor, SearchEvent
 from expdesign.solver.shrink import shrink_to_limits
-from expdesign.solver.stage import Stage, StageRecord, run_stage
+from expdesign.solver.stage import Stage, StageRecord, TracePoint, run_stage
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class TracePoint:
-    """One iteration of a start, for the convergence figure."""
-
-    stage: str
-    iteration: int
-    objective: float
-    violation: float
 
 
 @dataclass(frozen=True)
@@ -35,6 +25,7 @@ class StartResult:
     Attributes
     ----------
     index : int
+        From 1; hops go on counting.
     kind : str
         ``"random"`` or ``"hop"``.
     variables : (z,)

@@ -44,11 +44,10 @@ class FourierTrajectory:
         """Freeze the arrays and refuse shapes that do not fit."""
         if not (np.isfinite(self.omega) and self.omega > 0):
             raise ValueError(f"omega must be positive, not {self.omega}")
-        for name, shape in (
-            ("lambda0", (6,)),
-            ("mu", (6, np.shape(self.mu)[-1])),
-            ("nu", (6, np.shape(self.mu)[-1])),
-        ):
+        size = np.shape(self.mu)
+        if len(size) != 2 or size[1] < 1:  # noqa: PLR2004 - rows and columns
+            raise ValueError(f"mu has the shape {size}, not (6, n) with n ≥ 1")
+        for name, shape in (("lambda0", (6,)), ("mu", (6, size[1])), ("nu", (6, size[1]))):
             value = np.array(getattr(self, name), dtype=float)
             if value.shape != shape:
                 raise ValueError(f"{name} has the shape {value.shape}, not {shape}")
@@ -63,6 +62,8 @@ class FourierTrajectory:
     ) -> FourierTrajectory:
         """Build from displacement amplitudes: a = μ/(kω) of sin kωt, b = −ν/(kω) of cos kωt."""
         sine, cosine = np.asarray(sine, dtype=float), np.asarray(cosine, dtype=float)
+        if sine.ndim != 2 or sine.shape != cosine.shape:  # noqa: PLR2004 - rows and columns
+            raise ValueError(f"amplitudes of shapes {sine.shape} and {cosine.shape}, not (6, n)")
         orders = omega * np.arange(1, sine.shape[1] + 1)
         return cls(omega, np.asarray(center, dtype=float), sine * orders, -cosine * orders)
 

@@ -1,0 +1,137 @@
+"""`expdesign run`: every stage that the file names, resuming what is done."""
+
+import json
+import os
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from expdesign.cli.app import app
+from expdesign.cli.errors import run
+
+QUICK = {"starts": 1, "max_iterations": 4}
+
+
+@pytest.fixture
+def expdesign(capsys):
+    """Run a command line in this process; return exit status, standard output and error."""
+
+    def command(*arguments):
+        status = run(app, [str(argument) for argument in arguments])
+        captured = capsys.readouterr()
+        return status, captured.out, captured.err
+
+    return command
+
+
+@pytest.fixture
+def run_file(tiny, tmp_path):
+    path = tmp_path / "input.yaml"
+    path.write_text(json.dumps(tiny(design=QUICK)), encoding="utf-8")
+    return path
+
+
+def states(folder):
+    return {
+        path: (path.stat().st_mtime_ns, path.read_bytes())
+        for path in folder.rglob("*")
+        if path.is_file()
+    }
+
+
+def coefficients(folder):
+    record = json.loads((folder / "design.json").read_text(encoding="utf-8"))
+    parts = [np.ravel(record[key]) for key in ("omega", "lambda0", "mu", "nu")]
+    return np.concatenate([*parts, [record["log_det_information"]]])
+
+
+def test_a_run_is_resumed_and_repeated_from_its_folder(
+    expdesign, run_file, tmp_path, cheap_finish, monkeypatch
+):
+    folder = tmp_path / "first"
+    status, out, messages = expdesign("run", run_file, "--out", folder)
+    assert status == 0
+    assert "log det F" in out
+    assert "strut_length" in out
+    assert "Traceback" not in messages
+    before = states(folder)
+
+    # Again: nothing to do, in a process of its own.
+    began = time.perf_counter()
+    again = subprocess.run(
+        [
+            *(sys.executable, "-c", "from expdesign.cli import main; main()"),
+            *("run", str(run_file), "--out", str(folder), "--json"),
+        ],
+        capture_output=True,
+        text=True,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)},
+        timeout=100,
+        check=False,
+    )
+    assert again.returncode == 0
+    assert "done already" in again.stderr
+    assert json.loads(again.stdout) == {"status": 0, "folder": str(folder), "resumed": True}
+    assert time.perf_counter() - began < 20
+    assert states(folder) == before
+
+    # A file that is missing makes the stage run again, to the same end.
+    (folder / "tables" / "limits.csv").unlink()
+    status, out, messages = expdesign("run", run_file, "--out", folder, "--json")
+    assert status == 0
+    assert json.loads(out)["design_status"] in {"converged", "not converged"}
+    assert "done already" not in messages
+    after = states(folder)
+    assert set(after) == set(before)
+    for path, (_, content) in after.items():
+        if path.suffix == ".csv":
+            assert content == before[path][1], path.name
+
+    # The resolved configuration in the folder gives the same design.
+    second = tmp_path / "second"
+    assert expdesign("run", folder / "run.yaml", "--out", second)[0] == 0
+    np.testing.assert_array_equal(coefficients(second), coefficients(folder))
+    assert (second / "run.yaml").read_bytes() == (folder / "run.yaml").read_bytes()
+
+    # A changed configuration makes it run again.
+    text = (folder / "run.yaml").read_text(encoding="utf-8")
+    changed = tmp_path / "changed.yaml"
+    changed.write_text(text.replace("seed: 0", "seed: 5", 1), encoding="utf-8")
+    assert changed.read_text(encoding="utf-8") != text
+    status, _, messages = expdesign("run", changed, "--out", second)
+    assert status == 0
+    assert "done already" not in messages
+    assert np.max(np.abs(coefficients(second) - coefficients(folder))) > 1e-3
+
+
+def test_the_run_folder_is_named_after_the_run(
+    expdesign, run_file, tmp_path, cheap_finish, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    assert expdesign("run", run_file, "--json")[0] == 0
+    assert (tmp_path / "runs" / "tiny" / "design.json").is_file()
+
+
+@pytest.mark.parametrize("text", ["", "name: a\nrobot: nowhere\n", "name: a\nrobott: palida\n"])
+def test_bad_input(expdesign, tmp_path, text):
+    path = tmp_path / "run.yaml"
+    path.write_text(text, encoding="utf-8")
+    status, out, messages = expdesign("run", path, "--out", tmp_path / "out")
+    assert (status, out) == (2, "")
+    assert "error: " in messages
+    assert "Traceback" not in messages
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_run_that_ships_is_found_by_its_name(expdesign, tmp_path, monkeypatch):
+    """It is loaded; what it would compute is left out here."""
+    seen = []
+    monkeypatch.setattr(
+        "expdesign.cli.run.design_stage",
+        lambda configuration, folder, as_json: seen.append((configuration.run.name, folder)),
+    )
+    assert expdesign("run", "palida-quick", "--out", tmp_path / "out")[0] == 0
+    assert seen == [("palida-quick", tmp_path / "out")]

@@ -1,0 +1,222 @@
+"""The YAML and the Python of the docs work."""
+
+import dataclasses
+import importlib
+import itertools
+import sys
+from typing import get_args
+
+import casadi as ca
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import expdesign
+from constraints import limit_definitions, limits
+from expdesign.cli.app import app
+from expdesign.configuration import load_robot_description, load_run
+from expdesign.information.catalogue import criteria_by_key
+from expdesign.information.spectral import spectral_cost
+from expdesign.robot import ExactModel, robot_from
+from expdesign.schema import RobotDescription, RunDescription
+from expdesign.schema.design import Criterion
+from tests.docs.pages import ROOT, blocks, parse
+
+YAML_BLOCKS = blocks("yaml")
+LIMIT = "constraints/limits/strut_inclination.py"
+CRITERION = "expdesign/information/criteria/phi2.py"
+
+
+def _keys(model):
+    return {info.alias or name for name, info in model.model_fields.items()}
+
+
+def _is_robot(data):
+    return "base_joints" in data
+
+
+def _name(block):
+    return block.text.partition("\n")[0].removeprefix("# ")
+
+
+@pytest.fixture
+def robots(tmp_path):
+    """Folder with every robot file that the docs show."""
+    for block in YAML_BLOCKS:
+        if _is_robot(parse(block.text)):
+            assert _name(block).endswith(".yaml"), "a robot's first line names its file"
+            (tmp_path / _name(block)).write_text(block.text, encoding="utf-8")
+    return tmp_path
+
+
+@pytest.mark.parametrize("block", YAML_BLOCKS, ids=lambda block: block.page.stem)
+def test_yaml_is_valid(block, robots):
+    data = parse(block.text)
+    if _is_robot(data):
+        robot_from(load_robot_description(robots / _name(block)))
+    elif "robot" in data:
+        file = robots / "run_of_the_docs.yaml"
+        file.write_text(block.text, encoding="utf-8")
+        robot_from(load_run(file).robot)
+    elif set(data) <= _keys(RunDescription):
+        robot_from(load_run({"name": "part", "robot": "palida", **data}).robot)
+    else:
+        assert set(data) <= _keys(RobotDescription)
+        palida = parse(load_robot_description("palida").source.read_text(encoding="utf-8"))
+        robot_from(load_run({"name": "part", "robot": palida | data}).robot)
+
+
+def test_there_are_examples_of_a_robot_and_a_run_in_the_readme():
+    shown = [parse(block.text) for block in YAML_BLOCKS if block.page.name == "README.md"]
+    assert any(_is_robot(data) for data in shown)
+    assert any("robot" in data for data in shown)
+
+
+def test_the_robot_of_the_readme_is_free_of_warnings(robots):
+    (run,) = (b for b in YAML_BLOCKS if _name(b) == "my-run.yaml")
+    (robots / "my-run.yaml").write_text(run.text, encoding="utf-8")
+    assert load_run(robots / "my-run.yaml").warnings == ()
+
+
+def test_the_python_of_the_readme(robots, monkeypatch):
+    (block,) = (b for b in blocks("python") if b.page.name == "README.md")
+    asked = []
+
+    class Result:
+        trajectory = expdesign.FourierTrajectory(1.0, np.zeros(6), np.ones((6, 1)), np.ones((6, 1)))
+
+    monkeypatch.setattr(expdesign, "design", lambda config: asked.append(config) or Result())
+    names = {}
+    exec(compile(block.text, "README.md", "exec"), names)
+    assert asked == ["my-run.yaml"]
+    assert names["lengths"].shape == (6,)
+    assert names["motion"].pose.shape == (2, 6)
+
+
+@pytest.fixture
+def with_limit(example, tmp_path, monkeypatch):
+    """Drop the worked example into the catalogue of limits."""
+    folder = tmp_path / "limits"
+    folder.mkdir()
+    (folder / "strut_inclination.py").write_text(example(LIMIT), encoding="utf-8")
+    monkeypatch.setattr(limits, "__path__", [*limits.__path__, str(folder)])
+    importlib.invalidate_caches()
+    limit_definitions.cache_clear()
+    yield
+    monkeypatch.undo()
+    sys.modules.pop(f"{limits.__name__}.strut_inclination", None)
+    vars(limits).pop("strut_inclination", None)
+    limit_definitions.cache_clear()
+
+
+def _inclined(bound):
+    run = load_run({"name": "n", "robot": "palida", "limits": {"strut_inclination": bound}})
+    return robot_from(run.robot)
+
+
+@pytest.mark.usefixtures("with_limit")
+def test_the_limit_of_the_docs_bounds_what_it_says():
+    robot = _inclined("60 deg")
+    (limit,) = (limit for limit in robot.limits if limit.key == "strut_inclination")
+    rng = np.random.default_rng(0)
+    states = np.zeros((20, 18))
+    states[:, :6] = robot.home + rng.normal(size=(20, 6)) * 0.1
+    values = ExactModel(robot, (limit,)).values(states)
+    base = robot.geometry.base_joints
+    for state, row in zip(states, values, strict=True):
+        rotation = ca.evalf(robot_rotation(state[3:6])).full()
+        struts = state[:3] + robot.geometry.platform_joints @ rotation.T - base
+        cosines = np.abs(struts[:, 2]) / np.linalg.norm(struts, axis=1)
+        np.testing.assert_allclose(row, np.arccos(cosines), rtol=0, atol=1e-9)
+
+
+def robot_rotation(angles):
+    rotation = importlib.import_module("expdesign.robot.rotation")
+    return rotation.rotation_matrix(ca.SX(ca.DM(angles)))
+
+
+@pytest.mark.usefixtures("with_limit")
+def test_both_forms_of_the_limit_of_the_docs_agree():
+    (limit,) = (k for k in _inclined("50 deg").limits if k.key == "strut_inclination")
+    assert limit.definition.key not in {k.stem for k in (ROOT / "constraints/limits").glob("*.py")}
+    direction = ca.SX.sym("u", 3, 6)
+    forms = ca.Function(
+        "forms",
+        [direction],
+        [
+            limit.natural({"strut_direction": direction}),
+            limit.smooth({"strut_direction": direction}),
+        ],
+    )
+    _, highest = limit.smooth_bounds()
+    rng = np.random.default_rng(1)
+    for _ in range(30):
+        u = rng.normal(size=(3, 6))
+        natural, smooth = (form.full().ravel() for form in forms(u / np.linalg.norm(u, axis=0)))
+        np.testing.assert_array_equal(limit.violation(natural) > 0, smooth > highest)
+
+
+@pytest.mark.usefixtures("with_limit")
+def test_the_limit_of_the_docs_refuses_a_home_that_breaks_it():
+    with pytest.raises(expdesign.ConfigurationError, match="inclination of the strut"):
+        _inclined("30 deg")
+
+
+@pytest.fixture
+def phi2(example):
+    names = {"__name__": "phi2"}
+    exec(compile(example(CRITERION), "phi2.py", "exec"), names)
+    return names["CRITERION"]
+
+
+def test_the_criterion_of_the_docs_has_its_derivatives(phi2):
+    rng = np.random.default_rng(2)
+    logs = np.sort(rng.normal(size=5))
+    cost, slope, curvature = phi2.cost(logs, phi2.levels[-1])
+    assert np.exp(cost) == pytest.approx(phi2.value(np.exp(logs)), rel=1e-12)
+    step = 1e-6
+    for k, unit in enumerate(np.eye(5)):
+        ahead, behind = (phi2.cost(logs + sign * step * unit, 2.0) for sign in (1, -1))
+        assert slope[k] == pytest.approx((ahead[0] - behind[0]) / (2 * step), abs=1e-8)
+        np.testing.assert_allclose(curvature[k], (ahead[1] - behind[1]) / (2 * step), atol=1e-8)
+
+
+def test_the_criterion_of_the_docs_lies_between_a_and_e(phi2):
+    eigenvalues = np.array([0.5, 1.0, 4.0])
+    trace = criteria_by_key()["a"].value(eigenvalues)
+    smallest = criteria_by_key()["e"].value(eigenvalues)
+    assert 1 / smallest < phi2.value(eigenvalues) < trace
+    samples = 7
+    cost = spectral_cost(np.diag(eigenvalues) / samples, phi2, 2.0).value
+    read = phi2.from_cost(cost, 3, samples, 0.0)
+    assert read == pytest.approx(phi2.value(eigenvalues), rel=1e-12)
+
+
+def test_the_criterion_of_the_docs_keeps_the_protocol(phi2):
+    for other, name in itertools.product(
+        criteria_by_key().values(),
+        ("key", "title", "larger_is_better", "invariant", "levels", "value", "cost", "from_cost"),
+    ):
+        assert hasattr(phi2, name)
+        assert hasattr(other, name)
+
+
+def test_the_schema_admits_the_criteria_that_exist():
+    """The docs say that a criterion needs both places."""
+    assert set(get_args(Criterion)) == set(criteria_by_key())
+
+
+def test_the_commands_of_the_readme_exist():
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    names = [command.name or command.callback.__name__ for command in app.registered_commands]
+    for name in names:
+        assert f"| `expdesign {name}" in text
+        assert CliRunner().invoke(app, [name, "--help"]).exit_code == 0
+    assert text.count("| `expdesign ") == len(names)
+
+
+def test_limits_are_frozen_data(robots):
+    """What the docs say of a limit: it is data."""
+    robot = robot_from(load_robot_description(robots / "my-hexapod.yaml"))
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        robot.limits[0].origin = "elsewhere"

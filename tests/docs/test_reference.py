@@ -1,0 +1,181 @@
+"""The reference tables of the docs say what the code says."""
+
+import re
+
+import pytest
+from pydantic_core import PydanticUndefined
+
+from constraints import limit_definitions
+from expdesign.configuration.limits import CHARACTERISTIC_LENGTH
+from expdesign.experiment.tables import TABLES
+from expdesign.information.catalogue import criteria_by_key
+from expdesign.library import robot_names, run_names
+from expdesign.recheck import TOLERANCE, grid_points
+from expdesign.robot.graph import HexapodGraph, parameter_unit
+from expdesign.runfolder.columns import TRAJECTORY
+from expdesign.schema import (
+    GENERAL_PARAMETERS,
+    STAGES,
+    DesignSection,
+    ExperimentSection,
+    RobotDescription,
+    RunDescription,
+    TrajectorySection,
+)
+from results.figures.design.catalogue import DESIGN_FIGURES
+from tests.docs.pages import ROOT, codes, parse, table
+
+DOCS = ROOT / "docs"
+RUN_FILES, ROBOTS, LIMITS = DOCS / "run-files.md", DOCS / "robots.md", DOCS / "limits.md"
+RUN_FOLDER = DOCS / "run-folder.md"
+
+
+def _fields(model):
+    return {info.alias or name: info for name, info in model.model_fields.items()}
+
+
+def _documented(page, heading):
+    """Return key → cell of the default, of every key of a table."""
+    return {key: row[1] for row in table(page, heading) for key in codes(row[0])}
+
+
+def _required(model):
+    """What a section that has required keys needs beside the key that is tested."""
+    if model is RunDescription:
+        return {"name": "n", "robot": "palida"}
+    if model is RobotDescription:
+        return {
+            "name": "n",
+            "home": [0, 0, 1, 0, 0, 0],
+            "base_joints": [[j, 0, 0] for j in range(6)],
+            "platform_joints": [[j, 1, 0] for j in range(6)],
+            "parameters": dict.fromkeys(GENERAL_PARAMETERS[:10], 1)
+            | dict.fromkeys(GENERAL_PARAMETERS[15:], 1),
+        }
+    return {}
+
+
+@pytest.mark.parametrize(
+    ("model", "page", "heading"),
+    [
+        (RunDescription, RUN_FILES, "## Top level"),
+        (TrajectorySection, RUN_FILES, "## trajectory"),
+        (DesignSection, RUN_FILES, "## design"),
+        (ExperimentSection, RUN_FILES, "## experiment"),
+        (RobotDescription, ROBOTS, "## Robot file"),
+    ],
+    ids=lambda value: value if isinstance(value, str) else getattr(value, "__name__", ""),
+)
+def test_keys_and_defaults_are_the_schemas(model, page, heading):
+    documented, fields = _documented(page, heading), _fields(model)
+    assert set(documented) == set(fields)
+    needed = _required(model)
+    for key, cell in documented.items():
+        info = fields[key]
+        if cell == "required":
+            assert info.is_required(), key
+            continue
+        assert not info.is_required(), key
+        if not codes(cell):
+            default = info.default if info.default is not PydanticUndefined else {}
+            if cell == "none":
+                assert default in (None, {}) or key == "limits", key
+            continue
+        name = next(n for n, i in model.model_fields.items() if i is info)
+        given = model.model_validate(needed | {key: parse(codes(cell)[0])})
+        assert getattr(given, name) == getattr(model.model_validate(needed), name), key
+
+
+def test_every_section_of_the_run_is_told_as_used_or_planned():
+    text = RUN_FILES.read_text(encoding="utf-8")
+    for stage in STAGES:
+        assert f"`{stage}`" in text
+
+
+def test_every_limit_has_its_row():
+    rows = {codes(row[0])[0]: row for row in table(LIMITS, "# Limits")}
+    assert set(rows) == set(limit_definitions())
+    for key, definition in limit_definitions().items():
+        _, unit, kind, count, _, seen = rows[key]
+        assert (unit, kind) == (definition.unit, definition.kind), key
+        if definition.components:
+            assert count == ", ".join(definition.components), key
+        else:
+            word = "strut" if definition.per_actuator else "pair" if definition.pairs else ""
+            assert count == (f"per {word}" if word else "one"), key
+        assert seen.startswith("the same") == (definition.smooth is None), key
+
+
+def test_the_page_of_limits_is_complete():
+    text = LIMITS.read_text(encoding="utf-8")
+    assert f"`{CHARACTERISTIC_LENGTH}`" in text
+    listed = re.findall(r"``(\w+)``", HexapodGraph.quantities.__doc__)
+    assert len(listed) > 10
+    for name in listed:
+        assert f"`{name}`" in text
+
+
+@pytest.mark.parametrize("page", ["criteria.md", "formulation.md"])
+def test_every_criterion_is_told(page):
+    heading = "# Criteria" if page == "criteria.md" else "## Objective"
+    rows = {codes(row[0])[0]: row for row in table(DOCS / page, heading)}
+    assert set(rows) == set(criteria_by_key())
+    for key, criterion in criteria_by_key().items():
+        if page == "criteria.md":
+            assert rows[key][2] == ("no" if criterion.invariant else "yes")
+            levels = "exact"
+            if len(criterion.levels) > 1:
+                levels = ", ".join(f"{level:g}" for level in criterion.levels)
+            assert rows[key][3] == levels
+        else:
+            assert ("larger is better" in rows[key][1]) == criterion.larger_is_better
+
+
+def test_parameters_and_their_units():
+    rows = table(DOCS / "model.md", "## Energies and parameters")
+    units = {}
+    for names, unit, _ in rows:
+        first, last = codes(names)[0], codes(names)[-1]
+        every = [f"{first[0]}{j}" for j in range(1, 7)] if "…" in names else codes(names)
+        assert every[-1] == last
+        units |= dict.fromkeys(every, unit.replace("²", "^2"))
+    assert tuple(units) == GENERAL_PARAMETERS
+    assert units == {name: parameter_unit(name) for name in GENERAL_PARAMETERS}
+
+
+def test_robots_and_runs_that_ship():
+    rows = table(ROBOTS, "## Robots that ship")
+    assert sorted(codes(row[0])[0] for row in rows) == sorted(robot_names())
+    text = RUN_FILES.read_text(encoding="utf-8")
+    for name in run_names():
+        assert f"`{name}`:" in text
+
+
+def test_columns_of_the_trajectory():
+    names = []
+    for row in table(RUN_FOLDER, "## trajectory.csv"):
+        if "…" not in row[0]:
+            names += codes(row[0])
+            continue
+        for part in row[0].split(","):
+            stem = codes(part)[0].removesuffix("1")
+            names += [f"{stem}{j}" for j in range(1, 7)]
+    assert names == [column.name for column in TRAJECTORY]
+
+
+def test_columns_of_the_tables():
+    rows = {codes(row[0])[0]: codes(row[1]) for row in table(RUN_FOLDER, "## tables")}
+    assert rows == {name: [c.name for c in columns] for name, columns in TABLES.items()}
+
+
+def test_figures():
+    rows = [codes(row[0])[0] for row in table(RUN_FOLDER, "## figures")]
+    assert rows == [definition.key for definition in DESIGN_FIGURES]
+
+
+def test_the_recheck_is_as_fine_as_told():
+    text = (DOCS / "formulation.md").read_text(encoding="utf-8")
+    assert r"\max(4000,\,20\cdot\texttt{samples})" in text
+    assert [grid_points(samples) for samples in (10, 200, 1000)] == [4000, 4000, 20000]
+    assert "10⁻⁶ of its range" in text
+    assert TOLERANCE == 1e-6

@@ -1,0 +1,425 @@
+"""The design as a whole, held against computations that are written out here."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import expdesign
+from expdesign.configuration import load_run
+from expdesign.experiment.design import build_workshop
+from expdesign.information.fisher import SingularInformationError
+from expdesign.solver import InfeasibleLimitsError, NoDesignError
+from expdesign.solver.random_start import random_start
+
+POINTS = 4000
+TOLERANCE = 1e-6
+
+
+def regressors_of(result, samples):
+    times = result.trajectory.period * np.arange(samples) / samples
+    motion = result.trajectory.sample(times)
+    return result.robot.regressor(motion.pose, motion.rate, motion.acceleration)
+
+
+def information_of(result, samples):
+    """Sum F over the samples of one period, sample by sample."""
+    inverse = np.linalg.inv(result.configuration.robot.noise.force_covariance)
+    names = result.robot.parameter_names
+    columns = [names.index(name) for name in result.parameter_names]
+    total = np.zeros((len(columns), len(columns)))
+    for regressor in regressors_of(result, samples):
+        judged = regressor[:, columns]
+        total += judged.T @ inverse @ judged
+    return total
+
+
+def unit_diagonal(information):
+    scales = np.sqrt(np.diag(information))
+    return information / np.outer(scales, scales), scales
+
+
+def log_det_of(information):
+    """By LU of the matrix at unit diagonal, for the sake of its digits."""
+    scaled, scales = unit_diagonal(information)
+    sign, value = np.linalg.slogdet(scaled)
+    assert sign == 1
+    return value + 2 * np.sum(np.log(scales))
+
+
+def std_of(information):
+    scaled, scales = unit_diagonal(information)
+    return np.sqrt(np.diag(np.linalg.inv(scaled))) / scales
+
+
+# --- the limits -----------------------------------------------------------------------------------
+
+
+def quantities(result):
+    """Return the limited quantities over one period, (N, rows) each, from their definitions."""
+    robot, trajectory = result.robot, result.trajectory
+    motion = trajectory.sample(trajectory.period * np.arange(POINTS) / POINTS)
+    struts = robot.strut_motion(motion.pose, motion.rate, motion.acceleration)
+    phi, theta, psi = motion.pose[:, 3:].T
+    zero, one = np.zeros(POINTS), np.ones(POINTS)
+
+    def stacked(*rows):
+        return np.array([list(row) for row in rows]).transpose(2, 0, 1)
+
+    about_x = stacked(
+        (one, zero, zero), (zero, np.cos(phi), -np.sin(phi)), (zero, np.sin(phi), np.cos(phi))
+    )
+    about_y = stacked(
+        (np.cos(theta), zero, np.sin(theta)),
+        (zero, one, zero),
+        (-np.sin(theta), zero, np.cos(theta)),
+    )
+    about_z = stacked(
+        (np.cos(psi), -np.sin(psi), zero), (np.sin(psi), np.cos(psi), zero), (zero, zero, one)
+    )
+    rotation = about_x @ about_y @ about_z
+    description = result.configuration.robot.description
+    base = np.array(description.base_joints)
+    arms = np.array(description.platform_joints) @ rotation.transpose(0, 2, 1)
+    tips = motion.pose[:, None, :3] + arms
+    along = tips - base
+    along /= np.linalg.norm(along, axis=2, keepdims=True)
+    turning = np.cross(arms, along) / description.limits["characteristic_length"]
+    return {
+        "strut_length": struts.length,
+        "strut_speed": struts.length_rate,
+        "strut_acceleration": struts.length_acceleration,
+        "alpha": struts.alpha,
+        "beta": struts.beta,
+        "actuator_force": robot.actuator_forces(motion.pose, motion.rate, motion.acceleration),
+        "position": motion.pose[:, :3],
+        "tilt": np.arccos(np.clip(rotation[:, 2, 2], -1, 1))[:, None],
+        "jacobian_condition": np.linalg.cond(np.concatenate([along, turning], axis=2))[:, None],
+        "strut_clearance": clearances(base, tips),
+    }
+
+
+def clearances(base, tips):
+    """Smallest distance of the segments of every pair of struts, (N, 15)."""
+    return np.array(
+        [
+            segment_distance(base[i], tips[:, i], base[j], tips[:, j])
+            for i in range(6)
+            for j in range(i + 1, 6)
+        ]
+    ).T
+
+
+def segment_distance(a, b, c, d):
+    """Of the segments a b and c d, at N instants: inside, or with one end of one of them."""
+
+    def to_segment(p, q, r):
+        share = np.sum((p - q) * (r - q), axis=-1) / np.sum((r - q) ** 2, axis=-1)
+        foot = q + np.clip(share, 0, 1)[:, None] * (r - q)
+        return np.linalg.norm(p - foot, axis=-1)
+
+    ends = np.min(
+        [to_segment(a, c, d), to_segment(b, c, d), to_segment(c, a, b), to_segment(d, a, b)], axis=0
+    )
+    u, v, w = b - a, d - c, a - c
+    uu, uv, vv = (np.sum(x * y, axis=1) for x, y in ((u, u), (u, v), (v, v)))
+    uw, vw = np.sum(u * w, axis=1), np.sum(v * w, axis=1)
+    det = uu * vv - uv**2
+    s, t = (uv * vw - vv * uw) / det, (uu * vw - uv * uw) / det
+    inside = (s >= 0) & (s <= 1) & (t >= 0) & (t <= 1)
+    between = np.linalg.norm(w + s[:, None] * u - t[:, None] * v, axis=1)
+    return np.where(inside, between, ends)
+
+
+def excess(values, lower, upper):
+    """Return the largest excess as a share of the range, of |bound| if there is only one."""
+    lower, upper = np.atleast_1d(lower).astype(float), np.atleast_1d(upper).astype(float)
+    both = np.isfinite(lower) & np.isfinite(upper)
+    one = np.abs(np.where(np.isfinite(lower), lower, upper))
+    with np.errstate(invalid="ignore"):
+        scale = np.where(both, upper - lower, one)
+    return np.max(np.maximum(lower - values, values - upper) / scale)
+
+
+def assert_limits_kept(result):
+    found = quantities(result)
+    assert [limit.key for limit in result.robot.limits] == [c.key for c in result.check.limits]
+    for limit, check in zip(result.robot.limits, result.check.limits, strict=True):
+        worst = excess(found[limit.key], limit.lower, limit.upper)
+        assert worst <= TOLERANCE, limit.key
+        # The recheck looks between the points as well; it never sees less than they do.
+        assert worst - 1e-9 <= check.violation <= worst + 1e-3, limit.key
+    assert result.check.passed
+
+
+def test_every_limit_is_kept_on_4000_points(tiny_result):
+    assert set(quantities(tiny_result)) == {limit.key for limit in tiny_result.robot.limits}
+    assert_limits_kept(tiny_result)
+
+
+def test_the_limits_are_used(tiny_result):
+    """An optimal excitation is stopped by limits, not by the solver's margins."""
+    assert -2e-3 < tiny_result.check.worst <= TOLERANCE
+
+
+# --- what is reported -----------------------------------------------------------------------------
+
+
+def test_log_det_is_that_of_the_trajectory(tiny_result):
+    information = information_of(tiny_result, tiny_result.samples)
+    assert tiny_result.samples == 24
+    np.testing.assert_allclose(
+        tiny_result.information, information, rtol=1e-9, atol=1e-12 * np.max(information)
+    )
+    assert tiny_result.log_det_information == pytest.approx(log_det_of(information), abs=1e-6)
+    assert tiny_result.criterion_value == tiny_result.log_det_information
+
+
+def test_predicted_std_is_that_of_the_trajectory(tiny_result):
+    names = tiny_result.parameter_names
+    assert names == tiny_result.robot.parameter_names
+    per_period, experiment = tiny_result.per_period, tiny_result.experiment
+    expected = std_of(information_of(tiny_result, 24))
+    assert (per_period.samples, per_period.periods) == (24, 1)
+    np.testing.assert_allclose([per_period.std[n] for n in names], expected, rtol=1e-5)
+    # The experiment: three periods at 100 Hz.
+    count = round(tiny_result.trajectory.period * 100)
+    expected = std_of(3 * information_of(tiny_result, count))
+    assert (experiment.samples, experiment.periods) == (3 * count, 3)
+    np.testing.assert_allclose([experiment.std[n] for n in names], expected, rtol=1e-5)
+
+
+def test_the_period_is_a_whole_number_of_controller_steps(tiny_result):
+    steps = tiny_result.trajectory.period / 0.01
+    assert steps == pytest.approx(round(steps), abs=1e-9)
+    assert tiny_result.samples_per_period == pytest.approx(steps)
+    assert 0.2 <= tiny_result.trajectory.frequency <= 0.6
+    assert not any("controller" in warning for warning in tiny_result.warnings)
+
+
+def test_status_and_statistics(tiny_result):
+    search = tiny_result.search
+    assert tiny_result.status in {"converged", "not converged"}
+    assert tiny_result.passed
+    assert not search.interrupted
+    assert len(search.starts) == 2
+    assert search.best in search.starts
+    for start in search.starts:
+        assert start.kind == "random"
+        assert start.status
+        assert start.iterations == sum(stage.iterations for stage in start.stages) > 0
+        assert all(stage.evaluations["grad_f"] > 0 for stage in start.stages)
+        assert start.seconds > 0
+    assert 0 < search.seconds <= tiny_result.seconds
+
+
+# --- frequency ------------------------------------------------------------------------------------
+
+
+def test_a_fixed_frequency_is_kept_and_warned_about(tiny, cheap_finish):
+    result = expdesign.design(
+        tiny(trajectory={"frequency": ["0.37 Hz", "0.37 Hz"]}, design={"starts": 1})
+    )
+    assert result.trajectory.frequency == pytest.approx(0.37, rel=1e-12)
+    assert result.samples_per_period == pytest.approx(1 / 0.0037)
+    (warning,) = (w for w in result.warnings if "controller" in w)
+    assert "270.27" in warning
+    assert_limits_kept(result)
+    # 100 Hz and 3 periods of no whole number of samples: their last one ends before the end.
+    assert result.experiment.samples == int(3 / 0.0037)
+
+
+def test_a_fixed_frequency_that_fits_is_not_warned_about(tiny, cheap_finish):
+    result = expdesign.design(
+        tiny(trajectory={"frequency": [0.4, 0.4]}, design={"starts": 1, "max_iterations": 5})
+    )
+    assert result.trajectory.frequency == pytest.approx(0.4, rel=1e-12)
+    assert result.samples_per_period == pytest.approx(250)
+    assert not any("controller" in warning for warning in result.warnings)
+
+
+# --- criteria, scaling, parameters ----------------------------------------------------------------
+
+
+def nominal_scale(result):
+    values = np.abs(result.robot.parameters)
+    assert np.all(values > 0)
+    return values
+
+
+def condition_of(information):
+    values = np.linalg.eigvalsh(information)
+    return values[-1] / values[0]
+
+
+@pytest.mark.parametrize("criterion", ["a", "e", "condition"])
+def test_other_criteria(criterion, tiny, tiny_result, cheap_finish):
+    """Each is what its name says, of F scaled by the nominal values, and improved on."""
+    result = expdesign.design(
+        tiny(design={"criterion": criterion, "scaling": "nominal", "starts": 1})
+    )
+    scale = nominal_scale(result)
+
+    def value(information):
+        scaled = information * np.outer(scale, scale)
+        if criterion == "a":
+            return np.trace(np.linalg.inv(scaled))
+        if criterion == "e":
+            return np.linalg.eigvalsh(scaled)[0]
+        return condition_of(scaled)
+
+    information = information_of(result, 24)
+    assert result.criterion_value == pytest.approx(value(information), rel=1e-5)
+    assert result.log_det_information == pytest.approx(log_det_of(information), abs=1e-5)
+    assert_limits_kept(result)
+    # Better than the feasible random motion that the start began with.
+    shop = build_workshop(result.configuration)
+    rng = np.random.default_rng(np.random.SeedSequence(0, spawn_key=(1,)))
+    x = random_start(shop.problem, rng, 24, 0.4)
+    before = shop.judge.information(shop.problem.variables.trajectory(x), 24)
+    assert (value(information) > value(before)) == (criterion == "e")
+    if criterion == "condition":
+        assert value(information) < value(tiny_result.information)
+    assert result.log_det_information < tiny_result.log_det_information
+
+
+def trajectories_equal(a, b, rtol=1e-9):
+    np.testing.assert_allclose(a.trajectory.vector(), b.trajectory.vector(), rtol=rtol, atol=rtol)
+
+
+def test_scaling_changes_no_d_optimal_trajectory(tiny, cheap_finish):
+    si, nominal = (
+        expdesign.design(tiny(design={"scaling": scaling, "starts": 1, "max_iterations": 6}))
+        for scaling in ("si", "nominal")
+    )
+    trajectories_equal(si, nominal, rtol=1e-12)
+    assert si.log_det_information == nominal.log_det_information
+    # In units of its nominal value each parameter shifts log det F by a constant.
+    scale = nominal_scale(si)
+    shifted = log_det_of(si.information * np.outer(scale, scale))
+    assert shifted - si.log_det_information == pytest.approx(2 * np.sum(np.log(scale)), abs=1e-6)
+
+
+def test_rescaled_parameters_change_no_d_optimal_trajectory(tiny, cheap_finish):
+    """The cost's own scales shift the cost by a constant and leave its derivatives alone."""
+    problem = build_workshop(load_run(tiny())).problem
+    factors = 10 ** np.random.default_rng(5).uniform(-2, 2, problem.cost.scaling.size)
+    rescaled = replace(problem.cost, scaling=problem.cost.scaling * factors)
+    x = random_start(problem, np.random.default_rng(1), 40, 0.4)
+    value, gradient, hessian = problem.cost.derivatives(x, 0.4, 1.0)
+    other, other_gradient, other_hessian = rescaled.derivatives(x, 0.4, 1.0)
+    np.testing.assert_allclose(other_gradient, gradient, rtol=1e-5, atol=1e-5)
+    np.testing.assert_allclose(
+        other_hessian, hessian, rtol=1e-5, atol=1e-5 * np.max(np.abs(hessian))
+    )
+    # Read in SI units, both say the same.
+    assert rescaled.readable(other) == pytest.approx(problem.cost.readable(value), abs=1e-6)
+
+
+def test_a_subset_of_the_parameters(tiny, cheap_finish):
+    wanted = ["p10", "r3", "p9", "v1"]
+    result = expdesign.design(tiny(design={"parameters": wanted, "starts": 1, "max_iterations": 6}))
+    assert result.parameter_names == ("p9", "p10", "r3", "v1")
+    assert result.information.shape == (4, 4)
+    assert list(result.per_period.std) == list(result.parameter_names)
+    information = information_of(result, 24)
+    assert result.log_det_information == pytest.approx(log_det_of(information), abs=1e-8)
+    assert_limits_kept(result)
+
+
+# --- what cannot be designed ----------------------------------------------------------------------
+
+
+def rubin(tiny, **design):
+    return tiny(
+        robot="rubin",
+        trajectory={"frequency": ["0.5 mHz", "50 mHz"], "harmonics": 2, "controller_period": 0.1},
+        experiment={"sampling": 10},
+        design={"starts": 1, **design},
+    )
+
+
+def test_what_the_limits_cannot_excite_is_named_and_the_rest_is_designed(tiny, cheap_finish):
+    with pytest.raises(SingularInformationError) as caught:
+        expdesign.design(rubin(tiny))
+    unexcited = caught.value.unexcited
+    names = expdesign.load_robot("rubin").parameter_names
+    assert set(unexcited) < set(names)
+    assert list(unexcited) == [name for name in names if name in unexcited]
+    for name in unexcited:
+        assert name in str(caught.value)
+    rest = [name for name in names if name not in unexcited]
+    result = expdesign.design(rubin(tiny, parameters=rest, max_iterations=5))
+    assert result.parameter_names == tuple(rest)
+    assert result.passed
+    assert np.isfinite(result.log_det_information)
+
+
+@pytest.mark.parametrize("limit", ["actuator_force", "strut_length"])
+def test_limits_that_no_motion_keeps(limit, tiny):
+    """Home is within them, by less than any motion needs (or holding friction takes)."""
+    robot = expdesign.load_robot("palida")
+    home = robot.home
+    rest = np.zeros(6)
+    if limit == "actuator_force":
+        value = float(np.max(np.abs(robot.actuator_forces(home, rest, rest)))) + 1e-7
+    else:
+        length = float(robot.inverse_kinematics(home)[0])
+        value = [length - 1e-7, length + 1e-7]
+    with pytest.raises((InfeasibleLimitsError, NoDesignError, SingularInformationError)) as caught:
+        expdesign.design(tiny(limits={limit: value}))
+    if isinstance(caught.value, InfeasibleLimitsError):
+        assert limit in str(caught.value)
+
+
+def test_start_at_rest_is_refused(tiny):
+    with pytest.raises(expdesign.ConfigurationError) as caught:
+        expdesign.design(tiny(design={"start": "rest"}))
+    (problem,) = caught.value.problems
+    assert problem.key == "design.start"
+    assert "rest" in problem.message
+
+
+def test_the_noise_is_needed(tiny):
+    from expdesign.configuration import load_robot_description
+
+    robot = load_robot_description("palida").description.model_dump(mode="json", by_alias=True)
+    del robot["noise"]
+    with pytest.raises(expdesign.ConfigurationError) as caught:
+        expdesign.design(tiny(robot=robot))
+    (problem,) = caught.value.problems
+    assert problem.key == "noise"
+    assert "force_std" in problem.allowed
+
+
+class StopsAt:
+    """A monitor that asks to stop after some events."""
+
+    def __init__(self, events):
+        self.left = events
+
+    def report(self, event):
+        self.left -= 1
+
+    def stop_requested(self):
+        return self.left <= 0
+
+
+def test_an_interrupted_search_keeps_the_best_so_far(tiny, cheap_finish):
+    result = expdesign.design(tiny(), StopsAt(6))
+    assert result.search.interrupted
+    assert result.status == "interrupted"
+    assert not result.passed
+    assert len(result.search.starts) == 1
+    assert_limits_kept(result)
+
+
+def test_a_search_that_is_stopped_before_it_began_has_no_design(tiny):
+    with pytest.raises(NoDesignError, match="stopped before any start"):
+        expdesign.design(tiny(), StopsAt(0))
+
+
+def test_a_search_whose_time_is_over_has_a_result(tiny, cheap_finish):
+    result = expdesign.design(tiny(design={"max_seconds": "0.2 s"}))
+    assert len(result.search.starts) == 1
+    assert result.check.passed

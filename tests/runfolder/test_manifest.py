@@ -1,0 +1,136 @@
+import dataclasses
+import json
+
+import pytest
+
+from expdesign.cli.stages import is_done, record_stage, stage_inputs
+from expdesign.configuration import load_run
+from expdesign.runfolder.manifest import NAME, Manifest, entry, file_hash, text_hash
+
+
+def configuration(**design):
+    return load_run({"name": "test", "robot": "palida", "design": design})
+
+
+@pytest.fixture
+def done(tmp_path):
+    """Return a run folder in which a stage was done."""
+    files = [tmp_path / "design.json", tmp_path / "tables" / "limits.csv"]
+    with record_stage("design", configuration(), tmp_path) as stage:
+        files[1].parent.mkdir()
+        for file in files:
+            file.write_text(f"this is {file.name}")
+        stage.status, stage.message, stage.files = "done", "all is well", files
+    return tmp_path
+
+
+def test_a_stage_that_was_done_is_known(done):
+    assert is_done("design", configuration(), done)
+
+
+def test_what_the_manifest_says(done):
+    data = json.loads((done / NAME).read_text())
+    assert data["seeds"] == {"design": 0, "experiment": 1, "montecarlo": 0}
+    for package in ("python", "expdesign", "casadi", "numpy"):
+        assert data["versions"][package]
+    stage = data["stages"]["design"]
+    assert (stage["status"], stage["message"]) == ("done", "all is well")
+    assert stage["seconds"] >= 0
+    assert stage["finished"].endswith("+00:00")
+    assert stage["inputs"] == stage_inputs("design", configuration())
+    assert stage["files"] == {
+        "design.json": file_hash(done / "design.json"),
+        "tables/limits.csv": file_hash(done / "tables" / "limits.csv"),
+    }
+
+
+@pytest.mark.parametrize("file", ["design.json", "tables/limits.csv"])
+def test_a_file_that_was_changed_or_deleted_is_noticed(done, file):
+    original = (done / file).read_text()
+    (done / file).write_text(original + " ")
+    assert not is_done("design", configuration(), done)
+    (done / file).unlink()
+    assert not is_done("design", configuration(), done)
+    (done / file).mkdir()
+    assert not is_done("design", configuration(), done)
+    (done / file).rmdir()
+    (done / file).write_text(original)
+    assert is_done("design", configuration(), done)
+
+
+def test_another_file_is_no_business_of_the_stage(done):
+    (done / "notes.txt").write_text("mine")
+    assert is_done("design", configuration(), done)
+
+
+@pytest.mark.parametrize(
+    "changed", [{"seed": 1}, {"starts": 3}, {"criterion": "a"}, {"parameters": ["p1"]}]
+)
+def test_a_changed_configuration_is_noticed(done, changed):
+    assert not is_done("design", configuration(**changed), done)
+
+
+def test_writing_a_default_out_is_no_change(done):
+    assert is_done("design", configuration(seed=0, criterion="d"), done)
+
+
+def test_another_version_is_noticed(done, monkeypatch):
+    monkeypatch.setattr("expdesign.runfolder.manifest.version", lambda _package: "99")
+    assert not is_done("design", configuration(), done)
+
+
+@pytest.mark.parametrize("status", ["failed", "interrupted", "limits broken"])
+def test_a_stage_that_was_not_done_is_done_again(tmp_path, status):
+    with record_stage("design", configuration(), tmp_path) as stage:
+        stage.status = status
+    assert not is_done("design", configuration(), tmp_path)
+    assert Manifest.read(tmp_path).stages["design"].status == status
+
+
+def test_a_stage_that_raises_leaves_no_entry(tmp_path):
+    def fail():
+        with record_stage("design", configuration(), tmp_path):
+            raise ValueError("no design")
+
+    with pytest.raises(ValueError, match="no design"):
+        fail()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_no_stage_is_done_in_an_empty_folder(tmp_path):
+    assert Manifest.read(tmp_path) is None
+    assert not is_done("design", configuration(), tmp_path)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "{",
+        "[]",
+        "null",
+        "{}",
+        '{"versions": {}, "seeds": {}, "evaluation": "", "stages": {"design": {"bad": 1}}}',
+        '{"versions": {}, "seeds": {}, "evaluation": "", "stages": {"design": 3}}',
+    ],
+)
+def test_a_manifest_that_cannot_be_used_is_as_none(tmp_path, text):
+    (tmp_path / NAME).write_text(text)
+    assert Manifest.read(tmp_path) is None
+    assert not is_done("design", configuration(), tmp_path)
+
+
+def test_stages_are_kept_side_by_side(done):
+    manifest = Manifest.read(done)
+    other = entry("done", "inputs", 1.23456, "", done, [])
+    manifest.with_stage("estimate", other).write(done)
+    again = Manifest.read(done)
+    assert set(again.stages) == {"design", "estimate"}
+    assert again.stages["estimate"] == dataclasses.replace(other, seconds=1.235)
+    assert is_done("design", configuration(), done)
+
+
+def test_hashes_of_texts_know_their_borders():
+    assert text_hash("ab", "c") != text_hash("a", "bc")
+    assert text_hash("a") != text_hash("a", "")
+    assert text_hash("a", 1) == text_hash("a", 1)

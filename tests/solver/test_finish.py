@@ -1,0 +1,112 @@
+import dataclasses
+import importlib
+
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from expdesign.recheck import recheck
+from expdesign.solver.continuation import finish_stage
+from expdesign.solver.finish import controller_omega, finish
+from expdesign.solver.random_start import random_start
+
+# --- whole controller steps -----------------------------------------------------------------------
+
+
+@given(
+    frequency=st.floats(0.01, 10),
+    below=st.floats(0.5, 1),
+    above=st.floats(1, 2),
+    step=st.floats(1e-4, 1e-2),
+)
+def test_the_nearest_period_of_whole_steps(frequency, below, above, step):
+    omega = 2 * np.pi * frequency
+    bounds = (omega * below, omega * above)
+    shortest, longest = 1 / (frequency * above), 1 / (frequency * below)
+    assume(longest - shortest > 2 * step)
+    found, steps = controller_omega(omega, bounds, step)
+    assert bounds[0] * (1 - 1e-9) <= found <= bounds[1] * (1 + 1e-9)
+    assert isinstance(steps, int)
+    assert 2 * np.pi / found == pytest.approx(steps * step, rel=1e-12)
+    # Within half a step of what was wanted, unless the bounds forbid it.
+    period = 1 / frequency
+    reach = 0.5 if shortest + step / 2 <= period <= longest - step / 2 else 1.0
+    assert abs(2 * np.pi / found - period) <= (reach + 1e-6) * step
+
+
+@pytest.mark.parametrize(("seconds", "steps"), [(2.0, 2000), (2.0004, 2000), (2.0006, 2001)])
+def test_whole_steps(seconds, steps):
+    found, count = controller_omega(2 * np.pi / seconds, (1.0, 10.0), 1e-3)
+    assert count == steps
+    assert 2 * np.pi / found == pytest.approx(steps * 1e-3, rel=1e-14)
+
+
+@pytest.mark.parametrize("seconds", [1.0, 0.5, 1 / 0.6 // 1e-3 * 1e-3, 0.3])
+def test_bounds_that_are_whole_steps_themselves_can_be_reached(seconds):
+    """Rounding errors of 2π/ω do not shut out the bound."""
+    omega = 2 * np.pi / seconds
+    for bounds in ((omega, 2 * omega), (omega / 2, omega), (omega, omega)):
+        found, steps = controller_omega(omega, bounds, 1e-3)
+        assert steps == round(seconds / 1e-3)
+        assert found == pytest.approx(omega, rel=1e-12)
+
+
+def test_no_whole_number_of_steps():
+    with pytest.raises(ValueError, match="whole number of steps"):
+        controller_omega(2 * np.pi / 2.0005, (2 * np.pi / 2.0007, 2 * np.pi / 2.0003), 1e-3)
+
+
+# --- mending --------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def on_coarse_grid(monkeypatch):
+    monkeypatch.setattr(importlib.import_module("expdesign.recheck.recheck"), "LEAST_POINTS", 400)
+
+
+def test_the_finish_keeps_limits_and_frequency(shop, on_coarse_grid):
+    """From a motion that breaks the limits between the samples to one that does not."""
+    problem = shop.problem
+    x = random_start(problem, np.random.default_rng(0), 40, 0.4)
+    x[:-1] *= 1.04
+    omega = 2 * np.pi / 2.5
+    fixed = problem.with_frequency((omega, omega))
+    stage = finish_stage(problem, shop.plan.widths, shop.plan.iterations)
+    seen = []
+
+    def report(iteration, cost, violation):
+        seen.append(iteration)
+        return True
+
+    none = finish(fixed, shop.judge, x, stage, rounds=0, report=report)
+    assert seen == []
+    done = finish(fixed, shop.judge, x, stage, rounds=1, report=report)
+    assert seen == list(range(1, len(seen) + 1))
+    for finished in (none, done):
+        assert finished.trajectory.omega == pytest.approx(omega, rel=1e-14)
+        again = recheck(fixed.exact, finished.trajectory, problem.cost.samples)
+        assert again == finished.check
+    assert done.check.passed
+    assert done.record.rounds == 1
+    samples = problem.cost.samples
+    assert shop.judge.merit(done.trajectory, samples) >= shop.judge.merit(none.trajectory, samples)
+    assert dataclasses.asdict(done.record)["evaluations"]["grad_f"] > 0
+
+
+def test_the_finish_can_be_stopped(shop, on_coarse_grid):
+    problem = shop.problem
+    x = random_start(problem, np.random.default_rng(0), 40, 0.4)
+    stage = finish_stage(problem, shop.plan.widths, shop.plan.iterations)
+    omega = 2 * np.pi / 2.5
+    fixed = problem.with_frequency((omega, omega))
+    calls = []
+
+    def report(iteration, cost, violation):
+        calls.append(iteration)
+        return False
+
+    finished = finish(fixed, shop.judge, x, stage, rounds=4, report=report)
+    assert calls == [1]
+    assert finished.record.status == "User_Requested_Stop"
+    assert finished.record.rounds == 1

@@ -1,0 +1,291 @@
+"""Ipopt behind its interface, on problems whose solutions are known."""
+
+import numpy as np
+import pytest
+
+from expdesign.solver.ipopt import solve_with_ipopt
+from expdesign.solver.stage import IPOPT_OPTIONS
+
+CURVATURES = ("gauss-newton", "limited-memory")
+OPTIONS = {"print_level": 0, "sb": "yes", "tol": 1e-9}
+INF = np.inf
+
+
+class Counted:
+    """A program that counts its own calls."""
+
+    def __init__(self, bounds, row_bounds):
+        self.lower, self.upper = (np.array(side, dtype=float) for side in bounds)
+        self.row_lower, self.row_upper = (np.array(side, dtype=float) for side in row_bounds)
+        self.calls = {
+            "cost": 0,
+            "cost_derivatives": 0,
+            "cost_gradient": 0,
+            "rows": 0,
+            "jacobian": 0,
+        }
+
+    def cost(self, x):
+        self.calls["cost"] += 1
+        return float(self.f(x))
+
+    def cost_derivatives(self, x):
+        self.calls["cost_derivatives"] += 1
+        return float(self.f(x)), self.slope(x), self.curvature(x)
+
+    def cost_gradient(self, x):
+        self.calls["cost_gradient"] += 1
+        return float(self.f(x)), self.slope(x)
+
+    def rows(self, x):
+        self.calls["rows"] += 1
+        return self.g(x)
+
+    def rows_jacobian(self, x):
+        self.calls["jacobian"] += 1
+        return self.g(x), self.row_slopes(x)
+
+
+class Quadratic(Counted):
+    """½ xᵀ H x − cᵀ x, row_lower ≤ A x ≤ row_upper."""
+
+    H = np.array([[3.0, 1.0, 0.0], [1.0, 2.0, 0.5], [0.0, 0.5, 1.0]])
+    c = np.array([1.0, -2.0, 3.0])
+    A = np.array([[1.0, 1.0, 1.0], [1.0, -1.0, 0.0], [0.0, 1.0, 1.0]])
+
+    def f(self, x):
+        return 0.5 * x @ self.H @ x - self.c @ x
+
+    def slope(self, x):
+        return self.H @ x - self.c
+
+    def curvature(self, x):
+        return self.H
+
+    def g(self, x):
+        return self.A @ x
+
+    def row_slopes(self, x):
+        return self.A
+
+
+class Fit(Counted):
+    """Sum of squares of (x₀ − 2, 2 (x₁ − 1)) on and inside the unit circle."""
+
+    def f(self, x):
+        return (x[0] - 2) ** 2 + 4 * (x[1] - 1) ** 2
+
+    def slope(self, x):
+        return np.array([2 * (x[0] - 2), 8 * (x[1] - 1)])
+
+    def curvature(self, x):
+        return np.diag([2.0, 8.0])
+
+    def g(self, x):
+        return np.array([x @ x])
+
+    def row_slopes(self, x):
+        return 2 * x[None, :]
+
+
+class Rosenbrock(Counted):
+    """Least squares with the minimum 0 at (1, 1); no rows."""
+
+    def f(self, x):
+        return 100 * (x[1] - x[0] ** 2) ** 2 + (1 - x[0]) ** 2
+
+    def _residual_slopes(self, x):
+        return np.array([[-20 * x[0], 10.0], [-1.0, 0.0]])
+
+    def slope(self, x):
+        residuals = np.array([10 * (x[1] - x[0] ** 2), 1 - x[0]])
+        return 2 * self._residual_slopes(x).T @ residuals
+
+    def curvature(self, x):
+        return 2 * self._residual_slopes(x).T @ self._residual_slopes(x)
+
+    def g(self, x):
+        return np.empty(0)
+
+    def row_slopes(self, x):
+        return np.empty((0, 2))
+
+
+def quadratic():
+    return Quadratic(([-INF] * 3, [INF] * 3), ([-INF, 5.0, -INF], [0.5, INF, 100.0]))
+
+
+def rosenbrock():
+    return Rosenbrock(([-INF] * 2, [INF] * 2), ([], []))
+
+
+@pytest.mark.parametrize("curvature", CURVATURES)
+def test_convex_quadratic_program(curvature):
+    """The solution of the KKT system, with the two active rows and the inactive third."""
+    program = quadratic()
+    result = solve_with_ipopt(program, np.zeros(3), options=OPTIONS, curvature=curvature)
+    A = Quadratic.A[:2]
+    kkt = np.block([[Quadratic.H, A.T], [A, np.zeros((2, 2))]])
+    solution = np.linalg.solve(kkt, np.concatenate([Quadratic.c, [0.5, 5.0]]))
+    assert result.converged
+    assert result.status == "Solve_Succeeded"
+    np.testing.assert_allclose(result.x, solution[:3], atol=1e-6)
+    assert result.objective == pytest.approx(program.f(solution[:3]), abs=1e-6)
+    # Positive at the upper bound, negative at the lower, zero where a row is inactive.
+    assert solution[3] > 0 > solution[4]
+    np.testing.assert_allclose(result.multipliers, [*solution[3:], 0.0], atol=1e-5)
+
+
+@pytest.mark.parametrize("curvature", CURVATURES)
+def test_nonlinear_program(curvature):
+    """Stationarity on the circle, with the multiplier of the row."""
+    program = Fit(([-INF] * 2, [INF] * 2), ([-INF], [1.0]))
+    result = solve_with_ipopt(program, np.array([0.1, 0.2]), options=OPTIONS, curvature=curvature)
+    angles = np.linspace(0, np.pi / 2, 2_000_001)
+    costs = (np.cos(angles) - 2) ** 2 + 4 * (np.sin(angles) - 1) ** 2
+    best = angles[np.argmin(costs)]
+    assert result.converged
+    np.testing.assert_allclose(result.x, [np.cos(best), np.sin(best)], atol=2e-6)
+    assert result.multipliers[0] > 0
+    stationary = program.slope(result.x) + result.multipliers[0] * 2 * result.x
+    np.testing.assert_allclose(stationary, 0, atol=1e-6)
+
+
+@pytest.mark.parametrize("curvature", CURVATURES)
+def test_least_squares_without_rows(curvature):
+    result = solve_with_ipopt(
+        rosenbrock(), np.array([-1.2, 1.0]), options=OPTIONS, curvature=curvature
+    )
+    assert result.converged
+    np.testing.assert_allclose(result.x, [1, 1], atol=1e-5)
+    assert result.multipliers.shape == (0,)
+
+
+@pytest.mark.parametrize("curvature", CURVATURES)
+def test_bounds_on_the_variables(curvature):
+    program = Rosenbrock(([-INF, -INF], [0.5, INF]), ([], []))
+    result = solve_with_ipopt(program, np.zeros(2), options=OPTIONS, curvature=curvature)
+    assert result.converged
+    np.testing.assert_allclose(result.x, [0.5, 0.25], atol=1e-5)
+
+
+@pytest.mark.parametrize("curvature", CURVATURES)
+@pytest.mark.parametrize("make", [quadratic, rosenbrock])
+def test_evaluations_are_the_true_ones(make, curvature):
+    program = make()
+    result = solve_with_ipopt(
+        program, np.full(program.lower.size, 0.3), options=OPTIONS, curvature=curvature
+    )
+    counts, calls = result.evaluations, program.calls
+    gradient, other = "cost_derivatives", "cost_gradient"
+    if curvature == "limited-memory":
+        gradient, other = other, gradient
+    assert calls[other] == 0
+    assert counts["f"] == calls["cost"] > 0
+    assert counts["grad_f"] == calls[gradient] > 0
+    assert counts["g"] == calls["rows"]
+    assert counts["jac_g"] == calls["jacobian"]
+    # No point is evaluated twice for the Hessian or the iteration's report.
+    assert counts["grad_f"] <= result.iterations + 2
+
+
+@pytest.mark.parametrize("curvature", CURVATURES)
+def test_report_gets_every_iterate(curvature):
+    program, seen = quadratic(), []
+
+    def report(iteration, x):
+        seen.append((iteration, x.copy()))
+        return True
+
+    result = solve_with_ipopt(
+        program, np.zeros(3), options=OPTIONS, curvature=curvature, report=report
+    )
+    assert [iteration.number for iteration, _ in seen] == list(range(1, len(seen) + 1))
+    assert len(seen) >= result.iterations
+    for iteration, x in seen:
+        assert iteration.objective == pytest.approx(program.f(x), rel=1e-12, abs=1e-12)
+        rows = program.g(x)
+        excess = np.maximum(program.row_lower - rows, rows - program.row_upper)
+        assert iteration.violation == pytest.approx(max(0.0, *excess), abs=1e-12)
+    np.testing.assert_allclose(seen[-1][1], result.x, atol=1e-6)
+
+
+@pytest.mark.parametrize("stop_at", [1, 3])
+def test_report_stops_the_solver(stop_at):
+    numbers = []
+
+    def report(iteration, _x):
+        numbers.append(iteration.number)
+        return iteration.number < stop_at
+
+    result = solve_with_ipopt(rosenbrock(), np.array([-1.2, 1.0]), options=OPTIONS, report=report)
+    assert numbers == list(range(1, stop_at + 1))
+    assert result.status == "User_Requested_Stop"
+    assert not result.converged
+    assert np.all(np.isfinite(result.x))
+
+
+def test_status_of_too_few_iterations():
+    result = solve_with_ipopt(
+        rosenbrock(), np.array([-1.2, 1.0]), options={**OPTIONS, "max_iter": 2}
+    )
+    assert result.status == "Maximum_Iterations_Exceeded"
+    assert not result.converged
+    assert result.iterations == 2
+
+
+def test_status_of_contradicting_rows():
+    """On the circle of radius 2 and inside that of radius 1, there is no point."""
+
+    class Contradiction(Fit):
+        def g(self, x):
+            return np.array([x @ x, x @ x])
+
+        def row_slopes(self, x):
+            return np.array([2 * x, 2 * x])
+
+    program = Contradiction(([-INF] * 2, [INF] * 2), ([-INF, 4.0], [1.0, INF]))
+    result = solve_with_ipopt(
+        program, np.array([0.5, 0.5]), options=OPTIONS, curvature="limited-memory"
+    )
+    assert result.status == "Infeasible_Problem_Detected"
+    assert not result.converged
+
+
+def test_status_of_a_model_without_a_number():
+    class Undefined(Fit):
+        def f(self, x):
+            return np.nan
+
+    program = Undefined(([-INF] * 2, [INF] * 2), ([-INF], [1.0]))
+    result = solve_with_ipopt(program, np.array([0.5, 0.5]), options=OPTIONS)
+    assert result.status == "Invalid_Number_Detected"
+    assert not result.converged
+
+
+def test_an_error_in_the_model_is_not_swallowed():
+    """It ends the solve; it does not become a number."""
+
+    class Broken(Fit):
+        def slope(self, x):
+            raise ZeroDivisionError("broken model")
+
+    program = Broken(([-INF] * 2, [INF] * 2), ([-INF], [1.0]))
+    try:
+        result = solve_with_ipopt(program, np.array([0.5, 0.5]), options=OPTIONS)
+    except (RuntimeError, ZeroDivisionError):
+        return
+    assert not result.converged
+
+
+def test_warm_start_takes_the_multipliers():
+    warm = {**OPTIONS, "warm_start_init_point": "yes", "mu_init": 1e-9}
+    cold = solve_with_ipopt(quadratic(), np.zeros(3), options=OPTIONS)
+    result = solve_with_ipopt(quadratic(), cold.x, options=warm, multipliers=cold.multipliers)
+    assert result.converged
+    np.testing.assert_allclose(result.x, cold.x, atol=1e-6)
+
+
+def test_the_options_of_the_search_are_ipopts():
+    result = solve_with_ipopt(quadratic(), np.zeros(3), options=IPOPT_OPTIONS)
+    assert result.converged

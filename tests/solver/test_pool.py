@@ -1,0 +1,99 @@
+"""Jobs in this process and in others; their functions stand here so that workers find them."""
+
+import os
+import time
+
+import pytest
+from threadpoolctl import threadpool_info
+
+from expdesign.solver import SearchEvent
+from expdesign.solver.pool import Job, run_jobs
+
+WORKERS = (1, 2)
+
+
+class Recorder:
+    """A monitor that keeps the events, and asks to stop after some of them."""
+
+    def __init__(self, stop_after=None):
+        self.events = []
+        self.stop_after = stop_after
+
+    def report(self, event):
+        self.events.append(event)
+
+    def stop_requested(self):
+        return self.stop_after is not None and len(self.events) >= self.stop_after
+
+
+def build():
+    return {"built": os.getpid()}
+
+
+def sleeper(shop, monitor, index, seconds):
+    time.sleep(seconds)
+    monitor.report(SearchEvent(index, "blunt", 1, 0.5, 0.0, 0.0))
+    threads = max((library["num_threads"] for library in threadpool_info()), default=1)
+    return index, os.getpid(), shop["built"], threads
+
+
+def failing(shop, monitor, index):
+    if index == 1:
+        raise ZeroDivisionError("job 1 is broken")
+    return index
+
+
+def patient(shop, monitor, index):
+    """Report until it is asked to stop; give up after ten seconds."""
+    for iteration in range(1000):
+        monitor.report(SearchEvent(index, "blunt", iteration, 0.0, 0.0, 0.0))
+        if monitor.stop_requested():
+            return "stopped"
+        time.sleep(0.01)
+    return "never asked"
+
+
+@pytest.mark.parametrize("workers", WORKERS)
+def test_results_come_in_the_order_of_the_jobs(workers):
+    monitor = Recorder()
+    jobs = [Job(sleeper, (k, seconds)) for k, seconds in enumerate((0.3, 0.0, 0.1, 0.0))]
+    results = list(run_jobs(build, jobs, workers, monitor))
+    assert [index for index, *_ in results] == [0, 1, 2, 3]
+    # Every event has arrived when the results have, and what was built was built where it is used.
+    assert sorted(event.start for event in monitor.events) == [0, 1, 2, 3]
+    assert all(process == built for _, process, built, _ in results)
+    assert (os.getpid() in {process for _, process, *_ in results}) == (workers == 1)
+    # One BLAS thread each.
+    assert {threads for *_, threads in results} == {1}
+
+
+@pytest.mark.parametrize("workers", WORKERS)
+def test_no_jobs(workers):
+    assert list(run_jobs(build, [], workers, Recorder())) == []
+
+
+def test_one_job_stays_in_this_process():
+    ((_, process, *_),) = run_jobs(build, [Job(sleeper, (0, 0.0))], 2, Recorder())
+    assert process == os.getpid()
+
+
+@pytest.mark.parametrize("workers", WORKERS)
+def test_a_jobs_exception_comes_through(workers):
+    jobs = [Job(failing, (k,)) for k in range(3)]
+    with pytest.raises(ZeroDivisionError, match="job 1 is broken"):
+        list(run_jobs(build, jobs, workers, Recorder()))
+
+
+@pytest.mark.parametrize("workers", WORKERS)
+def test_a_request_to_stop_reaches_the_jobs(workers):
+    """Those that run end, those that have not begun never do."""
+    monitor = Recorder(stop_after=5)
+    results = list(run_jobs(build, [Job(patient, (k,)) for k in range(6)], workers, monitor))
+    assert 1 <= len(results) <= workers
+    assert set(results) == {"stopped"}
+
+
+@pytest.mark.parametrize("workers", WORKERS)
+def test_after_a_request_to_stop_nothing_begins(workers):
+    jobs = [Job(sleeper, (k, 0.0)) for k in range(3)]
+    assert len(list(run_jobs(build, jobs, workers, Recorder(stop_after=0)))) <= workers

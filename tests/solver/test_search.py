@@ -1,0 +1,106 @@
+"""The search as a whole, on tiny problems: what it may depend on, and what not.
+
+That the number of workers changes nothing is tested with the command line (cli/test_design.py).
+"""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from expdesign.solver import NoDesignError, SilentMonitor, search
+
+QUICK = {"max_iterations": 6}
+
+
+class Recorder:
+    """A monitor that keeps the events."""
+
+    def __init__(self):
+        self.events = []
+
+    def report(self, event):
+        self.events.append(event)
+
+    def stop_requested(self):
+        return False
+
+
+@pytest.fixture
+def run(build, shop, cheap_finish):
+    """Search with another plan; return the result."""
+
+    def searched(monitor=None, **changes):
+        plan = dataclasses.replace(shop.plan, iterations=6, **changes)
+        return search(build(design=QUICK), plan, monitor or SilentMonitor())
+
+    return searched
+
+
+def merit(result, shop):
+    return shop.judge.merit(result.finished.trajectory, shop.problem.cost.samples)
+
+
+def test_seed_and_starts(run, build, shop):
+    """The same seed gives the same; another one another; more starts begin like fewer."""
+    monitor = Recorder()
+    # The plan that a job uses is the one that its workshop was built with.
+    assert build(design=QUICK)().plan.seed == 0
+    one = run(starts=1)
+    two = run(monitor, starts=2)
+    np.testing.assert_array_equal(two.starts[0].variables, one.starts[0].variables)
+    assert two.starts[0].merit == one.starts[0].merit
+    assert merit(two, shop) >= merit(one, shop)
+    assert np.max(np.abs(two.starts[0].variables - two.starts[1].variables)) > 1e-2
+    again = run(starts=2)
+    np.testing.assert_array_equal(
+        again.finished.trajectory.vector(), two.finished.trajectory.vector()
+    )
+    _events_tell_everything(monitor.events, two)
+
+
+def _events_tell_everything(events, result):
+    for start in result.starts:
+        mine = [event for event in events if event.start == start.index]
+        own = [event for event in mine if event.phase not in {"done", "finish"}]
+        assert [event.iteration for event in own] == [point.iteration for point in start.trace]
+        (done,) = (event for event in mine if event.phase == "done")
+        assert done.status == start.status
+        assert done.objective == start.merit
+        assert done.iteration == start.iterations
+    assert any(event.phase == "finish" for event in events)
+
+
+def test_seeds_differ(build, shop, cheap_finish):
+    results = []
+    for seed in (1, 2):
+        make = build(design={**QUICK, "seed": seed, "starts": 1})
+        results.append(search(make, make().plan, SilentMonitor()))
+    first, second = (result.starts[0].variables for result in results)
+    assert np.max(np.abs(first - second)) > 1e-2
+
+
+def test_hopping_is_never_worse_than_the_starts_alone(run, shop):
+    alone = run(starts=1)
+    hopped = run(starts=1, hops=2)
+    assert [start.kind for start in hopped.starts] == ["random", "hop", "hop"]
+    assert len({start.index for start in hopped.starts}) == 3
+    np.testing.assert_array_equal(hopped.starts[0].variables, alone.starts[0].variables)
+    assert merit(hopped, shop) >= merit(alone, shop)
+    assert hopped.best.merit == max(start.merit for start in hopped.starts)
+
+
+def test_no_start_keeps_the_limits(run, monkeypatch):
+    """What the starts came to is said and kept."""
+    from expdesign.solver import start as module
+    from expdesign.solver.shrink import Shrunk
+
+    def hopeless(problem, trajectory):
+        return Shrunk(trajectory, 0.8, kept=False)
+
+    monkeypatch.setattr(module, "shrink_to_limits", hopeless)
+    with pytest.raises(NoDesignError, match="none of 1 starts") as caught:
+        run(starts=1)
+    assert len(caught.value.starts) == 1
+    assert caught.value.starts[0].merit == -np.inf
+    assert caught.value.starts[0].status in str(caught.value)

@@ -1,0 +1,64 @@
+import dataclasses
+
+import numpy as np
+import pytest
+
+from expdesign.recheck import grid_points, states_at
+from expdesign.solver.random_start import random_start
+from expdesign.solver.shrink import GRID_MARGIN, SMALLEST_FACTOR, shrink_to_limits
+
+
+def worst(problem, trajectory):
+    times = trajectory.sample_times(grid_points(problem.cost.samples))
+    return np.max(problem.exact.violations(states_at(trajectory, times)))
+
+
+def scaled(trajectory, factor):
+    return dataclasses.replace(trajectory, mu=factor * trajectory.mu, nu=factor * trajectory.nu)
+
+
+@pytest.fixture(scope="module")
+def inside(problem):
+    """A motion that keeps every limit with room to spare."""
+    x = random_start(problem, np.random.default_rng(0), 40, 0.4)
+    return scaled(problem.variables.trajectory(x), 0.8)
+
+
+@pytest.fixture(scope="module")
+def too_large(problem, inside):
+    """The same motion, made a little larger than the limits let it be."""
+    factor = 1.0
+    while worst(problem, scaled(inside, factor)) <= 0:
+        factor *= 1.05
+    return scaled(inside, factor)
+
+
+def test_a_motion_within_the_limits_stays(problem, inside):
+    shrunk = shrink_to_limits(problem, inside)
+    assert shrunk.trajectory is inside
+    assert (shrunk.factor, shrunk.kept) == (1.0, True)
+
+
+@pytest.mark.parametrize("margin", [GRID_MARGIN, 5e-3])
+def test_a_motion_is_shrunk_no_further_than_it_must(problem, too_large, margin):
+    shrunk = shrink_to_limits(problem, too_large, margin)
+    assert shrunk.kept
+    assert SMALLEST_FACTOR < shrunk.factor < 1
+    assert worst(problem, shrunk.trajectory) <= -margin + 1e-9
+    larger = scaled(too_large, min(1.0, shrunk.factor * 1.0005))
+    assert worst(problem, larger) > -margin
+
+
+def test_centre_and_frequency_stay(problem, too_large):
+    shrunk = shrink_to_limits(problem, too_large)
+    assert shrunk.trajectory.omega == too_large.omega
+    np.testing.assert_array_equal(shrunk.trajectory.lambda0, too_large.lambda0)
+    np.testing.assert_allclose(shrunk.trajectory.mu, shrunk.factor * too_large.mu)
+    np.testing.assert_allclose(shrunk.trajectory.nu, shrunk.factor * too_large.nu)
+
+
+def test_a_motion_far_outside_is_given_up(problem, too_large):
+    shrunk = shrink_to_limits(problem, scaled(too_large, 2.0))
+    assert not shrunk.kept
+    assert shrunk.factor == SMALLEST_FACTOR
+    assert worst(problem, shrunk.trajectory) > 0
