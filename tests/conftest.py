@@ -39,7 +39,7 @@ _TINY = {
         "samples": 24,
         "controller_period": 0.01,
     },
-    "design": {"starts": 2, "seed": 0, "smoothing": [0.4, 0.2], "max_iterations": 10},
+    "design": {"starts": 1, "seed": 0, "smoothing": [0.4, 0.2], "max_iterations": 10},
     "experiment": {"sampling": 100, "periods": 3},
     "workers": 1,
 }

@@ -34,6 +34,12 @@ def run_file(tiny, tmp_path):
     return path
 
 
+@pytest.fixture(autouse=True)
+def _no_figures(monkeypatch):
+    """They take longer than all the rest, and are tested elsewhere."""
+    monkeypatch.setattr("results.design_figures", lambda _folder: [])
+
+
 def states(folder):
     return {
         path: (path.stat().st_mtime_ns, path.read_bytes())
@@ -48,9 +54,7 @@ def coefficients(folder):
     return np.concatenate([*parts, [record["log_det_information"]]])
 
 
-def test_a_run_is_resumed_and_repeated_from_its_folder(
-    expdesign, run_file, tmp_path, cheap_finish, monkeypatch
-):
+def test_a_run_is_resumed_and_repeated_from_its_folder(expdesign, run_file, tmp_path, cheap_finish):
     folder = tmp_path / "first"
     status, out, messages = expdesign("run", run_file, "--out", folder)
     assert status == 0

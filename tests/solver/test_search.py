@@ -1,7 +1,4 @@
-"""The search as a whole, on tiny problems: what it may depend on, and what not.
-
-That the number of workers changes nothing is tested with the command line (cli/test_design.py).
-"""
+"""The search as a whole, on tiny problems: what it may depend on, and what not."""
 
 import dataclasses
 
@@ -9,6 +6,8 @@ import numpy as np
 import pytest
 
 from expdesign.solver import NoDesignError, SilentMonitor, search
+from expdesign.solver.pool import Job, run_jobs
+from expdesign.solver.search import _random_job
 
 QUICK = {"max_iterations": 6}
 
@@ -88,6 +87,20 @@ def test_hopping_is_never_worse_than_the_starts_alone(run, shop):
     np.testing.assert_array_equal(hopped.starts[0].variables, alone.starts[0].variables)
     assert merit(hopped, shop) >= merit(alone, shop)
     assert hopped.best.merit == max(start.merit for start in hopped.starts)
+
+
+def test_the_number_of_workers_changes_nothing(build):
+    make = build(design={"max_iterations": 4})
+    jobs = [Job(_random_job, (index,)) for index in (1, 2, 3)]
+    one, two = (list(run_jobs(make, jobs, workers, SilentMonitor())) for workers in (1, 2))
+    for a, b in zip(one, two, strict=True):
+        np.testing.assert_array_equal(a.variables, b.variables)
+        assert (a.index, a.merit, a.iterations, a.trace) == (
+            b.index,
+            b.merit,
+            b.iterations,
+            b.trace,
+        )
 
 
 def test_no_start_keeps_the_limits(run, monkeypatch):
