@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -12,7 +14,7 @@ import expdesign
 TITLE = "Condition number against log det"
 
 
-def rows(starts: int = 4):
+def rows(starts: int = 4) -> Iterator[dict[str, Any]]:
     """Yield a row for the D-optimal design, then one for each scaling of the condition number."""
     for criterion, scaling in (("d", "si"), ("condition", "si"), ("condition", "nominal")):
         began = time.perf_counter()

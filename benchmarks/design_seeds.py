@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import resource
 import time
+from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -17,7 +19,7 @@ BEST_KNOWN = 104.54
 GRID = 4000
 
 
-def rows(seeds: range = range(10)):
+def rows(seeds: range = range(10)) -> Iterator[dict[str, Any]]:
     """Yield one row per seed, as soon as it is known."""
     for seed in seeds:
         began = time.perf_counter()

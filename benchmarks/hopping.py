@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -13,7 +15,7 @@ from benchmarks.design_seeds import BEST_KNOWN
 TITLE = "Basin hopping"
 
 
-def rows(hops: int = 100):
+def rows(hops: int = 100) -> Iterator[dict[str, Any]]:
     """Yield one row."""
     began = time.perf_counter()
     result = expdesign.design(

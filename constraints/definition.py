@@ -49,9 +49,11 @@ class LimitDefinition:
     decreasing : bool
         True when `transform` is decreasing (tilt → cosine), so that the bounds swap.
     conservative : bool
-        True when `smooth` is an outer approximation: it never admits what `natural` forbids.
+        True when `smooth` is an inner approximation: it never admits what `natural` forbids, and
+        may forbid a little more.
     requires : tuple of str
-        Names of the quantities that are read.
+        Names of the quantities that are read; a mechanism that does not offer them refuses the
+        limit.
     pairs : bool
         True when a row stands for a pair of actuators, in the order of
         ``itertools.combinations``; pairs that share a joint are then left out.

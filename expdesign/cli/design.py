@@ -117,9 +117,11 @@ def _summary(result: DesignResult, folder: Path) -> dict[str, Any]:
 
 
 def _what_is_wrong(result: DesignResult, folder: Path) -> str:
+    from expdesign.recheck import TOLERANCE
+
     if result.status == "interrupted":
         return f"interrupted: the best so far is saved, and marked, in {short(folder)}"
-    broken = [check for check in result.check.limits if check.violation > 0]
+    broken = [check for check in result.check.limits if check.violation > TOLERANCE]
     parts = [
         f"{check.key} ({check.row}: {check.value:.6g} {check.unit} at {check.time:.4g} s, bound "
         f"{check.bound:.6g}, {check.violation:.2g} of its range)"

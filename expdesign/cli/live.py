@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import signal
 import threading
 import time
@@ -51,10 +52,7 @@ class SearchDisplay:
         if event.phase == "done":
             self._running.pop(event.start, None)
             self._ended += 1
-            if (
-                self._best is None
-                or self._sign * event.objective > self._sign * self._best.objective
-            ):
+            if math.isfinite(event.objective) and self._improves(event):
                 self._best = event
             self._line(_ended(event, self._total))
         else:
@@ -90,6 +88,10 @@ class SearchDisplay:
             self._live = None
             signal.signal(signal.SIGINT, previous)
 
+    def _improves(self, event: SearchEvent) -> bool:
+        best = self._best
+        return best is None or self._sign * event.objective > self._sign * best.objective
+
     def _line(self, text: str) -> None:
         self._spoke = time.monotonic()
         self._console.print(text)
@@ -117,8 +119,13 @@ class SearchDisplay:
 
 
 def _ended(event: SearchEvent, total: int) -> str:
+    reached = (
+        f"{event.objective:.6g} within the limits"
+        if math.isfinite(event.objective)
+        else "no usable motion"
+    )
     return (
-        f"start {event.start}/{total}: {event.objective:.6g} within the limits after "
+        f"start {event.start}/{total}: {reached} after "
         f"{event.iteration} iterations, {event.seconds:.0f} s: {event.status}"
     )
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from expdesign.cli.design import OutOption, design_stage, run_folder
+from expdesign.cli.errors import CommandFailed
 from expdesign.cli.output import JsonOption, RunArgument, note, short, warn, write_json
 
 _AVAILABLE = ("design",)
@@ -15,7 +16,12 @@ def run(run: RunArgument, out: OutOption = None, as_json: JsonOption = False) ->
 
     configuration = load_run(run)
     folder = run_folder(configuration, out)
-    for stage in configuration.stages or ("design",):
+    stages = configuration.stages or ("design",)
+    if not set(stages) & set(_AVAILABLE):
+        raise CommandFailed(
+            f"the run names {', '.join(stages)}; this version has {', '.join(_AVAILABLE)} only"
+        )
+    for stage in stages:
         if stage not in _AVAILABLE:
             warn(f"the stage '{stage}' is not part of this version and is left out")
         elif is_done(stage, configuration, folder):

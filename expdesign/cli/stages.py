@@ -8,8 +8,12 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from expdesign.configuration import RunConfiguration, resolved_yaml
+from expdesign.cli.errors import CommandFailed
+from expdesign.configuration import RunConfiguration
 from expdesign.runfolder.manifest import Manifest, entry, text_hash
+
+_SECTIONS = {"design": ("name", "robot", "trajectory", "design", "experiment")}
+"""Sections of the run that each stage depends on."""
 
 
 @dataclass
@@ -26,18 +30,24 @@ def record_stage(name: str, configuration: RunConfiguration, folder: Path) -> It
     """Run a stage and write its entry to the manifest, if it wrote any files."""
     began = time.perf_counter()
     stage = Stage()
-    yield stage
-    manifest = _manifest(configuration, folder)
+    try:
+        yield stage
+    except CommandFailed as failure:
+        stage.status, stage.message, stage.files = "failed", failure.message, []
+        # Files of an earlier run stay, but the manifest no longer vouches for them.
+        if folder.is_dir():
+            _write(name, configuration, folder, stage, began)
+        raise
+    _write(name, configuration, folder, stage, began)
+
+
+def _write(
+    name: str, configuration: RunConfiguration, folder: Path, stage: Stage, began: float
+) -> None:
     seconds = time.perf_counter() - began
-    record = entry(
-        stage.status,
-        stage_inputs(name, configuration),
-        seconds,
-        stage.message,
-        folder,
-        stage.files,
-    )
-    manifest.with_stage(name, record).write(folder)
+    inputs = stage_inputs(name, configuration)
+    record = entry(stage.status, inputs, seconds, stage.message, folder, stage.files)
+    _manifest(configuration, folder).with_stage(name, record).write(folder)
 
 
 def is_done(name: str, configuration: RunConfiguration, folder: Path) -> bool:
@@ -50,8 +60,8 @@ def is_done(name: str, configuration: RunConfiguration, folder: Path) -> bool:
 
 def stage_inputs(name: str, configuration: RunConfiguration) -> str:
     """Return the hash of what a stage is made from: its sections and the versions."""
-    manifest = Manifest.new({})
-    return text_hash(name, resolved_yaml(configuration), sorted(manifest.versions.items()))
+    sections = configuration.run.model_dump_json(include=set(_SECTIONS[name]))
+    return text_hash(name, sections, sorted(Manifest.new({}).versions.items()))
 
 
 def _manifest(configuration: RunConfiguration, folder: Path) -> Manifest:

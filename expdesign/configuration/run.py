@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from os import PathLike
 from pathlib import Path
@@ -19,6 +20,7 @@ from expdesign.configuration.yaml_reader import read_yaml
 from expdesign.schema import NoiseDescription, RobotDescription, RunDescription
 from expdesign.schema.failure import nearest
 
+_ROUNDING = 1e-12
 _NOISE_USED_BY = ("design", "experiment", "montecarlo")
 
 
@@ -58,6 +60,7 @@ def load_run(
             problems += error.problems
     if run is not None and robot is not None:
         problems += _unknown_parameters(run, robot, document)
+        problems += _undesignable(run, document)
     if problems or run is None or robot is None:
         raise ConfigurationError(dict.fromkeys(problems))
     return RunConfiguration(
@@ -146,6 +149,33 @@ def _unknown_parameters(
         for name in names
         if name not in valid
     ]
+
+
+def _undesignable(run: RunDescription, document: Document) -> list[Problem]:
+    """Name what is well-formed but cannot be designed."""
+    problems = []
+    if run.design.start == "rest":
+        problems.append(
+            document.problem(
+                ("design", "start"),
+                "a series that starts at rest cannot be designed by this version",
+                "periodic",
+            )
+        )
+    step = run.trajectory.controller_period or run.experiment.step
+    low, high = run.trajectory.frequency
+    fewest = math.ceil(1 / (high * step) * (1 - _ROUNDING))
+    most = math.floor(1 / (low * step) * (1 + _ROUNDING))
+    if low < high and fewest > most:
+        problems.append(
+            document.problem(
+                ("trajectory", "frequency"),
+                f"no period between {1 / high:g} and {1 / low:g} s is a whole number of "
+                f"controller steps of {step:g} s",
+                f"a range that includes {1 / (fewest * step):g} Hz, or equal bounds",
+            )
+        )
+    return problems
 
 
 def _completed(run: RunDescription, robot: ResolvedRobot, folder: Path) -> RunDescription:

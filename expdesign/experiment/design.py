@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from expdesign.configuration import ConfigurationError, Problem, RunConfiguration, load_run
 from expdesign.experiment.result import DesignResult, PredictedPrecision, whole
+from expdesign.experiment.scaling import parameter_scaling
 from expdesign.information.catalogue import criteria_by_key
 from expdesign.information.fisher import (
     EXCITABLE,
@@ -61,7 +62,6 @@ def design(config: ConfigurationLike, monitor: Monitor | None = None) -> DesignR
     """
     configuration = config if isinstance(config, RunConfiguration) else load_run(config)
     began = time.perf_counter()
-    _refuse_what_is_not_there(configuration)
     watch = monitor or SilentMonitor()
     shop = build_workshop(configuration)
     _refuse_unexcitable(shop)
@@ -171,42 +171,6 @@ def judged_parameters(configuration: RunConfiguration, robot: Robot) -> tuple[st
     """Return the parameters that the criterion judges, in the order of the regressor."""
     wanted = configuration.run.design.parameters
     return tuple(name for name in robot.parameter_names if wanted is None or name in wanted)
-
-
-def parameter_scaling(robot: Robot, scaling: str) -> Array:
-    """Return (m,) the scale of every parameter: 1 (``si``), or its size (``nominal``).
-
-    A nominal value of zero has the physical scale p10·L (first moments) or p10·L² (products of
-    inertia), L the characteristic length; where the mass is zero too, 1.
-    """
-    if scaling == "si":
-        return np.ones(len(robot.parameter_names))
-    length = robot.characteristic_length
-    mass = abs(robot.description.parameters["p10"])
-    physical = {"sx": mass * length, "sy": mass * length, "p9": mass * length}
-    scales = []
-    for name, value in zip(robot.parameter_names, robot.parameters, strict=True):
-        scale = abs(value)
-        if scale == 0 and name.startswith(("I", "p6", "p7", "p8")):
-            scale = mass * length**2
-        elif scale == 0:
-            scale = physical.get(name, 1.0)
-        scales.append(scale or 1.0)
-    return np.array(scales)
-
-
-def _refuse_what_is_not_there(configuration: RunConfiguration) -> None:
-    if configuration.run.design.start == "rest":
-        raise ConfigurationError(
-            [
-                Problem(
-                    "a series that starts at rest cannot be designed by this version",
-                    file=configuration.file,
-                    key="design.start",
-                    allowed="periodic",
-                )
-            ]
-        )
 
 
 def _refuse_unexcitable(shop: Workshop) -> None:

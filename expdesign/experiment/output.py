@@ -12,6 +12,7 @@ import pandas as pd
 
 from expdesign.configuration import resolved_yaml
 from expdesign.experiment.result import DesignResult, PredictedPrecision, whole
+from expdesign.experiment.scaling import parameter_scaling
 from expdesign.experiment.tables import TABLES
 from expdesign.information.catalogue import criteria_by_key
 from expdesign.information.fisher import ScaledInformation
@@ -239,8 +240,9 @@ def convergence_table(result: DesignResult) -> pd.DataFrame:
 
 def eigenvalues_table(result: DesignResult) -> pd.DataFrame:
     """Return the eigenvalues of F scaled to unit diagonal, and scaled by nominal values."""
-    nominal = np.array([result.robot.description.parameters[n] for n in result.parameter_names])
-    sizes = np.where(nominal == 0, 1.0, np.abs(nominal))
+    every = result.robot.parameter_names
+    columns = [every.index(name) for name in result.parameter_names]
+    sizes = parameter_scaling(result.robot, "nominal")[columns]
     by_nominal = result.information * np.multiply.outer(sizes, sizes)
     values = ScaledInformation.of(result.information).eigenvalues()
     return pd.DataFrame(

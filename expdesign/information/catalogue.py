@@ -18,7 +18,7 @@ def criteria_by_key() -> Mapping[str, Criterion]:
     found: dict[str, Criterion] = {}
     for module in pkgutil.iter_modules(criteria.__path__):
         criterion = importlib.import_module(f"{criteria.__name__}.{module.name}").CRITERION
-        if criterion.key in found:
-            raise ValueError(f"information/criteria/{module.name}.py: {criterion.key} is taken")
+        if criterion.key != module.name:
+            raise ValueError(f"information/criteria/{module.name}.py declares '{criterion.key}'")
         found[criterion.key] = criterion
     return MappingProxyType(found)

@@ -80,8 +80,9 @@ class Recheck:
     def method(self) -> str:
         """How the limits were checked, in words."""
         return (
-            f"unsmoothed model on {self.points} points of one period, each limit's worst moment "
-            f"refined {_ZOOM_POINTS - 1}-fold {_ZOOMS} times; sampled, no proof between the points"
+            f"unsmoothed model on {self.points} points of one period, every possible worst "
+            f"moment refined {(_ZOOM_POINTS - 1) // 2}-fold {_ZOOMS} times; sampled, no proof "
+            "between the points"
         )
 
 

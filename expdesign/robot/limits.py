@@ -9,6 +9,7 @@ import numpy as np
 from constraints import Limit, LimitDefinition, limit_definitions
 from expdesign.configuration import ResolvedRobot, shared_joint_pairs
 from expdesign.robot.geometry import STRUTS
+from expdesign.robot.graph import hexapod_graph
 
 
 def robot_limits(description: ResolvedRobot) -> tuple[Limit, ...]:
@@ -17,11 +18,15 @@ def robot_limits(description: ResolvedRobot) -> tuple[Limit, ...]:
     Pairs of struts that share a joint have no clearance to keep: their rows are left open.
     """
     definitions = limit_definitions()
+    offered = {*hexapod_graph(general=False).kinematic, "actuator_force"}
     limits = []
     for key, definition in definitions.items():
         if key not in description.limits:
             continue
         given = description.limits[key]
+        missing = set(definition.requires) - offered
+        if missing:
+            raise ValueError(f"limit '{key}' needs {', '.join(sorted(missing))}: not offered here")
         labels = row_labels(definition)
         lower = np.broadcast_to(given.lower, len(labels)).copy()
         upper = np.broadcast_to(given.upper, len(labels)).copy()

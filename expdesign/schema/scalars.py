@@ -64,9 +64,9 @@ def whole(minimum: int, maximum: int) -> BeforeValidator:
 Seed = Annotated[int, whole(0, _LARGEST_SEED)]
 
 
-def one_of(literal: Any) -> BeforeValidator:
-    """Return a validator that admits the texts of a `Literal` type and names the nearest."""
-    choices: tuple[str, ...] = get_args(literal)
+def one_of(choice: Any) -> BeforeValidator:
+    """Return a validator that admits a `Literal`'s texts, or those given, and names the nearest."""
+    choices: tuple[str, ...] = choice if isinstance(choice, tuple) else get_args(choice)
     allowed = " | ".join(choices)
 
     def check(value: object) -> str:

@@ -62,7 +62,7 @@ def continuation_stages(
     ]
     for k in range(1, max(count, 2)):
         # The grid goes from coarse to fine, the rows from many to those near their bounds.
-        share = min(k, len(widths) - 1) / max(len(widths) - 1, 1)
+        share = min(k, len(widths) - 1) / (len(widths) - 1) if len(widths) > 1 else 1.0
         points = round(coarse + share * (fine - coarse))
         stages.append(
             Stage(

@@ -120,9 +120,7 @@ def _round(
     phases, mask, margins = _critical_rows(problem, x, stage)
     rows = problem.rows(phases, mask, margins)
     program = problem.program(rows, stage.width, stage.level, stage.samples)
-    result, reached = solve_best(
-        program.within(x, stage.radius), stage, x, 0, report
-    )
+    result, reached = solve_best(program.within(x, stage.radius), stage, x, 0, report)
     tally.add(result, rows.count)
     return reached, result
 

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from expdesign.problem import DesignProblem
-from expdesign.recheck import Judge
+from expdesign.recheck import Judge, recheck
 from expdesign.solver.progress import Monitor, SearchEvent
-from expdesign.solver.shrink import shrink_to_limits
+from expdesign.solver.shrink import Shrunk, shrink_to_limits
 from expdesign.solver.stage import Stage, StageRecord, TracePoint, run_stage
 
 Array = NDArray[np.float64]
@@ -64,7 +64,7 @@ STATUS_TEXTS = {
     "Maximum_Iterations_Exceeded": "stopped at the most iterations allowed, with the best "
     "iterate that keeps the limits",
     "Maximum_CpuTime_Exceeded": "stopped at the time allowed",
-    "User_Requested_Stop": "stopped by the user",
+    "User_Requested_Stop": "stopped before its end (Ctrl-C, or design.max_seconds)",
     "Infeasible_Problem_Detected": "no point nearby keeps the limits",
     "Restoration_Failed": "the limits could not be restored from where the solver stood",
     "Search_Direction_Becomes_Too_Small": "steps became too small",
@@ -75,6 +75,14 @@ STATUS_TEXTS = {
 def status_text(status: str) -> str:
     """Return Ipopt's status in words."""
     return STATUS_TEXTS.get(status, status.replace("_", " ").lower())
+
+
+def _why_useless(problem: DesignProblem, shrunk: Shrunk) -> str:
+    if shrunk.kept:
+        return "its motion does not excite every parameter"
+    check = recheck(problem.exact, shrunk.trajectory, problem.cost.samples)
+    worst = max(check.limits, key=lambda limit: limit.violation)
+    return f"even shrunk to {shrunk.factor:g} of its size its motion breaks {worst.key}"
 
 
 def run_start(
@@ -122,6 +130,8 @@ def run_start(
     last = records[-1]
     seconds = time.perf_counter() - began
     status = status_text(last.status)
+    if not np.isfinite(merit):
+        status += f"; {_why_useless(problem, shrunk)}"
     monitor.report(
         SearchEvent(
             index,
