@@ -70,6 +70,10 @@ class DesignProblem:
             evaluator=replace(self.evaluator, variables=variables),
         )
 
+    def with_criterion(self, criterion: Criterion) -> DesignProblem:
+        """Return the same problem with another criterion."""
+        return replace(self, cost=replace(self.cost, criterion=criterion))
+
     def smooth_bounds(self, margins: Array | None = None) -> tuple[Array, Array]:
         """Return bounds on the smooth rows, (R,) each or with margins (…, R).
 

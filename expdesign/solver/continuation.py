@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from expdesign.information.catalogue import criteria_by_key
 from expdesign.problem import DesignProblem
 from expdesign.solver.stage import Stage
 
@@ -33,8 +34,9 @@ def continuation_stages(
     curvature: it finds the basin. The others start from its result, so that only rows near their
     bounds need to be in the NLP, and approximate the curvature of the whole Lagrangian: there the
     active limits decide, and they converge where the cost's curvature alone does not (measured).
-    A criterion with a surrogate is sharpened over the stages; its last levels follow at the last
-    width.
+    A criterion that depends on the scaling of the parameters has flat regions where one of them
+    is hardly excited: its first stage maximises log det F instead. A criterion with a surrogate
+    is sharpened over the others; its last levels follow at the last width.
 
     Parameters
     ----------
@@ -47,6 +49,8 @@ def continuation_stages(
     n, samples = problem.variables.harmonics, problem.cost.samples
     levels = problem.criterion.levels
     coarse, fine = coarse_points(n), fine_points(n)
+    invariant = problem.criterion.invariant
+    levels = levels if invariant else (levels[0], *levels)
     count = max(len(widths), len(levels))
     stages = [
         Stage(
@@ -58,6 +62,7 @@ def continuation_stages(
             near=_EVERYTHING,
             radius=None,
             iterations=iterations,
+            criterion=None if invariant else criteria_by_key()["d"],
         )
     ]
     for k in range(1, max(count, 2)):

@@ -29,7 +29,12 @@ class Job:
 
 
 def run_jobs(
-    build: Callable[[], Any], jobs: Sequence[Job], workers: int, monitor: Monitor
+    build: Callable[[], Any],
+    jobs: Sequence[Job],
+    workers: int,
+    monitor: Monitor,
+    *,
+    after_stop: bool = False,
 ) -> Iterator[Any]:
     """Run jobs in up to `workers` processes; yield their results in the jobs' order.
 
@@ -42,25 +47,35 @@ def run_jobs(
         1: everything runs in this process.
     monitor : Monitor
         Gets the events of all jobs; its request to stop reaches them between two iterations.
+    after_stop : bool
+        Whether jobs begin although a stop has been requested: those that save what there is.
+        Otherwise they are left out, and fewer results come.
     """
     workers = min(workers, len(jobs))
     if workers <= 1:
-        yield from _in_process(build, jobs, monitor)
+        yield from _in_process(build, jobs, monitor, after_stop=after_stop)
     else:
-        yield from _in_processes(build, jobs, workers, monitor)
+        yield from _in_processes(build, jobs, workers, monitor, after_stop=after_stop)
 
 
-def _in_process(build: Callable[[], Any], jobs: Sequence[Job], monitor: Monitor) -> Iterator[Any]:
+def _in_process(
+    build: Callable[[], Any], jobs: Sequence[Job], monitor: Monitor, *, after_stop: bool
+) -> Iterator[Any]:
     recipe = pickle.dumps(build)
     with threadpool_limits(1):
         for job in jobs:
-            if monitor.stop_requested():
+            if monitor.stop_requested() and not after_stop:
                 return
             yield job.function(_workshop(recipe), monitor, *job.arguments)
 
 
 def _in_processes(
-    build: Callable[[], Any], jobs: Sequence[Job], workers: int, monitor: Monitor
+    build: Callable[[], Any],
+    jobs: Sequence[Job],
+    workers: int,
+    monitor: Monitor,
+    *,
+    after_stop: bool,
 ) -> Iterator[Any]:
     recipe = pickle.dumps(build)
     with Manager() as manager:
@@ -70,8 +85,9 @@ def _in_processes(
         try:
             with parallel_config("loky", n_jobs=workers, inner_max_num_threads=1):
                 run = Parallel(return_as="generator", pre_dispatch=workers)
-                for result in run(delayed(_in_worker)(recipe, job, events, stop) for job in jobs):
-                    if result is not None:
+                calls = (delayed(_in_worker)(recipe, job, events, stop, after_stop) for job in jobs)
+                for began, result in run(calls):
+                    if began:
                         yield result
         finally:
             done.set()
@@ -104,13 +120,16 @@ class _Remote:
         return bool(self.stop.is_set())
 
 
-def _in_worker(recipe: bytes, job: Job, events: Any, stop: Any) -> Any:
+def _in_worker(
+    recipe: bytes, job: Job, events: Any, stop: Any, after_stop: bool
+) -> tuple[bool, Any]:
+    """Return whether the job was begun, and its result."""
     # The terminal sends Ctrl-C to all processes; the parent alone decides what it means.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    if stop.is_set():
-        return None
+    if stop.is_set() and not after_stop:
+        return False, None
     with threadpool_limits(1):
-        return job.function(_workshop(recipe), _Remote(events, stop), *job.arguments)
+        return True, job.function(_workshop(recipe), _Remote(events, stop), *job.arguments)
 
 
 _built: dict[str, Any] = {}

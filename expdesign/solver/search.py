@@ -161,7 +161,9 @@ def _finish_best(
     for first in range(0, len(usable), CANDIDATES):
         batch = usable[first : first + CANDIDATES]
         jobs = [Job(_finish_job, (result.index, result.variables)) for result in batch]
-        outcomes: Iterator[tuple[float, Finished]] = run_jobs(build, jobs, plan.workers, monitor)
+        outcomes: Iterator[tuple[float, Finished]] = run_jobs(
+            build, jobs, plan.workers, monitor, after_stop=True
+        )
         for result, (merit, finished) in zip(batch, outcomes, strict=True):
             tried.append((merit, finished, result))
         passed = [item for item in tried if item[1].check.passed]

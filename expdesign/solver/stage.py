@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from expdesign.information.spectral import Criterion
 from expdesign.problem import DesignProblem, DesignProgram
 from expdesign.solver.ipopt import Curvature, IpoptResult, Iteration, solve_with_ipopt
 
@@ -63,6 +64,8 @@ class Stage:
         Most iterations.
     curvature : {"gauss-newton", "limited-memory"}
         See `solve_with_ipopt`.
+    criterion : Criterion or None
+        Criterion of this stage where it is not the problem's own.
     """
 
     name: str
@@ -74,6 +77,7 @@ class Stage:
     radius: float | None
     iterations: int
     curvature: Curvature = "gauss-newton"
+    criterion: Criterion | None = None
 
 
 @dataclass(frozen=True)
@@ -138,6 +142,8 @@ def run_stage(
     the NLP is solved again: from the point reached, or, if that is far out, from the last good
     one in a smaller box; each time with the iterations that are left, or a quarter of them.
     """
+    if stage.criterion is not None:
+        problem = problem.with_criterion(stage.criterion)
     phases = 2 * np.pi * np.arange(stage.points) / stage.points
     violations = problem.smooth_violations(start, phases, stage.width)
     mask: Mask = violations > -stage.near

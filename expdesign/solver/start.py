@@ -106,8 +106,12 @@ def run_start(
         def report(
             iteration: int, cost: float, violation: float, stage: Stage = stage, base: int = done
         ) -> bool:
-            value = problem.cost.readable(cost)
-            trace.append(TracePoint(stage.name, base + iteration, value, violation))
+            if stage.criterion is None:
+                value = problem.cost.readable(cost)
+                trace.append(TracePoint(stage.name, base + iteration, value, violation))
+            else:
+                # Another criterion's numbers are shown while it runs, and kept out of the trace.
+                value = problem.with_criterion(stage.criterion).cost.readable(cost)
             monitor.report(
                 SearchEvent(
                     index,

@@ -1,13 +1,8 @@
 import copy
 
 import pytest
-from hypothesis import settings
 
 from expdesign.configuration import ConfigurationError, load_robot_description, load_run
-
-# How long an example takes is not what is tested.
-settings.register_profile("without deadline", deadline=None)
-settings.load_profile("without deadline")
 
 
 @pytest.fixture(scope="session")

@@ -4,7 +4,6 @@ import dataclasses
 import importlib
 import itertools
 import sys
-from typing import get_args
 
 import casadi as ca
 import numpy as np
