@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from expdesign.information.fisher import whitening
-from expdesign.information.spectral import Criterion, spectral_cost
+from expdesign.information.spectral import Criterion, SpectralCost, spectral_cost
 from expdesign.problem.variables import DesignVariables
 from expdesign.robot.batch import BatchFunction
 from expdesign.robot.graph import Friction, HexapodGraph
@@ -92,16 +92,9 @@ class InformationCost:
     ) -> tuple[float, Array, Array]:
         """Return cost, gradient (z,) and positive semidefinite Gauss–Newton Hessian (z, z)."""
         basis = self.basis()
-        states = self.variables.states(variables, basis)
-        regressors, slopes = self.kernels.derivative(states, self.geometry, np.array([width]))
-        white = self._whiten(regressors)
+        white, slopes, cost = self._linearised(variables, basis, width, level)
         count, actuators, k = white.shape
-        information = np.tensordot(white, white, axes=([0, 1], [0, 1])) / count
-        cost = spectral_cost(information, self.criterion, level)
-        m = regressors.shape[2]
-        white_slopes = self._whiten(
-            slopes.reshape(count, actuators, m, -1).transpose(3, 0, 1, 2)
-        ).transpose(1, 2, 3, 0)
+        white_slopes = self._whiten(slopes.transpose(3, 0, 1, 2)).transpose(1, 2, 3, 0)
         # In the eigenbasis: one factor rotated here, the other after the sum over the samples.
         rotated = white @ cost.basis
         products = np.matmul(
@@ -119,25 +112,28 @@ class InformationCost:
     def gradient(self, variables: Array, width: float, level: float) -> tuple[float, Array]:
         """Return cost and gradient (z,) alone, at half the price of `derivatives`."""
         basis = self.basis()
-        states = self.variables.states(variables, basis)
-        regressors, slopes = self.kernels.derivative(states, self.geometry, np.array([width]))
-        white = self._whiten(regressors)
-        count, actuators, _ = white.shape
-        information = np.tensordot(white, white, axes=([0, 1], [0, 1])) / count
-        cost = spectral_cost(information, self.criterion, level)
+        white, slopes, cost = self._linearised(variables, basis, width, level)
+        count = len(white)
         # tr(∂cost/∂F dF) = Σ 2 (Σ⁻¹ A ∂cost/∂F) : dA, back through whitening and column scales.
         by_information = (cost.basis * cost.slope) @ cost.basis.T
-        by_regressor = np.zeros(regressors.shape)
+        by_regressor = np.zeros(slopes.shape[:3])
         by_regressor[..., self.columns] = (
             whitening(self.covariance).T @ (white @ by_information) * self.scaling * (2 / count)
         )
-        by_state = np.einsum(
-            "nr,nrs->ns",
-            by_regressor.reshape(count, -1),
-            slopes.reshape(count, actuators * regressors.shape[2], -1),
-        )
+        by_state = np.einsum("nam,nams->ns", by_regressor, slopes)
         summed = self.variables.accumulate(variables, basis, by_state[:, None, :])
         return cost.value, summed[0]
+
+    def _linearised(
+        self, variables: Array, basis: PhaseBasis, width: float, level: float
+    ) -> tuple[Array, Array, SpectralCost]:
+        """Return whitened A (N, 6, k), ∂A/∂state (N, 6, m, 18) and the criterion's derivatives."""
+        states = self.variables.states(variables, basis)
+        regressors, slopes = self.kernels.derivative(states, self.geometry, np.array([width]))
+        white = self._whiten(regressors)
+        information = np.tensordot(white, white, axes=([0, 1], [0, 1])) / len(white)
+        cost = spectral_cost(information, self.criterion, level)
+        return white, slopes.reshape(*regressors.shape, -1), cost
 
     def readable(self, cost: float) -> float:
         """Return the criterion that a cost stands for: F over all samples, SI for ``d``."""

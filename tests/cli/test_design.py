@@ -11,8 +11,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from expdesign.cli.app import app
-from expdesign.cli.errors import run
 from expdesign.configuration import load_robot_description, load_run
 from expdesign.robot import load_robot
 from expdesign.trajectory import FourierTrajectory
@@ -38,18 +36,6 @@ def write_run(folder, mapping):
 
 def half_written(folder):
     return [path for path in folder.rglob(".*") if path.is_file()]
-
-
-@pytest.fixture
-def expdesign(capsys):
-    """Run a command line in this process; return exit status, standard output and error."""
-
-    def command(*arguments):
-        status = run(app, [str(argument) for argument in arguments])
-        captured = capsys.readouterr()
-        return status, captured.out, captured.err
-
-    return command
 
 
 @pytest.fixture(scope="module")

@@ -8,23 +8,10 @@ import sys
 import pytest
 import typer
 
-from expdesign.cli.app import app
 from expdesign.cli.errors import CommandFailed, run
 from expdesign.configuration import load_robot_description, load_run, resolved_yaml
 
 ROBOT = resolved_yaml(load_run("palida")).split("robot:\n")[1].split("\ntrajectory")[0]
-
-
-@pytest.fixture
-def expdesign(capsys):
-    """Run a command line; return exit status, standard output and standard error."""
-
-    def command(*arguments):
-        status = run(app, [str(argument) for argument in arguments])
-        captured = capsys.readouterr()
-        return status, captured.out, captured.err
-
-    return command
 
 
 @pytest.fixture

@@ -9,22 +9,7 @@ import time
 import numpy as np
 import pytest
 
-from expdesign.cli.app import app
-from expdesign.cli.errors import run
-
 QUICK = {"starts": 1, "max_iterations": 4}
-
-
-@pytest.fixture
-def expdesign(capsys):
-    """Run a command line in this process; return exit status, standard output and error."""
-
-    def command(*arguments):
-        status = run(app, [str(argument) for argument in arguments])
-        captured = capsys.readouterr()
-        return status, captured.out, captured.err
-
-    return command
 
 
 @pytest.fixture
