@@ -52,6 +52,7 @@ def design_stage(configuration: RunConfiguration, folder: Path, *, as_json: bool
     from expdesign.experiment.output import write_design
     from results import design_figures
 
+    _refuse_unwritable(folder)
     for warning in configuration.warnings:
         warn(warning)
     display = _display(configuration)
@@ -61,7 +62,7 @@ def design_stage(configuration: RunConfiguration, folder: Path, *, as_json: bool
         stage.files = write_design(result, folder)
         stage.files += design_figures(folder)
         stage.status = "done" if result.passed else result.status
-        stage.message = result.search.best.status
+        stage.message = result.status_text
     summary = _summary(result, folder)
     for warning in result.warnings[len(configuration.warnings) :]:
         warn(warning)
@@ -74,9 +75,32 @@ def design_stage(configuration: RunConfiguration, folder: Path, *, as_json: bool
     raise CommandFailed(_what_is_wrong(result, folder), summary)
 
 
+def _refuse_unwritable(folder: Path) -> None:
+    """Find out before the work, not after it, that its result cannot be written."""
+    from tempfile import TemporaryFile
+
+    from expdesign.configuration import ConfigurationError, Problem
+
+    existing = next(path for path in (folder, *folder.parents) if path.exists())
+    try:
+        with TemporaryFile(dir=existing):
+            pass
+    except OSError as error:
+        raise ConfigurationError(
+            [
+                Problem(
+                    f"cannot write there: {error.strerror}",
+                    file=folder,
+                    key="--out",
+                    allowed="a folder that is new, or may be written to",
+                )
+            ]
+        ) from error
+
+
 def _computed(compute: Any, configuration: RunConfiguration, display: Any) -> DesignResult:
     from expdesign.information.fisher import SingularInformationError
-    from expdesign.solver import InfeasibleLimitsError, NoDesignError
+    from expdesign.solver import InfeasibleLimitsError, NoDesignError, WorkerDiedError
 
     try:
         result: DesignResult = compute(configuration, display)
@@ -87,7 +111,7 @@ def _computed(compute: Any, configuration: RunConfiguration, display: Any) -> De
             "design.parameters to the others, or widen speed, acceleration or workspace.",
             {"unexcited": list(error.unexcited)},
         ) from error
-    except (InfeasibleLimitsError, NoDesignError) as error:
+    except (InfeasibleLimitsError, NoDesignError, WorkerDiedError) as error:
         raise CommandFailed(str(error)) from error
     return result
 

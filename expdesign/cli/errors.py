@@ -57,16 +57,22 @@ def run(app: typer.Typer, arguments: Sequence[str]) -> int:
         status = stop.code
     except ConfigurationError as error:
         return _bad_input(error.problems, as_json)
-    except CommandFailed as failure:
-        return _failed(failure, as_json)
     except typer.TyperException as error:
         return _bad_input([Problem(error.format_message())], as_json)
-    except OSError as error:
-        named = "" if error.filename is None else f"{error.filename}: "
-        return _failed(CommandFailed(f"{named}{error.strerror or error}"), as_json)
+    except (CommandFailed, KeyboardInterrupt, typer.Abort, OSError) as error:
+        return _failed(_failure(error), as_json)
     if not isinstance(status, int):
         return 0
     return status if status in (0, FAILED, BAD_INPUT) else FAILED
+
+
+def _failure(error: BaseException) -> CommandFailed:
+    if isinstance(error, CommandFailed):
+        return error
+    if isinstance(error, OSError):
+        named = "" if error.filename is None else f"{error.filename}: "
+        return CommandFailed(f"{named}{error.strerror or error}")
+    return CommandFailed("interrupted")
 
 
 def _bad_input(problems: Iterable[Problem], as_json: bool) -> int:

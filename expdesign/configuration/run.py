@@ -164,6 +164,15 @@ def _undesignable(run: RunDescription, document: Document) -> list[Problem]:
         )
     step = run.trajectory.controller_period or run.experiment.step
     low, high = run.trajectory.frequency
+    if step > 1 / (2 * high):
+        problems.append(
+            document.problem(
+                ("experiment", "sampling"),
+                f"a sampling of {1 / step:g} Hz is too slow for motions of {1 / high:g} s",
+                f"at least {2 * high:g} Hz, or a trajectory.controller_period",
+            )
+        )
+        return problems
     fewest = math.ceil(1 / (high * step) * (1 - _ROUNDING))
     most = math.floor(1 / (low * step) * (1 + _ROUNDING))
     if low < high and fewest > most:
@@ -182,8 +191,8 @@ def _completed(run: RunDescription, robot: ResolvedRobot, folder: Path) -> RunDe
     """Fill in what follows from other sections, and put the robot itself into the run."""
     update: dict[str, Any] = {"robot": robot.description, "limits": {}, "noise": None}
     if run.trajectory.controller_period is None:
-        period = min(run.experiment.step, 1 / (2 * run.trajectory.frequency[1]))
-        update["trajectory"] = run.trajectory.model_copy(update={"controller_period": period})
+        step = run.experiment.step
+        update["trajectory"] = run.trajectory.model_copy(update={"controller_period": step})
     if run.data.file is not None:
         file = str(absolute(run.data.file, folder))
         update["data"] = run.data.model_copy(update={"file": file})

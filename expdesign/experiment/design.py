@@ -28,7 +28,7 @@ from expdesign.recheck import Judge
 from expdesign.robot import Robot, robot_from
 from expdesign.solver.continuation import coarse_points
 from expdesign.solver.progress import Monitor, SilentMonitor
-from expdesign.solver.random_start import random_start
+from expdesign.solver.random_start import InfeasibleLimitsError, random_start
 from expdesign.solver.search import NoDesignError, SearchPlan, Workshop, search
 from expdesign.trajectory import FourierTrajectory
 
@@ -37,6 +37,7 @@ Array = NDArray[np.float64]
 ConfigurationLike = str | PathLike[str] | Mapping[str, Any] | RunConfiguration
 
 _PROBES = 3
+_PROBE_ATTEMPTS = 8
 _HOPELESS = 1e-2
 """A random feasible motion whose weakest direction is this factor below what counts as excited
 will not be optimised into an exciting one: the limits themselves are too tight."""
@@ -62,6 +63,17 @@ def design(config: ConfigurationLike, monitor: Monitor | None = None) -> DesignR
     """
     configuration = config if isinstance(config, RunConfiguration) else load_run(config)
     began = time.perf_counter()
+    if not configuration.robot.limits:
+        raise ConfigurationError(
+            [
+                Problem(
+                    "neither robot nor run limit anything: there is no best motion",
+                    file=configuration.file,
+                    key="limits",
+                    allowed="at least limits of the strut's length, speed and force",
+                )
+            ]
+        )
     watch = monitor or SilentMonitor()
     shop = build_workshop(configuration)
     _refuse_unexcitable(shop)
@@ -116,32 +128,46 @@ def build_workshop(configuration: RunConfiguration) -> Workshop:
         seed=run.design.seed,
         widths=run.design.smoothing,
         iterations=run.design.max_iterations,
-        controller_period=run.trajectory.controller_period or 1 / run.experiment.sampling,
+        controller_period=controller_period(configuration),
         workers=run.workers or 1,
         max_seconds=run.design.max_seconds,
     )
     judge = Judge(robot, covariance, criterion, scaling, names)
-    if criterion.invariant:
-        problem = _well_scaled(problem, judge, plan)
-    return Workshop(problem, judge, plan)
+    return Workshop(_well_scaled(problem, judge, plan), judge, plan)
 
 
 def _well_scaled(problem: DesignProblem, judge: Judge, plan: SearchPlan) -> DesignProblem:
-    """Scale the parameters so that a random motion's F has a unit diagonal.
+    """Give the problem a scaling in which a random motion's F has a unit diagonal.
 
-    The criterion does not depend on the scaling, but the digits that its eigenvalues keep do.
+    log det F does not depend on the scaling, but the digits that its eigenvalues keep do.
     """
     information = judge.information(_probe(problem, plan, 0), problem.cost.samples)
     sizes = np.sqrt(np.diag(information) / problem.cost.samples)
     scaling = 1 / np.where(sizes > 0, sizes, 1.0)
-    return replace(problem, cost=replace(problem.cost, scaling=scaling))
+    return replace(problem, even_scaling=scaling).with_criterion(problem.criterion)
 
 
 def _probe(problem: DesignProblem, plan: SearchPlan, number: int) -> FourierTrajectory:
     """Return one of a few random feasible motions that no start uses."""
-    rng = np.random.default_rng(np.random.SeedSequence(plan.seed, spawn_key=(0, number)))
     points = coarse_points(problem.variables.harmonics)
-    return problem.variables.trajectory(random_start(problem, rng, points, plan.widths[0]))
+    for attempt in range(_PROBE_ATTEMPTS):
+        rng = np.random.default_rng(
+            np.random.SeedSequence(plan.seed, spawn_key=(0, number, attempt))
+        )
+        try:
+            x = random_start(problem, rng, points, plan.widths[0])
+        except InfeasibleLimitsError:
+            if attempt + 1 == _PROBE_ATTEMPTS:
+                raise
+        else:
+            return problem.variables.trajectory(x)
+    raise AssertionError("the last attempt returns or raises")
+
+
+def controller_period(configuration: RunConfiguration) -> float:
+    """Return the step of the machine's controller, s; one over the sampling where none is given."""
+    run = configuration.run
+    return run.trajectory.controller_period or run.experiment.step
 
 
 def force_covariance(configuration: RunConfiguration) -> Array:

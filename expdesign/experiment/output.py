@@ -91,7 +91,7 @@ def design_record(result: DesignResult) -> dict[str, Any]:
             "experiment": _precision(result.experiment),
         },
         "status": result.status,
-        "status_text": search.best.status,
+        "status_text": result.status_text,
         "solver": {
             "name": "Ipopt through CasADi",
             "iterations": sum(stage.iterations for stage in stages),

@@ -11,6 +11,7 @@ from expdesign.configuration import RunConfiguration
 from expdesign.recheck import Recheck
 from expdesign.robot import Robot
 from expdesign.solver.search import SearchResult
+from expdesign.solver.start import status_text
 from expdesign.trajectory import FourierTrajectory
 
 Array = NDArray[np.float64]
@@ -91,7 +92,16 @@ class DesignResult:
             return "limits broken"
         if self.search.interrupted:
             return "interrupted"
-        return "converged" if self.search.best.converged else "not converged"
+        record = self.search.finished.record
+        finished = record is None or record.converged
+        return "converged" if self.search.best.converged and finished else "not converged"
+
+    @property
+    def status_text(self) -> str:
+        """How the best start and its finish ended, in words."""
+        record = self.search.finished.record
+        finish = "not solved again" if record is None else status_text(record.status)
+        return f"start: {self.search.best.status}; finish: {finish}"
 
     @property
     def passed(self) -> bool:

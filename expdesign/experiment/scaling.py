@@ -20,7 +20,7 @@ def parameter_scaling(robot: Robot, scaling: str) -> Array:
         return np.ones(len(robot.parameter_names))
     length = robot.characteristic_length
     mass = abs(robot.description.parameters["p10"])
-    physical = {"sx": mass * length, "sy": mass * length, "p9": mass * length}
+    physical = dict.fromkeys(("sx", "sy", "p4", "p5", "p9"), mass * length)
     scales = []
     for name, value in zip(robot.parameter_names, robot.parameters, strict=True):
         scale = abs(value)

@@ -101,6 +101,10 @@ class SingularInformationError(ArithmeticError):
         self.unexcited = unexcited
         super().__init__(f"the trajectory does not excite {', '.join(unexcited)}")
 
+    def __reduce__(self) -> tuple[type[SingularInformationError], tuple[tuple[str, ...]]]:
+        """Survive the way from a worker process to its parent."""
+        return type(self), (self.unexcited,)
+
 
 def log_det(information: Array, names: tuple[str, ...]) -> float:
     """Return log det F; the scaling to unit diagonal keeps all digits.

@@ -34,12 +34,16 @@ class DesignProblem:
         The smoothed limits.
     names : tuple of str
         Parameters that the criterion judges.
+    even_scaling : (k,) or None
+        Scaling that gives F of a typical motion a unit diagonal: for criteria that do not depend
+        on the scaling, but keep more digits in this one.
     """
 
     exact: ExactModel
     cost: InformationCost
     evaluator: LimitEvaluator
     names: tuple[str, ...]
+    even_scaling: Array | None = None
 
     @property
     def robot(self) -> Robot:
@@ -71,8 +75,11 @@ class DesignProblem:
         )
 
     def with_criterion(self, criterion: Criterion) -> DesignProblem:
-        """Return the same problem with another criterion."""
-        return replace(self, cost=replace(self.cost, criterion=criterion))
+        """Return the same problem with another criterion, evenly scaled if it may be."""
+        cost = replace(self.cost, criterion=criterion)
+        if criterion.invariant and self.even_scaling is not None:
+            cost = replace(cost, scaling=self.even_scaling)
+        return replace(self, cost=cost)
 
     def smooth_bounds(self, margins: Array | None = None) -> tuple[Array, Array]:
         """Return bounds on the smooth rows, (R,) each or with margins (…, R).
@@ -219,9 +226,8 @@ def build_problem(
     """
     exact = ExactModel(robot, robot.limits)
     lowest, highest = (2 * np.pi * bound for bound in frequency)
-    variables = DesignVariables(
-        harmonics, coordinate_reach(exact) / 2, robot.home, (lowest, highest), highest
-    )
+    middle, reach = coordinate_reach(exact)
+    variables = DesignVariables(harmonics, reach / 2, middle, (lowest, highest), highest)
     columns = np.array([robot.parameter_names.index(name) for name in names], dtype=np.intp)
     cost = InformationCost(
         _regressor_kernels(general=robot.general),

@@ -12,6 +12,7 @@ from expdesign.information.fisher import (
     SingularInformationError,
     information_matrix,
     log_det,
+    parameter_covariance,
 )
 from expdesign.information.spectral import Criterion
 from expdesign.robot import Robot
@@ -73,7 +74,17 @@ class Judge:
             return self.log_det(information)
         scale = self.scaling[self.columns]
         scaled = information * np.multiply.outer(scale, scale)
-        return self.criterion.value(np.asarray(np.linalg.eigvalsh(scaled), dtype=np.float64))
+        inverse = parameter_covariance(information, self.names) / np.multiply.outer(scale, scale)
+        return self.criterion.value(_eigenvalues(scaled, inverse))
+
+    def gain(self, merit: float, best: float) -> float:
+        """Return what one merit has over another per parameter, as a logarithm."""
+        if not np.isfinite(best):
+            return np.inf
+        if self.criterion.invariant:
+            return (merit - best) / len(self.names)
+        ratio = merit / best if self.criterion.larger_is_better else best / merit
+        return float(np.log(ratio)) if ratio > 0 else -np.inf
 
     def merit(self, trajectory: FourierTrajectory, samples: int) -> float:
         """Return a number that is larger for better trajectories; −inf for a singular F."""
@@ -82,3 +93,11 @@ class Judge:
         except SingularInformationError:
             return -np.inf
         return value if self.criterion.larger_is_better else -value
+
+
+def _eigenvalues(matrix: Array, inverse: Array) -> Array:
+    """Return the eigenvalues, ascending, the small ones from the inverse: each with its digits."""
+    large = np.asarray(np.linalg.eigvalsh(matrix), dtype=np.float64)
+    small = 1 / np.asarray(np.linalg.eigvalsh(inverse), dtype=np.float64)[::-1]
+    middle = np.sqrt(large[-1] * np.abs(small[0]))
+    return np.where((small > 0) & (small < middle), small, large)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache
 from itertools import pairwise
 
 import casadi as ca
@@ -39,11 +39,6 @@ class ExactModel:
 
     robot: Robot
     limits: tuple[Limit, ...]
-
-    @cached_property
-    def rows(self) -> tuple[tuple[int, int], ...]:
-        """Limit and row within it of each column of `values`."""
-        return tuple((i, k) for i, limit in enumerate(self.limits) for k in range(limit.lower.size))
 
     def values(self, states: Array) -> Array:
         """Return every limited quantity, (N, R), in SI units at the states (N, 18)."""

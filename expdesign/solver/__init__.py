@@ -1,5 +1,6 @@
 """Solving the design problem: Ipopt, continuation, many starts, and the finish."""
 
+from expdesign.solver.pool import WorkerDiedError
 from expdesign.solver.progress import Monitor, SearchEvent, SilentMonitor
 from expdesign.solver.random_start import InfeasibleLimitsError
 from expdesign.solver.search import NoDesignError, SearchPlan, SearchResult, Workshop, search
@@ -12,6 +13,7 @@ __all__ = [
     "SearchPlan",
     "SearchResult",
     "SilentMonitor",
+    "WorkerDiedError",
     "Workshop",
     "search",
 ]

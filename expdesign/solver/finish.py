@@ -24,7 +24,7 @@ from expdesign.trajectory import FourierTrajectory, PhaseBasis
 Array = NDArray[np.float64]
 
 _CHECKS = 4
-_WORTHWHILE = 5e-4
+_WORTHWHILE = 2e-3
 _LARGEST_MARGIN = 0.2
 
 
@@ -96,21 +96,23 @@ def finish(
     """
     x = start.copy()
     x[-1] = problem.variables.bounds()[0][-1]
-    best = _checked(problem, x)
+    best, kept = _checked(problem, x), x
     best_merit = judge.merit(best.trajectory, problem.cost.samples)
     tally = Tally()
     for _ in range(rounds):
         x, result = _round(problem, stage, x, report, tally)
         candidate = _checked(problem, x)
         merit = judge.merit(candidate.trajectory, problem.cost.samples)
-        gain = merit - best_merit
+        gain = judge.gain(merit, best_merit)
         if candidate.check.passed and (not best.check.passed or gain > 0):
-            best, best_merit = candidate, merit
+            best, best_merit, kept = candidate, merit, x
         if result.status == "User_Requested_Stop":
             break
-        if best.check.passed and gain < _WORTHWHILE * max(1.0, abs(best_merit)):
+        if best.check.passed and gain < _WORTHWHILE:
             break
-    cost = problem.cost_with(stage.samples).value(x, stage.width, stage.level)
+    if tally.rounds == 0:
+        return best
+    cost = problem.cost_with(stage.samples).value(kept, stage.width, stage.level)
     return replace(best, record=tally.record(stage, cost, best.check.worst))
 
 

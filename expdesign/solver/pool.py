@@ -8,6 +8,8 @@ import queue
 import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing import Manager
 from typing import Any
@@ -18,6 +20,10 @@ from threadpoolctl import threadpool_limits
 from expdesign.solver.progress import Monitor, SearchEvent
 
 _POLL = 0.1
+
+
+class WorkerDiedError(RuntimeError):
+    """A worker process ended without a result."""
 
 
 @dataclass(frozen=True)
@@ -86,12 +92,33 @@ def _in_processes(
             with parallel_config("loky", n_jobs=workers, inner_max_num_threads=1):
                 run = Parallel(return_as="generator", pre_dispatch=workers)
                 calls = (delayed(_in_worker)(recipe, job, events, stop, after_stop) for job in jobs)
-                for began, result in run(calls):
+                # Ctrl-C goes to every process of the terminal. Workers inherit that it is ignored,
+                # so that not even one that is still starting dies of it.
+                with _interrupts_ignored():
+                    outcomes = run(calls)
+                for began, result in outcomes:
                     if began:
                         yield result
+        except BrokenProcessPool as error:
+            raise WorkerDiedError(
+                "a worker process died, perhaps for want of memory; fewer workers need less"
+            ) from error
         finally:
             done.set()
             pump.join()
+
+
+@contextmanager
+def _interrupts_ignored() -> Iterator[None]:
+    # Only the main thread may set handlers; elsewhere the workers ignore Ctrl-C once they run.
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    previous = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, previous)
 
 
 def _pump(events: Any, stop: Any, done: threading.Event, monitor: Monitor) -> None:
@@ -124,7 +151,6 @@ def _in_worker(
     recipe: bytes, job: Job, events: Any, stop: Any, after_stop: bool
 ) -> tuple[bool, Any]:
     """Return whether the job was begun, and its result."""
-    # The terminal sends Ctrl-C to all processes; the parent alone decides what it means.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if stop.is_set() and not after_stop:
         return False, None

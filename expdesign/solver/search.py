@@ -16,9 +16,9 @@ from expdesign.solver.finish import Finished, controller_omega, finish
 from expdesign.solver.hop import perturbed
 from expdesign.solver.pool import Job, run_jobs
 from expdesign.solver.progress import Monitor, SearchEvent
-from expdesign.solver.random_start import random_start
+from expdesign.solver.random_start import InfeasibleLimitsError, random_start
 from expdesign.solver.stage import TracePoint
-from expdesign.solver.start import StartResult, run_start
+from expdesign.solver.start import StartResult, infeasible_start, run_start
 
 Array = NDArray[np.float64]
 
@@ -194,7 +194,10 @@ def _rng(seed: int, index: int) -> np.random.Generator:
 def _random_job(shop: Workshop, monitor: Monitor, index: int) -> StartResult:
     problem, plan = shop.problem, shop.plan
     points = coarse_points(problem.variables.harmonics)
-    start = random_start(problem, _rng(plan.seed, index), points, plan.widths[0])
+    try:
+        start = random_start(problem, _rng(plan.seed, index), points, plan.widths[0])
+    except InfeasibleLimitsError as error:
+        return infeasible_start(problem, index, str(error), monitor)
     stages = continuation_stages(problem, plan.widths, plan.iterations)
     return run_start(
         problem, shop.judge, stages, start, index=index, kind="random", monitor=monitor
@@ -204,7 +207,8 @@ def _random_job(shop: Workshop, monitor: Monitor, index: int) -> StartResult:
 def _hop_job(shop: Workshop, monitor: Monitor, index: int, origin: Array) -> StartResult:
     problem, plan = shop.problem, shop.plan
     start = perturbed(problem, origin, _rng(plan.seed, index), plan.widths[0])
-    stages = continuation_stages(problem, plan.widths, plan.iterations)
+    # A hop lands near a good motion: the blunt stage, which finds the basin, would lead back.
+    stages = continuation_stages(problem, plan.widths, plan.iterations)[1:]
     return run_start(problem, shop.judge, stages, start, index=index, kind="hop", monitor=monitor)
 
 

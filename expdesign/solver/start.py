@@ -85,6 +85,17 @@ def _why_useless(problem: DesignProblem, shrunk: Shrunk) -> str:
     return f"even shrunk to {shrunk.factor:g} of its size its motion breaks {worst.key}"
 
 
+def infeasible_start(
+    problem: DesignProblem, index: int, status: str, monitor: Monitor
+) -> StartResult:
+    """Return the result of a random draw that no shrinking brings within the limits."""
+    monitor.report(SearchEvent(index, "done", 0, -np.inf, np.inf, 0.0, status))
+    variables = np.full(problem.variables.size, np.nan)
+    return StartResult(
+        index, "random", variables, -np.inf, status, converged=False, stages=(), trace=(), seconds=0
+    )
+
+
 def run_start(
     problem: DesignProblem,
     judge: Judge,

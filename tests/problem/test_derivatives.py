@@ -326,7 +326,7 @@ def test_information_by_hand(palida, problem, points):
 @pytest.fixture(scope="module")
 def program(problem):
     phases = np.array([0.2, 1.0, 2.9, 4.4])
-    rows = len(problem.exact.rows)
+    rows = problem.exact.columns()[-1].stop
     mask = np.ones((4, rows), dtype=bool)
     mask[2, ::3] = False
     mask[3] = False
@@ -355,7 +355,7 @@ def test_rows_are_the_limits_of_the_model(problem, program, points):
         basis = PhaseBasis.at(phases, HARMONICS)
         natural = problem.exact.values(problem.variables.states(x, basis))
         smooth = problem.evaluator.values(x, phases, 1e-9)
-        assert natural.shape == smooth.shape == (3, len(problem.exact.rows))
+        assert natural.shape == smooth.shape == (3, problem.exact.columns()[-1].stop)
         for limit, columns in zip(problem.limits, problem.exact.columns(), strict=True):
             there = limit.definition.transform(natural[:, columns])
             if limit.definition.conservative:
@@ -391,7 +391,7 @@ def test_smooth_and_exact_limits_tell_the_same_violations(problem):
 
 def test_margins_tighten_the_rows(problem):
     lower, upper = problem.smooth_bounds()
-    margins = np.full((5, len(problem.exact.rows)), 0.05)
+    margins = np.full((5, problem.exact.columns()[-1].stop), 0.05)
     tight_lower, tight_upper = problem.smooth_bounds(margins)
     assert tight_lower.shape == (5, lower.size)
     given_below, given_above = np.isfinite(lower), np.isfinite(upper)
@@ -416,7 +416,7 @@ def test_rows_and_bounds_are_scaled_alike(problem, program, points):
 
 
 def test_trust_region(problem):
-    mask = np.zeros((1, len(problem.exact.rows)), dtype=bool)
+    mask = np.zeros((1, problem.exact.columns()[-1].stop), dtype=bool)
     center = np.append(np.full(30, 0.2), 0.99)
     rows = problem.rows(np.zeros(1), mask)
     program = problem.program(rows, WIDTH, 0.0, SAMPLES).within(center, 0.1)
@@ -429,7 +429,7 @@ def test_trust_region(problem):
 
 
 def test_a_program_without_rows(problem, points):
-    mask = np.zeros((3, len(problem.exact.rows)), dtype=bool)
+    mask = np.zeros((3, problem.exact.columns()[-1].stop), dtype=bool)
     program = problem.program(problem.rows(np.arange(3.0), mask), WIDTH, 0.0, SAMPLES)
     values, jacobian = program.rows_jacobian(points[0])
     assert values.shape == program.rows(points[0]).shape == (0,)
