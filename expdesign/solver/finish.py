@@ -122,7 +122,13 @@ def _round(
     phases, mask, margins = _critical_rows(problem, x, stage)
     rows = problem.rows(phases, mask, margins)
     program = problem.program(rows, stage.width, stage.level, stage.samples)
-    result, reached = solve_best(program.within(x, stage.radius), stage, x, 0, report)
+    done = tally.iterations
+
+    def onward(iteration: int, cost: float, violation: float) -> bool:
+        return report(done + iteration, cost, violation)
+
+    # Each round has all of the stage's iterations: the rows and their margins are new.
+    result, reached = solve_best(program.within(x, stage.radius), stage, x, 0, onward)
     tally.add(result, rows.count)
     return reached, result
 
