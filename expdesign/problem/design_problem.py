@@ -74,6 +74,15 @@ class DesignProblem:
             evaluator=replace(self.evaluator, variables=variables),
         )
 
+    def with_harmonics(self, harmonics: int) -> DesignProblem:
+        """Return the same problem for a series with another number of harmonics."""
+        variables = replace(self.variables, harmonics=harmonics)
+        return replace(
+            self,
+            cost=replace(self.cost, variables=variables),
+            evaluator=replace(self.evaluator, variables=variables),
+        )
+
     def with_criterion(self, criterion: Criterion) -> DesignProblem:
         """Return the same problem with another criterion, evenly scaled if it may be."""
         cost = replace(self.cost, criterion=criterion)

@@ -72,6 +72,14 @@ class DesignVariables:
         table[:, 0] += self.center
         return table, float(variables[-1] * self.omega_scale)
 
+    def extended(self, variables: Array, harmonics: int) -> Array:
+        """Return the same motion in the variables of a series with more harmonics."""
+        n = self.harmonics
+        table = variables[:-1].reshape(6, self.per_coordinate)
+        more = np.zeros((6, harmonics - n))
+        parts = [table[:, : n + 1], more, table[:, n + 1 :], more]
+        return np.append(np.concatenate(parts, axis=1).ravel(), variables[-1])
+
     def trajectory(self, variables: Array) -> FourierTrajectory:
         """Return the trajectory of scaled variables."""
         table, omega = self.amplitudes(variables)

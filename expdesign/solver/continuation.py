@@ -8,6 +8,9 @@ from expdesign.information.catalogue import criteria_by_key
 from expdesign.problem import DesignProblem
 from expdesign.solver.stage import Stage
 
+MOST_BLUNT_HARMONICS = 5
+"""Harmonics of the first stage at most: with many it was seen to get stuck far from the best."""
+
 _EVERYTHING = 10.0
 _NEAR = 0.15
 _RADIUS = 0.3
@@ -34,6 +37,7 @@ def continuation_stages(
     curvature: it finds the basin. The others start from its result, so that only rows near their
     bounds need to be in the NLP, and approximate the curvature of the whole Lagrangian: there the
     active limits decide, and they converge where the cost's curvature alone does not (measured).
+    With many harmonics the first stage has only some of them; the others start from zero.
     A criterion that depends on the scaling of the parameters has flat regions where one of them
     is hardly excited: its first stage maximises log det F instead. A criterion with a surrogate
     is sharpened over the others; its last levels follow at the last width.
@@ -47,6 +51,7 @@ def continuation_stages(
         Most iterations of each solve.
     """
     n, samples = problem.variables.harmonics, problem.cost.samples
+    few = min(n, MOST_BLUNT_HARMONICS)
     levels = problem.criterion.levels
     coarse, fine = coarse_points(n), fine_points(n)
     invariant = problem.criterion.invariant
@@ -57,12 +62,13 @@ def continuation_stages(
             name="blunt",
             width=widths[0],
             level=levels[0],
-            samples=min(samples, coarse),
-            points=coarse,
+            samples=min(samples, coarse_points(few)),
+            points=coarse_points(few),
             near=_EVERYTHING,
             radius=None,
             iterations=iterations,
             criterion=None if invariant else criteria_by_key()["d"],
+            harmonics=few if few < n else None,
         )
     ]
     for k in range(1, max(count, 2)):

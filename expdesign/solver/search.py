@@ -193,12 +193,13 @@ def _rng(seed: int, index: int) -> np.random.Generator:
 
 def _random_job(shop: Workshop, monitor: Monitor, index: int) -> StartResult:
     problem, plan = shop.problem, shop.plan
-    points = coarse_points(problem.variables.harmonics)
+    stages = continuation_stages(problem, plan.widths, plan.iterations)
+    first = problem.with_harmonics(stages[0].harmonics or problem.variables.harmonics)
+    points = coarse_points(first.variables.harmonics)
     try:
-        start = random_start(problem, _rng(plan.seed, index), points, plan.widths[0])
+        start = random_start(first, _rng(plan.seed, index), points, plan.widths[0])
     except InfeasibleLimitsError as error:
         return infeasible_start(problem, index, str(error), monitor)
-    stages = continuation_stages(problem, plan.widths, plan.iterations)
     return run_start(
         problem, shop.judge, stages, start, index=index, kind="random", monitor=monitor
     )

@@ -66,6 +66,8 @@ class Stage:
         See `solve_with_ipopt`.
     criterion : Criterion or None
         Criterion of this stage where it is not the problem's own.
+    harmonics : int or None
+        Harmonics of this stage where they are fewer than the problem's.
     """
 
     name: str
@@ -78,6 +80,7 @@ class Stage:
     iterations: int
     curvature: Curvature = "gauss-newton"
     criterion: Criterion | None = None
+    harmonics: int | None = None
 
 
 @dataclass(frozen=True)

@@ -106,13 +106,21 @@ def run_start(
     kind: str,
     monitor: Monitor,
 ) -> StartResult:
-    """Run the stages from `start` and judge what they reach by the unsmoothed model."""
+    """Run the stages from `start` and judge what they reach by the unsmoothed model.
+
+    `start` has the harmonics of the first stage.
+    """
     began = time.perf_counter()
     trace: list[TracePoint] = []
     records: list[StageRecord] = []
     x = start
     done = 0
+    harmonics = problem.variables.harmonics
+    present = problem.with_harmonics(stages[0].harmonics or harmonics)
     for stage in stages:
+        wanted = stage.harmonics or harmonics
+        x = present.variables.extended(x, wanted)
+        present = problem.with_harmonics(wanted)
 
         def report(
             iteration: int, cost: float, violation: float, stage: Stage = stage, base: int = done
@@ -135,11 +143,12 @@ def run_start(
             )
             return not monitor.stop_requested()
 
-        x, record = run_stage(problem, stage, x, report)
+        x, record = run_stage(present, stage, x, report)
         records.append(record)
         done += record.iterations
         if monitor.stop_requested():
             break
+    x = present.variables.extended(x, harmonics)
     shrunk = shrink_to_limits(problem, problem.variables.trajectory(x))
     merit = judge.merit(shrunk.trajectory, problem.cost.samples) if shrunk.kept else -np.inf
     last = records[-1]
