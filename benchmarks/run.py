@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import datetime
 import importlib
+import os
 import platform
 import sys
 from pathlib import Path
@@ -52,7 +53,8 @@ def write(name: str, title: str, table: pd.DataFrame, text: str) -> None:
     rule = "|" + "---|" * len(table.columns)
     body = ["| " + " | ".join(str(v) for v in row) + " |" for row in table.itertuples(index=False)]
     today = datetime.datetime.now(datetime.UTC).date().isoformat()
-    origin = f"`make bench ARGS={name}`, {today}, Python {platform.python_version()}, 2 cores"
+    machine = f"Python {platform.python_version()}, {os.cpu_count()} cores"
+    origin = f"`make bench ARGS={name}`, {today}, {machine}"
     path = Path(__file__).parent / "tables" / f"{name}.md"
     path.parent.mkdir(exist_ok=True)
     path.write_text("\n".join([f"# {title}", "", origin, "", head, rule, *body, "", text, ""]))
