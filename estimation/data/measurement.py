@@ -1,0 +1,66 @@
+"""A recorded experiment in SI units, whatever file or simulation it came from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Measurement:
+    """Strut lengths and actuator forces over time.
+
+    Attributes
+    ----------
+    time : (T,)
+        Time stamps, s, strictly increasing. Uniform recordings hold the fitted grid, stamped
+        ones the stamps as they were.
+    lengths : (T, 6)
+        Measured strut lengths q1…q6, m.
+    forces : (T, 6)
+        Measured actuator forces Q1…Q6, N, positive when they extend.
+    step : float
+        Time between two samples, s (the mean one when stamped).
+    stamped : bool
+        True when the stamps jitter and are to be used as they are.
+    period : (T,) or None
+        Number of the period that each row belongs to, when the file has that column.
+    length_delay, force_delay : float
+        By how much the channels lag behind the time stamps, s: a length recorded at t is the one
+        at t − length_delay.
+    jitter : float
+        Largest deviation of the stamps from the uniform grid, as a share of a step.
+    source : str
+        Where it came from, for messages.
+    warnings : tuple of str
+        What reading it found odd.
+    """
+
+    time: Array
+    lengths: Array
+    forces: Array
+    step: float
+    stamped: bool = False
+    period: NDArray[np.int64] | None = None
+    length_delay: float = 0.0
+    force_delay: float = 0.0
+    jitter: float = 0.0
+    source: str = ""
+    warnings: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Refuse shapes that do not fit together."""
+        count = len(self.time)
+        for name, shape in (("lengths", (count, 6)), ("forces", (count, 6))):
+            if np.shape(getattr(self, name)) != shape:
+                raise ValueError(f"{name}: expected {shape}, got {np.shape(getattr(self, name))}")
+        if self.period is not None and self.period.shape != (count,):
+            raise ValueError(f"period: expected {(count,)}, got {self.period.shape}")
+
+    def __len__(self) -> int:
+        """Return the number of rows T."""
+        return len(self.time)
