@@ -1,0 +1,17 @@
+"""Least squares, Gauss–Markov and maximum likelihood, all on the shared symbolic graph."""
+
+from estimation.estimators.experiment import Experiment
+from estimation.estimators.knowledge import Knowledge, UnidentifiableError
+from estimation.estimators.linear import gauss_markov, least_squares
+from estimation.estimators.maximum_likelihood import maximum_likelihood
+from estimation.estimators.result import ParameterEstimate
+
+__all__ = [
+    "Experiment",
+    "Knowledge",
+    "ParameterEstimate",
+    "UnidentifiableError",
+    "gauss_markov",
+    "least_squares",
+    "maximum_likelihood",
+]

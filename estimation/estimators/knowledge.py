@@ -1,0 +1,178 @@
+"""What is known of the parameters besides the data: fixed values, priors and bounds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg as sla
+from numpy.typing import NDArray
+from scipy.optimize import lsq_linear
+
+from expdesign.information.fisher import ScaledInformation
+from expdesign.robot import Robot
+from expdesign.schema import EstimateSection
+
+Array = NDArray[np.float64]
+
+
+class UnidentifiableError(ArithmeticError):
+    """The data do not determine some parameters at all.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Parameters to fix, or to give a prior, so that the others can be estimated.
+    """
+
+    def __init__(self, names: tuple[str, ...]) -> None:
+        self.names = names
+        super().__init__(
+            f"the data do not determine {', '.join(names)}: the information matrix is singular. "
+            "Fix them (estimate.fixed) or give a prior (estimate.prior)"
+        )
+
+    def __reduce__(self) -> tuple[type[UnidentifiableError], tuple[tuple[str, ...]]]:
+        """Survive the way from a worker process to its parent."""
+        return type(self), (self.names,)
+
+
+@dataclass(frozen=True, eq=False)
+class Knowledge:
+    """Constraints and priors on the m parameters, SI.
+
+    Attributes
+    ----------
+    names : tuple of str
+    nominal : (m,)
+        A-priori values of the robot file, shown beside the estimates.
+    free : (m,) of bool
+        False: fixed at `start`.
+    start : (m,)
+        Values to begin from; those of the fixed parameters are kept.
+    prior_mean : (m,)
+    prior_precision : (m,)
+        1/std²; 0 without a prior.
+    lower, upper : (m,)
+        Bounds; ±inf where there is none.
+    """
+
+    names: tuple[str, ...]
+    nominal: Array
+    free: NDArray[np.bool_]
+    start: Array
+    prior_mean: Array
+    prior_precision: Array
+    lower: Array
+    upper: Array
+
+    @classmethod
+    def of(
+        cls, robot: Robot, section: EstimateSection, names: tuple[str, ...] | None = None
+    ) -> Knowledge:
+        """Take what the run's `estimate:` section says.
+
+        Raises
+        ------
+        ValueError
+            A parameter that the robot does not have is named; its message says which.
+        """
+        known = robot.parameter_names if names is None else names
+        for key in ("fixed", "prior", "bounds"):
+            for name in getattr(section, key):
+                if name not in known:
+                    raise ValueError(f"estimate.{key}: the robot has no parameter {name}")
+        nominal = robot.parameters
+        values = dict(zip(known, nominal.tolist(), strict=True))
+        fixed: Mapping[str, float | None] = section.fixed
+        start = [
+            values[n] if n not in fixed or fixed[n] is None else float(fixed[n] or 0.0)
+            for n in known
+        ]
+        priors = section.prior
+        bounds = {name: section.bounds.get(name, (-np.inf, np.inf)) for name in known}
+
+        def prior_value(name: str) -> float:
+            given = priors[name].value if name in priors else None
+            return values[name] if given is None else given
+
+        return cls(
+            names=known,
+            nominal=np.array(nominal),
+            free=np.array([name not in fixed for name in known]),
+            start=np.array(start),
+            prior_mean=np.array([prior_value(name) for name in known]),
+            prior_precision=np.array([priors[n].std ** -2 if n in priors else 0.0 for n in known]),
+            lower=np.array([bounds[name][0] for name in known]),
+            upper=np.array([bounds[name][1] for name in known]),
+        )
+
+    @property
+    def bounded(self) -> bool:
+        """True when a free parameter has a bound."""
+        ends = np.isfinite(self.lower) | np.isfinite(self.upper)
+        return bool(np.any(ends & self.free))
+
+    @property
+    def precision(self) -> Array:
+        """(k, k) prior information of the free parameters."""
+        return np.diag(self.prior_precision[self.free])
+
+    def at_bound(self, values: Array) -> NDArray[np.bool_]:
+        """Tell which of the parameters, (m,), stand at one of their bounds."""
+        return self.free & ((values <= self.lower) | (values >= self.upper))
+
+    def best_step(self, information: Array, gradient: Array, values: Array) -> Array:
+        """Return the step of the free parameters that maximises gᵀs − ½ sᵀ F s within the bounds.
+
+        Parameters
+        ----------
+        information : (k, k)
+            F of the free parameters, priors included.
+        gradient : (k,)
+            g, priors included.
+        values : (m,)
+            Where the step begins.
+
+        Raises
+        ------
+        UnidentifiableError
+            F is singular.
+        """
+        scaled = self.regular(information)
+        factor = np.asarray(sla.cholesky(scaled.matrix))
+        target = sla.solve_triangular(factor, gradient / scaled.scales, trans="T")
+        if not self.bounded:
+            return np.asarray(sla.solve_triangular(factor, target)) / scaled.scales
+        low = (self.lower - values)[self.free] * scaled.scales
+        high = (self.upper - values)[self.free] * scaled.scales
+        found = lsq_linear(factor, target, (low, high), method="bvls", tol=1e-14)
+        return np.asarray(np.clip(found.x, low, high)) / scaled.scales
+
+    def regular(self, information: Array) -> ScaledInformation:
+        """Return F of the free parameters scaled to unit diagonal.
+
+        Raises
+        ------
+        UnidentifiableError
+            F is singular to working precision.
+        """
+        scaled = ScaledInformation.of(information)
+        if scaled.is_singular():
+            free = tuple(n for n, is_free in zip(self.names, self.free, strict=True) if is_free)
+            raise UnidentifiableError(scaled.unexcited(free))
+        return scaled
+
+    def inverse(self, information: Array) -> Array:
+        """Return F⁻¹ of the free parameters, (k, k), scaled so that no digits are lost."""
+        scaled = self.regular(information)
+        factor = sla.cho_factor(scaled.matrix)
+        inverse = sla.cho_solve(factor, np.eye(len(scaled.scales)))
+        return inverse / np.multiply.outer(scaled.scales, scaled.scales)
+
+    def full(self, block: Array) -> Array:
+        """Return a (k, k) matrix of the free parameters as (m, m), zeros for the fixed ones."""
+        result = np.zeros((len(self.names), len(self.names)))
+        result[np.ix_(self.free, self.free)] = block
+        return result

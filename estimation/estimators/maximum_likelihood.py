@@ -1,0 +1,181 @@
+"""Maximum likelihood (15): the parameters and the motion together.
+
+Minimises ½(‖D δ‖² + ‖S η‖²) plus the prior's part over (p, ξ) by Levenberg–Marquardt with analytic
+derivatives of the shared graph, from the Gauss–Markov estimate. The friction signs are the expected
+ones along the present motion (`estimation.kinematics.friction_signs`): they follow ξ from step to
+step and are held in the derivatives.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.estimators.experiment import Experiment
+from estimation.estimators.joint import JointBlock, joint_block, reduced_information
+from estimation.estimators.knowledge import Knowledge
+from estimation.estimators.result import ParameterEstimate
+from estimation.measurement_model import HarmonicMotion
+from expdesign.robot import Robot
+
+Array = NDArray[np.float64]
+
+_STEPS = 40
+_CONVERGED = 1e-3
+"""Newton decrement, in standard deviations of the whole estimate, of a step not worth taking."""
+
+_CONTRACTION = 0.5
+_FIRST_DAMPING = 1e-3
+_SMALLEST_DAMPING = 1e-6
+_LARGEST_DAMPING = 1e6
+
+
+def maximum_likelihood(
+    robot: Robot,
+    experiments: Sequence[Experiment],
+    knowledge: Knowledge,
+    start: ParameterEstimate,
+) -> ParameterEstimate:
+    """Estimate parameters and motions jointly.
+
+    Parameters
+    ----------
+    experiments : sequence of Experiment
+        With fitted motions.
+    start : ParameterEstimate
+        Where to begin: the Gauss–Markov estimate.
+
+    Raises
+    ------
+    UnidentifiableError
+        The data (and priors) do not determine every free parameter.
+    ValueError
+        An experiment has pointwise kinematics.
+    """
+    began = time.perf_counter()
+    if any(experiment.fit is None for experiment in experiments):
+        raise ValueError("maximum likelihood needs motions that were fitted by Fourier series")
+    state = _State(robot, experiments, knowledge)
+    values, motions = start.values.copy(), list(start.motions)
+    blocks = state.blocks(values, motions)
+    cost = state.cost(blocks, values)
+    damping, iterations, status = 0.0, 0, "stopped at the most iterations allowed"
+    converged = False
+    move = state.step(blocks, values, motions, damping)
+    for _ in range(_STEPS):
+        iterations += 1
+        trial = state.blocks(move.values, move.motions)
+        trial_cost = state.cost(trial, move.values)
+        following = state.step(trial, move.values, move.motions, 0.0)
+        # The expected signs follow ξ and the derivatives hold them: what is solved is the score
+        # equation, whose root is next to the least cost but not at it. Close to it the cost says
+        # nothing, and the next step must be much shorter than this one instead.
+        shorter = following.decrement <= _CONTRACTION**2 * move.decrement
+        if trial_cost <= cost or shorter:
+            values, motions, blocks, cost = move.values, move.motions, trial, trial_cost
+            damping = damping / 10 if damping > _SMALLEST_DAMPING else 0.0
+            move = following if not damping else state.step(blocks, values, motions, damping)
+            if following.decrement < _CONVERGED**2:
+                converged, status = True, "converged"
+                break
+        else:
+            damping = max(10 * damping, _FIRST_DAMPING)
+            if damping > _LARGEST_DAMPING:
+                status = "no step improves the fit any more"
+                break
+            move = state.step(blocks, values, motions, damping)
+    information = reduced_information(blocks) + knowledge.precision
+    covariance = knowledge.inverse(information)
+    force_share = knowledge.inverse(
+        np.sum([block.pp for block in blocks], axis=0) + knowledge.precision
+    )
+    return ParameterEstimate(
+        estimator="ml",
+        values=values,
+        covariance=knowledge.full(covariance),
+        force_share=knowledge.full(force_share),
+        kinematic_share=knowledge.full(covariance - force_share),
+        motions=tuple(motions),
+        cost=cost,
+        iterations=iterations,
+        converged=converged,
+        status=status,
+        seconds=time.perf_counter() - began,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Move:
+    """Where a step leads, and the square of its length in standard deviations."""
+
+    values: Array
+    motions: list[HarmonicMotion]
+    decrement: float
+
+
+class _State:
+    """The problem's fixed parts."""
+
+    def __init__(
+        self, robot: Robot, experiments: Sequence[Experiment], knowledge: Knowledge
+    ) -> None:
+        self.robot = robot
+        self.experiments = experiments
+        self.knowledge = knowledge
+
+    def blocks(self, values: Array, motions: Sequence[HarmonicMotion]) -> list[JointBlock]:
+        return [
+            joint_block(
+                self.robot,
+                experiment,
+                motion,
+                values,
+                self.knowledge.free,
+                free_frequency=_free_frequency(experiment),
+            )
+            for experiment, motion in zip(self.experiments, motions, strict=True)
+        ]
+
+    def cost(self, blocks: Sequence[JointBlock], values: Array) -> float:
+        off = (values - self.knowledge.prior_mean)[self.knowledge.free]
+        prior = float(off @ self.knowledge.precision @ off)
+        return sum(block.cost for block in blocks) + prior
+
+    def step(
+        self,
+        blocks: Sequence[JointBlock],
+        values: Array,
+        motions: Sequence[HarmonicMotion],
+        damping: float,
+    ) -> _Move:
+        """Return where a (damped) Gauss–Newton step leads."""
+        known = self.knowledge
+        off = (known.prior_mean - values)[known.free]
+        information, gradient = known.precision.copy(), known.precision @ off
+        eliminated = [block.eliminated(damping) for block in blocks]
+        for matrix, right, _, _ in eliminated:
+            information = information + matrix
+            gradient = gradient + right
+        if damping:
+            information = information + damping * np.diag(np.diag(information))
+        move = known.best_step(information, gradient, values)
+        new = values.copy()
+        new[known.free] += move
+        # Parameters that stand at a bound would pull without end: what counts is the step taken.
+        decrement = float(move @ information @ move)
+        moved = []
+        for block, (_, _, slope, offset), experiment, motion in zip(
+            blocks, eliminated, self.experiments, motions, strict=True
+        ):
+            step = offset - slope @ move
+            decrement += float(offset @ block.gx)
+            moved.append(motion.moved(step, free_frequency=_free_frequency(experiment)))
+        return _Move(new, moved, decrement)
+
+
+def _free_frequency(experiment: Experiment) -> bool:
+    return experiment.fit is not None and experiment.fit.free_frequency

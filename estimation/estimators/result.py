@@ -1,0 +1,58 @@
+"""What an estimator came to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.measurement_model import HarmonicMotion
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class ParameterEstimate:
+    """Parameters with their covariance.
+
+    Attributes
+    ----------
+    estimator : str
+        ``"ls"``, ``"gm"`` or ``"ml"``.
+    values : (m,)
+        SI, in the order of the robot's parameters; fixed ones included.
+    covariance : (m, m)
+        Of the estimate, all shares together; zero for fixed parameters.
+    force_share : (m, m)
+        The part that the noise of the forces (and the prior) makes.
+    kinematic_share : (m, m) or None
+        The part that the noise of the lengths makes; None where it is not known (pointwise
+        differentiation): the covariance is then too small.
+    motions : tuple of HarmonicMotion
+        The motion of every experiment; estimated anew by ML. Empty for pointwise kinematics.
+    cost : float
+        Weighted sum of squares that was minimised.
+    iterations : int
+    converged : bool
+    status : str
+        In words.
+    seconds : float
+    """
+
+    estimator: str
+    values: Array
+    covariance: Array
+    force_share: Array
+    kinematic_share: Array | None
+    motions: tuple[HarmonicMotion, ...]
+    cost: float
+    iterations: int
+    converged: bool
+    status: str
+    seconds: float
+
+    @property
+    def std(self) -> Array:
+        """(m,) standard deviations."""
+        return np.sqrt(np.diag(self.covariance))

@@ -1,0 +1,67 @@
+"""Signs of dry friction along an estimated motion.
+
+sign(v) has no derivative, and near v = 0 the estimated rate does not tell the sign. What is right
+on average is the sign's expectation given the estimate, erf(v / √2 σ_v), with σ_v the standard
+deviation of the estimated rate: it is ±1 except for the few samples next to a reversal, and the
+error that is left has the mean zero, so that it does not bias the parameters (regression
+calibration). No sample is left out and no width is chosen by hand.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import erf
+
+from estimation.kinematics.fourier_fit import CHUNK
+from estimation.measurement_model import HarmonicMotion
+from estimation.measurement_model.kernels import sliding_kernel
+from estimation.measurement_model.sensitivity import chain
+from expdesign.robot import Robot
+
+Array = NDArray[np.float64]
+
+
+def expected_signs(robot: Robot, motion: HarmonicMotion, times: Array, spread: Array) -> Array:
+    """Return E[sign] of l̇, α̇, β̇, (S, 18).
+
+    Parameters
+    ----------
+    times : (S,)
+        s.
+    spread : (S, 18)
+        Standard deviations of the rates (`rate_spread`); 0 gives the plain signs.
+    """
+    state = motion.basis(times).state(motion.table)
+    rates, _ = sliding_kernel()(state, robot.geometry_vector)
+    doubtful = spread > 0
+    scaled = np.divide(rates, np.sqrt(2) * spread, out=np.zeros_like(rates), where=doubtful)
+    return np.where(doubtful, erf(scaled), np.sign(rates))
+
+
+def rate_spread(
+    robot: Robot,
+    motion: HarmonicMotion,
+    times: Array,
+    covariance: Array,
+    *,
+    free_frequency: bool = False,
+) -> Array:
+    """Return the standard deviations of l̇, α̇, β̇ along an estimated motion, (S, 18).
+
+    Parameters
+    ----------
+    covariance : (x, x)
+        Of ξ.
+    """
+    factor = np.linalg.cholesky(covariance + 0.0)
+    parts = []
+    for first in range(0, len(times), CHUNK):
+        basis = motion.basis(times[first : first + CHUNK])
+        state = basis.state(motion.table)
+        _, slope = sliding_kernel()(state, robot.geometry_vector)
+        full = np.zeros((len(state), 18, 18))
+        full[:, :, :12] = slope
+        carried = chain(full, basis, motion, orders=2, free=free_frequency)
+        parts.append(np.linalg.norm(carried @ factor, axis=2))
+    return np.concatenate(parts)

@@ -1,0 +1,124 @@
+"""How many harmonics the executed motion has, from the data against the noise floor.
+
+Starting from the design's number, every further harmonic is tested for amplitudes that noise
+does not explain (a score test with 12 degrees of freedom each); the highest one that is found is
+included with all below it, and the test is repeated. A controller's tracking error shows here.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from estimation.kinematics.fourier_fit import MotionFit, fit_motion
+from estimation.measurement_model import HarmonicMotion
+from estimation.processing import Record
+from expdesign.information.fisher import whitening
+from expdesign.robot import Robot
+from expdesign.robot.kernels import length_kernel
+from expdesign.trajectory import PhaseBasis
+
+Array = NDArray[np.float64]
+
+_FAMILY_LEVEL = 1e-3
+_MOST = 60
+_ROUNDS = 4
+_POINTS = 4096
+
+
+@dataclass(frozen=True, eq=False)
+class HarmonicChoice:
+    """The fit with the harmonics chosen, and why.
+
+    Attributes
+    ----------
+    fit : MotionFit
+    design_harmonics : int
+        Where the search began.
+    tested : int
+        Highest harmonic that was tested.
+    p_values : (tested,)
+        Of every harmonic above the chosen number in the last round, NaN below: how well noise
+        alone explains its amplitudes.
+    """
+
+    fit: MotionFit
+    design_harmonics: int
+    tested: int
+    p_values: Array
+
+
+def choose_harmonics(
+    robot: Robot,
+    record: Record,
+    covariance: Array,
+    least: int,
+    *,
+    start: HarmonicMotion | None = None,
+    free_frequency: bool = False,
+) -> HarmonicChoice:
+    """Fit the motion with as many harmonics as stand out of the noise.
+
+    Parameters
+    ----------
+    covariance : (6, 6)
+        Δ of one sample, m².
+    least : int
+        Harmonics that the motion has for certain (those of the design, or 1).
+    """
+    per_period = record.samples if record.averaged else record.period / record.step
+    most = int(min(_MOST, (per_period - 1) // 4, (record.samples - 1) // 8))
+    harmonics, fit = least, None
+    p_values = np.full(max(most, least), np.nan)
+    for _ in range(_ROUNDS):
+        begin = start if fit is None else fit.motion
+        fit = fit_motion(
+            robot, record, covariance, harmonics, start=begin, free_frequency=free_frequency
+        )
+        if harmonics >= most:
+            break
+        p_values = np.full(most, np.nan)
+        p_values[harmonics:] = _p_values(robot, record, covariance, fit, most)
+        level = _FAMILY_LEVEL / (most - least)
+        found = np.flatnonzero(p_values < level)
+        if not len(found):
+            break
+        harmonics = int(found[-1]) + 1
+    if fit is None:
+        raise AssertionError("the first round fits")
+    if fit.motion.harmonics != harmonics:
+        fit = fit_motion(
+            robot, record, covariance, harmonics, start=fit.motion, free_frequency=free_frequency
+        )
+    return HarmonicChoice(fit, least, len(p_values), p_values)
+
+
+def _p_values(robot: Robot, record: Record, covariance: Array, fit: MotionFit, most: int) -> Array:
+    """Return the p-value of each harmonic above the fit's, tested on the fit's residuals."""
+    stride = max(1, record.samples // _POINTS) if not record.averaged else 1
+    white = whitening(covariance)
+    motion = fit.motion
+    times = record.length_times[::stride]
+    phases = motion.omega * times
+    poses = PhaseBasis.at(phases, motion.harmonics).value @ motion.table.T
+    _, jacobian = length_kernel()(poses, robot.geometry_vector)
+    weight = np.sqrt(record.length_counts[::stride])
+    slope = np.matmul(white, jacobian) * weight[:, None, None]
+    residual = fit.residuals[::stride] @ white.T * weight[:, None]
+    score = np.einsum("sri,sr->si", slope, residual)
+    curvature = np.einsum("sri,srj->sij", slope, slope)
+    values = []
+    for order in range(motion.harmonics + 1, most + 1):
+        sin, cos = np.sin(order * phases), np.cos(order * phases)
+        right = np.concatenate([sin @ score, cos @ score])
+        blocks = [
+            np.einsum("s,sij->ij", product, curvature)
+            for product in (sin * sin, sin * cos, cos * cos)
+        ]
+        normal = np.block([[blocks[0], blocks[1]], [blocks[1].T, blocks[2]]])
+        statistic = float(right @ np.linalg.solve(normal, right))
+        values.append(float(stats.chi2.sf(statistic, len(right))))
+    return np.array(values)

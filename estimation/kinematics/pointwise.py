@@ -1,0 +1,84 @@
+"""Pointwise kinematics, for comparison with classic practice: forward kinematics sample by sample.
+
+Rates and accelerations are differences between neighbours, of the poses as they are
+(``central``) or after a zero-phase low pass (``butterworth``). Their errors are large and go
+into the regressor: estimates are biased, and intervals that count the forces' noise alone do not
+cover.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal
+
+from estimation.kinematics.fourier_fit import MotionFitError
+from estimation.processing import Record
+from expdesign.robot import ForwardKinematicsError, Robot
+
+Array = NDArray[np.float64]
+
+_FILTER_ORDER = 4
+_EDGE = 2
+
+
+@dataclass(frozen=True, eq=False)
+class PointwiseMotion:
+    """States at the samples whose neighbours are known.
+
+    Attributes
+    ----------
+    rows : (R,)
+        Indices of these samples in the record.
+    state : (R, 18)
+        λ, λ̇, λ̈.
+    """
+
+    rows: NDArray[np.intp]
+    state: Array
+
+
+def pointwise_motion(
+    robot: Robot, record: Record, *, cutoff: float | None = None
+) -> PointwiseMotion:
+    """Return poses by forward kinematics and their differences.
+
+    Parameters
+    ----------
+    cutoff : float, optional
+        Of the zero-phase Butterworth filter (order 4 forward and backward), Hz; none: no filter.
+
+    Raises
+    ------
+    MotionFitError
+        The stamps jitter, the channels have different delays, or a length has no pose.
+    """
+    if record.stamped:
+        raise MotionFitError(
+            "pointwise differentiation needs uniform time; stamped data need the Fourier fit"
+        )
+    if not np.allclose(record.length_times, record.force_times, rtol=0, atol=1e-9):
+        raise MotionFitError(
+            "pointwise differentiation cannot shift channels by their delays; use the Fourier fit"
+        )
+    try:
+        poses = robot.forward_kinematics(record.lengths)
+    except ForwardKinematicsError as error:
+        raise MotionFitError(f"no pose has the measured lengths: {error}") from error
+    count, wrap = len(poses), record.averaged
+    # A mean period goes on with its own beginning; single samples end where they end.
+    pad = count if wrap else 0
+    extended = np.concatenate([poses[count - pad :], poses, poses[:pad]]) if wrap else poses
+    if cutoff is not None:
+        sections = signal.butter(_FILTER_ORDER, cutoff, fs=1 / record.step, output="sos")
+        extended = signal.sosfiltfilt(sections, extended, axis=0)
+    rate = (extended[2:] - extended[:-2]) / (2 * record.step)
+    acceleration = (extended[2:] - 2 * extended[1:-1] + extended[:-2]) / record.step**2
+    state = np.concatenate([extended[1:-1], rate, acceleration], axis=1)
+    if wrap:
+        return PointwiseMotion(np.arange(count), state[pad - 1 : pad - 1 + count])
+    rows = np.arange(1, count - 1)
+    inner = slice(_EDGE, len(rows) - _EDGE)
+    return PointwiseMotion(rows[inner], state[inner])

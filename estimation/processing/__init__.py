@@ -1,0 +1,7 @@
+"""From a recording to what the estimators work on: periods, means over periods, noise."""
+
+from estimation.processing.noise import NoiseEstimate, NoiseModel
+from estimation.processing.period import PeriodError, PeriodSource
+from estimation.processing.record import Record, make_record
+
+__all__ = ["NoiseEstimate", "NoiseModel", "PeriodError", "PeriodSource", "Record", "make_record"]

@@ -1,0 +1,121 @@
+"""Covariances of one sample: as given, or from the scatter of repeated periods."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseEstimate:
+    """A covariance that was estimated from residuals.
+
+    Attributes
+    ----------
+    covariance : (6, 6)
+        Of one sample.
+    freedom : float
+        Degrees of freedom that it rests on.
+    """
+
+    covariance: Array
+    freedom: float
+
+    def std_error(self) -> Array:
+        """Return the standard error of each element, (6, 6), for normal noise (Wishart)."""
+        diagonal = np.diag(self.covariance)
+        spread = self.covariance**2 + np.multiply.outer(diagonal, diagonal)
+        return np.sqrt(spread / self.freedom)
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseModel:
+    """What the estimators weight with.
+
+    Attributes
+    ----------
+    force_covariance, length_covariance : (6, 6)
+        Σ, N², and Δ, m², of one sample.
+    source : str
+        ``"estimated"`` (scatter between periods), ``"given"`` (robot or run file) or
+        ``"residuals"`` (of the fit itself: it includes the error of the model).
+    force_freedom, length_freedom : float
+        Degrees of freedom behind them; inf when given.
+    """
+
+    force_covariance: Array
+    length_covariance: Array
+    source: str
+    force_freedom: float = np.inf
+    length_freedom: float = np.inf
+
+    @property
+    def includes_model_error(self) -> bool:
+        """True when the covariances come from the residuals of the model itself."""
+        return self.source == "residuals"
+
+
+def scatter_between_periods(values: Array, weights: Array | None = None) -> NoiseEstimate:
+    """Return the covariance of the scatter about the mean over the periods.
+
+    Parameters
+    ----------
+    values : (M, N, 6)
+        M ≥ 2 periods of N samples.
+    weights : (M, N), optional
+        Between 0 and 1; samples that count less.
+
+    Notes
+    -----
+    With (M − 1) N degrees of freedom for full weights.
+    """
+    w = np.ones(values.shape[:2]) if weights is None else weights
+    total = w.sum(axis=0)
+    mean = np.einsum("mn,mnj->nj", w, values) / total[:, None]
+    residuals = (values - mean) * np.sqrt(w)[:, :, None]
+    flat = residuals.reshape(-1, values.shape[2])
+    freedom = float(np.sum(w) - np.count_nonzero(total > 0))
+    return NoiseEstimate(flat.T @ flat / freedom, freedom)
+
+
+def scatter_about_series(
+    times: Array, values: Array, omega: float, harmonics: int
+) -> tuple[NoiseEstimate, Array]:
+    """Return the covariance of the scatter about a Fourier series, and the residuals (T, 6).
+
+    For periods that are not a whole number of samples, or stamps that jitter: there are no equal
+    phases whose scatter could be taken. The series is long enough to follow the jumps of dry
+    friction to well below the noise.
+    """
+    orders = np.arange(1, harmonics + 1)
+    size = 2 * harmonics + 1
+    chunk = max(1, 2_000_000 // size)
+    normal, right = np.zeros((size, size)), np.zeros((size, values.shape[1]))
+
+    def basis(part: slice) -> Array:
+        angle = np.multiply.outer(omega * times[part], orders)
+        ones = np.ones((angle.shape[0], 1))
+        return np.concatenate([ones, np.sin(angle), np.cos(angle)], axis=1)
+
+    parts = [slice(first, first + chunk) for first in range(0, len(times), chunk)]
+    for part in parts:
+        rows = basis(part)
+        normal += rows.T @ rows
+        right += rows.T @ values[part]
+    coefficients = np.linalg.solve(normal, right)
+    residuals = np.concatenate([values[part] - basis(part) @ coefficients for part in parts])
+    freedom = float(len(times) - size)
+    return NoiseEstimate(residuals.T @ residuals / freedom, freedom), residuals
+
+
+def series_harmonics(rows: int, rows_per_period: float) -> int:
+    """Return how many harmonics the series of `scatter_about_series` has.
+
+    At most a tenth of the rows may be spent on it, and less than a third of what the sampling of
+    a period resolves.
+    """
+    return int(max(1, min(160, rows // 20, rows_per_period // 3)))

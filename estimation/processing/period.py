@@ -1,0 +1,153 @@
+"""The period of a recording: from the design, the file, or the data themselves."""
+
+from __future__ import annotations
+
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+
+from estimation.data.measurement import Measurement
+
+Array = NDArray[np.float64]
+
+_CLEAR_PEAK = 0.5
+_WHOLE_DRIFT = 0.01
+_COARSE_HARMONICS = 6
+_SEARCH_HARMONICS = 30
+_ACCURACY = 1e-10
+_FEWEST_PERIODS = 1.5
+
+
+class PeriodSource(Enum):
+    """Where the period came from."""
+
+    DESIGN = "design"
+    COLUMN = "period column"
+    FREQUENCY = "trajectory.frequency"
+    DATA = "data"
+
+
+class PeriodError(ValueError):
+    """No period that fits the recording could be found."""
+
+
+def omega_from_column(data: Measurement) -> float:
+    """Return ω, rad/s, from the rows at which the period column counts on.
+
+    Raises
+    ------
+    PeriodError
+        Fewer than two periods are marked, or the column does not count on by one.
+    """
+    if data.period is None:
+        raise PeriodError("the data have no period column")
+    changes = np.flatnonzero(np.diff(data.period) != 0) + 1
+    if len(changes) < 2:  # noqa: PLR2004 - two changes mark one whole period
+        raise PeriodError("the period column marks no whole period")
+    if np.any(np.diff(data.period)[changes - 1] != 1):
+        row = int(changes[np.diff(data.period)[changes - 1] != 1][0])
+        raise PeriodError(f"the period column does not count on by one at sample {row + 1}")
+    # Each change is late by up to one step; the slope of a line through all of them is not.
+    slope = np.polyfit(np.arange(len(changes)), data.time[changes], 1)[0]
+    return float(2 * np.pi / slope)
+
+
+def omega_from_data(data: Measurement) -> float:
+    """Return ω, rad/s, of a recording of which nothing else is known.
+
+    The autocorrelation of the lengths gives the period to a step, the residual of a Fourier
+    series refines it.
+
+    Raises
+    ------
+    PeriodError
+        The lengths do not repeat within the recording.
+    """
+    times = data.time
+    if data.stamped:
+        grid = np.arange(times[0], times[-1], data.step)
+        lengths = np.stack([np.interp(grid, times, column) for column in data.lengths.T], axis=1)
+    else:
+        lengths = data.lengths
+    rows = len(lengths)
+    centred = lengths - lengths.mean(axis=0)
+    spectrum = np.abs(np.fft.rfft(centred, 2 * rows, axis=0)) ** 2
+    covariance = np.fft.irfft(spectrum.sum(axis=1))[:rows]
+    lags = np.arange(rows)
+    correlation = covariance / np.maximum(rows - lags, 1) / (covariance[0] / rows)
+    usable = correlation[: int(rows / _FEWEST_PERIODS)]
+    below = np.flatnonzero(usable < _CLEAR_PEAK)
+    if not len(below):
+        raise PeriodError("the lengths do not move enough to find a period")
+    after = usable[below[0] :]
+    best = float(np.max(after, initial=-1.0))
+    if best < _CLEAR_PEAK:
+        raise PeriodError(
+            "the lengths do not repeat within the recording: no period was found in it"
+        )
+    # The first peak that is about as good as the best one: later ones are multiples.
+    peaks = np.flatnonzero(
+        (usable[1:-1] >= usable[:-2]) & (usable[1:-1] >= usable[2:]) & (usable[1:-1] > 0.9 * best)
+    )
+    peaks = peaks[peaks + 1 > below[0]] + 1
+    lag = int(peaks[0]) if len(peaks) else int(below[0] + np.argmax(after))
+    return refined_omega(data, 2 * np.pi / (lag * data.step))
+
+
+def refined_omega(data: Measurement, omega: float, spread: float | None = None) -> float:
+    """Return the ω near the one given, rad/s, whose Fourier series fits the lengths best.
+
+    Parameters
+    ----------
+    data : Measurement
+    omega : float
+        Where to look, rad/s.
+    spread : float, optional
+        How far to look to either side, relative; by default one step of the period.
+    """
+    times = data.time - data.time[0]
+    per_period = 2 * np.pi / (omega * data.step)
+    periods = len(times) / per_period
+    reach = 1.0 / per_period if spread is None else spread
+    most = int(max(1, min(per_period // 4, len(times) // 8)))
+    few, many = min(_COARSE_HARMONICS, most), min(_SEARCH_HARMONICS, most)
+    # A basin is as wide as the phase of the highest harmonic lets it be at the recording's end.
+    spacing = 1 / (4 * few * max(periods, 1.0))
+    count = int(np.ceil(reach / spacing))
+    points = omega * (1 + spacing * np.arange(-count, count + 1))
+    coarse = points[int(np.argmin([_misfit(data, times, point, few) for point in points]))]
+    for harmonics in (few, many):
+        width = omega / (4 * harmonics * max(periods, 1.0))
+        found = minimize_scalar(
+            lambda candidate, harmonics=harmonics: _misfit(data, times, candidate, harmonics),
+            bounds=(coarse - width, coarse + width),
+            method="bounded",
+            options={"xatol": _ACCURACY * omega},
+        )
+        coarse = float(found.x)
+    return float(coarse)
+
+
+def _misfit(data: Measurement, times: Array, omega: float, harmonics: int) -> float:
+    """Return minus the share of the lengths' variance that a Fourier series explains."""
+    orders = np.arange(1, harmonics + 1)
+    centred = data.lengths - data.lengths.mean(axis=0)
+    angle = np.multiply.outer(omega * times, orders)
+    rows = np.concatenate([np.ones((len(times), 1)), np.sin(angle), np.cos(angle)], axis=1)
+    right = rows.T @ centred
+    explained = np.sum(right * np.linalg.lstsq(rows.T @ rows, right, rcond=None)[0])
+    return float(-explained / np.sum(centred**2))
+
+
+def whole_samples(omega: float, step: float, periods: float) -> int | None:
+    """Return the number of samples per period if it is whole, else None.
+
+    Whole means that rounding it shifts no sample of the recording by more than a hundredth of a
+    step.
+    """
+    per_period = 2 * np.pi / (omega * step)
+    nearest = round(per_period)
+    drift = abs(per_period - nearest) * max(periods, 1.0)
+    return nearest if drift <= _WHOLE_DRIFT else None

@@ -1,0 +1,226 @@
+"""What the estimators work on: one trajectory's samples, averaged over periods where that is right.
+
+A period that is a whole number of samples gives the same phases again and again: their mean and
+scatter hold all that the samples tell. Otherwise, and with stamps that jitter, every sample keeps
+its own time and nothing is rounded.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.data.measurement import Measurement
+from estimation.processing.noise import (
+    NoiseEstimate,
+    scatter_about_series,
+    scatter_between_periods,
+    series_harmonics,
+)
+from estimation.processing.outliers import huber_weights
+from estimation.processing.period import PeriodError, PeriodSource, whole_samples
+
+Array = NDArray[np.float64]
+
+_REPEATED = 2
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """Samples of one periodic motion.
+
+    Attributes
+    ----------
+    omega : float
+        rad/s.
+    source : PeriodSource
+        Where ω came from.
+    length_times, force_times : (S,)
+        When lengths and forces were what was recorded, s: stamps less the channels' delays.
+    lengths, forces : (S, 6)
+        Means over the periods, or single samples; m and N.
+    length_counts, force_counts : (S,)
+        How many samples (or how much weight) each mean is made of.
+    periods : float
+        Periods recorded.
+    rows : int
+        Rows of the recording that were used.
+    dropped : int
+        Rows of incomplete periods that were not.
+    force_scatter, length_scatter : NoiseEstimate or None
+        Covariance of one sample from the repetition; None with less than two periods.
+    length_periods, force_periods : (M, N, 6) or None
+        The single periods, when they could be averaged.
+    step : float
+        Between two rows of the recording, s.
+    stamped : bool
+    """
+
+    omega: float
+    source: PeriodSource
+    length_times: Array
+    lengths: Array
+    length_counts: Array
+    force_times: Array
+    forces: Array
+    force_counts: Array
+    periods: float
+    rows: int
+    dropped: int
+    force_scatter: NoiseEstimate | None
+    length_scatter: NoiseEstimate | None
+    length_periods: Array | None
+    force_periods: Array | None
+    step: float
+    stamped: bool
+
+    @property
+    def samples(self) -> int:
+        """S."""
+        return len(self.lengths)
+
+    @property
+    def averaged(self) -> bool:
+        """True when the samples are means over whole periods."""
+        return self.length_periods is not None
+
+    @property
+    def period(self) -> float:
+        """Length of a period, s."""
+        return float(2 * np.pi / self.omega)
+
+
+def make_record(
+    data: Measurement,
+    omega: float,
+    source: PeriodSource,
+    *,
+    average: bool = True,
+    robust: bool = False,
+) -> Record:
+    """Bring a recording into the form that the estimators work on.
+
+    Parameters
+    ----------
+    data : Measurement
+    omega : float
+        rad/s.
+    source : PeriodSource
+    average : bool
+        Average over the periods if they are a whole number of samples.
+    robust : bool
+        Let samples that are far from their fellows count less (Huber).
+
+    Raises
+    ------
+    PeriodError
+        The recording is shorter than one period.
+    """
+    per_period = 2 * np.pi / (omega * data.step)
+    start = _first_row(data)
+    available = len(data) - start
+    periods = available / per_period
+    complete = int(np.floor(periods + 0.5 / per_period))
+    if complete < 1:
+        raise PeriodError(
+            f"the recording has {available} rows, a period of {2 * np.pi / omega:.6g} s needs "
+            f"{per_period:.6g}"
+        )
+    whole = None if data.stamped else whole_samples(omega, data.step, complete)
+    if whole is not None and average:
+        return _averaged(data, omega, source, start, (complete, whole), robust=robust)
+    rows = round(complete * per_period)
+    return _single(data, omega, source, slice(start, start + min(rows, available)), robust=robust)
+
+
+def _first_row(data: Measurement) -> int:
+    if data.period is None:
+        return 0
+    changes = np.flatnonzero(np.diff(data.period) != 0)
+    if not len(changes):
+        return 0
+    # A first period that is shorter than the second is incomplete.
+    first = int(changes[0]) + 1
+    second = int(changes[1]) + 1 - first if len(changes) > 1 else len(data) - first
+    return first if first < second - 1 else 0
+
+
+def _averaged(
+    data: Measurement,
+    omega: float,
+    source: PeriodSource,
+    start: int,
+    shape: tuple[int, int],
+    *,
+    robust: bool,
+) -> Record:
+    periods, samples = shape
+    rows = slice(start, start + periods * samples)
+    lengths = data.lengths[rows].reshape(periods, samples, -1)
+    forces = data.forces[rows].reshape(periods, samples, -1)
+    length_weights = huber_weights(lengths) if robust else np.ones(shape)
+    force_weights = huber_weights(forces) if robust else np.ones(shape)
+    times = data.time[start : start + samples]
+    repeated = periods >= _REPEATED
+    return Record(
+        omega=omega,
+        source=source,
+        length_times=times - data.length_delay,
+        lengths=_weighted_mean(lengths, length_weights),
+        length_counts=length_weights.sum(axis=0),
+        force_times=times - data.force_delay,
+        forces=_weighted_mean(forces, force_weights),
+        force_counts=force_weights.sum(axis=0),
+        periods=float(periods),
+        rows=periods * samples,
+        dropped=len(data) - periods * samples,
+        force_scatter=scatter_between_periods(forces, force_weights) if repeated else None,
+        length_scatter=scatter_between_periods(lengths, length_weights) if repeated else None,
+        length_periods=lengths,
+        force_periods=forces,
+        step=data.step,
+        stamped=False,
+    )
+
+
+def _weighted_mean(values: Array, weights: Array) -> Array:
+    return np.einsum("mn,mnj->nj", weights, values) / weights.sum(axis=0)[:, None]
+
+
+def _single(
+    data: Measurement, omega: float, source: PeriodSource, rows: slice, *, robust: bool
+) -> Record:
+    times, lengths, forces = data.time[rows], data.lengths[rows], data.forces[rows]
+    count = len(times)
+    per_period = 2 * np.pi / (omega * data.step)
+    periods = count / per_period
+    length_scatter = force_scatter = None
+    length_weights = force_weights = np.ones(count)
+    if periods >= _REPEATED - 0.5 / per_period:
+        harmonics = series_harmonics(count, per_period)
+        length_scatter, length_rest = scatter_about_series(times, lengths, omega, harmonics)
+        force_scatter, force_rest = scatter_about_series(times, forces, omega, harmonics)
+        if robust:
+            length_weights = huber_weights(length_rest[None])[0]
+            force_weights = huber_weights(force_rest[None])[0]
+    return Record(
+        omega=omega,
+        source=source,
+        length_times=times - data.length_delay,
+        lengths=lengths,
+        length_counts=length_weights,
+        force_times=times - data.force_delay,
+        forces=forces,
+        force_counts=force_weights,
+        periods=periods,
+        rows=count,
+        dropped=len(data) - count,
+        force_scatter=force_scatter,
+        length_scatter=length_scatter,
+        length_periods=None,
+        force_periods=None,
+        step=data.step,
+        stamped=data.stamped,
+    )
