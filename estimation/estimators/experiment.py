@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from estimation.kinematics.fourier_fit import MotionFit
 from estimation.kinematics.friction_signs import expected_signs, rate_spread
 from estimation.kinematics.pointwise import PointwiseMotion
-from estimation.measurement_model import HarmonicMotion, MotionBasis
+from estimation.measurement_model import HarmonicMotion
 from estimation.measurement_model.kernels import held_regressor_kernel
 from estimation.processing import NoiseModel, Record
 from expdesign.robot import Robot
@@ -30,6 +30,8 @@ class Experiment:
         None after pointwise differentiation.
     spread : (S, 18) or None
         Standard deviations of the rates of friction at the force samples.
+    fitted_regressors : (R, 6, m)
+        A at the samples, along the motion that was estimated from the lengths.
     pointwise : PointwiseMotion or None
     """
 
@@ -37,6 +39,7 @@ class Experiment:
     noise: NoiseModel
     fit: MotionFit | None
     spread: Array | None
+    fitted_regressors: Array
     pointwise: PointwiseMotion | None = None
 
     @classmethod
@@ -44,19 +47,35 @@ class Experiment:
         cls, robot: Robot, record: Record, noise: NoiseModel, fit: MotionFit
     ) -> Experiment:
         """Build from a fitted motion."""
-        spread = rate_spread(
+        return cls.along(robot, record, noise, fit, cls._rate_spread(robot, record, fit))
+
+    @staticmethod
+    def _rate_spread(robot: Robot, record: Record, fit: MotionFit) -> Array:
+        return rate_spread(
             robot,
             fit.motion,
             record.force_times,
             fit.covariance,
             free_frequency=fit.free_frequency,
         )
-        return cls(record, noise, fit, spread)
 
     @classmethod
-    def from_points(cls, record: Record, noise: NoiseModel, motion: PointwiseMotion) -> Experiment:
+    def along(
+        cls, robot: Robot, record: Record, noise: NoiseModel, fit: MotionFit, spread: Array
+    ) -> Experiment:
+        """Build from a motion whose rates have the spread given: zero for a known motion."""
+        signs = expected_signs(robot, fit.motion, record.force_times, spread)
+        regressors = regressors_along(robot, fit.motion, record.force_times, signs)
+        return cls(record, noise, fit, spread, regressors)
+
+    @classmethod
+    def from_points(
+        cls, robot: Robot, record: Record, noise: NoiseModel, motion: PointwiseMotion
+    ) -> Experiment:
         """Build from pointwise kinematics."""
-        return cls(record, noise, None, None, motion)
+        state = motion.state
+        regressors = robot.regressor(state[:, :6], state[:, 6:12], state[:, 12:])
+        return cls(record, noise, None, None, regressors, motion)
 
     @property
     def forces(self) -> Array:
@@ -84,18 +103,18 @@ class Experiment:
 
     def regressors(self, robot: Robot, motion: HarmonicMotion | None = None) -> Array:
         """Return A at the samples, (R, 6, m), along the fitted or another motion."""
-        if self.pointwise is not None:
-            state = self.pointwise.state
-            return robot.regressor(state[:, :6], state[:, 6:12], state[:, 12:])
-        if self.fit is None:
-            raise ValueError("an experiment has a fitted or a pointwise motion")
-        present = self.fit.motion if motion is None else motion
-        basis = MotionBasis.at(self.record.force_times, present.omega, present.harmonics)
-        state = basis.state(present.table)
-        kernel = held_regressor_kernel(general=robot.general)
-        (regressors,) = kernel(state, self.signs(robot, present), robot.geometry_vector)
-        return regressors
+        if motion is None:
+            return self.fitted_regressors
+        return regressors_along(robot, motion, self.record.force_times, self.signs(robot, motion))
 
     def with_noise(self, noise: NoiseModel) -> Experiment:
         """Return the experiment weighted by other covariances."""
         return replace(self, noise=noise)
+
+
+def regressors_along(robot: Robot, motion: HarmonicMotion, times: Array, signs: Array) -> Array:
+    """Return A at the times given, s, (S, 6, m), with the friction signs given, (S, 18)."""
+    state = motion.basis(times).state(motion.table)
+    kernel = held_regressor_kernel(general=robot.general)
+    (regressors,) = kernel(state, signs, robot.geometry_vector)
+    return regressors

@@ -10,12 +10,14 @@ from pydantic_core import PydanticCustomError
 from expdesign.schema.base import Section
 from expdesign.schema.failure import refusal, shown
 from expdesign.schema.parameters import PARAMETER_DIMENSIONS, known_parameter
+from expdesign.schema.quantity import Frequency, Positive
 from expdesign.schema.scalars import Distinct, at_least, one_of
 
 Estimator = Literal["ls", "gm", "ml"]
 Differentiation = Literal["fourier", "central", "butterworth"]
 NoiseSource = Literal["auto", "estimated", "given"]
 FrequencySource = Literal["known", "estimated"]
+Loss = Literal["squared", "huber"]
 
 Estimators = Annotated[
     tuple[Annotated[Estimator, one_of(Estimator)], ...], at_least(1, "estimators"), Distinct
@@ -115,6 +117,10 @@ class EstimateSection(Section):
         Covariances from the scatter between periods, or those of robot and run; ``auto`` is
         ``estimated`` from three periods on.
     frequency : {"known", "estimated"}
+    loss : {"squared", "huber"}
+        ``huber`` lets outliers count less.
+    cutoff : float or None
+        Of the Butterworth filter, Hz; None: three times the highest frequency of the design.
     fixed : dict
         Parameter → value in SI units, None for the robot's value.
     prior : dict
@@ -128,6 +134,8 @@ class EstimateSection(Section):
     harmonics: Annotated[int | None, BeforeValidator(_auto_or_count)] = None
     noise: Annotated[NoiseSource, one_of(NoiseSource)] = "auto"
     frequency: Annotated[FrequencySource, one_of(FrequencySource)] = "known"
+    loss: Annotated[Loss, one_of(Loss)] = "squared"
+    cutoff: Annotated[Frequency, Positive] | None = None
     fixed: Annotated[dict[str, float | None], BeforeValidator(_fixed)] = Field(default_factory=dict)
     prior: Annotated[dict[str, Prior], BeforeValidator(_prior)] = Field(default_factory=dict)
     bounds: Annotated[dict[str, tuple[float, float]], BeforeValidator(_bounds)] = Field(

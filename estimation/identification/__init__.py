@@ -1,0 +1,6 @@
+"""The whole way from measurements to parameters: `estimate`, its result and its files."""
+
+from estimation.identification.estimate import estimate
+from estimation.identification.result import EstimationResult, RecordSummary
+
+__all__ = ["EstimationResult", "RecordSummary", "estimate"]

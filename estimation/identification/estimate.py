@@ -1,0 +1,332 @@
+"""The whole way from measurements to parameters."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from estimation.data.measurement import Measurement
+from estimation.estimators import (
+    Experiment,
+    Knowledge,
+    ParameterEstimate,
+    gauss_markov,
+    least_squares,
+    maximum_likelihood,
+)
+from estimation.identification.noise_choice import choose_noise, residual_noise
+from estimation.identification.period_choice import choose_omega
+from estimation.identification.result import EstimationResult, RecordSummary
+from estimation.kinematics import choose_harmonics, fit_motion, pointwise_motion
+from estimation.kinematics.fourier_fit import MotionFitError, start_motion
+from estimation.measurement_model import HarmonicMotion
+from estimation.processing import PeriodError, Record, make_record
+from estimation.uncertainty import (
+    cramer_rao_covariance,
+    identified_combinations,
+    parameter_rows,
+)
+from expdesign.configuration import ConfigurationError, Problem, RunConfiguration, load_run
+from expdesign.robot import Robot, robot_from
+from expdesign.trajectory import FourierTrajectory
+
+Array = NDArray[np.float64]
+
+ConfigurationLike = str | PathLike[str] | Mapping[str, Any] | RunConfiguration
+
+_RESIDUAL_ROUNDS = 2
+_CUTOFF = 3.0
+"""Cutoff of the Butterworth filter in units of the highest frequency of the motion."""
+
+
+def estimate(
+    config: ConfigurationLike,
+    data: Measurement | Sequence[Measurement],
+    design: FourierTrajectory | Sequence[FourierTrajectory | None] | None = None,
+) -> EstimationResult:
+    """Estimate the parameters from one or several recordings.
+
+    Parameters
+    ----------
+    config : path, mapping or RunConfiguration
+        Its sections `estimate` and `noise` and its robot are used.
+    data : Measurement or sequence of Measurement
+        Recordings of different trajectories are combined in one estimate.
+    design : FourierTrajectory or sequence, optional
+        The trajectory of each recording (one for all of them, or one each); without it the period
+        comes from the recording.
+
+    Raises
+    ------
+    ConfigurationError
+        The configuration, or a recording's period, does not fit.
+    MotionFitError
+        No motion has the measured lengths.
+    UnidentifiableError
+        The data do not determine some parameters at all; it names them.
+    """
+    configuration = config if isinstance(config, RunConfiguration) else load_run(config)
+    # One thread: the products are small, and the order of their sums must not depend on cores.
+    with threadpool_limits(limits=1, user_api="blas"):
+        return _estimate(configuration, data, design)
+
+
+def _estimate(
+    configuration: RunConfiguration,
+    data: Measurement | Sequence[Measurement],
+    design: FourierTrajectory | Sequence[FourierTrajectory | None] | None,
+) -> EstimationResult:
+    began = time.perf_counter()
+    recordings = (data,) if isinstance(data, Measurement) else tuple(data)
+    if not recordings:
+        raise ValueError("estimate needs at least one recording")
+    robot = robot_from(configuration.robot)
+    knowledge = _knowledge(configuration, robot)
+    _refuse_ml_without_fit(configuration)
+    designs = _one_each(design, len(recordings))
+    records = tuple(
+        _prepared(configuration, robot, recording, trajectory)
+        for recording, trajectory in zip(recordings, designs, strict=True)
+    )
+    experiments = [record.experiment for record in records]
+    if any(experiment.noise.includes_model_error for experiment in experiments):
+        experiments = _with_residual_noise(robot, experiments, knowledge)
+        records = tuple(
+            RecordSummary(r.source, e, r.harmonics, r.choice, r.jitter)
+            for r, e in zip(records, experiments, strict=True)
+        )
+    estimates = run_estimators(robot, experiments, knowledge, configuration.run.estimate.estimators)
+    freedom = min(experiment.noise.force_freedom for experiment in experiments)
+    rows = [
+        row
+        for result in estimates.values()
+        for row in parameter_rows(robot, result, knowledge, freedom)
+    ]
+    combinations = {
+        name: identified_combinations(robot, knowledge.names, result.values, result.covariance)
+        for name, result in estimates.items()
+    }
+    return EstimationResult(
+        configuration=configuration,
+        robot=robot,
+        knowledge=knowledge,
+        records=records,
+        estimates=estimates,
+        rows=tuple(rows),
+        combinations=combinations,
+        bound=_bound(robot, experiments, knowledge, estimates),
+        seconds=time.perf_counter() - began,
+        warnings=(
+            *configuration.warnings,
+            *(warning for recording in recordings for warning in recording.warnings),
+            *_warnings(records, knowledge, estimates),
+        ),
+    )
+
+
+def run_estimators(
+    robot: Robot,
+    experiments: Sequence[Experiment],
+    knowledge: Knowledge,
+    wanted: Sequence[str],
+) -> dict[str, ParameterEstimate]:
+    """Return the estimates wanted, in the order ls, gm, ml."""
+    results: dict[str, ParameterEstimate] = {}
+    if "ls" in wanted:
+        results["ls"] = least_squares(robot, experiments, knowledge)
+    if "gm" in wanted or "ml" in wanted:
+        start = gauss_markov(robot, experiments, knowledge)
+        if "gm" in wanted:
+            results["gm"] = start
+        if "ml" in wanted:
+            results["ml"] = maximum_likelihood(robot, experiments, knowledge, start)
+    return results
+
+
+def prepare_experiment(
+    configuration: RunConfiguration,
+    robot: Robot,
+    data: Measurement,
+    design: FourierTrajectory | None,
+) -> Experiment:
+    """Return one recording with its noise and motion, ready for the estimators."""
+    return _prepared(configuration, robot, data, design).experiment
+
+
+def _prepared(
+    configuration: RunConfiguration,
+    robot: Robot,
+    data: Measurement,
+    design: FourierTrajectory | None,
+) -> RecordSummary:
+    section = configuration.run.estimate
+    omega, source = choose_omega(configuration, data, design)
+    free = section.frequency == "estimated"
+    try:
+        record = make_record(data, omega, source, average=not free, robust=section.loss == "huber")
+    except PeriodError as error:
+        raise ConfigurationError(
+            Problem(str(error), file=Path(data.source) if data.source else None)
+        ) from error
+    noise = choose_noise(configuration, record)
+    if section.differentiation != "fourier":
+        cutoff = None
+        if section.differentiation == "butterworth":
+            highest = configuration.run.trajectory.harmonics if design is None else design.harmonics
+            cutoff = section.cutoff or _CUTOFF * highest * omega / (2 * np.pi)
+        motion = pointwise_motion(robot, record, cutoff=cutoff)
+        experiment = Experiment.from_points(robot, record, noise, motion)
+        return RecordSummary(data.source, experiment, None, None, data.jitter)
+    start = _start(robot, record, design)
+    if section.harmonics is None:
+        least = 1 if design is None else design.harmonics
+        choice = choose_harmonics(
+            robot, record, noise.length_covariance, least, start=start, free_frequency=free
+        )
+        fit = choice.fit
+    else:
+        choice = None
+        fit = fit_motion(
+            robot,
+            record,
+            noise.length_covariance,
+            section.harmonics,
+            start=start,
+            free_frequency=free,
+        )
+    experiment = Experiment.from_fit(robot, record, noise, fit)
+    return RecordSummary(data.source, experiment, fit.motion.harmonics, choice, data.jitter)
+
+
+def _start(robot: Robot, record: Record, design: FourierTrajectory | None) -> HarmonicMotion:
+    harmonics = 5 if design is None else design.harmonics
+    try:
+        return start_motion(robot, record, harmonics)
+    except MotionFitError:
+        if design is None:
+            raise
+        # Lengths this noisy may have no pose one by one; the designed motion is near.
+        return HarmonicMotion.of(design)
+
+
+def _with_residual_noise(
+    robot: Robot, experiments: Sequence[Experiment], knowledge: Knowledge
+) -> list[Experiment]:
+    """Take Σ from the residuals of Gauss–Markov estimates, which are then made anew."""
+    present = list(experiments)
+    used = int(np.count_nonzero(knowledge.free))
+    for _ in range(_RESIDUAL_ROUNDS):
+        values = gauss_markov(robot, present, knowledge).values
+        present = [
+            experiment.with_noise(
+                residual_noise(
+                    experiment.record,
+                    experiment.noise,
+                    experiment.forces - experiment.regressors(robot) @ values,
+                    used // len(present),
+                )
+            )
+            if experiment.noise.includes_model_error
+            else experiment
+            for experiment in present
+        ]
+    return present
+
+
+def _bound(
+    robot: Robot,
+    experiments: Sequence[Experiment],
+    knowledge: Knowledge,
+    estimates: Mapping[str, ParameterEstimate],
+) -> Array | None:
+    if "ml" in estimates:
+        return estimates["ml"].covariance
+    if any(experiment.fit is None for experiment in experiments):
+        return None
+    motions = [e.fit.motion for e in experiments if e.fit is not None]
+    values = list(estimates.values())[-1].values
+    return cramer_rao_covariance(robot, experiments, motions, knowledge, values)
+
+
+def _knowledge(configuration: RunConfiguration, robot: Robot) -> Knowledge:
+    section = configuration.run.estimate
+    try:
+        knowledge = Knowledge.of(robot, section)
+    except ValueError as error:
+        raise ConfigurationError(
+            Problem(str(error), file=configuration.file, allowed=", ".join(robot.parameter_names))
+        ) from error
+    if not np.any(knowledge.free):
+        raise ConfigurationError(
+            Problem(
+                "every parameter is fixed: there is nothing to estimate",
+                file=configuration.file,
+                key="estimate.fixed",
+            )
+        )
+    return knowledge
+
+
+def _refuse_ml_without_fit(configuration: RunConfiguration) -> None:
+    section = configuration.run.estimate
+    if "ml" in section.estimators and section.differentiation != "fourier":
+        raise ConfigurationError(
+            Problem(
+                f"maximum likelihood estimates the motion as a Fourier series, "
+                f"'{section.differentiation}' differentiation gives it none",
+                file=configuration.file,
+                key="estimate.estimators",
+                allowed="ls and gm with central or butterworth, all three with fourier",
+            )
+        )
+
+
+def _one_each(
+    design: FourierTrajectory | Sequence[FourierTrajectory | None] | None, count: int
+) -> list[FourierTrajectory | None]:
+    if design is None or isinstance(design, FourierTrajectory):
+        return [design] * count
+    designs = list(design)
+    if len(designs) == 1:
+        return designs * count
+    if len(designs) != count:
+        raise ValueError(f"{count} recordings, but {len(designs)} designs")
+    return designs
+
+
+def _warnings(
+    records: Sequence[RecordSummary],
+    knowledge: Knowledge,
+    estimates: Mapping[str, ParameterEstimate],
+) -> list[str]:
+    found = []
+    for record in records:
+        where = f"{record.source}: " if record.source and len(records) > 1 else ""
+        dropped = record.experiment.record.dropped
+        if dropped:
+            found.append(f"{where}{dropped} rows of incomplete periods were left out")
+        if record.experiment.noise.includes_model_error:
+            found.append(
+                f"{where}too few periods to tell noise from model error, and none is given: Σ "
+                "comes from the residuals and includes the model's error"
+            )
+        if record.experiment.fit is None:
+            found.append(
+                f"{where}pointwise differentiation: the errors of rates and accelerations are in "
+                "the regressor, estimates are biased and the intervals do not cover"
+            )
+    for name, result in estimates.items():
+        if not result.converged:
+            found.append(f"{name}: {result.status}")
+        found += [
+            f"{name}: {knowledge.names[k]} stands at a bound; its std ignores that"
+            for k in np.flatnonzero(knowledge.at_bound(result.values))
+        ]
+    return found

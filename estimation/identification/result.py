@@ -1,0 +1,94 @@
+"""What an estimation came to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.estimators import Experiment, Knowledge, ParameterEstimate
+from estimation.kinematics.order import HarmonicChoice
+from estimation.uncertainty import Combination, ParameterRow
+from expdesign.configuration import RunConfiguration
+from expdesign.robot import Robot
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class RecordSummary:
+    """One recording of the estimate.
+
+    Attributes
+    ----------
+    source : str
+        File, or what else it came from.
+    experiment : Experiment
+    harmonics : int or None
+        Of the fitted motion; None after pointwise differentiation.
+    choice : HarmonicChoice or None
+        How the harmonics were chosen, when they were.
+    jitter : float
+        Of the time stamps, as a share of a step.
+    """
+
+    source: str
+    experiment: Experiment
+    harmonics: int | None
+    choice: HarmonicChoice | None
+    jitter: float
+
+
+@dataclass(frozen=True, eq=False)
+class EstimationResult:
+    """Parameters with honest error bars.
+
+    Attributes
+    ----------
+    configuration : RunConfiguration
+    robot : Robot
+    knowledge : Knowledge
+    records : tuple of RecordSummary
+        One per recording, in the order given.
+    estimates : dict of ParameterEstimate
+        By estimator.
+    rows : tuple of ParameterRow
+        The table of all estimators.
+    combinations : dict
+        By estimator, what is known of parameters that are not identified.
+    bound : (m, m)
+        Cramér–Rao bound as a covariance, at the best estimate.
+    seconds : float
+    warnings : tuple of str
+    """
+
+    configuration: RunConfiguration
+    robot: Robot
+    knowledge: Knowledge
+    records: tuple[RecordSummary, ...]
+    estimates: dict[str, ParameterEstimate]
+    rows: tuple[ParameterRow, ...]
+    combinations: dict[str, tuple[Combination, ...]]
+    bound: Array | None
+    seconds: float
+    warnings: tuple[str, ...]
+
+    @property
+    def best(self) -> ParameterEstimate:
+        """The estimate to use: ML if there is one, else GM, else LS."""
+        return next(self.estimates[name] for name in ("ml", "gm", "ls") if name in self.estimates)
+
+    @property
+    def experiments(self) -> tuple[Experiment, ...]:
+        """The recordings as the estimators saw them."""
+        return tuple(record.experiment for record in self.records)
+
+    @property
+    def intervals_cover(self) -> bool:
+        """False after pointwise differentiation: the lengths' noise is not in the intervals."""
+        return all(record.experiment.fit is not None for record in self.records)
+
+    def __getitem__(self, estimator: str) -> ParameterEstimate:
+        """Return one estimator's result."""
+        return self.estimates[estimator]

@@ -1,0 +1,14 @@
+"""How sure one may be: intervals, what is identified, and the bound that no estimator beats."""
+
+from estimation.uncertainty.bound import cramer_rao_covariance
+from estimation.uncertainty.combinations import Combination, identified_combinations
+from estimation.uncertainty.intervals import ParameterRow, correlation, parameter_rows
+
+__all__ = [
+    "Combination",
+    "ParameterRow",
+    "correlation",
+    "cramer_rao_covariance",
+    "identified_combinations",
+    "parameter_rows",
+]

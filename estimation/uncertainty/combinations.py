@@ -1,0 +1,80 @@
+"""What can be identified where single parameters cannot: their best-known combinations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.uncertainty.intervals import IDENTIFIED
+from expdesign.experiment.scaling import parameter_scaling
+from expdesign.robot import Robot
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Combination:
+    """p_other + factor · p_weak, which the data know better than either.
+
+    Attributes
+    ----------
+    weak : str
+        The parameter that is not identified.
+    other : str
+        The one that it is confounded with most.
+    factor : float
+        In units of other per unit of weak.
+    value, std : float
+        Of the combination, in the unit of other.
+    correlation : float
+        Of the two estimates.
+    """
+
+    weak: str
+    other: str
+    factor: float
+    value: float
+    std: float
+    correlation: float
+
+    @property
+    def text(self) -> str:
+        """In words."""
+        sign = "+" if self.factor >= 0 else "−"
+        sum_ = f"{self.other} {sign} {abs(self.factor):.4g}·{self.weak}"
+        known = f"{self.value:.6g} ± {self.std:.2g}"
+        return f"{self.weak} is not identified; {sum_} is: {known}"
+
+
+def identified_combinations(
+    robot: Robot, names: tuple[str, ...], values: Array, covariance: Array
+) -> tuple[Combination, ...]:
+    """Return, for every parameter that is not identified, the combination that is known best.
+
+    The partner is the parameter whose estimate is correlated with it most; the factor is the one
+    that makes the combination uncorrelated with the weak parameter, and its variance smallest.
+    """
+    scales = parameter_scaling(robot, "nominal")
+    std = np.sqrt(np.diag(covariance))
+    found = []
+    for k in np.flatnonzero(std >= IDENTIFIED * scales):
+        ratio = np.zeros(len(names))
+        known = std > 0
+        ratio[known] = covariance[k, known] / (std[k] * std[known])
+        ratio[k] = 0.0
+        j = int(np.argmax(np.abs(ratio)))
+        factor = -covariance[k, j] / covariance[k, k]
+        variance = covariance[j, j] * (1 - ratio[j] ** 2)
+        found.append(
+            Combination(
+                weak=names[k],
+                other=names[j],
+                factor=float(factor),
+                value=float(values[j] + factor * values[k]),
+                std=float(np.sqrt(max(variance, 0.0))),
+                correlation=float(ratio[j]),
+            )
+        )
+    return tuple(found)

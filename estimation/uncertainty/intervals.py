@@ -1,0 +1,95 @@
+"""Confidence intervals of single parameters, and which of them the data identify."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from estimation.estimators import Knowledge, ParameterEstimate
+from expdesign.experiment.scaling import parameter_scaling
+from expdesign.robot import Robot
+from expdesign.robot.graph import parameter_unit
+
+Array = NDArray[np.float64]
+
+LEVEL = 0.95
+"""Coverage of the intervals."""
+
+IDENTIFIED = 0.5
+"""A parameter is identified when its standard deviation is less than this share of its scale."""
+
+
+@dataclass(frozen=True)
+class ParameterRow:
+    """One parameter of one estimator, as `estimates.csv` states it; SI.
+
+    Attributes
+    ----------
+    estimator, parameter, unit : str
+    value : float
+    std : float
+        NaN for a fixed parameter.
+    ci_low, ci_high : float
+        95 % interval; NaN for a fixed parameter.
+    rel_std_percent : float
+        Of the a-priori value; NaN without one.
+    a_priori : float
+    identified : bool or None
+        None for a fixed parameter.
+    """
+
+    estimator: str
+    parameter: str
+    unit: str
+    value: float
+    std: float
+    ci_low: float
+    ci_high: float
+    rel_std_percent: float
+    a_priori: float
+    identified: bool | None
+
+
+def parameter_rows(
+    robot: Robot, estimate: ParameterEstimate, knowledge: Knowledge, freedom: float
+) -> list[ParameterRow]:
+    """Return the rows of all parameters.
+
+    Parameters
+    ----------
+    freedom : float
+        Degrees of freedom behind the noise covariance; inf when it was given.
+    """
+    scales = parameter_scaling(robot, "nominal")
+    normal = not np.isfinite(freedom)
+    width = stats.norm.ppf(0.5 + LEVEL / 2) if normal else stats.t.ppf(0.5 + LEVEL / 2, freedom)
+    rows = []
+    for k, name in enumerate(knowledge.names):
+        value, prior = float(estimate.values[k]), float(knowledge.nominal[k])
+        free = bool(knowledge.free[k])
+        std = float(estimate.std[k]) if free else np.nan
+        rows.append(
+            ParameterRow(
+                estimator=estimate.estimator,
+                parameter=name,
+                unit=parameter_unit(name),
+                value=value,
+                std=std,
+                ci_low=value - width * std,
+                ci_high=value + width * std,
+                rel_std_percent=100 * std / abs(prior) if prior else np.nan,
+                a_priori=prior,
+                identified=bool(std < IDENTIFIED * scales[k]) if free else None,
+            )
+        )
+    return rows
+
+
+def correlation(covariance: Array) -> Array:
+    """Return the correlation matrix, (m, m); zero where a parameter does not vary."""
+    std = np.sqrt(np.diag(covariance))
+    product = np.multiply.outer(std, std)
+    return np.divide(covariance, product, out=np.zeros_like(covariance), where=product > 0)
