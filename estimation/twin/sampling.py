@@ -23,7 +23,7 @@ MOST_SAMPLES = 10_000_000
 
 @dataclass(frozen=True)
 class SampleGrid:
-    """Samples i / sampling, i = 0, 1, …, from the start to the end of the last period.
+    """Samples i / sampling, i = 0, 1, …, as many as whole steps fit into all periods.
 
     Attributes
     ----------
