@@ -17,6 +17,7 @@ from expdesign.cli.check import check
 from expdesign.cli.design import design
 from expdesign.cli.robots import robots
 from expdesign.cli.run import run
+from expdesign.cli.simulate import simulate
 
 app = typer.Typer(
     name="expdesign",
@@ -46,7 +47,7 @@ def _expdesign(
         ),
     ] = False,
 ) -> None:
-    """Design excitation experiments for hexapods, from one YAML file to a trajectory.
+    """Design excitation experiments for hexapods and simulate them, from one YAML file.
 
     RUN.yaml is a run file, or the name of one that ships (`palida`).
 
@@ -57,4 +58,5 @@ def _expdesign(
 app.command()(robots)
 app.command()(check)
 app.command()(design)
+app.command()(simulate)
 app.command()(run)

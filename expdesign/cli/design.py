@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 from expdesign.cli.errors import CommandFailed
+from expdesign.cli.folder import OutOption, refuse_unwritable, run_folder
 from expdesign.cli.output import JsonOption, RunArgument, messages, results, short, warn, write_json
 
 if TYPE_CHECKING:
@@ -15,11 +14,6 @@ if TYPE_CHECKING:
     from expdesign.experiment import DesignResult
 
 _AT_BOUND = -1e-3
-
-OutOption = Annotated[
-    Path | None,
-    typer.Option("--out", metavar="DIR", help="Run folder; runs/<name> by default."),
-]
 
 
 def design(run: RunArgument, out: OutOption = None, as_json: JsonOption = False) -> None:
@@ -31,16 +25,13 @@ def design(run: RunArgument, out: OutOption = None, as_json: JsonOption = False)
     from expdesign.configuration import load_run
 
     configuration = load_run(run)
-    design_stage(configuration, run_folder(configuration, out), as_json=as_json)
+    summary = design_stage(configuration, run_folder(configuration, out), as_json=as_json)
+    if as_json:
+        write_json({"status": 0, **summary})
 
 
-def run_folder(configuration: RunConfiguration, out: Path | None) -> Path:
-    """Return the run folder: what the user asked for, or runs/<name> in the current folder."""
-    return (out or Path("runs") / configuration.run.name).absolute()
-
-
-def design_stage(configuration: RunConfiguration, folder: Path, *, as_json: bool) -> None:
-    """Design, write the run folder and say what came out.
+def design_stage(configuration: RunConfiguration, folder: Path, *, as_json: bool) -> dict[str, Any]:
+    """Design, write the run folder, say what came out and return it for machines.
 
     Raises
     ------
@@ -52,7 +43,7 @@ def design_stage(configuration: RunConfiguration, folder: Path, *, as_json: bool
     from expdesign.experiment.output import write_design
     from results import design_figures
 
-    _refuse_unwritable(folder)
+    refuse_unwritable(folder)
     for warning in configuration.warnings:
         warn(warning)
     display = _display(configuration)
@@ -66,36 +57,11 @@ def design_stage(configuration: RunConfiguration, folder: Path, *, as_json: bool
     summary = _summary(result, folder)
     for warning in result.warnings[len(configuration.warnings) :]:
         warn(warning)
-    if result.passed:
-        if as_json:
-            write_json({"status": 0, **summary})
-        else:
-            _show(result, folder)
-        return
-    raise CommandFailed(_what_is_wrong(result, folder), summary)
-
-
-def _refuse_unwritable(folder: Path) -> None:
-    """Find out before the work, not after it, that its result cannot be written."""
-    from tempfile import TemporaryFile
-
-    from expdesign.configuration import ConfigurationError, Problem
-
-    existing = next(path for path in (folder, *folder.parents) if path.exists())
-    try:
-        with TemporaryFile(dir=existing):
-            pass
-    except OSError as error:
-        raise ConfigurationError(
-            [
-                Problem(
-                    f"cannot write there: {error.strerror}",
-                    file=folder,
-                    key="--out",
-                    allowed="a folder that is new, or may be written to",
-                )
-            ]
-        ) from error
+    if not result.passed:
+        raise CommandFailed(_what_is_wrong(result, folder), summary)
+    if not as_json:
+        _show(result, folder)
+    return summary
 
 
 def _computed(compute: Any, configuration: RunConfiguration, display: Any) -> DesignResult:

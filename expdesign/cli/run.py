@@ -2,31 +2,103 @@
 
 from __future__ import annotations
 
-from expdesign.cli.design import OutOption, design_stage, run_folder
-from expdesign.cli.errors import CommandFailed
-from expdesign.cli.output import JsonOption, RunArgument, note, short, warn, write_json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
 
-_AVAILABLE = ("design",)
+from expdesign.cli.design import design_stage
+from expdesign.cli.errors import CommandFailed
+from expdesign.cli.folder import OutOption, run_folder
+from expdesign.cli.output import JsonOption, RunArgument, note, short, warn, write_json
+from expdesign.cli.simulate import experiment_stage, folder_design
+
+if TYPE_CHECKING:
+    from expdesign.configuration import RunConfiguration
+
+
+class Perform(Protocol):
+    """Do a stage in a run folder and return what came out, for machines."""
+
+    def __call__(
+        self, configuration: RunConfiguration, folder: Path, *, as_json: bool
+    ) -> dict[str, Any]:
+        """Raise `CommandFailed` or `ConfigurationError` when the run is not to go on."""
+
+
+def _nothing_else(_folder: Path) -> str:
+    return ""
+
+
+def _needed(_configuration: RunConfiguration) -> str:
+    return ""
+
+
+def _data_is_given(configuration: RunConfiguration) -> str:
+    file = configuration.run.data.file
+    return "" if file is None else f"the data is measured: {short(Path(file))}"
+
+
+@dataclass(frozen=True)
+class Step:
+    """A stage as `run` does it.
+
+    Attributes
+    ----------
+    perform : callable
+    made_from : callable
+        What the stage takes from the run folder, as text, beside the configuration.
+    result : str
+        The file without which it is not done.
+    left_out : callable
+        Why this run needs no such stage although it names it; empty when it does.
+    """
+
+    perform: Perform
+    result: str
+    made_from: Callable[[Path], str] = _nothing_else
+    left_out: Callable[[RunConfiguration], str] = _needed
+
+
+STEPS = {
+    "design": Step(design_stage, "design.json"),
+    "experiment": Step(experiment_stage, "measurement.csv", folder_design, _data_is_given),
+}
+"""The stages of this version by their name in the run file."""
 
 
 def run(run: RunArgument, out: OutOption = None, as_json: JsonOption = False) -> None:
     """Do every stage that the run file names, in their order; what is done already is kept."""
-    from expdesign.cli.stages import is_done
     from expdesign.configuration import load_run
 
     configuration = load_run(run)
     folder = run_folder(configuration, out)
     stages = configuration.stages or ("design",)
-    if not set(stages) & set(_AVAILABLE):
+    if not set(stages) & set(STEPS):
         raise CommandFailed(
-            f"the run names {', '.join(stages)}; this version has {', '.join(_AVAILABLE)} only"
+            f"the run names {', '.join(stages)}; this version has {', '.join(STEPS)} only"
         )
+    done: dict[str, dict[str, Any]] = {}
     for stage in stages:
-        if stage not in _AVAILABLE:
+        step = STEPS.get(stage)
+        if step is None:
             warn(f"the stage '{stage}' is not part of this version and is left out")
-        elif is_done(stage, configuration, folder):
-            note(f"{stage}: done already, in {short(folder)}")
-            if as_json:
-                write_json({"status": 0, "folder": str(folder), "resumed": True})
+        elif reason := step.left_out(configuration):
+            note(f"{stage}: left out, {reason}")
         else:
-            design_stage(configuration, folder, as_json=as_json)
+            done[stage] = _done(stage, step, configuration, folder, as_json=as_json)
+    if as_json:
+        resumed = all(summary["resumed"] for summary in done.values())
+        write_json({"status": 0, "folder": str(folder), "resumed": resumed, "stages": done})
+
+
+def _done(
+    stage: str, step: Step, configuration: RunConfiguration, folder: Path, *, as_json: bool
+) -> dict[str, Any]:
+    from expdesign.cli.stages import is_done
+
+    made_from = step.made_from(folder)
+    if (folder / step.result).is_file() and is_done(stage, configuration, folder, made_from):
+        note(f"{stage}: done already, in {short(folder)}")
+        return {"resumed": True}
+    return {"resumed": False, **step.perform(configuration, folder, as_json=as_json)}

@@ -5,15 +5,21 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from expdesign.cli.errors import CommandFailed
 from expdesign.configuration import RunConfiguration
-from expdesign.runfolder.manifest import Manifest, entry, text_hash
+from expdesign.runfolder.manifest import Manifest, entry, file_hash, text_hash
 
-_SECTIONS = {"design": ("name", "robot", "trajectory", "design", "experiment")}
-"""Sections of the run that each stage depends on."""
+_SECTIONS: dict[str, dict[str, bool | set[str]]] = {
+    "design": {
+        **dict.fromkeys(("name", "robot", "trajectory", "design"), True),
+        "experiment": {"periods", "sampling"},
+    },
+    "experiment": dict.fromkeys(("name", "robot", "experiment"), True),
+}
+"""Sections of the run, or keys of them, that each stage depends on."""
 
 
 @dataclass
@@ -26,45 +32,95 @@ class Stage:
 
 
 @contextmanager
-def record_stage(name: str, configuration: RunConfiguration, folder: Path) -> Iterator[Stage]:
-    """Run a stage and write its entry to the manifest, if it wrote any files."""
+def record_stage(
+    name: str, configuration: RunConfiguration, folder: Path, made_from: str = ""
+) -> Iterator[Stage]:
+    """Run a stage and write its entry to the manifest, if it wrote any files.
+
+    Parameters
+    ----------
+    name : str
+    configuration : RunConfiguration
+    folder : Path
+    made_from : str
+        What the stage depends on beside its sections of the run.
+    """
     began = time.perf_counter()
     stage = Stage()
+    inputs = stage_inputs(name, configuration, made_from)
     try:
         yield stage
     except CommandFailed as failure:
         stage.status, stage.message, stage.files = "failed", failure.message, []
         # Files of an earlier run stay, but the manifest no longer vouches for them.
         if folder.is_dir():
-            _write(name, configuration, folder, stage, began)
+            _write(name, configuration, folder, stage, inputs, began)
         raise
-    _write(name, configuration, folder, stage, began)
+    _write(name, configuration, folder, stage, inputs, began)
 
 
 def _write(
-    name: str, configuration: RunConfiguration, folder: Path, stage: Stage, began: float
+    name: str,
+    configuration: RunConfiguration,
+    folder: Path,
+    stage: Stage,
+    inputs: str,
+    began: float,
 ) -> None:
     seconds = time.perf_counter() - began
-    inputs = stage_inputs(name, configuration)
     record = entry(stage.status, inputs, seconds, stage.message, folder, stage.files)
     _manifest(configuration, folder).with_stage(name, record).write(folder)
 
 
-def is_done(name: str, configuration: RunConfiguration, folder: Path) -> bool:
+def is_done(name: str, configuration: RunConfiguration, folder: Path, made_from: str = "") -> bool:
     """Tell whether a stage was done from this configuration, with its files still in place."""
     manifest = Manifest.read(folder)
     return manifest is not None and manifest.is_done(
-        name, stage_inputs(name, configuration), folder
+        name, stage_inputs(name, configuration, made_from), folder
     )
 
 
-def stage_inputs(name: str, configuration: RunConfiguration) -> str:
-    """Return the hash of what a stage is made from: its sections and the versions."""
-    sections = configuration.run.model_dump_json(include=set(_SECTIONS[name]))
-    return text_hash(name, sections, sorted(Manifest.new({}).versions.items()))
+def clear_outdated(
+    name: str, configuration: RunConfiguration, folder: Path, made_from: str = ""
+) -> set[Path]:
+    """Remove what a stage wrote from other inputs; return what it wrote from the same ones.
+
+    Only files that are as the stage wrote them, and that no other stage wrote too, are removed.
+    """
+    manifest = Manifest.read(folder)
+    earlier = None if manifest is None else manifest.stages.get(name)
+    if manifest is None or earlier is None:
+        return set()
+    intact = {
+        folder / file
+        for file, digest in earlier.files.items()
+        if (folder / file).resolve().is_relative_to(folder.resolve())
+        and (folder / file).is_file()
+        and file_hash(folder / file) == digest
+    }
+    if earlier.inputs == stage_inputs(name, configuration, made_from):
+        return intact
+    shared = {
+        folder / file for key, e in manifest.stages.items() if key != name for file in e.files
+    }
+    for path in intact - shared:
+        path.unlink()
+        if path.parent != folder and not any(path.parent.iterdir()):
+            path.parent.rmdir()
+    return set()
+
+
+def stage_inputs(name: str, configuration: RunConfiguration, made_from: str = "") -> str:
+    """Return the hash of what a stage is made from: its sections, what else, and the versions."""
+    sections = configuration.run.model_dump_json(include=_SECTIONS[name])
+    return text_hash(name, sections, made_from, sorted(Manifest.new({}).versions.items()))
 
 
 def _manifest(configuration: RunConfiguration, folder: Path) -> Manifest:
+    """Return the folder's manifest with the seeds of this run, a new one for other versions.
+
+    The entries of the stages that are not done now stay: their inputs tell what they belong to.
+    """
     run = configuration.run
     fresh = Manifest.new(
         {
@@ -74,6 +130,6 @@ def _manifest(configuration: RunConfiguration, folder: Path) -> Manifest:
         }
     )
     known = Manifest.read(folder)
-    if known is None or known.versions != fresh.versions or known.seeds != fresh.seeds:
+    if known is None or known.versions != fresh.versions:
         return fresh
-    return known
+    return replace(known, seeds=fresh.seeds)

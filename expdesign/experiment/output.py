@@ -18,7 +18,7 @@ from expdesign.information.catalogue import criteria_by_key
 from expdesign.information.fisher import ScaledInformation
 from expdesign.robot.graph import parameter_unit
 from expdesign.runfolder.atomic import write_csv, write_json, write_text
-from expdesign.runfolder.columns import TRAJECTORY, column_index
+from expdesign.runfolder.columns import TRAJECTORY, add_columns
 
 
 def write_design(result: DesignResult, folder: Path) -> list[Path]:
@@ -47,7 +47,7 @@ def write_design(result: DesignResult, folder: Path) -> list[Path]:
     write_csv(trajectory, trajectory_table(result))
     columns = {"trajectory.csv": TRAJECTORY}
     columns |= {f"tables/{name}.csv": TABLES[name] for name in tables if name in TABLES}
-    write_json(folder / "columns.json", column_index(columns))
+    add_columns(folder, columns)
     write_json(folder / "design.json", design_record(result))
     write_text(folder / "run.yaml", resolved_yaml(result.configuration))
     return [

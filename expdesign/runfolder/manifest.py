@@ -76,8 +76,18 @@ class Manifest:
             return None
 
     def with_stage(self, name: str, entry: StageEntry) -> Manifest:
-        """Return the manifest with one stage set."""
-        return replace(self, stages={**self.stages, name: entry})
+        """Return the manifest with one stage set.
+
+        Where it wrote a file that another stage wrote before (`columns.json`, to which both add),
+        the file as it is now counts for both.
+        """
+        others = {
+            key: replace(
+                other, files={file: entry.files.get(file, d) for file, d in other.files.items()}
+            )
+            for key, other in self.stages.items()
+        }
+        return replace(self, stages={**others, name: entry})
 
     def is_done(self, name: str, inputs: str, folder: Path) -> bool:
         """Tell whether a stage was done from these inputs and its files are still as written."""

@@ -1,5 +1,6 @@
 """`expdesign run`: every stage that the file names, resuming what is done."""
 
+import dataclasses
 import json
 import os
 import subprocess
@@ -8,6 +9,8 @@ import time
 
 import numpy as np
 import pytest
+
+from expdesign.cli.run import STEPS
 
 QUICK = {"starts": 1, "max_iterations": 4}
 
@@ -45,8 +48,10 @@ def test_a_run_is_resumed_and_repeated_from_its_folder(expdesign, run_file, tmp_
     assert status == 0
     assert "log det F" in out
     assert "strut_length" in out
+    assert "3 periods of" in out
     assert "Traceback" not in messages
     before = states(folder)
+    assert {"design.json", "measurement.csv", "truth.json"} <= {path.name for path in before}
 
     # Again: nothing to do, in a process of its own.
     began = time.perf_counter()
@@ -62,8 +67,14 @@ def test_a_run_is_resumed_and_repeated_from_its_folder(expdesign, run_file, tmp_
         check=False,
     )
     assert again.returncode == 0
-    assert "done already" in again.stderr
-    assert json.loads(again.stdout) == {"status": 0, "folder": str(folder), "resumed": True}
+    assert "design: done already" in again.stderr
+    assert "experiment: done already" in again.stderr
+    assert json.loads(again.stdout) == {
+        "status": 0,
+        "folder": str(folder),
+        "resumed": True,
+        "stages": {"design": {"resumed": True}, "experiment": {"resumed": True}},
+    }
     assert time.perf_counter() - began < 20
     assert states(folder) == before
 
@@ -71,8 +82,12 @@ def test_a_run_is_resumed_and_repeated_from_its_folder(expdesign, run_file, tmp_
     (folder / "tables" / "limits.csv").unlink()
     status, out, messages = expdesign("run", run_file, "--out", folder, "--json")
     assert status == 0
-    assert json.loads(out)["design_status"] in {"converged", "not converged"}
-    assert "done already" not in messages
+    answer = json.loads(out)
+    assert not answer["resumed"]
+    assert answer["stages"]["design"]["design_status"] in {"converged", "not converged"}
+    assert answer["stages"]["experiment"] == {"resumed": True}
+    assert "design: done already" not in messages
+    assert "experiment: done already" in messages
     after = states(folder)
     assert set(after) == set(before)
     for path, (_, content) in after.items():
@@ -86,15 +101,56 @@ def test_a_run_is_resumed_and_repeated_from_its_folder(expdesign, run_file, tmp_
     assert (second / "run.yaml").read_bytes() == (folder / "run.yaml").read_bytes()
 
 
-def test_the_run_folder_is_named_after_the_run(expdesign, run_file, tmp_path, monkeypatch):
-    seen = []
-    monkeypatch.setattr(
-        "expdesign.cli.run.design_stage",
-        lambda _configuration, folder, as_json: seen.append((folder, as_json)),
-    )
+@pytest.fixture
+def seen(monkeypatch):
+    """Let every stage note that it was asked for, and do nothing."""
+    asked = []
+
+    def noting(stage):
+        def perform(configuration, folder, *, as_json):
+            asked.append((stage, configuration.run.name, folder, as_json))
+            return {}
+
+        return dataclasses.replace(STEPS[stage], perform=perform, made_from=lambda _folder: "")
+
+    for stage in STEPS:
+        monkeypatch.setitem(STEPS, stage, noting(stage))
+    return asked
+
+
+def test_the_run_folder_is_named_after_the_run(expdesign, run_file, tmp_path, seen, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert expdesign("run", run_file, "--json")[0] == 0
-    assert seen == [(tmp_path / "runs" / "tiny", True)]
+    folder = tmp_path / "runs" / "tiny"
+    assert seen == [("design", "tiny", folder, True), ("experiment", "tiny", folder, True)]
+
+
+def test_only_what_is_named_is_done(expdesign, tiny, tmp_path, seen):
+    path = tmp_path / "input.yaml"
+    data = tiny(design=QUICK)
+    del data["experiment"]
+    path.write_text(json.dumps(data), encoding="utf-8")
+    assert expdesign("run", path, "--out", tmp_path)[0] == 0
+    assert [stage for stage, *_ in seen] == ["design"]
+
+
+def test_nothing_is_simulated_when_data_is_given(expdesign, tiny, tmp_path, seen):
+    path = tmp_path / "input.yaml"
+    path.write_text(json.dumps(tiny(data={"file": "measured.csv"})), encoding="utf-8")
+    status, _, messages = expdesign("run", path, "--out", tmp_path)
+    assert status == 0
+    assert [stage for stage, *_ in seen] == ["design"]
+    assert "experiment: left out" in messages
+    assert "measured.csv" in messages
+
+
+def test_an_experiment_without_a_design(expdesign, tmp_path):
+    path = tmp_path / "input.yaml"
+    path.write_text("name: a\nrobot: palida\nexperiment: {periods: 2}\n", encoding="utf-8")
+    status, out, messages = expdesign("run", path, "--out", tmp_path / "out")
+    assert (status, out) == (2, "")
+    assert "no design.json" in messages
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize("text", ["", "name: a\nrobot: nowhere\n", "name: a\nrobott: palida\n"])
@@ -108,12 +164,7 @@ def test_bad_input(expdesign, tmp_path, text):
     assert not (tmp_path / "out").exists()
 
 
-def test_a_run_that_ships_is_found_by_its_name(expdesign, tmp_path, monkeypatch):
+def test_a_run_that_ships_is_found_by_its_name(expdesign, tmp_path, seen):
     """It is loaded; what it would compute is left out here."""
-    seen = []
-    monkeypatch.setattr(
-        "expdesign.cli.run.design_stage",
-        lambda configuration, folder, as_json: seen.append((configuration.run.name, folder)),
-    )
     assert expdesign("run", "palida-quick", "--out", tmp_path / "out")[0] == 0
-    assert seen == [("palida-quick", tmp_path / "out")]
+    assert seen == [("design", "palida-quick", tmp_path / "out", False)]

@@ -3,7 +3,7 @@ import json
 
 import pytest
 
-from expdesign.cli.stages import is_done, record_stage, stage_inputs
+from expdesign.cli.stages import clear_outdated, is_done, record_stage, stage_inputs
 from expdesign.configuration import load_run
 from expdesign.runfolder.manifest import NAME, Manifest, entry, file_hash, text_hash
 
@@ -128,6 +128,95 @@ def test_stages_are_kept_side_by_side(done):
     assert set(again.stages) == {"design", "estimate"}
     assert again.stages["estimate"] == dataclasses.replace(other, seconds=1.235)
     assert is_done("design", configuration(), done)
+
+
+def test_what_else_a_stage_is_made_from_is_noticed(tmp_path):
+    run = load_run({"name": "test", "robot": "palida", "experiment": {}})
+    with record_stage("experiment", run, tmp_path, "a design") as stage:
+        stage.status = "done"
+    assert is_done("experiment", run, tmp_path, "a design")
+    assert not is_done("experiment", run, tmp_path, "another design")
+    assert not is_done("experiment", run, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("changed", "design", "experiment"),
+    [
+        ({}, True, True),
+        ({"design": {"seed": 3}}, False, True),
+        ({"experiment": {"seed": 3}}, True, False),
+        ({"experiment": {"drift": 1e-4}}, True, False),
+        ({"experiment": {"cogging": {"amplitude": 1, "pitch": 0.03}}}, True, False),
+        ({"experiment": {"periods": 3}}, False, False),
+        ({"noise": {"force_std": [1, 1, 1, 1, 1, 1]}}, False, False),
+        ({"montecarlo": {"repetitions": 3}}, True, True),
+    ],
+)
+def test_each_stage_depends_on_its_own_sections(changed, design, experiment):
+    first, second = (load_run({"name": "n", "robot": "palida", **c}) for c in ({}, changed))
+    for stage, same in (("design", design), ("experiment", experiment)):
+        assert (stage_inputs(stage, first) == stage_inputs(stage, second)) == same
+
+
+def test_a_stage_with_another_seed_keeps_the_entries_of_the_others(done):
+    run = load_run({"name": "test", "robot": "palida", "experiment": {"seed": 7}})
+    with record_stage("experiment", run, done) as stage:
+        stage.status = "done"
+    assert is_done("design", run, done)
+    assert Manifest.read(done).seeds["experiment"] == 7
+
+
+def test_a_file_to_which_two_stages_add_counts_for_both(done):
+    shared, own = done / "design.json", done / "measurement.csv"
+    run = configuration()
+    with record_stage("experiment", run, done) as stage:
+        shared.write_text("both")
+        own.write_text("its own")
+        stage.status, stage.files = "done", [shared, own]
+    assert is_done("design", run, done)
+    assert is_done("experiment", run, done)
+    assert "measurement.csv" not in Manifest.read(done).stages["design"].files
+    shared.write_text("changed by hand")
+    assert not is_done("design", run, done)
+    assert not is_done("experiment", run, done)
+
+
+@pytest.fixture
+def measured(done):
+    """Return the folder in which a second stage wrote a file of its own and a shared one."""
+    files = [done / "design.json", done / "repetitions" / "0001" / "measurement.csv"]
+    with record_stage("experiment", configuration(), done) as stage:
+        files[1].parent.mkdir(parents=True)
+        files[1].write_text("measured")
+        stage.status, stage.files = "done", files
+    return done
+
+
+def test_what_was_made_from_the_same_is_kept(measured):
+    kept = clear_outdated("experiment", configuration(), measured)
+    own = measured / "repetitions" / "0001" / "measurement.csv"
+    assert kept == {measured / "design.json", own}
+    own.write_text("changed by hand")
+    assert clear_outdated("experiment", configuration(), measured) == {measured / "design.json"}
+    assert own.read_text() == "changed by hand"
+
+
+def test_what_is_outdated_is_removed_unless_others_need_it(measured):
+    assert clear_outdated("experiment", configuration(), measured, "another design") == set()
+    assert not (measured / "repetitions" / "0001").exists()
+    assert (measured / "design.json").exists()
+    assert is_done("design", configuration(), measured)
+
+
+def test_nothing_outside_of_the_folder_is_removed(measured, tmp_path_factory):
+    outside = tmp_path_factory.mktemp("outside") / "mine.txt"
+    outside.write_text("mine")
+    manifest = Manifest.read(measured)
+    files = {str(outside): file_hash(outside)}
+    stage = dataclasses.replace(manifest.stages["experiment"], files=files)
+    manifest.with_stage("experiment", stage).write(measured)
+    assert clear_outdated("experiment", configuration(), measured, "another design") == set()
+    assert outside.exists()
 
 
 def test_hashes_of_texts_know_their_borders():

@@ -1,0 +1,1 @@
+"""What disturbs a measurement beside its noise, one concept per file."""

@@ -1,0 +1,13 @@
+"""The resolution of encoders and converters."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+def quantised(values: Array, step: float) -> Array:
+    """Return the values rounded to multiples of `step`; as they are where it is 0."""
+    return np.round(values / step) * step if step > 0 else values

@@ -1,0 +1,162 @@
+"""The digital twin: a designed motion, executed and measured as the run file describes it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.data.measurement import Measurement
+from estimation.twin.disturbances.cogging import cogging_force
+from estimation.twin.disturbances.drift import STRUTS, final_drift, length_drift
+from estimation.twin.disturbances.outliers import gross_errors
+from estimation.twin.disturbances.quantisation import quantised
+from estimation.twin.execution import executed_motion
+from estimation.twin.noise import SensorNoise
+from estimation.twin.sampling import SampleGrid
+from estimation.twin.streams import Repeated, Shared, experiment_stream, repetition_stream
+from estimation.twin.truth import Truth
+from expdesign.configuration import ConfigurationError, Problem, RunConfiguration
+from expdesign.robot import Robot, robot_from
+from expdesign.trajectory import FourierTrajectory
+
+Array = NDArray[np.float64]
+
+_BLOCK = 4096
+"""Samples whose regressors (144 values each) are in memory at once."""
+
+
+@dataclass(frozen=True, eq=False)
+class Twin:
+    """An experiment that can be repeated as often as wanted.
+
+    Motion and forces without noise are computed once, when it is built; a repetition costs its
+    random draws. It can be pickled, and every process draws the same repetition k.
+
+    Attributes
+    ----------
+    truth : Truth
+    grid : SampleGrid
+    noise : SensorNoise
+    lengths : (T, 6)
+        What the length sensors would read without noise, outliers and quantisation, m: the
+        executed motion's lengths and the drift.
+    forces : (T, 6)
+        The same of the forces, N: those of the model with the exact friction signs, and cogging.
+    """
+
+    truth: Truth
+    grid: SampleGrid
+    noise: SensorNoise
+    lengths: Array
+    forces: Array
+
+    @classmethod
+    def of(
+        cls, configuration: RunConfiguration, design: FourierTrajectory, seed: int | None = None
+    ) -> Twin:
+        """Build the twin of a run.
+
+        Parameters
+        ----------
+        configuration : RunConfiguration
+            Its robot's nominal parameters are the true ones.
+        design : FourierTrajectory
+            The motion that is commanded.
+        seed : int, optional
+            Of the repetitions; that of the experiment by default. What all repetitions share
+            (tracking error, drift) always comes from the experiment's.
+
+        Raises
+        ------
+        ConfigurationError
+            The noise is not known, the number of samples is impossible, or the robot cannot make
+            this motion.
+        """
+        section = configuration.run.experiment
+        noise = SensorNoise.of(configuration)
+        grid = SampleGrid.of(design.period, section, configuration.file)
+        robot = robot_from(configuration.robot)
+        executed = executed_motion(
+            design, section.tracking_error, experiment_stream(section.seed, Shared.TRACKING_ERROR)
+        )
+        lengths, forces = _undisturbed(robot, executed, grid.distinct_times)
+        if not (np.all(np.isfinite(lengths)) and np.all(np.isfinite(forces))):
+            raise ConfigurationError(
+                Problem(
+                    f"the robot {robot.name} cannot make the motion of the design: it passes "
+                    "through a singularity",
+                    file=configuration.file,
+                    key="robot",
+                    allowed="a design that was made for this robot",
+                )
+            )
+        if section.cogging is not None:
+            forces = forces + cogging_force(lengths, section.cogging)
+        lengths, forces = grid.repeated(lengths), grid.repeated(forces)
+        final = np.zeros(STRUTS)
+        if section.drift > 0:
+            final = final_drift(section.drift, experiment_stream(section.seed, Shared.DRIFT))
+            lengths = lengths + length_drift(final, grid.times, grid.duration)
+        truth = Truth(
+            name=configuration.name,
+            robot=robot.name,
+            parameters=dict(
+                zip(robot.parameter_names, (float(p) for p in robot.parameters), strict=True)
+            ),
+            design=design,
+            executed=executed,
+            force_covariance=noise.force_covariance,
+            length_covariance=noise.length_covariance,
+            experiment=section,
+            samples=grid.count,
+            samples_per_period=grid.per_period or grid.period * grid.sampling,
+            final_drift=final,
+            seed=section.seed if seed is None else seed,
+        )
+        return cls(truth, grid, noise, lengths, forces)
+
+    def measurement(self, repetition: int = 1) -> Measurement:
+        """Return what repetition `repetition`, counted from 1, measures.
+
+        It depends on the configuration, the design, the seed and the number alone.
+        """
+        section, count = self.truth.experiment, self.grid.count
+        lengths = self.lengths + self.noise.lengths(
+            count, self._stream(repetition, Repeated.LENGTH_NOISE)
+        )
+        forces = self.forces + self.noise.forces(
+            count, self._stream(repetition, Repeated.FORCE_NOISE)
+        )
+        if section.outliers is not None:
+            stream = self._stream(repetition, Repeated.OUTLIERS)
+            length_errors, force_errors = gross_errors(section.outliers, count, stream)
+            lengths += length_errors
+            forces += force_errors
+        if section.quantisation is not None:
+            lengths = quantised(lengths, section.quantisation.length)
+            forces = quantised(forces, section.quantisation.force)
+        return Measurement(
+            time=self.grid.times,
+            lengths=lengths,
+            forces=forces,
+            step=1 / self.grid.sampling,
+            period=self.grid.period_numbers,
+            source=f"digital twin of {self.truth.name}, repetition {repetition}",
+        )
+
+    def _stream(self, repetition: int, purpose: Repeated) -> np.random.Generator:
+        return repetition_stream(self.truth.seed, repetition, purpose)
+
+
+def _undisturbed(robot: Robot, motion: FourierTrajectory, times: Array) -> tuple[Array, Array]:
+    """Return strut lengths (m) and actuator forces (N) of a motion, (D, 6) each."""
+    lengths, forces = [], []
+    for start in range(0, len(times), _BLOCK):
+        # A motion of absurd size ends in infinities, which the caller refuses.
+        with np.errstate(all="ignore"):
+            samples = motion.sample(times[start : start + _BLOCK])
+            lengths.append(robot.inverse_kinematics(samples.pose))
+            forces.append(robot.actuator_forces(samples.pose, samples.rate, samples.acceleration))
+    return np.concatenate(lengths), np.concatenate(forces)

@@ -1,0 +1,106 @@
+"""When an experiment is sampled: at the rate given, whether or not it divides the period."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from expdesign.configuration import ConfigurationError, Problem
+from expdesign.schema import ExperimentSection
+
+Array = NDArray[np.float64]
+
+_ROUNDING = 1e-12
+_WHOLE = 1e-6
+"""Samples by which the last period may be off for all to count as whole and alike."""
+
+MOST_SAMPLES = 10_000_000
+"""Rows of one measurement: what a computer holds in memory, nearly three hours at 1 kHz."""
+
+
+@dataclass(frozen=True)
+class SampleGrid:
+    """Samples i / sampling, i = 0, 1, …, as many as whole steps fit into all periods.
+
+    Attributes
+    ----------
+    sampling : float
+        Hz.
+    period : float
+        s.
+    periods : int
+    count : int
+        Number T of samples.
+    per_period : int or None
+        Samples of one period when they are a whole number: every period is then measured at the
+        same phases. None otherwise.
+    """
+
+    sampling: float
+    period: float
+    periods: int
+    count: int
+    per_period: int | None
+
+    @classmethod
+    def of(
+        cls, period: float, experiment: ExperimentSection, file: Path | None = None
+    ) -> SampleGrid:
+        """Return the samples of an experiment; `file` is named in messages.
+
+        Raises
+        ------
+        ConfigurationError
+            There is no sample, or there are too many to be held in memory.
+        """
+        steps = period * experiment.sampling
+        nearest = round(steps)
+        alike = nearest >= 1 and abs(steps - nearest) * experiment.periods < _WHOLE
+        exact = experiment.periods * (nearest if alike else steps)
+        if not 1 <= exact * (1 + _ROUNDING) < MOST_SAMPLES + 1:
+            raise ConfigurationError(
+                Problem(
+                    f"{experiment.periods} periods of {period:.6g} s at {experiment.sampling:g} Hz "
+                    f"are {exact:.4g} samples",
+                    file=file,
+                    key="experiment.sampling" if exact < 1 else "experiment.periods",
+                    allowed=f"1 to {MOST_SAMPLES} samples",
+                )
+            )
+        count = int(np.floor(exact * (1 + _ROUNDING)))
+        return cls(
+            experiment.sampling, period, experiment.periods, count, nearest if alike else None
+        )
+
+    @property
+    def duration(self) -> float:
+        """Of all periods, s."""
+        return self.periods * self.period
+
+    @property
+    def times(self) -> Array:
+        """(T,) s."""
+        return np.arange(self.count) / self.sampling
+
+    @property
+    def distinct_times(self) -> Array:
+        """(D,) times of the samples at which the motion differs, s: one period when all agree."""
+        return np.arange(self.per_period or self.count) / self.sampling
+
+    def repeated(self, values: Array) -> Array:
+        """Return (T, …) values of all samples from the (D, …) of the distinct ones."""
+        if self.per_period is None:
+            return values
+        return np.tile(values, (self.periods, *(1,) * (values.ndim - 1)))
+
+    @property
+    def period_numbers(self) -> NDArray[np.int64]:
+        """(T,) the period that each sample belongs to, from 1."""
+        samples = np.arange(self.count)
+        if self.per_period is not None:
+            return samples // self.per_period + 1
+        steps = self.period * self.sampling
+        return np.floor(samples / steps * (1 + _ROUNDING)).astype(np.int64) + 1

@@ -1,0 +1,63 @@
+"""What is true of a simulated experiment, against which an estimate is judged."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from expdesign.schema import ExperimentSection
+from expdesign.trajectory import FourierTrajectory
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """The true values behind simulated measurements.
+
+    Attributes
+    ----------
+    name, robot : str
+        Of the run and of the robot.
+    parameters : mapping
+        By name in the order of the regressor's columns, SI.
+    design : FourierTrajectory
+        The motion that was commanded.
+    executed : FourierTrajectory
+        The motion that was made; that of the design without tracking error.
+    force_covariance : (6, 6)
+        Σ of one sample, N².
+    length_covariance : (6, 6)
+        Δ of one sample, m².
+    experiment : ExperimentSection
+        Periods, sampling, seed and disturbances.
+    samples : int
+        Rows of a measurement.
+    samples_per_period : float
+        Whole or not.
+    final_drift : (6,)
+        Drift of the measured lengths at the end, m.
+    seed : int
+        Of the repetitions' streams; that of the experiment unless another was asked for.
+    """
+
+    name: str
+    robot: str
+    parameters: Mapping[str, float]
+    design: FourierTrajectory
+    executed: FourierTrajectory
+    force_covariance: Array
+    length_covariance: Array
+    experiment: ExperimentSection
+    samples: int
+    samples_per_period: float
+    final_drift: Array
+    seed: int
+
+    @property
+    def parameter_vector(self) -> Array:
+        """(m,) the parameters in their order, SI."""
+        return np.array(list(self.parameters.values()))
