@@ -59,7 +59,7 @@ lock: venv ## Lock the newest versions that pyproject.toml admits (needs Python 
 	@$(BIN)/python -c 'import sys; sys.exit(sys.version_info[:2] != (3, 11))' || { \
 	  echo "make: the lock is made under Python 3.11: make clean lock PYTHON=python3.11" >&2; exit 1; }
 	$(LOCK) --upgrade --output-file requirements/runtime.txt pyproject.toml
-	$(LOCK) --upgrade --extra dev --constraint requirements/runtime.txt \
+	$(LOCK) --upgrade --extra all --extra dev --constraint requirements/runtime.txt \
 	  --output-file requirements/dev.txt pyproject.toml
 
 wheel: venv ## Build the wheel into dist/

@@ -1,0 +1,189 @@
+"""Which column of a file is which channel: names, units in headers, what is missing."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from expdesign.configuration import ConfigurationError, Problem
+from expdesign.schema.data import CHANNELS
+from expdesign.schema.failure import nearest, shown
+
+OPTIONAL = frozenset({"period"})
+"""Channels that a file need not have."""
+
+_WITH_UNIT = re.compile(r"(.*?\S)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))")
+_MOST_SHOWN = 30
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column as the file names it.
+
+    Attributes
+    ----------
+    text : str
+        Its full name in the file, as messages show it and `data.columns` may give it.
+    place : hashable
+        By what the reader finds it, different for each column: a position, a path.
+    name : str
+        The same without a unit; `text` unless given.
+    short : str
+        The same without the struct or group that it is in; `name` unless given.
+    unit : str or None
+        What the file says about the unit.
+    """
+
+    text: str
+    place: Any = None
+    name: str = ""
+    short: str = ""
+    unit: str | None = None
+
+    def __post_init__(self) -> None:
+        """Fill in the shorter names."""
+        object.__setattr__(self, "name", self.name or self.text)
+        object.__setattr__(self, "short", self.short or self.name)
+
+    @property
+    def spellings(self) -> tuple[str, str, str]:
+        """What it may be called, the most exact first."""
+        return self.text, self.name, self.short
+
+
+def header_column(text: str, place: Any) -> Column:
+    """Read a header such as ``q1 [mm]`` or ``q1 (mm)``; brackets around digits are no unit."""
+    text = text.strip()
+    match = _WITH_UNIT.fullmatch(text)
+    if match is None:
+        return Column(text, place)
+    unit = (match.group(2) if match.group(2) is not None else match.group(3)).strip()
+    if unit[:1].isdigit() or unit in ("", "-"):
+        return Column(text, place)
+    return Column(text, place, name=match.group(1), unit=unit)
+
+
+def pick(
+    columns: Sequence[Column],
+    names: Mapping[str, str],
+    file: Path,
+    line: int | None = None,
+    optional: Collection[str] = OPTIONAL,
+) -> dict[str, Column]:
+    """Return the column of every channel.
+
+    A name is the full one, the one without its unit, or the one without its struct or group when
+    that is unique. Without a name in `names`, a channel's column is called like the channel, or is
+    the column of a matrix: q3 is ``q3`` or ``q(:,3)``.
+
+    Parameters
+    ----------
+    columns : sequence of Column
+        What the file has.
+    names : mapping
+        Channel → name, from `data.columns`.
+    file, line
+        For messages.
+    optional : collection of str
+        Channels that may be missing when `names` does not name them.
+
+    Raises
+    ------
+    ConfigurationError
+        Columns that are missing, with the nearest name; that several have the name of; or that
+        would be two channels at once.
+    """
+    by_spelling = _by_spelling(columns)
+    found: dict[str, Column] = {}
+    missing: dict[str, str] = {}
+    problems: list[Problem] = []
+    for channel in CHANNELS:
+        wanted = (names[channel],) if channel in names else _default_names(channel)
+        matches = next((some for n in wanted if (some := _called(n.strip(), by_spelling))), ())
+        if len(matches) == 1:
+            found[channel] = matches[0]
+        elif matches:
+            problems.append(_ambiguous(channel, wanted[0], matches, file, line))
+        elif channel in names or channel not in optional:
+            missing[channel] = wanted[0]
+    free = [column for column in columns if column not in found.values()]
+    problems += [
+        _missing(channel, name, columns, free, Problem("", file, line))
+        for channel, name in missing.items()
+    ]
+    problems += _shared(found, file, line)
+    if problems:
+        raise ConfigurationError(problems)
+    return found
+
+
+def _default_names(channel: str) -> tuple[str, ...]:
+    return (channel, f"{channel[0]}(:,{channel[1]})") if len(channel) == 2 else (channel,)  # noqa: PLR2004 - q1…Q6
+
+
+def _by_spelling(columns: Iterable[Column]) -> tuple[dict[str, list[Column]], ...]:
+    levels: tuple[dict[str, list[Column]], ...] = ({}, {}, {})
+    for column in columns:
+        for level, spelling in zip(levels, column.spellings, strict=True):
+            level.setdefault(spelling, []).append(column)
+    return levels
+
+
+def _called(name: str, by_spelling: tuple[dict[str, list[Column]], ...]) -> Sequence[Column]:
+    return next((level[name] for level in by_spelling if name in level), ())
+
+
+def _ambiguous(
+    channel: str, name: str, matches: Sequence[Column], file: Path, line: int | None
+) -> Problem:
+    texts = list(dict.fromkeys(column.text for column in matches))
+    if len(texts) == 1:
+        return Problem(
+            f"{len(matches)} columns have the name of {channel}", file, line, texts[0], "one column"
+        )
+    allowed = f"data.columns: {{{channel}: …}} with one of {_listed(texts)}"
+    return Problem(f"several columns could be {channel}", file, line, name, allowed)
+
+
+def _missing(
+    channel: str, name: str, columns: Sequence[Column], free: Sequence[Column], place: Problem
+) -> Problem:
+    if not columns:
+        return Problem(f"no column for {channel}: the file has none", place.file, place.line, name)
+    texts = [column.text for column in free if column.text]
+    meant = nearest(name, texts) or (
+        nearest(name, [column.short for column in free])
+        if channel != "t"
+        else next((text for text in texts if text.lower().startswith("t")), None)
+    )
+    allowed = f"data.columns: {{{channel}: …}} with one of {_listed(texts)}"
+    return Problem(
+        f"there is no column {shown(name)} for {channel}",
+        place.file,
+        place.line,
+        name,
+        allowed,
+        meant,
+    )
+
+
+def _shared(found: Mapping[str, Column], file: Path, line: int | None) -> list[Problem]:
+    problems = []
+    seen: dict[Any, str] = {}
+    for channel, column in found.items():
+        if column.place in seen:
+            message = f"one column for both {seen[column.place]} and {channel}"
+            problems.append(
+                Problem(message, file, line, column.text, "data.columns: one for each channel")
+            )
+        seen[column.place] = channel
+    return problems
+
+
+def _listed(texts: Sequence[str]) -> str:
+    some = ", ".join(shown(text) for text in texts[:_MOST_SHOWN])
+    more = len(texts) - _MOST_SHOWN
+    return f"{some} and {more} more" if more > 0 else some

@@ -1,0 +1,91 @@
+"""HDF5 files, those of MATLAB 7.3 among them, as named columns."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.data.columns import Column, pick
+from estimation.data.file_format import optional_module
+from estimation.data.hierarchy import NUMERIC, Leaf, leaf_columns, load_columns
+from estimation.data.table import RawTable
+from expdesign.schema import DataSection
+
+_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+_PLACES = (0, 512)
+"""Where the signature stands: at the start, or after the user block of MATLAB."""
+
+_UNIT_ATTRIBUTES = ("units", "unit")
+
+
+def is_hdf5(path: Path) -> bool:
+    """Tell by its signature whether a file is HDF5."""
+    with path.open("rb") as file:
+        for place in _PLACES:
+            file.seek(place)
+            if file.read(len(_SIGNATURE)) == _SIGNATURE:
+                return True
+    return False
+
+
+def read_hdf5(path: Path, section: DataSection, separator: str, extra: str) -> RawTable:
+    """Read the datasets of a file that the section's columns name.
+
+    Parameters
+    ----------
+    separator : str
+        Between the names of groups.
+    extra : str
+        The optional dependency to install when h5py is missing.
+    """
+    h5py = optional_module("h5py", extra, path)
+    with h5py.File(path, "r") as file:
+        columns: list[Column] = []
+        for dataset in _datasets(file, h5py):
+            for leaf in _leaves(dataset, separator):
+                columns.extend(leaf_columns(leaf))
+        picked = pick(columns, section.columns, path)
+
+        def load(place: tuple[str, str | None]) -> NDArray[Any]:
+            name, member = place
+            array = file[name][()]
+            return np.asarray(array if member is None else array[member])
+
+        return RawTable(path, load_columns(picked, load), picked)
+
+
+def _datasets(file: Any, h5py: Any) -> list[Any]:
+    """Return all datasets but MATLAB's own folders; links out of the file are not followed."""
+    found: list[Any] = []
+
+    def visit(name: str, item: Any) -> None:
+        if isinstance(item, h5py.Dataset) and not name.startswith("#"):
+            found.append(item)
+
+    file.visititems(visit)
+    return found
+
+
+def _leaves(dataset: Any, separator: str) -> Iterator[Leaf]:
+    path = dataset.name.strip("/")
+    name, short = path.replace("/", separator), path.rpartition("/")[2]
+    if dataset.dtype.names is not None:
+        for member in dataset.dtype.names:
+            if dataset.dtype[member].kind in NUMERIC:
+                shape = dataset.shape + dataset.dtype[member].shape
+                yield Leaf(f"{name}{separator}{member}", member, shape, (path, member))
+    elif dataset.dtype.kind in NUMERIC and dataset.attrs.get("MATLAB_class") != b"char":
+        yield Leaf(name, short, dataset.shape, (path, None), _unit(dataset))
+
+
+def _unit(dataset: Any) -> str | None:
+    for attribute in _UNIT_ATTRIBUTES:
+        unit = dataset.attrs.get(attribute)
+        text = unit.decode("utf-8", "replace") if isinstance(unit, bytes) else unit
+        if isinstance(text, str) and text.strip():
+            return text.strip()
+    return None

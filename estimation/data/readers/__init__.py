@@ -1,0 +1,1 @@
+"""File formats of measurements, one per file: each declares a ``FORMAT``."""

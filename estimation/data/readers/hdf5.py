@@ -1,0 +1,18 @@
+"""HDF5 files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from estimation.data.file_format import FileFormat
+from estimation.data.hdf5_file import read_hdf5
+from estimation.data.table import RawTable
+from expdesign.schema import DataSection
+
+
+def read(path: Path, section: DataSection) -> RawTable:
+    """Read datasets, also members of compound ones; a name in a group is ``group/q1``."""
+    return read_hdf5(path, section, separator="/", extra="hdf5")
+
+
+FORMAT = FileFormat(title="HDF5", extensions=(".h5", ".hdf5", ".hdf"), read=read, extra="hdf5")

@@ -1,0 +1,139 @@
+"""MDF 4 (and 3) recordings of measurement systems, ASAM."""
+
+from __future__ import annotations
+
+import gc
+import logging
+import sys
+import traceback
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.data.columns import OPTIONAL, Column, pick
+from estimation.data.file_format import FileFormat, optional_module
+from estimation.data.hierarchy import NUMERIC
+from estimation.data.table import RawTable
+from expdesign.configuration import ConfigurationError, Problem
+from expdesign.schema import DataSection
+
+Array = NDArray[np.float64]
+
+_MASTER = "time stamps"
+
+
+def read(path: Path, section: DataSection) -> RawTable:
+    """Read channels by their names; time is that of their group unless `columns` names a channel.
+
+    A name that occurs in several groups is told apart by the group's number from zero: ``2/q1``.
+
+    Raises
+    ------
+    ConfigurationError
+        Channels are missing, or have been recorded at different times.
+    ValueError
+        The file is damaged.
+    """
+    asammdf = optional_module("asammdf", "mdf", path)
+    with _quiet():
+        try:
+            with asammdf.MDF(path) as file:
+                return _table(file, path, section)
+        except ConfigurationError:
+            raise
+        except Exception as error:  # noqa: BLE001 - whatever a damaged file makes the library raise
+            what = f"{type(error).__name__}: {error}"
+            traceback.clear_frames(error.__traceback__)
+        gc.collect()
+    raise ValueError(what)
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep the library from writing to standard error.
+
+    It logs there, and when it fails on a damaged file its half-made object fails again as it is
+    deleted, which Python can only print.
+    """
+    logger, hook = logging.getLogger("asammdf"), sys.unraisablehook
+    disabled = logger.disabled
+    logger.disabled, sys.unraisablehook = True, lambda _: None
+    try:
+        yield
+    finally:
+        logger.disabled, sys.unraisablehook = disabled, hook
+
+
+def _table(file: Any, path: Path, section: DataSection) -> RawTable:
+    picked = pick(_columns(file), section.columns, path, optional=OPTIONAL | {"t"})
+    if "t" not in section.columns:
+        picked.pop("t", None)
+    signals = {channel: _signal(file, column) for channel, column in picked.items()}
+    columns = {
+        channel: replace(column, unit=str(signals[channel].unit).strip() or None)
+        for channel, column in picked.items()
+    }
+    _refuse_other_times(signals, columns, path)
+    values: dict[str, Array] = {}
+    texts: dict[tuple[str, int], str] = {}
+    if "t" not in signals:
+        columns["t"] = Column(_MASTER, _MASTER, unit="s")
+        values["t"] = np.asarray(next(iter(signals.values())).timestamps, dtype=np.float64)
+    for channel, signal in signals.items():
+        samples = signal.samples
+        if samples.dtype.kind in NUMERIC and samples.ndim == 1:
+            values[channel] = samples.astype(np.float64)
+        else:
+            values[channel] = np.full(len(samples), np.nan)
+            texts |= {(channel, row): _text(item) for row, item in enumerate(samples)}
+        if signal.invalidation_bits is not None:
+            invalid = np.asarray(signal.invalidation_bits, dtype=bool)
+            values[channel][invalid] = np.nan
+            texts |= {(channel, int(row)): "marked invalid" for row in np.flatnonzero(invalid)}
+    return RawTable(path, values, columns, texts=texts)
+
+
+def _columns(file: Any) -> list[Column]:
+    found = []
+    for name, places in file.channels_db.items():
+        for group, index in dict.fromkeys(places):
+            text = name if len(places) == 1 else f"{group}/{name}"
+            found.append(Column(text, (group, index), name=name))
+    return found
+
+
+def _signal(file: Any, column: Column) -> Any:
+    group, index = column.place
+    return file.get(group=group, index=index, ignore_invalidation_bits=True)
+
+
+def _refuse_other_times(
+    signals: Mapping[str, Any], columns: Mapping[str, Column], path: Path
+) -> None:
+    first, *others = signals
+    times = signals[first].timestamps
+    problems = [
+        Problem(
+            f"the channel was recorded at other times ({len(signals[channel].timestamps)} samples) "
+            f"than '{columns[first].text}' ({len(times)} samples)",
+            path,
+            key=columns[channel].text,
+            allowed="channels with the same time stamps: resample the file before",
+        )
+        for channel in others
+        if not np.array_equal(signals[channel].timestamps, times)
+    ]
+    if problems:
+        raise ConfigurationError(problems)
+
+
+def _text(item: Any) -> str:
+    return item.decode("utf-8", "replace") if isinstance(item, bytes) else str(item)
+
+
+FORMAT = FileFormat(title="MDF 4", extensions=(".mf4", ".mdf"), read=read, extra="mdf")

@@ -1,0 +1,173 @@
+"""ROS 2 recordings with sensor_msgs/JointState: rosbag2 folders, .mcap and .db3 files."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.data.columns import Column, pick
+from estimation.data.file_format import FileFormat, optional_module
+from estimation.data.table import RawTable
+from expdesign.configuration import ConfigurationError, Problem
+from expdesign.schema import DataSection
+from expdesign.schema.data import FORCE_CHANNELS, LENGTH_CHANNELS
+
+Array = NDArray[np.float64]
+
+_MESSAGE = "sensor_msgs/msg/JointState"
+_FIELDS = ("position", "velocity", "effort")
+_STAMP, _LOG_TIME = "header.stamp", "log_time"
+_NANOSECOND = 1e-9
+_MOST_PROBLEMS = 5
+_EXTENSIONS = (".mcap", ".db3")
+
+
+def read(path: Path, section: DataSection) -> RawTable:
+    """Read the joint states of a topic; time counts from its first message.
+
+    A joint's columns are ``name.position`` and ``name.effort``; with several topics of joint
+    states, ``/topic:name.position``. The joint's name alone is its position for q1…q6 and its
+    effort for Q1…Q6, and Q_j is the effort of the joint that q_j is the position of, unless
+    `columns` says otherwise.
+
+    Raises
+    ------
+    ConfigurationError
+        There are no joint states, joints are missing from the topic or from some messages.
+    """
+    highlevel = optional_module("rosbags.highlevel", "ros", path)
+    typesys = optional_module("rosbags.typesys", "ros", path)
+    store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+    with highlevel.AnyReader([path], default_typestore=store) as bag:
+        topics: dict[str, list[Any]] = {}
+        for connection in bag.connections:
+            if connection.msgtype == _MESSAGE:
+                topics.setdefault(connection.topic, []).append(connection)
+        columns = _columns(bag, topics)
+        if not columns:
+            raise ConfigurationError(
+                Problem(f"there are no messages {_MESSAGE} in it", path, allowed="a topic of them")
+            )
+        picked = pick(columns, _joint_names(section.columns, columns), path)
+        topic = _one_topic(picked, path)
+        return _table(bag, topics[topic], picked, path)
+
+
+def _columns(bag: Any, topics: Mapping[str, list[Any]]) -> list[Column]:
+    """Return the columns of every joint that the first message of a topic names."""
+    found = []
+    for topic, connections in topics.items():
+        prefix = f"{topic}:" if len(topics) > 1 else ""
+        first = next(bag.messages(connections=connections), None)
+        if first is None:
+            continue
+        for name, unit in ((_STAMP, "s"), (_LOG_TIME, "s")):
+            found.append(Column(f"{prefix}{name}", (topic, name), short=name, unit=unit))
+        message = bag.deserialize(first[2], _MESSAGE)
+        for joint in message.name:
+            for kind in _FIELDS:
+                short = f"{joint}.{kind}"
+                found.append(Column(f"{prefix}{short}", (topic, joint, kind), short=short))
+    return found
+
+
+def _joint_names(given: Mapping[str, str], columns: list[Column]) -> dict[str, str]:
+    """Return the names of the columns for names that may be those of joints."""
+    known = {spelling for column in columns for spelling in column.spellings}
+    names = {channel: name for channel, name in given.items() if channel == "t"}
+    if "period" in given:
+        names["period"] = given["period"]
+    for length, force in zip(LENGTH_CHANNELS, FORCE_CHANNELS, strict=True):
+        joint = given.get(length, length)
+        names[length] = joint if joint in known else f"{joint}.position"
+        joint = given.get(force, names[length].removesuffix(".position"))
+        names[force] = joint if joint in known else f"{joint}.effort"
+    stamps = _topic(names[LENGTH_CHANNELS[0]], columns)
+    names.setdefault("t", f"{stamps}{_STAMP}")
+    return names
+
+
+def _topic(name: str, columns: list[Column]) -> str:
+    """Return the prefix of a column's topic, empty when there is one topic."""
+    matches = [column for column in columns if name in column.spellings]
+    return matches[0].text.removesuffix(matches[0].short) if matches else ""
+
+
+def _one_topic(picked: Mapping[str, Column], path: Path) -> str:
+    topics = {column.place[0]: column for column in picked.values()}
+    if len(topics) > 1:
+        some = " and ".join(f"'{column.text}'" for column in topics.values())
+        raise ConfigurationError(
+            Problem(f"the columns are of several topics: {some}", path, allowed="one topic")
+        )
+    return next(iter(topics))
+
+
+def _table(bag: Any, connections: list[Any], picked: Mapping[str, Column], path: Path) -> RawTable:
+    joints = {channel: c.place[1:] for channel, c in picked.items() if channel != "t"}
+    by_log_time = picked["t"].place[1] == _LOG_TIME
+    stamps: list[int] = []
+    rows: list[list[float]] = []
+    problems: list[Problem] = []
+    names: list[str] = []
+    places: list[tuple[str, int]] = []
+    for number, (_, log_time, data) in enumerate(bag.messages(connections=connections), 1):
+        message = bag.deserialize(data, _MESSAGE)
+        if message.name != names:
+            names = message.name
+            missing = sorted({joint for joint, _ in joints.values()} - set(names))
+            if missing:
+                key = f"message {number}"
+                text = ", ".join(f"'{joint}'" for joint in missing)
+                problems.append(Problem(f"the message has no joint {text}", path, key=key))
+                names = []
+                continue
+            places = [(kind, names.index(joint)) for joint, kind in joints.values()]
+        try:
+            rows.append([getattr(message, kind)[place] for kind, place in places])
+        except IndexError:
+            problems.append(_too_short(message, number, path))
+            continue
+        stamp = message.header.stamp
+        stamps.append(log_time if by_log_time else stamp.sec * 1_000_000_000 + stamp.nanosec)
+    if problems:
+        more = len(problems) - _MOST_PROBLEMS
+        rest = [Problem(f"{more} more messages are like that", path)] if more > 0 else []
+        raise ConfigurationError([*problems[:_MOST_PROBLEMS], *rest])
+    if len(stamps) > 1 and not by_log_time and len(set(stamps)) == 1:
+        message = "all messages have the same header.stamp: it was not set"
+        allowed = f"data.columns: {{t: {_LOG_TIME}}} takes the time at which they were recorded"
+        raise ConfigurationError(Problem(message, path, key=_STAMP, allowed=allowed))
+    table = np.array(rows, dtype=np.float64).reshape(-1, len(joints))
+    values = {channel: table[:, k].copy() for k, channel in enumerate(joints)}
+    values["t"] = np.array([stamp - stamps[0] for stamp in stamps]) * _NANOSECOND
+    return RawTable(path, values, picked, "message")
+
+
+def _too_short(message: Any, number: int, path: Path) -> Problem:
+    short = next(
+        kind
+        for kind in ("position", "effort", "velocity")
+        if len(getattr(message, kind)) < len(message.name)
+    )
+    count = len(getattr(message, short))
+    return Problem(
+        f"the message has {count} values of {short} for {len(message.name)} joints",
+        path,
+        key=f"message {number}",
+    )
+
+
+def _accepts(path: Path) -> bool:
+    if path.is_dir():
+        return (path / "metadata.yaml").is_file()
+    return path.suffix.lower() in _EXTENSIONS
+
+
+FORMAT = FileFormat(
+    title="rosbag2, MCAP", extensions=_EXTENSIONS, read=read, extra="ros", accepts=_accepts
+)

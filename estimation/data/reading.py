@@ -1,0 +1,122 @@
+"""From a file in any known format to a checked measurement in SI units."""
+
+from __future__ import annotations
+
+import warnings
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+
+from estimation.data.catalogue import format_of
+from estimation.data.defects import (
+    refuse_cells,
+    refuse_different_lengths,
+    refuse_few_rows,
+    refuse_gaps,
+    refuse_implausible_lengths,
+    refuse_periods,
+    refuse_time,
+    refuse_uneven,
+)
+from estimation.data.measurement import Measurement
+from estimation.data.table import RawTable
+from estimation.data.timebase import TimeBase, fitted_grid, stamped
+from estimation.data.units import in_si
+from expdesign.configuration import ConfigurationError, Problem, ResolvedRobot
+from expdesign.robot.robot import Robot
+from expdesign.schema import DataSection
+from expdesign.schema.data import FORCE_CHANNELS, LENGTH_CHANNELS
+
+_LONGEST_REASON = 200
+
+
+def read_measurement(
+    path: str | PathLike[str], section: DataSection, robot: ResolvedRobot | Robot
+) -> Measurement:
+    """Read a recording.
+
+    Parameters
+    ----------
+    path : path
+        A file in one of the formats of :mod:`estimation.data.readers`, or a rosbag2 folder.
+    section : DataSection
+        How its columns map to channels; the defaults are those of ``measurement.csv``.
+    robot : ResolvedRobot or Robot
+        Whose lengths they are: for the number of rows needed and for plausibility.
+
+    Raises
+    ------
+    ConfigurationError
+        The file cannot be read, or its content cannot be used: every defect with column and row.
+    """
+    description = robot.description if isinstance(robot, Robot) else robot
+    table, notes = in_si(_raw_table(Path(path), section), section)
+    table = _from_start(table, section)
+    refuse_few_rows(table, len(description.parameter_names))
+    refuse_cells(table, tuple(table.values), section.decimal)
+    refuse_periods(table)
+    base = _time_base(table, section)
+    lengths = np.column_stack([table.values[channel] for channel in LENGTH_CHANNELS])
+    refuse_implausible_lengths(table, lengths, description, section)
+    period = table.values.get("period")
+    return Measurement(
+        time=base.time,
+        lengths=lengths,
+        forces=np.column_stack([table.values[channel] for channel in FORCE_CHANNELS]),
+        step=base.step,
+        stamped=section.time == "stamped",
+        period=None if period is None else period.astype(np.int64),
+        length_delay=section.delay.lengths,
+        force_delay=section.delay.forces,
+        jitter=base.jitter,
+        source=str(path),
+        warnings=notes,
+    )
+
+
+def _raw_table(path: Path, section: DataSection) -> RawTable:
+    """Read a file with its format's library, whose own warnings are for its developers."""
+    try:
+        file_format = format_of(path)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            table = file_format.read(path, section)
+    except ConfigurationError:
+        raise
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise ConfigurationError(Problem(f"the file cannot be read: {reason}", path)) from None
+    except Exception as error:  # noqa: BLE001 - the libraries raise anything on damaged files
+        reason = " ".join(str(error).split())[:_LONGEST_REASON] or type(error).__name__
+        message = f"the file is damaged or not of the format {file_format.title}: {reason}"
+        raise ConfigurationError(Problem(message, path)) from None
+    refuse_different_lengths(table)
+    return table
+
+
+def _from_start(table: RawTable, section: DataSection) -> RawTable:
+    """Return the table without the rows before the trigger, in which anything may stand."""
+    time = table.values["t"]
+    finite = time[np.isfinite(time)]
+    if section.start is None or len(finite) == 0:
+        return table
+    # A stamp that jitters just below the trigger is the first one after it.
+    slack = section.time_tolerance * float(np.median(np.diff(finite))) if len(finite) > 1 else 0.0
+    after = np.flatnonzero(time >= section.start - slack)
+    if len(after) == 0:
+        message = f"no rows at or after data.start, {section.start:g} s"
+        span = f"the file has {finite.min():g} to {finite.max():g} s"
+        raise ConfigurationError(table.problem(message, "t", allowed=span))
+    return table.from_row(int(after[0]))
+
+
+def _time_base(table: RawTable, section: DataSection) -> TimeBase:
+    refuse_time(table)
+    time = table.values["t"]
+    if section.time == "stamped":
+        refuse_gaps(table)
+        return stamped(time)
+    grid = fitted_grid(time)
+    refuse_uneven(table, grid, section.time_tolerance)
+    return grid

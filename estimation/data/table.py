@@ -1,0 +1,93 @@
+"""What a file holds, before units and checks: the channels' columns as they stand there."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import MappingProxyType
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.data.columns import Column
+from expdesign.configuration import Problem
+
+Array = NDArray[np.float64]
+RowNoun = Literal["line", "sample", "message"]
+
+
+@dataclass(frozen=True, eq=False)
+class RawTable:
+    """Columns of a file by channel.
+
+    Attributes
+    ----------
+    file : Path
+    values : mapping of str to (T,)
+        Channel → numbers in the file's unit; NaN where there is no number.
+    columns : mapping of str to Column
+        Channel → what the file calls the column, and its unit.
+    row_noun : {"line", "sample", "message"}
+        What the rows are to the user. Lines are those of an editor, the header being line 1;
+        samples and messages count from one.
+    first_row : int
+        Number of the first row.
+    rows : (T,) or None
+        Numbers of the rows where they do not follow each other.
+    texts : mapping of (str, int) to str
+        (channel, row from zero) → what stands in a cell that is no finite number.
+    """
+
+    file: Path
+    values: Mapping[str, Array]
+    columns: Mapping[str, Column]
+    row_noun: RowNoun = "sample"
+    first_row: int = 1
+    rows: NDArray[np.int64] | None = None
+    texts: Mapping[tuple[str, int], str] = field(default_factory=lambda: MappingProxyType({}))
+
+    def __len__(self) -> int:
+        """Return the number of rows T."""
+        return len(next(iter(self.values.values())))
+
+    def row_number(self, row: int) -> int:
+        """Return the user's number of a row that counts from zero."""
+        return int(self.rows[row]) if self.rows is not None else self.first_row + row
+
+    def row_name(self, row: int) -> str:
+        """Return the user's name of a row that counts from zero: ``line 17``."""
+        return f"{self.row_noun} {self.row_number(row)}"
+
+    def column_name(self, channel: str) -> str:
+        """Return what the file calls a channel."""
+        return self.columns[channel].text if channel in self.columns else channel
+
+    def problem(
+        self, message: str, channel: str, row: int | None = None, allowed: str | None = None
+    ) -> Problem:
+        """Return the record of what is wrong with a column, or with one of its cells."""
+        if row is None or self.row_noun == "line":
+            line = None if row is None else self.row_number(row)
+            return Problem(message, self.file, line, self.column_name(channel), allowed)
+        key = f"{self.column_name(channel)}, {self.row_name(row)}"
+        return Problem(message, self.file, key=key, allowed=allowed)
+
+    def from_row(self, first: int) -> RawTable:
+        """Return the table without the rows before `first`."""
+        if first == 0:
+            return self
+        return RawTable(
+            self.file,
+            {channel: values[first:] for channel, values in self.values.items()},
+            self.columns,
+            self.row_noun,
+            self.first_row + first,
+            None if self.rows is None else self.rows[first:],
+            {
+                (channel, row - first): text
+                for (channel, row), text in self.texts.items()
+                if row >= first
+            },
+        )
