@@ -1,0 +1,58 @@
+"""A small PaLiDA experiment that takes some 50 ms to estimate: two harmonics, 200 samples."""
+
+import numpy as np
+
+from estimation.data.measurement import Measurement
+from expdesign.configuration import load_run
+from expdesign.robot import load_robot
+from expdesign.trajectory import FourierTrajectory
+
+ROBOT = load_robot("palida")
+STEP = 0.005
+PERIODS = 5
+
+
+def run(estimate=None, **sections):
+    return load_run(
+        {"name": "case", "robot": "palida", "estimate": estimate or {}, **sections}
+    )
+
+
+def trajectory(samples=200, step=STEP, harmonics=2, seed=4):
+    """Return a lively motion within reach whose period is `samples` steps."""
+    rng = np.random.default_rng(seed)
+    sizes = np.array([0.08, 0.08, 0.06, 0.15, 0.15, 0.5])[:, None] / np.arange(1, harmonics + 1)
+    return FourierTrajectory.from_displacements(
+        2 * np.pi / (samples * step),
+        ROBOT.home,
+        sizes * rng.choice([-1, 1], sizes.shape) * rng.uniform(0.4, 0.7, sizes.shape),
+        sizes * rng.choice([-1, 1], sizes.shape) * rng.uniform(0.4, 0.7, sizes.shape),
+    )
+
+
+def measured(
+    motion,
+    seed=0,
+    *,
+    robot=ROBOT,
+    periods=PERIODS,
+    step=STEP,
+    force_scale=1.0,
+    length_scale=1.0,
+    times=None,
+):
+    """Return what an ideal machine measures, with the robot's noise times the scales."""
+    count = round(periods * motion.period / step)
+    grid = np.arange(count) * step if times is None else times
+    rng = np.random.default_rng(seed)
+    noise = robot.description.noise
+    states = motion.sample(grid)
+    lengths = robot.inverse_kinematics(states.pose)
+    forces = robot.actuator_forces(states.pose, states.rate, states.acceleration)
+    lengths = lengths + length_scale * _draws(rng, noise.length_covariance, len(grid))
+    forces = forces + force_scale * _draws(rng, noise.force_covariance, len(grid))
+    return Measurement(grid, lengths, forces, step)
+
+
+def _draws(rng, covariance, count):
+    return rng.normal(size=(count, 6)) @ np.linalg.cholesky(covariance).T

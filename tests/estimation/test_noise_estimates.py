@@ -1,0 +1,55 @@
+import numpy as np
+import pytest
+
+from estimation.processing import PeriodSource, make_record
+from estimation.processing.noise import NoiseEstimate
+from tests.estimation.cases import ROBOT, measured, trajectory
+
+NOISE = ROBOT.description.noise
+
+
+@pytest.mark.parametrize("samples", [200, 200.4])
+def test_covariances_agree_with_the_truth_within_their_own_uncertainty(samples):
+    motion = trajectory(samples)
+    scores = []
+    for seed in range(40):
+        record = make_record(
+            measured(motion, seed, periods=6), motion.omega, PeriodSource.DESIGN
+        )
+        for found, true in (
+            (record.force_scatter, NOISE.force_covariance),
+            (record.length_scatter, NOISE.length_covariance),
+        ):
+            error = NoiseEstimate(true, found.freedom).std_error()
+            scores.append((found.covariance - true) / error)
+    scores = np.array(scores)
+    # 80 × 36 elements, 21 of which are different: mean 0, mean square 1. The friction's jumps
+    # stay below a series' reach and add a little where the period is not whole.
+    assert abs(scores.mean()) < 0.3
+    assert 0.85 < np.mean(scores**2) < 1.2
+
+
+def test_an_outlier_hardly_touches_robust_means_and_covariances():
+    motion = trajectory()
+    data = measured(motion, periods=8)
+    data.forces[::97] += 900.0
+    data.lengths[::61] -= 0.01
+    clean = measured(motion, periods=8)
+    plain = make_record(data, motion.omega, PeriodSource.DESIGN)
+    robust = make_record(data, motion.omega, PeriodSource.DESIGN, robust=True)
+    reference = make_record(clean, motion.omega, PeriodSource.DESIGN)
+
+    def off(record):
+        return np.sqrt(np.mean((record.forces - reference.forces) ** 2))
+
+    assert off(robust) < 0.1 * off(plain)
+    ratio = np.diag(robust.force_scatter.covariance) / np.diag(NOISE.force_covariance)
+    assert np.all(ratio < 1.2)
+    assert np.all(np.diag(plain.force_scatter.covariance) > 5 * np.diag(NOISE.force_covariance))
+
+
+def test_robust_weights_leave_clean_data_alone():
+    motion = trajectory()
+    data = measured(motion, periods=8)
+    record = make_record(data, motion.omega, PeriodSource.DESIGN, robust=True)
+    assert record.force_counts.mean() > 0.998 * 8

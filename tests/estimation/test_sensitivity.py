@@ -1,0 +1,57 @@
+import numpy as np
+import pytest
+
+from estimation.measurement_model import HarmonicMotion, predict_forces, predict_lengths
+from tests.estimation.cases import ROBOT, trajectory
+
+TIMES = np.array([0.0, 0.013, 0.21, 0.4, 0.77, 1.3])
+SIGNS = np.random.default_rng(0).choice([-1.0, 1.0], (len(TIMES), 18))
+
+
+def differences(function, motion, free):
+    """Return central differences of a function of the motion to its ξ."""
+    size = motion.table.size + int(free)
+    columns = []
+    for k in range(size):
+        step = np.zeros(size)
+        step[k] = 1e-6
+        ahead = function(motion.moved(step, free_frequency=free))
+        behind = function(motion.moved(-step, free_frequency=free))
+        columns.append((ahead - behind) / 2e-6)
+    return np.stack(columns, axis=-1)
+
+
+@pytest.mark.parametrize("free", [False, True])
+def test_slope_of_the_lengths(free):
+    motion = HarmonicMotion.of(trajectory())
+    found = predict_lengths(ROBOT, motion, TIMES, free_frequency=free)
+    expected = differences(lambda m: predict_lengths(ROBOT, m, TIMES).lengths, motion, free)
+    np.testing.assert_allclose(found.slope, expected, rtol=1e-6, atol=1e-8)
+    poses = motion.trajectory.sample(TIMES).pose
+    np.testing.assert_allclose(found.lengths, ROBOT.inverse_kinematics(poses), atol=1e-14)
+
+
+@pytest.mark.parametrize("free", [False, True])
+def test_slope_of_the_forces_with_held_signs(free):
+    motion = HarmonicMotion.of(trajectory())
+
+    def forces(present):
+        prediction = predict_forces(ROBOT, present, TIMES, SIGNS, ROBOT.parameters)
+        return prediction.regressors @ ROBOT.parameters
+
+    found = predict_forces(
+        ROBOT, motion, TIMES, SIGNS, ROBOT.parameters, free_frequency=free
+    ).slope
+    expected = differences(forces, motion, free)
+    np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-5 * np.abs(expected).max())
+
+
+def test_a_motion_survives_more_harmonics_and_back():
+    motion = HarmonicMotion.of(trajectory())
+    longer = motion.with_harmonics(7)
+    np.testing.assert_allclose(
+        longer.trajectory.sample(TIMES).acceleration,
+        motion.trajectory.sample(TIMES).acceleration,
+        atol=1e-12,
+    )
+    np.testing.assert_array_equal(longer.with_harmonics(2).table, motion.table)
