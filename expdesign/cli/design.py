@@ -7,7 +7,15 @@ from typing import TYPE_CHECKING, Any
 
 from expdesign.cli.errors import CommandFailed
 from expdesign.cli.folder import OutOption, refuse_unwritable, run_folder
-from expdesign.cli.output import JsonOption, RunArgument, messages, results, short, warn, write_json
+from expdesign.cli.output import (
+    JsonOption,
+    RunArgument,
+    messages,
+    results,
+    short,
+    warn_all,
+    write_json,
+)
 
 if TYPE_CHECKING:
     from expdesign.configuration import RunConfiguration
@@ -25,6 +33,7 @@ def design(run: RunArgument, out: OutOption = None, as_json: JsonOption = False)
     from expdesign.configuration import load_run
 
     configuration = load_run(run)
+    warn_all(configuration.warnings)
     summary = design_stage(configuration, run_folder(configuration, out), as_json=as_json)
     if as_json:
         write_json({"status": 0, **summary})
@@ -44,8 +53,6 @@ def design_stage(configuration: RunConfiguration, folder: Path, *, as_json: bool
     from results import design_figures
 
     refuse_unwritable(folder)
-    for warning in configuration.warnings:
-        warn(warning)
     display = _display(configuration)
     with record_stage("design", configuration, folder) as stage:
         with display.shown():
@@ -55,8 +62,7 @@ def design_stage(configuration: RunConfiguration, folder: Path, *, as_json: bool
         stage.status = "done" if result.passed else result.status
         stage.message = result.status_text
     summary = _summary(result, folder)
-    for warning in result.warnings[len(configuration.warnings) :]:
-        warn(warning)
+    warn_all(result.warnings[len(configuration.warnings) :])
     if not result.passed:
         raise CommandFailed(_what_is_wrong(result, folder), summary)
     if not as_json:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -42,6 +43,12 @@ def write_json(data: Any) -> None:
 def warn(text: str) -> None:
     """Write a warning to standard error."""
     messages().print(Text.assemble(("warning: ", "yellow"), text))
+
+
+def warn_all(texts: Iterable[str]) -> None:
+    """Write several warnings to standard error."""
+    for text in texts:
+        warn(text)
 
 
 def note(text: str) -> None:

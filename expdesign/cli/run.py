@@ -11,7 +11,7 @@ from expdesign.cli.design import design_stage
 from expdesign.cli.errors import CommandFailed
 from expdesign.cli.estimate import estimate_stage, folder_recording
 from expdesign.cli.folder import OutOption, run_folder
-from expdesign.cli.output import JsonOption, RunArgument, note, short, warn, write_json
+from expdesign.cli.output import JsonOption, RunArgument, note, short, warn, warn_all, write_json
 from expdesign.cli.simulate import experiment_stage, folder_design
 
 if TYPE_CHECKING:
@@ -80,6 +80,7 @@ def run(run: RunArgument, out: OutOption = None, as_json: JsonOption = False) ->
         raise CommandFailed(
             f"the run names {', '.join(stages)}; this version has {', '.join(STEPS)} only"
         )
+    warn_all(configuration.warnings)
     done: dict[str, dict[str, Any]] = {}
     for stage in stages:
         step = STEPS.get(stage)

@@ -10,7 +10,7 @@ import typer
 
 from expdesign.cli.errors import CommandFailed
 from expdesign.cli.folder import OutOption, refuse_unwritable, run_folder
-from expdesign.cli.output import JsonOption, RunArgument, results, short, warn, write_json
+from expdesign.cli.output import JsonOption, RunArgument, results, short, warn_all, write_json
 
 if TYPE_CHECKING:
     from estimation.twin import Truth
@@ -57,6 +57,7 @@ def simulate(
     from expdesign.configuration import load_run
 
     configuration = load_run(run)
+    warn_all(configuration.warnings)
     folder = run_folder(configuration, out)
     summary = experiment_stage(
         configuration, folder, design=design, repetitions=repetitions, as_json=as_json
@@ -94,9 +95,8 @@ def experiment_stage(
 
     found = _design(folder, design)
     refuse_unwritable(folder)
-    warnings = [*configuration.warnings, *_doubts(configuration, found)]
-    for warning in warnings:
-        warn(warning)
+    doubts = _doubts(configuration, found)
+    warn_all(doubts)
     began = time.perf_counter()
     made_from = trajectory_text(found)
     with record_stage(STAGE, configuration, folder, made_from) as stage:
@@ -116,7 +116,8 @@ def experiment_stage(
         else:
             stage.status = "done"
         stage.files = sorted(written)
-    summary = _summary(twin.truth, folder, done, time.perf_counter() - began, warnings)
+    summary = _summary(twin.truth, folder, done, time.perf_counter() - began)
+    summary["warnings"] = [*configuration.warnings, *doubts]
     if stage.status != "done":
         raise CommandFailed(f"{stage.message}; they are in {short(folder)}", summary)
     if not as_json:
@@ -165,9 +166,7 @@ def _doubts(configuration: RunConfiguration, found: DesignFile) -> list[str]:
     return doubts
 
 
-def _summary(
-    truth: Truth, folder: Path, done: int, seconds: float, warnings: list[str]
-) -> dict[str, Any]:
+def _summary(truth: Truth, folder: Path, done: int, seconds: float) -> dict[str, Any]:
     return {
         "folder": str(folder),
         "repetitions": done,
@@ -175,7 +174,6 @@ def _summary(
         "samples": truth.samples,
         "samples_per_period": truth.samples_per_period,
         "seconds": seconds,
-        "warnings": warnings,
     }
 
 

@@ -42,7 +42,9 @@ def coefficients(folder):
     return np.concatenate([*parts, [record["log_det_information"]]])
 
 
-def test_a_run_is_resumed_and_repeated_from_its_folder(expdesign, run_file, tmp_path, cheap_finish):
+def test_a_run_is_resumed_and_repeated_from_its_folder(
+    expdesign, run_file, tiny, tmp_path, cheap_finish
+):
     folder = tmp_path / "first"
     status, out, messages = expdesign("run", run_file, "--out", folder)
     assert status == 0
@@ -93,6 +95,19 @@ def test_a_run_is_resumed_and_repeated_from_its_folder(expdesign, run_file, tmp_
     for path, (_, content) in after.items():
         if path.suffix == ".csv":
             assert content == before[path][1], path.name
+
+    # Another disturbance is another experiment with the same design.
+    other = run_file.with_name("other.yaml")
+    disturbed = {"drift": "1 mm", "seed": 5}
+    other.write_text(json.dumps(tiny(design=QUICK, experiment=disturbed)), encoding="utf-8")
+    _, out, _ = expdesign("run", other, "--out", folder, "--json")
+    stages = json.loads(out)["stages"]
+    assert stages["design"] == {"resumed": True}
+    assert not stages["experiment"]["resumed"]
+    assert (folder / "measurement.csv").read_bytes() != before[folder / "measurement.csv"][1]
+    assert json.loads(expdesign("run", other, "--out", folder, "--json")[1])["resumed"]
+    assert expdesign("run", run_file, "--out", folder)[0] == 0
+    assert (folder / "measurement.csv").read_bytes() == before[folder / "measurement.csv"][1]
 
     # The resolved configuration in the folder gives the same design.
     second = tmp_path / "second"

@@ -92,6 +92,17 @@ def test_the_python_of_the_readme(robots, monkeypatch):
     assert names["motion"].pose.shape == (2, 6)
 
 
+def test_the_python_of_the_twin(tmp_path, monkeypatch):
+    (text,) = (b.text for b in blocks("python") if b.page.name == "twin.md")
+    (run,) = (b for b in YAML_BLOCKS if _name(b) == "my-experiment.yaml")
+    (tmp_path / "my-experiment.yaml").write_text(run.text, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    names = {}
+    exec(compile(text, "twin.md", "exec"), names)
+    assert names["first"].lengths.shape == names["second"].forces.shape == (20943, 6)
+    assert names["twin"].truth.executed.harmonics == 15
+
+
 @pytest.fixture
 def with_limit(example, tmp_path, monkeypatch):
     """Drop the worked example into the catalogue of limits."""

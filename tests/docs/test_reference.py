@@ -2,17 +2,21 @@
 
 import re
 
+import numpy as np
 import pytest
 from pydantic_core import PydanticUndefined
 
 from constraints import limit_definitions
+from estimation.twin import Twin
+from estimation.twin.output import truth_record
+from expdesign.configuration import load_run
 from expdesign.configuration.limits import CHARACTERISTIC_LENGTH
 from expdesign.experiment.tables import TABLES
 from expdesign.information.catalogue import criteria_by_key
 from expdesign.library import robot_names, run_names
 from expdesign.recheck import TOLERANCE, grid_points
 from expdesign.robot.graph import HexapodGraph, parameter_unit
-from expdesign.runfolder.columns import TRAJECTORY
+from expdesign.runfolder.columns import MEASUREMENT, TRAJECTORY
 from expdesign.schema import (
     GENERAL_PARAMETERS,
     STAGES,
@@ -22,6 +26,8 @@ from expdesign.schema import (
     RunDescription,
     TrajectorySection,
 )
+from expdesign.schema.experiment import Cogging, Outliers, Quantisation, TrackingError
+from expdesign.trajectory import FourierTrajectory
 from results.figures.design.catalogue import DESIGN_FIGURES
 from tests.docs.pages import ROOT, codes, parse, table
 
@@ -52,7 +58,9 @@ def _required(model):
             "parameters": dict.fromkeys(GENERAL_PARAMETERS[:10], 1)
             | dict.fromkeys(GENERAL_PARAMETERS[15:], 1),
         }
-    return {}
+    if model is Cogging:
+        return {"amplitude": 12, "pitch": 0.03}
+    return {"share": 0.1} if model is Outliers else {}
 
 
 @pytest.mark.parametrize(
@@ -62,6 +70,10 @@ def _required(model):
         (TrajectorySection, RUN_FILES, "## trajectory"),
         (DesignSection, RUN_FILES, "## design"),
         (ExperimentSection, RUN_FILES, "## experiment"),
+        (TrackingError, RUN_FILES, "### tracking_error"),
+        (Cogging, RUN_FILES, "### cogging"),
+        (Quantisation, RUN_FILES, "### quantisation"),
+        (Outliers, RUN_FILES, "### outliers"),
         (RobotDescription, ROBOTS, "## Robot file"),
     ],
     ids=lambda value: value if isinstance(value, str) else getattr(value, "__name__", ""),
@@ -151,16 +163,31 @@ def test_robots_and_runs_that_ship():
         assert f"`{name}`:" in text
 
 
-def test_columns_of_the_trajectory():
+@pytest.mark.parametrize(
+    ("file", "columns"), [("trajectory.csv", TRAJECTORY), ("measurement.csv", MEASUREMENT)]
+)
+def test_columns_of_trajectory_and_measurement(file, columns):
     names = []
-    for row in table(RUN_FOLDER, "## trajectory.csv"):
+    for row in table(RUN_FOLDER, f"## {file}"):
         if "…" not in row[0]:
             names += codes(row[0])
             continue
         for part in row[0].split(","):
             stem = codes(part)[0].removesuffix("1")
             names += [f"{stem}{j}" for j in range(1, 7)]
-    assert names == [column.name for column in TRAJECTORY]
+    assert names == [column.name for column in columns]
+
+
+def test_keys_of_the_truth():
+    rows = table(RUN_FOLDER, "## truth.json")
+    motion = FourierTrajectory(3.0, [0, 0, -0.654, 0, 0, 0], np.zeros((6, 1)), np.zeros((6, 1)))
+    run = {"name": "n", "robot": "palida", "experiment": {"periods": 1, "sampling": 10}}
+    record = truth_record(Twin.of(load_run(run), motion).truth)
+    assert [key for row in rows for key in codes(row[0])] == list(record)
+    for row in rows:
+        for key in codes(row[0]):
+            if isinstance(record[key], dict) and key != "parameters":
+                assert set(record[key]) <= set(codes(row[1])), key
 
 
 def test_columns_of_the_tables():
