@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 
 _STEPS = 40
 _CONVERGED = 1e-3
-"""Newton decrement, in standard deviations of the whole estimate, of a step not worth taking."""
+"""Newton decrement, in standard deviations of the whole estimate, of a step that is the last."""
 
 _CONTRACTION = 0.5
 _FIRST_DAMPING = 1e-3
@@ -80,6 +80,8 @@ def maximum_likelihood(
             damping = damping / 10 if damping > _SMALLEST_DAMPING else 0.0
             move = following if not damping else state.step(blocks, values, motions, damping)
             if following.decrement < _CONVERGED**2:
+                # This step is known already; what it leaves is smaller by orders.
+                values, motions = following.values, following.motions
                 converged, status = True, "converged"
                 break
         else:

@@ -1,0 +1,218 @@
+import numpy as np
+import pytest
+
+from estimation.data.measurement import Measurement
+from estimation.identification import estimate
+from expdesign.configuration import ConfigurationError, load_run
+from expdesign.robot import robot_from
+from tests.estimation.cases import PERIODS, ROBOT, STEP, measured, run, trajectory
+
+MOTION = trajectory()
+QUIET = {"force_scale": 0.02, "length_scale": 0.2}
+
+
+def changed(data, **fields):
+    return Measurement(**{**vars(data), **fields})
+
+
+def same(one, other, rtol=1e-7):
+    for name in one.estimates:
+        np.testing.assert_allclose(
+            one[name].values, other[name].values, rtol=rtol, atol=rtol * one[name].std.max()
+        )
+        np.testing.assert_allclose(one[name].std, other[name].std, rtol=1e-4)
+
+
+def pull(result, name):
+    return (result[name].values - ROBOT.parameters) / result[name].std
+
+
+def test_all_estimators_recover_the_parameters():
+    result = estimate(run(), measured(MOTION), MOTION)
+    assert list(result.estimates) == ["ls", "gm", "ml"]
+    assert result.best.estimator == "ml"
+    for name in result.estimates:
+        assert np.sum(pull(result, name) ** 2) / 24 < 2.5
+    record = result.records[0].experiment.record
+    assert (record.periods, record.samples) == (PERIODS, 200)
+    assert result.records[0].harmonics == 2
+    assert result.records[0].experiment.noise.source == "estimated"
+    assert len(result.rows) == 72
+
+
+def test_the_estimate_needs_no_design():
+    data = measured(MOTION)
+    same(estimate(run(), data, MOTION), estimate(run(), data), rtol=2e-3)
+
+
+def test_a_period_that_is_no_whole_number_of_samples():
+    motion = trajectory(1666 + 2 / 3, step=1e-3)
+    data = measured(motion, periods=4, step=1e-3)
+    result = estimate(run({"estimators": ["gm"]}), data, motion)
+    assert np.sum(pull(result, "gm") ** 2) / 24 < 2.5
+    # As many samples as whole periods would have, and as much information.
+    whole = estimate(
+        run({"estimators": ["gm"]}), measured(trajectory(1667, 1e-3), step=1e-3, periods=4)
+    )
+    np.testing.assert_allclose(result["gm"].std, whole["gm"].std, rtol=0.06)
+
+
+def test_stamps_that_jitter_are_used_as_they_are():
+    rng = np.random.default_rng(5)
+    times = np.arange(1000) * STEP + rng.uniform(-0.3, 0.3, 1000) * STEP
+    data = changed(measured(MOTION, times=times, **QUIET), stamped=True)
+    result = estimate(run({"estimators": ["gm", "ml"]}), data, MOTION)
+    assert np.sum(pull(result, "ml") ** 2) / 24 < 2.5
+    rounded = changed(data, time=np.arange(1000) * STEP, stamped=False)
+    wrong = estimate(run({"estimators": ["gm"]}), rounded, MOTION)
+    assert np.sum(pull(wrong, "gm") ** 2) > 3 * np.sum(pull(result, "gm") ** 2)
+
+
+def test_delays_between_the_channels_are_taken_out():
+    times = np.arange(1000) * STEP
+    late = measured(MOTION, times=times - 0.004, **QUIET)
+    prompt = measured(MOTION, times=times, **QUIET)
+    data = changed(prompt, lengths=late.lengths, length_delay=0.004)
+    result = estimate(run(), data, MOTION)
+    assert np.sum(pull(result, "ml") ** 2) / 24 < 2.5
+    unaware = estimate(run(), changed(data, length_delay=0.0), MOTION)
+    assert np.sum(pull(unaware, "ml") ** 2) > 10 * np.sum(pull(result, "ml") ** 2)
+
+
+def test_an_estimated_frequency():
+    data = measured(MOTION)
+    off = 1 + 3e-4
+    slow = changed(data, time=data.time * off, step=data.step * off)
+    with_clock = run({"estimators": ["gm", "ml"], "frequency": "estimated"})
+    result = estimate(with_clock, slow, MOTION)
+    fit = result.records[0].experiment.fit
+    error = np.sqrt(fit.covariance[-1, -1])
+    assert abs(fit.motion.omega - MOTION.omega / off) < 4 * error
+    assert error / MOTION.omega < 1e-5
+
+
+def test_struts_in_another_order_give_the_same_estimate():
+    order = np.array([3, 0, 5, 1, 4, 2])
+    description = ROBOT.description.description.model_dump(by_alias=True, exclude_none=True)
+    source = load_run({"name": "case", "robot": "palida"}).run.robot.model_dump(
+        by_alias=True, exclude_none=True
+    )
+    assert description["name"] == source["name"]
+    renumbered = dict(source)
+    for key in ("base_joints", "platform_joints", "alpha_axes", "platform_joint_axes"):
+        if source.get(key) is not None:
+            renumbered[key] = [source[key][j] for j in order]
+    parameters = dict(source["parameters"])
+    for k, j in enumerate(order):
+        parameters[f"r{k + 1}"] = source["parameters"][f"r{j + 1}"]
+        parameters[f"v{k + 1}"] = source["parameters"][f"v{j + 1}"]
+    renumbered["parameters"] = parameters
+    sigma, delta = (
+        ROBOT.description.noise.force_covariance,
+        ROBOT.description.noise.length_covariance,
+    )
+    renumbered["noise"] = {
+        "force_covariance": sigma[np.ix_(order, order)].tolist(),
+        "length_covariance": delta[np.ix_(order, order)].tolist(),
+    }
+    renumbered.pop("limits", None)
+    other = load_run({"name": "case", "robot": renumbered})
+    assert robot_from(other.robot).parameters[12] == ROBOT.parameters[12 + order[0]]
+    data = measured(MOTION)
+    swapped = changed(data, lengths=data.lengths[:, order], forces=data.forces[:, order])
+    one, two = estimate(run(), data, MOTION), estimate(other, swapped, MOTION)
+    back = np.concatenate([np.arange(12), 12 + np.argsort(order), 18 + np.argsort(order)])
+    for name in one.estimates:
+        tolerance = 1e-6 * one[name].std
+        assert np.all(np.abs(two[name].values[back] - one[name].values) < tolerance), name
+
+
+def test_one_period_of_few_samples_does_not_identify_p1():
+    data = measured(MOTION, periods=1)
+    result = estimate(run(), data, MOTION)
+    assert result.records[0].experiment.noise.source == "given"
+    row = next(r for r in result.rows if (r.estimator, r.parameter) == ("ml", "p1"))
+    assert row.identified is False
+    combination = next(c for c in result.combinations["ml"] if c.weak == "p1")
+    k = result.knowledge.names.index(combination.other)
+    assert combination.std < result["ml"].std[k]
+    covariance = result["ml"].covariance
+    weights = np.zeros(24)
+    weights[0], weights[k] = combination.factor, 1.0
+    assert combination.std == pytest.approx(np.sqrt(weights @ covariance @ weights), rel=1e-6)
+    assert "p1 is not identified" in combination.text
+
+
+def test_without_periods_and_noise_the_residuals_serve_and_it_is_said():
+    bare = load_run({"name": "case", "robot": "palida", "estimate": {}})
+    description = bare.run.robot.model_dump(by_alias=True, exclude_none=True)
+    description.pop("noise")
+    config = load_run({"name": "case", "robot": description})
+    result = estimate(config, measured(MOTION, periods=2), MOTION)
+    noise = result.records[0].experiment.noise
+    assert noise.includes_model_error
+    assert any("includes the model's error" in warning for warning in result.warnings)
+    ratio = np.diag(noise.force_covariance) / np.diag(ROBOT.description.noise.force_covariance)
+    assert np.all((ratio > 0.6) & (ratio < 1.5))
+
+
+def test_outliers_with_and_without_a_robust_loss():
+    data = measured(MOTION, periods=8)
+    forces = data.forces.copy()
+    forces[::53, 2] += 800.0
+    dirty = changed(data, forces=forces)
+    plain = estimate(run({"estimators": ["gm"]}), dirty, MOTION)
+    robust = estimate(run({"estimators": ["gm"], "loss": "huber"}), dirty, MOTION)
+    clean = estimate(run({"estimators": ["gm"]}), data, MOTION)
+
+    def off(result):
+        return np.linalg.norm((result["gm"].values - clean["gm"].values) / clean["gm"].std)
+
+    assert off(robust) < 0.3 * off(plain)
+    assert np.all(robust["gm"].std < 1.25 * clean["gm"].std)
+
+
+def test_pointwise_differentiation_is_biased_and_says_that_it_does_not_cover():
+    data = measured(trajectory(1000, 1e-3), step=1e-3)
+    result = estimate(
+        run({"estimators": ["ls", "gm"], "differentiation": "central"}),
+        data,
+        trajectory(1000, 1e-3),
+    )
+    assert not result.intervals_cover
+    assert any("do not cover" in warning for warning in result.warnings)
+    assert np.abs(pull(result, "ls")).max() > 10
+
+
+def test_a_wrong_period_is_refused_with_the_right_one():
+    other = trajectory(170)
+    with pytest.raises(ConfigurationError, match=r"repeat after (1|0\.99\d*|1\.00\d*) s"):
+        estimate(run(), measured(MOTION), other)
+
+
+@pytest.mark.parametrize(
+    ("section", "message"),
+    [
+        ({"estimators": ["ml"], "differentiation": "central"}, "Fourier series"),
+        ({"fixed": list(ROBOT.parameter_names)}, "nothing to estimate"),
+        ({"fixed": ["sx"]}, "has no parameter"),
+    ],
+)
+def test_settings_that_do_not_fit_are_refused(section, message):
+    with pytest.raises(ConfigurationError, match=message):
+        estimate(run(section), measured(MOTION), MOTION)
+
+
+def test_noise_that_is_asked_for_and_not_there():
+    with pytest.raises(ConfigurationError, match="scatter between periods"):
+        estimate(run({"noise": "estimated"}), measured(MOTION, periods=1), MOTION)
+
+
+def test_two_recordings_in_one_estimate():
+    other = trajectory(seed=9)
+    data = (measured(MOTION, 1), measured(other, 2))
+    both = estimate(run(), data, (MOTION, other))
+    one = estimate(run(), data[0], MOTION)
+    assert np.sum(pull(both, "ml") ** 2) / 24 < 2.5
+    assert np.all(both["ml"].std < one["ml"].std)
+    assert len(both["ml"].motions) == 2

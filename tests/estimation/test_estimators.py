@@ -1,0 +1,221 @@
+import numpy as np
+import pytest
+import statsmodels.api as sm
+from scipy.optimize import least_squares as scipy_least_squares
+
+from estimation.estimators import (
+    Experiment,
+    Knowledge,
+    UnidentifiableError,
+    gauss_markov,
+    least_squares,
+    maximum_likelihood,
+)
+from estimation.estimators.experiment import regressors_along
+from estimation.estimators.joint import joint_block, reduced_information
+from estimation.kinematics import fit_motion
+from estimation.measurement_model import HarmonicMotion
+from estimation.measurement_model.kernels import held_regressor_kernel
+from estimation.processing import NoiseModel, PeriodSource, make_record
+from expdesign.schema import EstimateSection
+from tests.estimation.cases import ROBOT, measured, trajectory
+
+NOISE = ROBOT.description.noise
+GIVEN = NoiseModel(NOISE.force_covariance, NOISE.length_covariance, "given")
+MOTION = trajectory()
+
+
+def knowledge(**section):
+    return Knowledge.of(ROBOT, EstimateSection(**section))
+
+
+def experiment(seed=0, motion=MOTION, **options):
+    record = make_record(measured(motion, seed, **options), motion.omega, PeriodSource.DESIGN)
+    fit = fit_motion(ROBOT, record, NOISE.length_covariance, 2, start=HarmonicMotion.of(motion))
+    return Experiment.from_fit(ROBOT, record, GIVEN, fit)
+
+
+def test_gauss_markov_equals_generalised_least_squares():
+    case = experiment()
+    found = gauss_markov(ROBOT, [case], knowledge())
+    inverse = np.linalg.cholesky(np.linalg.inv(NOISE.force_covariance)).T
+    rows = np.concatenate([inverse @ block for block in case.regressors(ROBOT)])
+    forces = (case.forces @ inverse.T).ravel()
+    reference = sm.OLS(forces, rows).fit()
+    np.testing.assert_allclose(found.values, reference.params, rtol=1e-9)
+    periods = case.counts[0]
+    expected = reference.normalized_cov_params / periods
+    np.testing.assert_allclose(found.force_share, expected, rtol=1e-6)
+
+
+def test_least_squares_with_the_full_covariance_of_the_noise():
+    case = experiment()
+    found = least_squares(ROBOT, [case], knowledge())
+    rows = case.regressors(ROBOT).reshape(-1, 24)
+    pseudo = np.linalg.pinv(rows)
+    np.testing.assert_allclose(found.values, pseudo @ case.forces.ravel(), rtol=1e-8)
+    full = np.kron(np.eye(case.record.samples), NOISE.force_covariance / case.counts[0])
+    np.testing.assert_allclose(found.force_share, pseudo @ full @ pseudo.T, rtol=1e-6)
+
+
+def test_the_share_of_the_kinematic_noise_is_how_estimates_move_with_the_motion():
+    # Hardly any residual, whose part of the derivative has the mean zero and is not in B.
+    case = experiment(force_scale=1e-3, length_scale=1e-3)
+    known = knowledge()
+    for estimator in (least_squares, gauss_markov):
+        base = estimator(ROBOT, [case], known)
+        signs = case.signs(ROBOT, case.fit.motion)
+        slope = []
+        for k in range(len(case.fit.covariance)):
+            ends = []
+            for sign in (1, -1):
+                step = np.zeros(len(case.fit.covariance))
+                step[k] = sign * 1e-7
+                moved = case.fit.motion.moved(step, free_frequency=False)
+                # Signs as they were: their change is no part of the derivative.
+                rows = regressors_along(ROBOT, moved, case.record.force_times, signs)
+                other = Experiment(case.record, GIVEN, case.fit, case.spread, rows)
+                ends.append(estimator(ROBOT, [other], known).values)
+            slope.append((ends[0] - ends[1]) / 2e-7)
+        slope = np.array(slope).T
+        expected = np.sqrt(np.diag(slope @ case.fit.covariance @ slope.T))
+        found = np.sqrt(np.diag(base.kinematic_share))
+        np.testing.assert_allclose(found, expected, rtol=1e-2)
+
+
+def test_maximum_likelihood_equals_an_independent_least_squares():
+    case = experiment()
+    start = gauss_markov(ROBOT, [case], knowledge())
+    found = maximum_likelihood(ROBOT, [case], knowledge(), start)
+    signs = case.signs(ROBOT, found.motions[0])
+    force_white = np.linalg.inv(np.linalg.cholesky(NOISE.force_covariance))
+    length_white = np.linalg.inv(np.linalg.cholesky(NOISE.length_covariance))
+    times = case.record.force_times
+    root = np.sqrt(case.counts[0])
+    scales = np.concatenate([found.std, np.sqrt(np.diag(case.fit.covariance))])
+
+    def residuals(scaled):
+        values = scaled * scales
+        table = values[24:].reshape(6, 5)
+        motion = HarmonicMotion(table, MOTION.omega)
+        states = motion.trajectory.sample(times)
+        frozen = motion.basis(times).state(table)
+        kernel = held_regressor_kernel(general=False)
+        (regressors,) = kernel(frozen, signs, ROBOT.geometry_vector)
+        force = (case.forces - regressors @ values[:24]) @ force_white.T
+        length = (case.record.lengths - ROBOT.inverse_kinematics(states.pose)) @ length_white.T
+        return root * np.concatenate([force.ravel(), length.ravel()])
+
+    first = np.concatenate([start.values, case.fit.motion.table.ravel()]) / scales
+    # Central differences: with one-sided ones ξ is off by a hundredth of its deviation.
+    reference = scipy_least_squares(
+        residuals, first, jac="3-point", xtol=1e-15, ftol=1e-15, gtol=1e-15
+    )
+    values = reference.x * scales
+    assert np.all(np.abs(found.values - values[:24]) < 1e-6 * (np.abs(values[:24]) + found.std))
+    np.testing.assert_allclose(found.motions[0].table.ravel(), values[24:], atol=1e-9)
+    jacobian = reference.jac / scales
+    expected = np.linalg.inv(jacobian.T @ jacobian)[:24, :24]
+    np.testing.assert_allclose(np.diag(found.covariance), np.diag(expected), rtol=1e-3)
+
+
+def test_the_joint_information_is_that_of_the_stacked_rows():
+    case = experiment()
+    block = joint_block(ROBOT, case, case.fit.motion, ROBOT.parameters, np.ones(24, bool))
+    full = np.block([[block.pp, block.px], [block.px.T, block.xx]])
+    expected = np.linalg.inv(np.linalg.inv(full)[:24, :24])
+    np.testing.assert_allclose(reduced_information([block]), expected, rtol=1e-5, atol=1e-6)
+    # What the lengths leave open costs information.
+    assert np.all(np.linalg.eigvalsh(block.pp - reduced_information([block])) > -1e-6)
+
+
+def test_two_experiments_are_worth_their_sum():
+    other = trajectory(seed=9)
+    one, two = experiment(1), experiment(2, other)
+    known = knowledge()
+    results = [
+        maximum_likelihood(ROBOT, cases, known, gauss_markov(ROBOT, cases, known))
+        for cases in ([one], [two], [one, two])
+    ]
+    first, second, both = (np.linalg.inv(result.covariance) for result in results)
+    np.testing.assert_allclose(both, first + second, rtol=0.05, atol=0.02 * np.abs(both).max())
+    assert np.all(results[2].std < np.minimum(results[0].std, results[1].std))
+
+
+def test_fixed_parameters_stay():
+    known = knowledge(fixed={"p1": 0.004, "p4": None})
+    case = experiment()
+    start = gauss_markov(ROBOT, [case], known)
+    for result in (start, maximum_likelihood(ROBOT, [case], known, start)):
+        assert result.values[0] == 0.004
+        assert result.values[3] == ROBOT.parameters[3]
+        assert result.std[0] == 0
+        assert np.all(result.std[[1, 2, *range(4, 24)]] > 0)
+
+
+def test_a_prior_pulls_as_its_precision_says():
+    case = experiment()
+    free = gauss_markov(ROBOT, [case], knowledge())
+    k = 0
+    known = knowledge(prior={"p1": {"value": 0.02, "std": float(free.std[k])}})
+    pulled = gauss_markov(ROBOT, [case], known)
+    # Two pieces of knowledge with the same weight: the mean, with 1/√2 of the error.
+    assert pulled.values[k] == pytest.approx((free.values[k] + 0.02) / 2, rel=1e-2)
+    assert np.sqrt(pulled.force_share[k, k]) == pytest.approx(
+        np.sqrt(free.force_share[k, k] / 2), rel=2e-2
+    )
+
+
+def test_bounds_hold_and_the_others_give_way():
+    case = experiment()
+    free = gauss_markov(ROBOT, [case], knowledge())
+    low = float(free.values[9] + 2 * free.std[9])
+    known = knowledge(bounds={"p10": [low, low + 1]})
+    start = gauss_markov(ROBOT, [case], known)
+    full = maximum_likelihood(ROBOT, [case], known, start)
+    for result in (start, full):
+        assert result.values[9] == pytest.approx(low, rel=1e-12)
+        assert known.at_bound(result.values)[9]
+    assert full.converged
+    # p9 goes with p10: the conditional mean of the normal distribution.
+    expected = free.values + free.covariance[:, 9] / free.covariance[9, 9] * (low - free.values[9])
+    assert abs(start.values[8] - expected[8]) < 0.2 * free.std[8]
+
+
+def test_parameters_that_nothing_excites_are_named():
+    still = trajectory()
+    slow = still.__class__(2 * np.pi / 1000, still.lambda0, still.mu * 1e-7, still.nu * 1e-7)
+    case = experiment(0, MOTION)
+    frozen = Experiment.along(
+        ROBOT,
+        case.record,
+        GIVEN,
+        case.fit.__class__(**{**vars(case.fit), "motion": HarmonicMotion.of(slow)}),
+        np.zeros((case.record.samples, 18)),
+    )
+    with pytest.raises(UnidentifiableError) as error:
+        gauss_markov(ROBOT, [frozen], knowledge())
+    assert "p1" in error.value.names
+    assert "estimate.fixed" in str(error.value)
+
+
+def test_estimates_spread_as_they_say_and_cover():
+    known = knowledge()
+    pulls = {"ls": [], "gm": [], "ml": []}
+    for seed in range(40):
+        case = experiment(seed, length_scale=5)
+        case = case.with_noise(
+            NoiseModel(NOISE.force_covariance, 25 * NOISE.length_covariance, "given")
+        )
+        fit = fit_motion(ROBOT, case.record, 25 * NOISE.length_covariance, 2, start=case.fit.motion)
+        case = Experiment.from_fit(ROBOT, case.record, case.noise, fit)
+        gm = gauss_markov(ROBOT, [case], known)
+        results = (least_squares(ROBOT, [case], known), gm)
+        for result in (*results, maximum_likelihood(ROBOT, [case], known, gm)):
+            pulls[result.estimator].append((result.values - ROBOT.parameters) / result.std)
+    for name, drawn in pulls.items():
+        values = np.array(drawn)
+        # 40 × 24 correlated values.
+        assert 0.8 < np.sqrt(np.mean(values**2)) < 1.2, name
+        assert 0.90 < np.mean(np.abs(values) < 1.96) < 0.99, name
+        assert np.max(np.abs(values.mean(axis=0))) * np.sqrt(40) < 3.9, name

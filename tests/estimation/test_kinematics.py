@@ -1,0 +1,140 @@
+import numpy as np
+import pytest
+from scipy.special import erf
+
+from estimation.data.measurement import Measurement
+from estimation.kinematics import choose_harmonics, expected_signs, fit_motion, pointwise_motion
+from estimation.kinematics.fourier_fit import MotionFitError
+from estimation.kinematics.friction_signs import rate_spread
+from estimation.measurement_model import HarmonicMotion
+from estimation.processing import PeriodSource, make_record
+from tests.estimation.cases import ROBOT, measured, trajectory
+
+DELTA = ROBOT.description.noise.length_covariance
+
+
+def record_of(motion, seed=0, **options):
+    return make_record(measured(motion, seed, **options), motion.omega, PeriodSource.DESIGN)
+
+
+def test_noise_free_lengths_give_the_motion_back():
+    motion = trajectory()
+    fit = fit_motion(ROBOT, record_of(motion, length_scale=0), DELTA, 2)
+    np.testing.assert_allclose(fit.motion.table, HarmonicMotion.of(motion).table, atol=1e-10)
+
+
+def test_the_fit_spreads_as_its_covariance_says():
+    motion = trajectory()
+    true = HarmonicMotion.of(motion)
+    offs, chi = [], []
+    for seed in range(60):
+        fit = fit_motion(ROBOT, record_of(motion, seed), DELTA, 2, start=true)
+        offs.append((fit.motion.table - true.table).ravel())
+        chi.append(fit.chi_square / fit.freedom)
+    normal = np.linalg.solve(np.linalg.cholesky(fit.covariance), np.array(offs).T)
+    # 60 × 30 standard normal values: their mean square is 1 ± 0.033.
+    assert abs(np.mean(normal**2) - 1) < 0.12
+    assert abs(np.mean(chi) - 1) < 0.02
+
+
+def test_a_fit_from_the_data_alone_equals_one_from_the_design():
+    motion = trajectory()
+    record = record_of(motion)
+    own = fit_motion(ROBOT, record, DELTA, 2)
+    helped = fit_motion(ROBOT, record, DELTA, 2, start=HarmonicMotion.of(motion))
+    np.testing.assert_allclose(own.motion.table, helped.motion.table, atol=1e-9)
+
+
+def test_a_free_frequency_is_found_with_its_uncertainty():
+    motion = trajectory()
+    scores = []
+    for seed in range(30):
+        data = measured(motion, seed)
+        record = make_record(data, motion.omega * (1 + 1e-5), PeriodSource.DESIGN, average=False)
+        fit = fit_motion(ROBOT, record, DELTA, 2, free_frequency=True)
+        error = np.sqrt(fit.covariance[-1, -1])
+        scores.append((fit.motion.omega - motion.omega) / error)
+    assert abs(np.mean(scores)) < 0.6
+    assert 0.5 < np.std(scores) < 1.5
+
+
+def test_harmonics_are_chosen_from_the_data():
+    base = trajectory()
+    table = HarmonicMotion.of(base).with_harmonics(6)
+    table.table[0, 6] = 0.3e-3  # sine of the sixth harmonic in x
+    disturbed = table.trajectory
+    right = 0
+    for seed in range(20):
+        plain = choose_harmonics(ROBOT, record_of(base, seed), DELTA, 2)
+        right += plain.fit.motion.harmonics == 2
+        found = choose_harmonics(ROBOT, record_of(disturbed, seed), DELTA, 2)
+        assert found.fit.motion.harmonics == 6
+    # One in a thousand is found by chance.
+    assert right >= 19
+
+
+def test_more_harmonics_than_samples_are_refused():
+    with pytest.raises(MotionFitError, match="150 harmonics need 301 samples"):
+        fit_motion(ROBOT, record_of(trajectory()), DELTA, 150)
+
+
+def test_central_differences_of_clean_lengths():
+    motion = trajectory()
+    record = record_of(motion, length_scale=0)
+    found = pointwise_motion(ROBOT, record)
+    truth = motion.sample(record.force_times)
+    np.testing.assert_allclose(found.state[:, :6], truth.pose, atol=1e-9)
+    # Second order in the step: (2 ω h)²/6 of the rate.
+    np.testing.assert_allclose(found.state[:, 6:12], truth.rate, atol=5e-3)
+    np.testing.assert_allclose(found.state[:, 12:], truth.acceleration, atol=5e-2)
+
+
+def test_the_low_pass_quietens_the_accelerations_without_delay():
+    motion = trajectory()
+    record = record_of(motion)
+    truth = motion.sample(record.force_times).acceleration
+    rough = pointwise_motion(ROBOT, record).state[:, 12:] - truth
+    smooth = pointwise_motion(ROBOT, record, cutoff=10.0).state[:, 12:] - truth
+    assert np.std(smooth) < 0.1 * np.std(rough)
+    slope = motion.sample(record.force_times + 1e-6).acceleration - truth
+    lag = np.sum(smooth * slope) / np.sum(slope**2) * 1e-6
+    assert abs(lag) < 0.1 * record.step
+
+
+def test_single_samples_lose_their_ends_and_nothing_else():
+    motion = trajectory(200.4)
+    record = record_of(motion, length_scale=0)
+    found = pointwise_motion(ROBOT, record)
+    truth = motion.sample(record.force_times[found.rows])
+    np.testing.assert_allclose(found.state[:, 12:], truth.acceleration, atol=5e-2)
+
+
+def test_stamped_data_are_not_differentiated_point_by_point():
+    data = measured(trajectory())
+    stamped = Measurement(data.time, data.lengths, data.forces, data.step, stamped=True)
+    record = make_record(stamped, 2 * np.pi, PeriodSource.DESIGN)
+    with pytest.raises(MotionFitError, match="uniform time"):
+        pointwise_motion(ROBOT, record)
+
+
+def test_expected_signs_are_the_mean_of_the_signs_of_drawn_motions():
+    motion = trajectory()
+    record = record_of(motion, length_scale=30)
+    fit = fit_motion(ROBOT, record, 900 * DELTA, 2)
+    times = record.force_times
+    spread = rate_spread(ROBOT, fit.motion, times, fit.covariance)
+    expected = expected_signs(ROBOT, fit.motion, times, spread)
+    rng = np.random.default_rng(0)
+    factor = np.linalg.cholesky(fit.covariance)
+    draws = 200
+    total = np.zeros_like(expected)
+    for _ in range(draws):
+        drawn = fit.motion.moved(factor @ rng.normal(size=len(factor)), free_frequency=False)
+        total += expected_signs(ROBOT, drawn, times, np.zeros_like(spread))
+    doubtful = np.abs(expected) < 0.99
+    assert np.count_nonzero(doubtful) > 50
+    error = np.sqrt((1 - expected**2) / draws + 1e-4)
+    assert np.sqrt(np.mean(((total / draws - expected) / error)[doubtful] ** 2)) < 1.5
+    sure = spread == 0
+    assert not np.any(sure)
+    assert erf(0.0) == 0
