@@ -15,7 +15,11 @@ _LARGE = 1.5
 _REGULAR = 2.5
 """Intervals up to this multiple of the median count for the step."""
 
-_NEIGHBOURS = 5
+_NEIGHBOURS = 10
+"""Samples on either side of an interval that tell whether the stamps stay late."""
+
+_LATE = 0.75
+"""By how much of a step they are late when a sample is missing: the neighbours jitter too."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +93,6 @@ def gaps(stamps: Array) -> list[tuple[int, int]]:
     for row in np.flatnonzero(intervals > _LARGE * step) + 1:
         before = np.median(late[max(0, row - _NEIGHBOURS) : row])
         after = np.median(late[row : row + _NEIGHBOURS])
-        missing = min(round((after - before) / step), round(intervals[row - 1] / step))
-        if missing >= 1:
-            found.append((int(row), missing))
+        if after - before > _LATE * step:
+            found.append((int(row), max(1, round(intervals[row - 1] / step) - 1)))
     return found

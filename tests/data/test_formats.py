@@ -5,10 +5,9 @@ import sys
 import numpy as np
 import pytest
 
-from estimation.data import own_process
 from estimation.data.catalogue import file_formats, format_of
 from expdesign.configuration import ConfigurationError
-from tests.data.recordings import WRITERS, write_hdf5, write_mat
+from tests.data.recordings import WRITERS
 
 BINARY = [name for name in WRITERS if name not in ("recording.csv", "recording")]
 OPTIONAL = {
@@ -78,27 +77,6 @@ def test_wrong_bytes_never_end_in_a_traceback(name, tmp_path, rec, read):
         except ConfigurationError:
             refusals += 1
     assert refusals
-
-
-def test_a_library_that_crashes_is_bad_input(tmp_path, rec, refused):
-    """A wrong tag in this file has SciPy read memory that is not its own."""
-    path = tmp_path / "crash.mat"
-    write_mat(path, rec)
-    data = bytearray(path.read_bytes())
-    place = data.index(b"t\0\0\0", 128) + 4
-    assert data[place] == 9  # miDOUBLE
-    data[place : place + 4] = (0xFFFF).to_bytes(4, "little")
-    path.write_bytes(data)
-    (problem,) = refused(path)
-    assert "its library crashed (SIG" in problem.message
-
-
-def test_reading_that_does_not_end_is_bad_input(tmp_path, rec, refused, monkeypatch):
-    path = tmp_path / "endless.h5"
-    write_hdf5(path, rec)
-    monkeypatch.setattr(own_process, "_SECONDS", 0.01)
-    (problem,) = refused(path)
-    assert "reading does not end" in problem.message
 
 
 @pytest.mark.parametrize("name", OPTIONAL)
