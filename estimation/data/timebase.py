@@ -12,9 +12,6 @@ Array = NDArray[np.float64]
 _LARGE = 1.5
 """Interval, in steps, from which on samples may be missing."""
 
-_REGULAR = 2.5
-"""Intervals up to this multiple of the median count for the step."""
-
 _NEIGHBOURS = 10
 """Samples on either side of an interval that tell whether the stamps stay late."""
 
@@ -87,7 +84,9 @@ def gaps(stamps: Array) -> list[tuple[int, int]]:
         Increasing, s.
     """
     intervals = np.diff(stamps)
-    step = float(np.mean(intervals[intervals <= _REGULAR * np.median(intervals)]))
+    # Over several samples, so that jitter averages out, but few, so that most have no gap.
+    lag = min(max(len(stamps) // 8, 1), _NEIGHBOURS)
+    step = float(np.median(stamps[lag:] - stamps[:-lag])) / lag
     late = stamps - stamps[0] - step * np.arange(len(stamps))
     found = []
     for row in np.flatnonzero(intervals > _LARGE * step) + 1:

