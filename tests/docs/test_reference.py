@@ -6,6 +6,7 @@ import pytest
 from pydantic_core import PydanticUndefined
 
 from constraints import limit_definitions
+from estimation.data.catalogue import file_formats
 from expdesign.configuration.limits import CHARACTERISTIC_LENGTH
 from expdesign.experiment.tables import TABLES
 from expdesign.information.catalogue import criteria_by_key
@@ -16,6 +17,7 @@ from expdesign.runfolder.columns import TRAJECTORY
 from expdesign.schema import (
     GENERAL_PARAMETERS,
     STAGES,
+    DataSection,
     DesignSection,
     ExperimentSection,
     RobotDescription,
@@ -27,7 +29,7 @@ from tests.docs.pages import ROOT, codes, parse, table
 
 DOCS = ROOT / "docs"
 RUN_FILES, ROBOTS, LIMITS = DOCS / "run-files.md", DOCS / "robots.md", DOCS / "limits.md"
-RUN_FOLDER = DOCS / "run-folder.md"
+RUN_FOLDER, DATA = DOCS / "run-folder.md", DOCS / "data.md"
 
 
 def _fields(model):
@@ -63,6 +65,7 @@ def _required(model):
         (DesignSection, RUN_FILES, "## design"),
         (ExperimentSection, RUN_FILES, "## experiment"),
         (RobotDescription, ROBOTS, "## Robot file"),
+        (DataSection, DATA, "## data"),
     ],
     ids=lambda value: value if isinstance(value, str) else getattr(value, "__name__", ""),
 )
@@ -166,6 +169,17 @@ def test_columns_of_the_trajectory():
 def test_columns_of_the_tables():
     rows = {codes(row[0])[0]: codes(row[1]) for row in table(RUN_FOLDER, "## tables")}
     assert rows == {name: [c.name for c in columns] for name, columns in TABLES.items()}
+
+
+def test_formats_of_measured_data():
+    rows = {row[0]: row[1:] for row in table(DATA, "# Measured data")}
+    assert list(rows) == sorted(rows)
+    assert set(rows) == {found.title for found in file_formats()}
+    for found in file_formats():
+        files, needs = rows[found.title]
+        assert tuple(codes(files)) == found.extensions
+        wanted = [f"pip install expdesign[{found.extra}]"] if found.extra else []
+        assert codes(needs) == wanted
 
 
 def test_figures():
