@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+from estimation.data.catalogue import file_formats
+
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGES = ("constraints", "expdesign", "estimation", "results")
 LIBRARY_FOLDERS = ("robots", "runs")
@@ -105,3 +107,17 @@ def test_wheel_installs_the_console_script(wheel, project):
     entry_points = ConfigParser()
     entry_points.read_string(text)
     assert dict(entry_points["console_scripts"]) == project["scripts"]
+
+
+def test_the_extra_all_is_all_extras_but_the_developers(project):
+    extras = dict(project["optional-dependencies"])
+    everything = set(extras.pop("all"))
+    extras.pop("dev")
+    assert everything == {requirement for extra in extras.values() for requirement in extra}
+
+
+def test_every_format_names_an_extra_that_brings_its_library(project):
+    for found in file_formats():
+        if found.library is not None:
+            requirements = project["optional-dependencies"][found.extra]
+            assert any(text.startswith(found.library) for text in requirements)

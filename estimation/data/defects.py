@@ -65,11 +65,11 @@ def refuse_few_rows(table: RawTable, parameters: int) -> None:
 def refuse_cells(table: RawTable, channels: Sequence[str], decimal: str) -> None:
     """Refuse cells of these channels that are no finite numbers."""
     bad = sorted(
-        (int(row), channel)
-        for channel in channels
+        (int(row), place)
+        for place, channel in enumerate(channels)
         for row in np.flatnonzero(~np.isfinite(table.values[channel]))
     )
-    problems = [_cell(table, channel, row, decimal) for row, channel in bad[:_MOST]]
+    problems = [_cell(table, channels[place], row, decimal) for row, place in bad[:_MOST]]
     problems += [Problem("")] * max(0, len(bad) - _MOST)
     refuse(problems, table, "cells are no finite numbers")
 

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from estimation.data.table import RawTable
-from expdesign.configuration import ConfigurationError, Problem
 from expdesign.schema import DataSection
 
 
@@ -27,8 +24,11 @@ class FileFormat:
         ``read(path, section)``: lists the columns of the file, has
         :func:`estimation.data.columns.pick` choose, and loads those. A `ConfigurationError` says
         what is wrong; any other exception counts as a damaged file.
-    extra : str or None
-        The optional dependency that it needs: ``pip install expdesign[extra]``.
+    library, extra : str or None
+        The optional library that it needs, and by what to install it: ``pip install
+        expdesign[extra]``.
+    may_crash : bool
+        True for a library that can end the process on damaged files: it is read in another one.
     accepts : callable or None
         ``accepts(path)``, for formats that share an extension or are folders; by default the
         extension decides.
@@ -37,7 +37,9 @@ class FileFormat:
     title: str
     extensions: tuple[str, ...]
     read: Callable[[Path, DataSection], RawTable]
+    library: str | None = None
     extra: str | None = None
+    may_crash: bool = False
     accepts: Callable[[Path], bool] | None = None
 
     def claims(self, path: Path) -> bool:
@@ -45,24 +47,3 @@ class FileFormat:
         if self.accepts is not None:
             return self.accepts(path)
         return path.is_file() and path.suffix.lower() in self.extensions
-
-
-def optional_module(name: str, extra: str, path: Path) -> Any:
-    """Import a library that only one format needs.
-
-    Raises
-    ------
-    ConfigurationError
-        It is not installed: how to install it.
-    """
-    try:
-        return importlib.import_module(name)
-    except ImportError:
-        library = name.partition(".")[0]
-        raise ConfigurationError(
-            Problem(
-                f"this format is read with {library}, which is not installed",
-                path,
-                allowed=f"after: pip install expdesign[{extra}]",
-            )
-        ) from None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.data.columns import Column, pick
-from estimation.data.file_format import optional_module
 from estimation.data.hierarchy import NUMERIC, Leaf, leaf_columns, load_columns
 from estimation.data.table import RawTable
 from expdesign.schema import DataSection
@@ -32,17 +32,15 @@ def is_hdf5(path: Path) -> bool:
     return False
 
 
-def read_hdf5(path: Path, section: DataSection, separator: str, extra: str) -> RawTable:
+def read_hdf5(path: Path, section: DataSection, separator: str) -> RawTable:
     """Read the datasets of a file that the section's columns name.
 
     Parameters
     ----------
     separator : str
         Between the names of groups.
-    extra : str
-        The optional dependency to install when h5py is missing.
     """
-    h5py = optional_module("h5py", extra, path)
+    h5py = import_module("h5py")
     with h5py.File(path, "r") as file:
         columns: list[Column] = []
         for dataset in _datasets(file, h5py):

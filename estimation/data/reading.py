@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from os import PathLike
 from pathlib import Path
 
@@ -11,7 +10,6 @@ import numpy as np
 from estimation.data.catalogue import format_of
 from estimation.data.defects import (
     refuse_cells,
-    refuse_different_lengths,
     refuse_few_rows,
     refuse_gaps,
     refuse_implausible_lengths,
@@ -19,16 +17,16 @@ from estimation.data.defects import (
     refuse_time,
     refuse_uneven,
 )
+from estimation.data.loading import load_table, require_library
 from estimation.data.measurement import Measurement
+from estimation.data.own_process import load_table_apart
 from estimation.data.table import RawTable
 from estimation.data.timebase import TimeBase, fitted_grid, stamped
 from estimation.data.units import in_si
-from expdesign.configuration import ConfigurationError, Problem, ResolvedRobot
+from expdesign.configuration import ConfigurationError, ResolvedRobot
 from expdesign.robot.robot import Robot
 from expdesign.schema import DataSection
 from expdesign.schema.data import FORCE_CHANNELS, LENGTH_CHANNELS
-
-_LONGEST_REASON = 200
 
 
 def read_measurement(
@@ -76,23 +74,11 @@ def read_measurement(
 
 
 def _raw_table(path: Path, section: DataSection) -> RawTable:
-    """Read a file with its format's library, whose own warnings are for its developers."""
-    try:
-        file_format = format_of(path)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            table = file_format.read(path, section)
-    except ConfigurationError:
-        raise
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise ConfigurationError(Problem(f"the file cannot be read: {reason}", path)) from None
-    except Exception as error:  # noqa: BLE001 - the libraries raise anything on damaged files
-        reason = " ".join(str(error).split())[:_LONGEST_REASON] or type(error).__name__
-        message = f"the file is damaged or not of the format {file_format.title}: {reason}"
-        raise ConfigurationError(Problem(message, path)) from None
-    refuse_different_lengths(table)
-    return table
+    file_format = format_of(path)
+    require_library(file_format, path)
+    if file_format.may_crash:
+        return load_table_apart(file_format, path, section)
+    return load_table(file_format, path, section)
 
 
 def _from_start(table: RawTable, section: DataSection) -> RawTable:

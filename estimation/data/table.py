@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
@@ -46,7 +45,7 @@ class RawTable:
     row_noun: RowNoun = "sample"
     first_row: int = 1
     rows: NDArray[np.int64] | None = None
-    texts: Mapping[tuple[str, int], str] = field(default_factory=lambda: MappingProxyType({}))
+    texts: Mapping[tuple[str, int], str] = field(default_factory=dict)
 
     def __len__(self) -> int:
         """Return the number of rows T."""

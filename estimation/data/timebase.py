@@ -12,10 +12,11 @@ Array = NDArray[np.float64]
 _LARGE = 1.5
 """Interval, in steps, from which on samples may be missing."""
 
-_REGULAR = 2.5
-"""Intervals up to this multiple of the median count for the step."""
+_NEIGHBOURS = 10
+"""Samples on either side of an interval that tell whether the stamps stay late."""
 
-_NEIGHBOURS = 5
+_LATE = 0.75
+"""By how much of a step they are late when a sample is missing: the neighbours jitter too."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,13 +84,14 @@ def gaps(stamps: Array) -> list[tuple[int, int]]:
         Increasing, s.
     """
     intervals = np.diff(stamps)
-    step = float(np.mean(intervals[intervals <= _REGULAR * np.median(intervals)]))
+    # Over several samples, so that jitter averages out, but few, so that most have no gap.
+    lag = min(max(len(stamps) // 8, 1), _NEIGHBOURS)
+    step = float(np.median(stamps[lag:] - stamps[:-lag])) / lag
     late = stamps - stamps[0] - step * np.arange(len(stamps))
     found = []
     for row in np.flatnonzero(intervals > _LARGE * step) + 1:
         before = np.median(late[max(0, row - _NEIGHBOURS) : row])
         after = np.median(late[row : row + _NEIGHBOURS])
-        missing = min(round((after - before) / step), round(intervals[row - 1] / step))
-        if missing >= 1:
-            found.append((int(row), missing))
+        if after - before > _LATE * step:
+            found.append((int(row), max(1, round(intervals[row - 1] / step) - 1)))
     return found

@@ -40,7 +40,7 @@ def test_every_page_is_linked_from_the_readme():
 
 @pytest.mark.parametrize("page", sorted((ROOT / "docs").glob("*.md")), ids=lambda page: page.name)
 def test_files_that_are_named_exist(page):
-    packages = ("expdesign/", "constraints/", "results/", "tests/")
+    packages = ("expdesign/", "constraints/", "estimation/", "results/", "tests/")
     for path in re.findall(r"`([\w./-]+/[\w./-]*)`", prose(page)):
         if path.startswith(packages):
             assert (ROOT / path).exists(), f"{page.name}: {path}"

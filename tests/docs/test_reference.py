@@ -7,6 +7,7 @@ import pytest
 from pydantic_core import PydanticUndefined
 
 from constraints import limit_definitions
+from estimation.data.catalogue import file_formats
 from estimation.twin import Twin
 from estimation.twin.output import truth_record
 from expdesign.configuration import load_run
@@ -20,6 +21,7 @@ from expdesign.runfolder.columns import MEASUREMENT, TRAJECTORY
 from expdesign.schema import (
     GENERAL_PARAMETERS,
     STAGES,
+    DataSection,
     DesignSection,
     ExperimentSection,
     RobotDescription,
@@ -33,7 +35,7 @@ from tests.docs.pages import ROOT, codes, parse, table
 
 DOCS = ROOT / "docs"
 RUN_FILES, ROBOTS, LIMITS = DOCS / "run-files.md", DOCS / "robots.md", DOCS / "limits.md"
-RUN_FOLDER = DOCS / "run-folder.md"
+RUN_FOLDER, DATA = DOCS / "run-folder.md", DOCS / "data.md"
 
 
 def _fields(model):
@@ -75,6 +77,7 @@ def _required(model):
         (Quantisation, RUN_FILES, "### quantisation"),
         (Outliers, RUN_FILES, "### outliers"),
         (RobotDescription, ROBOTS, "## Robot file"),
+        (DataSection, DATA, "## data"),
     ],
     ids=lambda value: value if isinstance(value, str) else getattr(value, "__name__", ""),
 )
@@ -193,6 +196,17 @@ def test_keys_of_the_truth():
 def test_columns_of_the_tables():
     rows = {codes(row[0])[0]: codes(row[1]) for row in table(RUN_FOLDER, "## tables")}
     assert rows == {name: [c.name for c in columns] for name, columns in TABLES.items()}
+
+
+def test_formats_of_measured_data():
+    rows = {row[0]: row[1:] for row in table(DATA, "# Measured data")}
+    assert list(rows) == sorted(rows)
+    assert set(rows) == {found.title for found in file_formats()}
+    for found in file_formats():
+        files, needs = rows[found.title]
+        assert tuple(codes(files)) == found.extensions
+        wanted = [f"pip install expdesign[{found.extra}]"] if found.extra else []
+        assert codes(needs) == wanted
 
 
 def test_figures():

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import csv
-import io
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from estimation.data.columns import header_column, pick
@@ -164,27 +162,26 @@ def _fast(
     """Return the columns when every cell is a number, else None."""
     if not lines:
         return {channel: np.empty(0) for channel in positions}
+    if decimal != ".":
+        text = "\n".join(lines)
+        if "." in text:
+            return None  # it would pass for a decimal point
+        lines = text.replace(decimal, ".").split("\n")
+    channels = list(positions)
     try:
-        frame = pd.read_csv(
-            io.StringIO("\n".join(lines)),
-            sep=delimiter,
-            decimal=decimal,
-            header=None,
-            usecols=sorted(positions.values()),
-            dtype=np.float64,
-            skip_blank_lines=False,
-            quoting=csv.QUOTE_NONE,
-            float_precision="round_trip",
-            engine="c",
+        table = np.loadtxt(
+            lines,
+            delimiter=delimiter,
+            usecols=[positions[channel] for channel in channels],
+            comments=None,
+            ndmin=2,
         )
-    except (ValueError, OverflowError):
+    except ValueError:
         return None
-    values = {
-        channel: np.ascontiguousarray(frame[position].to_numpy())
-        for channel, position in positions.items()
-    }
-    # Words such as "nan" were taken for numbers: the slow path tells them from empty cells.
-    return values if all(np.isfinite(column).all() for column in values.values()) else None
+    # Words such as "nan" are numbers to NumPy, and lines of spaces are none: the slow path tells.
+    if len(table) != len(lines) or not np.isfinite(table).all():
+        return None
+    return {channel: np.ascontiguousarray(table[:, k]) for k, channel in enumerate(channels)}
 
 
 def _slow(cells: _Cells, positions: Mapping[str, int], decimal: str) -> dict[str, Array]:

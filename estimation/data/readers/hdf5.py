@@ -12,7 +12,14 @@ from expdesign.schema import DataSection
 
 def read(path: Path, section: DataSection) -> RawTable:
     """Read datasets, also members of compound ones; a name in a group is ``group/q1``."""
-    return read_hdf5(path, section, separator="/", extra="hdf5")
+    return read_hdf5(path, section, separator="/")
 
 
-FORMAT = FileFormat(title="HDF5", extensions=(".h5", ".hdf5", ".hdf"), read=read, extra="hdf5")
+FORMAT = FileFormat(
+    title="HDF5",
+    extensions=(".h5", ".hdf5", ".hdf"),
+    read=read,
+    library="h5py",
+    extra="hdf5",
+    may_crash=True,
+)

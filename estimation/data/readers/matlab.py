@@ -53,4 +53,6 @@ def _accepts(path: Path) -> bool:
     return path.is_file() and path.suffix.lower() == ".mat" and not is_hdf5(path)
 
 
-FORMAT = FileFormat(title="MATLAB up to v7", extensions=(".mat",), read=read, accepts=_accepts)
+FORMAT = FileFormat(
+    title="MATLAB up to v7", extensions=(".mat",), read=read, may_crash=True, accepts=_accepts
+)

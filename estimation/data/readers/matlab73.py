@@ -12,7 +12,7 @@ from expdesign.schema import DataSection
 
 def read(path: Path, section: DataSection) -> RawTable:
     """Read variables; fields of structs have names such as ``recording.q1``."""
-    return read_hdf5(path, section, separator=".", extra="mat73")
+    return read_hdf5(path, section, separator=".")
 
 
 def _accepts(path: Path) -> bool:
@@ -20,5 +20,11 @@ def _accepts(path: Path) -> bool:
 
 
 FORMAT = FileFormat(
-    title="MATLAB v7.3", extensions=(".mat",), read=read, extra="mat73", accepts=_accepts
+    title="MATLAB v7.3",
+    extensions=(".mat",),
+    read=read,
+    library="h5py",
+    extra="mat73",
+    may_crash=True,
+    accepts=_accepts,
 )

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import gc
-import logging
-import sys
-import traceback
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.data.columns import OPTIONAL, Column, pick
-from estimation.data.file_format import FileFormat, optional_module
+from estimation.data.file_format import FileFormat
 from estimation.data.hierarchy import NUMERIC
 from estimation.data.table import RawTable
 from expdesign.configuration import ConfigurationError, Problem
@@ -36,37 +32,9 @@ def read(path: Path, section: DataSection) -> RawTable:
     ------
     ConfigurationError
         Channels are missing, or have been recorded at different times.
-    ValueError
-        The file is damaged.
     """
-    asammdf = optional_module("asammdf", "mdf", path)
-    with _quiet():
-        try:
-            with asammdf.MDF(path) as file:
-                return _table(file, path, section)
-        except ConfigurationError:
-            raise
-        except Exception as error:  # noqa: BLE001 - whatever a damaged file makes the library raise
-            what = f"{type(error).__name__}: {error}"
-            traceback.clear_frames(error.__traceback__)
-        gc.collect()
-    raise ValueError(what)
-
-
-@contextmanager
-def _quiet() -> Iterator[None]:
-    """Keep the library from writing to standard error.
-
-    It logs there, and when it fails on a damaged file its half-made object fails again as it is
-    deleted, which Python can only print.
-    """
-    logger, hook = logging.getLogger("asammdf"), sys.unraisablehook
-    disabled = logger.disabled
-    logger.disabled, sys.unraisablehook = True, lambda _: None
-    try:
-        yield
-    finally:
-        logger.disabled, sys.unraisablehook = disabled, hook
+    with import_module("asammdf").MDF(path) as file:
+        return _table(file, path, section)
 
 
 def _table(file: Any, path: Path, section: DataSection) -> RawTable:
@@ -136,4 +104,11 @@ def _text(item: Any) -> str:
     return item.decode("utf-8", "replace") if isinstance(item, bytes) else str(item)
 
 
-FORMAT = FileFormat(title="MDF 4", extensions=(".mf4", ".mdf"), read=read, extra="mdf")
+FORMAT = FileFormat(
+    title="MDF 4",
+    extensions=(".mf4", ".mdf"),
+    read=read,
+    library="asammdf",
+    extra="mdf",
+    may_crash=True,
+)

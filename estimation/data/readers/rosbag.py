@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.data.columns import Column, pick
-from estimation.data.file_format import FileFormat, optional_module
+from estimation.data.file_format import FileFormat
 from estimation.data.table import RawTable
 from expdesign.configuration import ConfigurationError, Problem
 from expdesign.schema import DataSection
@@ -39,8 +40,8 @@ def read(path: Path, section: DataSection) -> RawTable:
     ConfigurationError
         There are no joint states, joints are missing from the topic or from some messages.
     """
-    highlevel = optional_module("rosbags.highlevel", "ros", path)
-    typesys = optional_module("rosbags.typesys", "ros", path)
+    highlevel = import_module("rosbags.highlevel")
+    typesys = import_module("rosbags.typesys")
     store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
     with highlevel.AnyReader([path], default_typestore=store) as bag:
         topics: dict[str, list[Any]] = {}
@@ -169,5 +170,10 @@ def _accepts(path: Path) -> bool:
 
 
 FORMAT = FileFormat(
-    title="rosbag2, MCAP", extensions=_EXTENSIONS, read=read, extra="ros", accepts=_accepts
+    title="rosbag2, MCAP",
+    extensions=_EXTENSIONS,
+    read=read,
+    library="rosbags",
+    extra="ros",
+    accepts=_accepts,
 )

@@ -1,0 +1,208 @@
+import json
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from tests.estimation.cases import STEP, measured, trajectory
+
+MOTION = trajectory()
+
+
+class Outcome(NamedTuple):
+    status: int
+    output: str
+    error: str
+
+
+@pytest.fixture
+def command(expdesign):
+    """Run a command line; return what came out by name."""
+
+    def call(*arguments):
+        return Outcome(*expdesign(*arguments))
+
+    return call
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """Return a folder with a design.json, a run file and a recording, as a user has them."""
+    design = {
+        "harmonics": MOTION.harmonics,
+        "omega": MOTION.omega,
+        "lambda0": MOTION.lambda0.tolist(),
+        "mu": MOTION.mu.tolist(),
+        "nu": MOTION.nu.tolist(),
+    }
+    (tmp_path / "design.json").write_text(json.dumps(design))
+    (tmp_path / "run.yaml").write_text("name: lab\nrobot: palida\n")
+    write(tmp_path / "recording.csv")
+    return tmp_path
+
+
+def write(path, seed=0, change=None):
+    data = measured(MOTION, seed)
+    table = pd.DataFrame(
+        np.column_stack([data.time, data.lengths, data.forces]),
+        columns=["t", *(f"q{j}" for j in range(1, 7)), *(f"Q{j}" for j in range(1, 7))],
+    )
+    if change is not None:
+        table = change(table)
+    table.to_csv(path, index=False)
+    return path
+
+
+def arguments(folder, *more):
+    return [
+        "estimate",
+        str(folder / "run.yaml"),
+        "--data",
+        str(folder / "recording.csv"),
+        "--design",
+        str(folder),
+        "--out",
+        str(folder / "out"),
+        *more,
+    ]
+
+
+def test_an_estimate_writes_what_the_contract_names(folder, command):
+    result = command(*arguments(folder))
+    assert result.status == 0, result.error
+    assert "p10" in result.output
+    table = pd.read_csv(folder / "out" / "estimates.csv")
+    assert list(table.columns) == [
+        "estimator",
+        "parameter",
+        "unit",
+        "value",
+        "std",
+        "ci_low",
+        "ci_high",
+        "rel_std_percent",
+        "a_priori",
+        "identified",
+    ]
+    assert list(table.estimator.unique()) == ["ls", "gm", "ml"]
+    assert len(table) == 72
+    assert np.all((table.ci_low < table.value) & (table.value < table.ci_high))
+    record = json.loads((folder / "out" / "estimate.json").read_text())
+    assert np.shape(record["estimators"]["ml"]["covariance"]) == (24, 24)
+    assert record["recordings"][0]["period_source"] == "design"
+    np.testing.assert_allclose(
+        np.sqrt(np.diag(record["estimators"]["ml"]["covariance"])),
+        table[table.estimator == "ml"]["std"],
+    )
+    columns = json.loads((folder / "out" / "columns.json").read_text())
+    for file, described in columns.items():
+        header = pd.read_csv(folder / "out" / file, nrows=1).columns
+        assert list(header) == [column["name"] for column in described]
+    manifest = json.loads((folder / "out" / "manifest.json").read_text())
+    assert manifest["stages"]["estimate"]["status"] == "done"
+
+
+def test_estimates_do_not_depend_on_the_units_of_the_file(folder, command):
+    command(*arguments(folder))
+    lengths = [f"q{j}" for j in range(1, 7)]
+    forces = [f"Q{j}" for j in range(1, 7)]
+
+    def rescaled(table):
+        table[lengths] *= 1e3
+        table[forces] /= 1e3
+        table["t"] *= 1e6
+        return table[["t", *forces, *lengths]]
+
+    write(folder / "other.csv", change=rescaled)
+    (folder / "other.yaml").write_text(
+        "name: lab\nrobot: palida\ndata: {units: {t: us, q: mm, Q: kN}}\n"
+    )
+    result = command(
+        "estimate",
+        str(folder / "other.yaml"),
+        "--data",
+        str(folder / "other.csv"),
+        "--design",
+        str(folder),
+        "--out",
+        str(folder / "out2"),
+    )
+    assert result.status == 0, result.error
+    one, two = (pd.read_csv(folder / name / "estimates.csv") for name in ("out", "out2"))
+    assert np.all(np.abs(one.value - two.value) < 1e-6 * one["std"])
+
+
+def test_json(folder, command):
+    result = command(*arguments(folder, "--json"))
+    data = json.loads(result.output)
+    assert data["status"] == 0
+    assert data["best"] == "ml"
+    assert set(data["estimates"]["p10"]) == {"value", "std", "unit"}
+
+
+def test_the_folder_of_a_simulation_needs_no_options(folder, command):
+    (folder / "twin.yaml").write_text(
+        "name: lab\nrobot: palida\n"
+        f"experiment: {{periods: 3, sampling: {1 / STEP} Hz}}\nestimate: {{estimators: [gm]}}\n"
+    )
+    run = str(folder / "twin.yaml")
+    assert command("simulate", run, "--design", str(folder), "--out", str(folder)).status == 0
+    assert command("estimate", run, "--out", str(folder)).status == 0
+    assert (folder / "estimates.csv").is_file()
+
+
+def test_several_recordings_are_combined(folder, command):
+    write(folder / "second.csv", seed=1)
+    one = command(*arguments(folder, "--json"))
+    two = command(*arguments(folder, "--data", str(folder / "second.csv"), "--json"))
+    assert two.status == 0, two.error
+    ratio = [
+        json.loads(two.output)["estimates"][name]["std"]
+        / json.loads(one.output)["estimates"][name]["std"]
+        for name in ("p10", "r1", "v3")
+    ]
+    assert np.allclose(ratio, 1 / np.sqrt(2), rtol=0.1)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda t: t.drop(columns="q3"), ["q3"]),
+        (lambda t: t.assign(Q2=[*t.Q2[:7], np.nan, *t.Q2[8:]]), ["Q2", "9"]),
+        (lambda t: t.assign(q1=["x", *t.q1[1:]]), ["q1", "2"]),
+        (lambda t: t.drop(index=range(400, 410)), ["402"]),
+        (lambda t: t.assign(q4=1000 * t.q4), ["q4", "mm"]),
+        (lambda t: t.head(20), ["20"]),
+    ],
+    ids=["column", "nan", "text", "gap", "unit", "few"],
+)
+def test_defects_are_named_and_nothing_is_written(folder, command, change, words):
+    write(folder / "recording.csv", change=change)
+    result = command(*arguments(folder))
+    assert result.status == 2
+    for word in (*words, "recording.csv"):
+        assert word in result.error
+    assert "Traceback" not in result.error
+    assert not (folder / "out").exists()
+
+
+def test_a_recording_that_is_not_there(folder, command):
+    result = command("estimate", str(folder / "run.yaml"), "--out", str(folder / "new"))
+    assert result.status == 2
+    assert "--data" in result.error
+    assert not (folder / "new").exists()
+
+
+def test_parameters_that_cannot_be_identified_end_with_1(folder, command):
+    def still(table):
+        columns = table.columns[1:]
+        table[columns] = table[columns].iloc[0].to_numpy()
+        rng = np.random.default_rng(0)
+        table[columns] += rng.normal(size=(len(table), 12)) * ([1e-6] * 6 + [1.0] * 6)
+        return table
+
+    write(folder / "recording.csv", change=still)
+    result = command(*arguments(folder))
+    assert result.status in (1, 2)
+    assert "Traceback" not in result.error

@@ -1,0 +1,42 @@
+"""The robot whose recordings are read."""
+
+import pytest
+
+from estimation.data.reading import read_measurement
+from expdesign.configuration import ConfigurationError, load_robot_description
+from expdesign.schema import DataSection
+from tests.data.recordings import recording
+
+
+@pytest.fixture(scope="session")
+def palida():
+    return load_robot_description("palida")
+
+
+@pytest.fixture
+def rec():
+    return recording()
+
+
+@pytest.fixture
+def read(palida):
+    """Read a file; keywords are those of `data:`."""
+
+    def reading(path, **section):
+        return read_measurement(path, DataSection.model_validate(section), palida)
+
+    return reading
+
+
+@pytest.fixture
+def refused(read):
+    """Return the problems for which a file is refused."""
+
+    def problems(path, **section):
+        with pytest.raises(ConfigurationError) as caught:
+            read(path, **section)
+        found = caught.value.problems
+        assert all(problem.file == path for problem in found)
+        return found
+
+    return problems

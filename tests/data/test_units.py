@@ -1,0 +1,124 @@
+"""Units of columns: stated in the run file, in the header, or SI."""
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from expdesign.schema.quantity import unit_dimension
+from tests.data.recordings import CHANNELS, write_csv
+
+SHARED = settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
+LENGTHS = ("m", "dm", "cm", "mm", "µm", "in", "ft", "km")
+TIMES = ("s", "ms", "us", "min", "h")
+FORCES = ("N", "kN", "mN", "lbf", "kg m/s^2")
+CURRENTS = ("A", "mA")
+_OF = {"t": TIMES, "q": LENGTHS, "Q": FORCES}
+
+
+def _factor(unit):
+    return unit_dimension(unit).parse(f"1 {unit}")
+
+
+def _close(found, rec):
+    assert np.allclose(found.lengths, rec.q, rtol=1e-12, atol=0)
+    assert np.allclose(found.forces, rec.Q, rtol=1e-12, atol=0)
+    assert np.allclose(found.time, rec.t, rtol=0, atol=1e-11)
+
+
+@given(
+    units=st.fixed_dictionaries({c: st.sampled_from(_OF[c[0]]) for c in CHANNELS}),
+    in_header=st.sets(st.sampled_from(CHANNELS)),
+)
+@SHARED
+def test_estimates_do_not_depend_on_the_units_of_the_file(units, in_header, tmp_path, rec, read):
+    """Each column in a unit of its own, told by the header or by the run file."""
+    path = tmp_path / "m.csv"
+    frame = rec.frame
+    for channel, unit in units.items():
+        frame[channel] /= _factor(unit)
+    frame.columns = [f"{c} [{units[c]}]" if c in in_header else c for c in frame.columns]
+    frame.to_csv(path, index=False)
+    stated = {channel: unit for channel, unit in units.items() if channel not in in_header}
+    _close(read(path, units=stated), rec)
+
+
+def test_a_group_of_channels_and_one_of_them(tmp_path, rec, read):
+    path = tmp_path / "m.csv"
+    rec.q[:, [0, 1, 3, 4, 5]] *= 1e3
+    rec.q[:, 2] *= 1e2
+    write_csv(path, rec)
+    rec.q[:, [0, 1, 3, 4, 5]] /= 1e3
+    rec.q[:, 2] /= 1e2
+    _close(read(path, units={"q": "mm", "q3": "cm"}), rec)
+
+
+def test_unit_in_header_and_run_file_may_agree(tmp_path, rec, read):
+    path = tmp_path / "m.csv"
+    rec.frame.rename(columns={"Q2": "Q2 [newton]"}).to_csv(path, index=False)
+    _close(read(path, units={"Q": "N"}), rec)
+
+
+@given(
+    constants=st.lists(st.floats(1, 500), min_size=6, max_size=6),
+    unit=st.sampled_from(CURRENTS),
+    header=st.booleans(),
+)
+@SHARED
+def test_currents(constants, unit, header, tmp_path, rec, read):
+    path = tmp_path / "m.csv"
+    frame = rec.frame
+    for j, constant in enumerate(constants, 1):
+        frame[f"Q{j}"] /= constant * _factor(unit)
+    if header:
+        frame.columns = [f"{c} [{unit}]" if c[0] == "Q" else c for c in frame.columns]
+    frame.to_csv(path, index=False)
+    units = {} if header else {"Q": unit}
+    found = read(path, units=units, force_constants=constants)
+    _close(found, rec)
+    assert found.warnings == ()
+
+
+def test_force_constants_that_nothing_needs_are_told(tmp_path, rec, read):
+    path = tmp_path / "m.csv"
+    write_csv(path, rec)
+    found = read(path, force_constants=90)
+    assert np.array_equal(found.forces, rec.Q)
+    assert "force_constants are not used" in found.warnings[0]
+
+
+@pytest.mark.parametrize(
+    ("header", "units", "message"),
+    [
+        ("q3 [mm]", {"q": "m"}, "the file says that q3 is in 'mm', data.units says 'm'"),
+        ("q3 [N]", {}, "the file's unit 'N' is that of a force"),
+        ("q3 [rad]", {}, "the file's unit 'rad' is that of an angle"),
+        ("Q2 [mm]", {}, "the file's unit 'mm' is that of a length"),
+        ("Q2 [A]", {}, "Q2 is a current, but no force constants are given"),
+        ("q3 [Inkremente]", {}, "the file's unit 'Inkremente' is not known"),
+        ("t [Hz]", {}, "the file's unit 'Hz' is that of a frequency"),
+    ],
+)
+def test_units_that_contradict_are_refused(header, units, message, tmp_path, rec, refused):
+    path = tmp_path / "m.csv"
+    channel = header.split()[0]
+    rec.frame.rename(columns={channel: header}).to_csv(path, index=False)
+    (problem,) = refused(path, units=units)
+    assert (problem.message, problem.key) == (message, header)
+    assert problem.allowed
+
+
+def test_an_unknown_unit_may_be_told_in_the_run_file(tmp_path, rec, read):
+    path = tmp_path / "m.csv"
+    rec.frame.rename(columns={"q3": "q3 [Meter laut Blatt]"}).to_csv(path, index=False)
+    found = read(path, units={"q3": "m"})
+    _close(found, rec)
+    assert "'Meter laut Blatt' is not known, 'm' used" in found.warnings[0]
+
+
+def test_delays_are_kept_for_the_processing(tmp_path, rec, read):
+    path = tmp_path / "m.csv"
+    write_csv(path, rec)
+    found = read(path, delay={"forces": "2 ms", "lengths": "-1 ms"})
+    assert (found.force_delay, found.length_delay) == (0.002, -0.001)
+    assert np.array_equal(found.lengths, rec.q)
