@@ -25,10 +25,12 @@ class Segment(Protocol):
     """
 
     @property
-    def name(self) -> str: ...
+    def name(self) -> str:
+        """What the segment is."""
 
     @property
-    def duration(self) -> float: ...
+    def duration(self) -> float:
+        """How long it takes, s."""
 
     def sample(self, times: Array) -> PoseSamples:
         """Return pose, rate and acceleration at times from the segment's own start, s."""
