@@ -149,9 +149,7 @@ def attribute(
     experiments : int
         How many are tested together: each gets its share of the levels.
     """
-    levels = _Levels(
-        POSITION_PERIODIC / experiments, COLUMNS / experiments, DELAY / experiments
-    )
+    levels = _Levels(POSITION_PERIODIC / experiments, COLUMNS / experiments, DELAY / experiments)
     candidates = column_candidates(part, names, held_out=held_out)
     base = system.solved()
     first = tests = _tests(base, part, candidates, step, levels)

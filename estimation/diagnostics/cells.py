@@ -48,7 +48,8 @@ class PhaseCells:
         count = max(1, round(period / step))
         cell = np.floor(np.mod(times / period, 1.0) * count).astype(np.intp) % count
         used, index = np.unique(cell, return_inverse=True)
-        return cls(index, weights, np.bincount(index, weights, minlength=len(used)))
+        totals = np.bincount(index, weights, minlength=len(used)).astype(np.float64)
+        return cls(index, weights, totals)
 
     def mean(self, values: Array) -> Array:
         """Return the weighted mean in every cell, (R, …), of values (T, …)."""

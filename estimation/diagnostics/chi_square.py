@@ -65,7 +65,7 @@ def chi_square(
     (Biometrika 61, 1974).
     """
     channels = residuals.shape[1]
-    inverse = np.linalg.inv(law.noise)
+    inverse = np.asarray(np.linalg.inv(law.noise), dtype=np.float64)
     value = float(np.einsum("r,ri,ij,rj->", counts, residuals, inverse, residuals))
     freedom = _expectation(law, inverse)
     if includes_model_error:

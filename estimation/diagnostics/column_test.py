@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import stats
 
 from estimation.diagnostics.joint_system import SolvedSystem
 from estimation.diagnostics.levels import COLUMNS
@@ -19,6 +20,8 @@ from estimation.diagnostics.tails import log_two_sided
 
 Array = NDArray[np.float64]
 
+POWER = 0.8
+"""Of the test, for which the smallest error that is found is told."""
 _SEEN = 1e-6
 """Share of a column's information that the model's own columns must leave."""
 
@@ -74,10 +77,13 @@ class ColumnTest:
         """(q,) columns on which residuals are left."""
         return np.nan_to_num(self.log_p, nan=0.0) < np.log(self.level / max(self.tested, 1))
 
+    def detectable(self, power: float = POWER) -> Array:
+        """Return the smallest error of each parameter, (q,), that is found with this power."""
+        critical = stats.norm.isf(self.level / max(self.tested, 1) / 2)
+        return self.std * (critical + stats.norm.ppf(power))
 
-def column_candidates(
-    part: Linearisation, names: tuple[str, ...], *, held_out: bool
-) -> Candidates:
+
+def column_candidates(part: Linearisation, names: tuple[str, ...], *, held_out: bool) -> Candidates:
     """Choose what is tested."""
     labels: list[tuple[str, int | None]] = []
     columns = []
@@ -96,9 +102,7 @@ def column_candidates(
     return Candidates(tuple(labels), stacked)
 
 
-def column_test(
-    solved: SolvedSystem, candidates: Candidates, level: float = COLUMNS
-) -> ColumnTest:
+def column_test(solved: SolvedSystem, candidates: Candidates, level: float = COLUMNS) -> ColumnTest:
     """Test each candidate by itself."""
     score, information, whole = solved.scores(candidates.columns)
     seen = information > _SEEN * np.where(whole > 0, whole, np.inf)

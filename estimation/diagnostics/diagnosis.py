@@ -55,7 +55,8 @@ class ExperimentDiagnosis:
     residuals : Residuals
     samples : ChannelNoise
         The noise itself, where periods can be compared.
-    force_chi_square : ChiSquare
+    force_chi_square, force_chi_square_left : ChiSquare
+        Of the estimate's residuals, and with the effects found taken as known.
     length_chi_square : ChiSquare or None
         None after pointwise kinematics, as all of the lengths' residuals.
     force_noise_whiteness, length_noise_whiteness : Whiteness or None
@@ -80,6 +81,7 @@ class ExperimentDiagnosis:
     residuals: Residuals
     samples: ChannelNoise
     force_chi_square: ChiSquare
+    force_chi_square_left: ChiSquare
     length_chi_square: ChiSquare | None
     force_noise_whiteness: Whiteness | None
     length_noise_whiteness: Whiteness | None
@@ -190,6 +192,7 @@ def _diagnosed(case: _Case, names: tuple[str, ...]) -> ExperimentDiagnosis:
     left_law = joint_law(part, experiment, left)
     left_residuals = left.force_residuals()
     weight = np.sqrt(part.counts)[:, None]
+    both = ((case.law, part.forces), (left_law, left_residuals))
     lack = [
         lack_of_fit(
             part,
@@ -198,7 +201,17 @@ def _diagnosed(case: _Case, names: tuple[str, ...]) -> ExperimentDiagnosis:
             level=LACK_OF_FIT / case.shares,
             includes_model_error=noise.includes_model_error,
         )
-        for law, values in ((case.law, part.forces), (left_law, left_residuals))
+        for law, values in both
+    ]
+    sizes = [
+        chi_square(
+            values,
+            part.counts,
+            law,
+            noise.force_freedom,
+            includes_model_error=noise.includes_model_error,
+        )
+        for law, values in both
     ]
     level = NOISE / case.shares
     lengths = _length_tests(case, level)
@@ -209,13 +222,8 @@ def _diagnosed(case: _Case, names: tuple[str, ...]) -> ExperimentDiagnosis:
         noise=noise,
         residuals=rest,
         samples=samples,
-        force_chi_square=chi_square(
-            part.forces,
-            part.counts,
-            case.law,
-            noise.force_freedom,
-            includes_model_error=noise.includes_model_error,
-        ),
+        force_chi_square=sizes[0],
+        force_chi_square_left=sizes[1],
         length_chi_square=lengths[0],
         force_noise_whiteness=whiteness(samples.forces.values, level=level)
         if samples.forces.source == "periods"

@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 def joint_law(part: Linearisation, experiment: Experiment, solved: SolvedSystem) -> ResidualLaw:
     """Return the law of e*, the residuals after the joint fit of (p, ξ) and effects."""
     system = solved.system
-    unwhitened = np.linalg.solve(system.white, system.columns)
+    unwhitened = np.asarray(np.linalg.solve(system.white, system.columns), dtype=np.float64)
     return ResidualLaw(
         noise=experiment.noise.force_covariance,
         columns=unwhitened,

@@ -218,10 +218,6 @@ def _own(part: Linearisation, noise: NoiseModel) -> tuple[JointSystem, Block]:
         information[width - motion :, width - motion :] = rows.T @ rows
         gradient[width - motion :] = rows.T @ rest
     flat = columns.reshape(-1, width)
-    block = Block(
-        flat.T @ flat + information, flat.T @ forces.ravel() + gradient, width - motion
-    )
-    system = JointSystem(
-        white, weight, forces, columns, information, gradient, noise.force_freedom
-    )
+    block = Block(flat.T @ flat + information, flat.T @ forces.ravel() + gradient, width - motion)
+    system = JointSystem(white, weight, forces, columns, information, gradient, noise.force_freedom)
     return system, block

@@ -1,4 +1,4 @@
-"""Bias per actuator: is the mean over the periods further from the prediction than noise allows?
+"""Bias per actuator: are the means over the periods further off than noise allows.
 
     MS_lof = M Σ(period-mean residual)² / (N − ν_j),   MS_pe = scatter between the M periods,
     F_j = MS_lof / MS_pe.
@@ -74,7 +74,18 @@ class LackOfFit:
     def not_done(cls, reason: str) -> LackOfFit:
         """Return a refusal."""
         nothing = np.full(6, np.nan)
-        return cls(reason, 0, *[nothing] * 4, 0.0, *[nothing] * 3)
+        return cls(
+            refused=reason,
+            samples=0,
+            fitted_freedom=nothing,
+            added_variance=nothing,
+            mean_square=nothing,
+            pure_error=nothing,
+            pure_error_freedom=0.0,
+            statistic=nothing,
+            statistic_freedom=nothing,
+            p_values=nothing,
+        )
 
 
 def lack_of_fit(
