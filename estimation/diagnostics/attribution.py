@@ -184,7 +184,7 @@ def _tests(
     levels: _Levels,
 ) -> _Tests:
     return _Tests(
-        tuple(scan_pitches(solved, part, strut, step) for strut in range(STRUTS)),
+        tuple(scan_pitches(solved, part, strut, step, levels.periodic) for strut in range(STRUTS)),
         column_test(solved, candidates, levels.columns),
         delay_test(solved, part, levels.delay),
     )

@@ -12,7 +12,8 @@ from estimation.diagnostics.residuals import Residuals
 
 Array = NDArray[np.float64]
 
-_BINS = 24
+_MOST_BINS, _FEWEST_BINS = 60, 12
+_PER_BIN = 24
 _FEWEST = 4
 
 
@@ -58,14 +59,15 @@ def dependence(residual: Residuals) -> Dependence:
 
 
 def _binned(over: Array, residual: Residuals, strut: int) -> BinnedResiduals:
-    edges = np.linspace(over.min(), over.max(), _BINS + 1)
-    bins = np.clip(np.searchsorted(edges, over, side="right") - 1, 0, _BINS - 1)
+    count = int(np.clip(len(over) // _PER_BIN, _FEWEST_BINS, _MOST_BINS))
+    edges = np.linspace(over.min(), over.max(), count + 1)
+    bins = np.clip(np.searchsorted(edges, over, side="right") - 1, 0, count - 1)
     weights = 1 / residual.force_std[:, strut] ** 2
-    total = np.bincount(bins, weights, _BINS)
-    used = np.bincount(bins, minlength=_BINS) >= _FEWEST
+    total = np.bincount(bins, weights, count)
+    used = np.bincount(bins, minlength=count) >= _FEWEST
     safe = np.where(used, total, 1.0)
-    centres = np.bincount(bins, weights * over, _BINS) / safe
-    means = np.bincount(bins, weights * residual.forces[:, strut], _BINS) / safe
+    centres = np.bincount(bins, weights * over, count) / safe
+    means = np.bincount(bins, weights * residual.forces[:, strut], count) / safe
     return BinnedResiduals(
         centres[used], means[used], (stats.norm.ppf(0.975) / np.sqrt(safe))[used]
     )

@@ -15,10 +15,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
+from scipy.optimize import brentq, minimize_scalar
 
 from estimation.diagnostics.joint_system import SolvedSystem
-from estimation.diagnostics.linearisation import Linearisation
+from estimation.diagnostics.levels import POSITION_PERIODIC
+from estimation.diagnostics.linearisation import STRUTS, Linearisation
 from estimation.diagnostics.tails import log_pair_tail
 
 Array = NDArray[np.float64]
@@ -48,6 +49,8 @@ class PitchScan:
         Its largest value.
     log_p : float
         Logarithm of the probability of one so large, over all pitches of this strut.
+    critical : float
+        What the statistic must exceed to be significant over all struts and pitches.
     """
 
     strut: int
@@ -56,6 +59,7 @@ class PitchScan:
     best_pitch: float
     best: float
     log_p: float
+    critical: float
 
 
 @dataclass(frozen=True)
@@ -90,7 +94,13 @@ class PeriodicForce:
     centre_phase_std: float
 
 
-def scan_pitches(solved: SolvedSystem, part: Linearisation, strut: int, step: float) -> PitchScan:
+def scan_pitches(
+    solved: SolvedSystem,
+    part: Linearisation,
+    strut: int,
+    step: float,
+    level: float = POSITION_PERIODIC,
+) -> PitchScan:
     """Scan the pitches of one strut.
 
     Parameters
@@ -99,12 +109,14 @@ def scan_pitches(solved: SolvedSystem, part: Linearisation, strut: int, step: fl
         With the columns of all effects that are taken as known.
     step : float
         Between two samples, s.
+    level : float
+        Of the family of all struts and pitches.
     """
     length = part.position[:, strut]
     frequencies = _frequencies(length, part.speed[:, strut], step)
     if not len(frequencies):
         nothing = np.zeros(0)
-        return PitchScan(strut, nothing, nothing, np.nan, 0.0, 0.0)
+        return PitchScan(strut, nothing, nothing, np.nan, 0.0, 0.0, np.inf)
     centred = length - np.mean(length)
     own = _OwnColumn.of(solved, strut)
     statistic = own.statistic(centred, frequencies)
@@ -119,10 +131,39 @@ def scan_pitches(solved: SolvedSystem, part: Linearisation, strut: int, step: fl
         method="bounded",
     )
     best, frequency = max((-float(found.fun), float(found.x)), (statistic[top], frequencies[top]))
-    reach = 2 * np.pi * np.std(length) * (frequencies[-1] - frequencies[0])
-    log_p = float(log_pair_tail(np.array(best), solved.system.freedom))
-    log_p += float(np.log1p(np.sqrt(best / (2 * np.pi)) * reach))
-    return PitchScan(strut, 1 / frequencies, statistic, 1 / frequency, best, min(0.0, log_p))
+    reach = 2 * np.pi * float(np.std(length)) * (frequencies[-1] - frequencies[0])
+    freedom = solved.system.freedom
+    return PitchScan(
+        strut=strut,
+        pitches=1 / frequencies,
+        statistic=statistic,
+        best_pitch=1 / frequency,
+        best=best,
+        log_p=log_exceedance(best, reach, freedom),
+        critical=critical_value(level / STRUTS, reach, freedom),
+    )
+
+
+def log_exceedance(statistic: float, reach: float, freedom: float) -> float:
+    """Return the logarithm of the bound on P(largest statistic of one strut > statistic).
+
+    Parameters
+    ----------
+    reach : float
+        ∫ √λ₂ df over the scan.
+    freedom : float
+        Behind Σ.
+    """
+    log_p = float(log_pair_tail(np.array(statistic), freedom))
+    return min(0.0, log_p + float(np.log1p(np.sqrt(statistic / (2 * np.pi)) * reach)))
+
+
+def critical_value(level: float, reach: float, freedom: float) -> float:
+    """Return the statistic that is exceeded with at most this probability in one strut."""
+    highest = 100.0
+    while log_exceedance(highest, reach, freedom) > np.log(level):
+        highest *= 2
+    return float(brentq(lambda u: log_exceedance(u, reach, freedom) - np.log(level), 0.0, highest))
 
 
 def periodic_columns(

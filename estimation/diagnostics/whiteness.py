@@ -1,4 +1,9 @@
-"""Whiteness in time, channel by channel: Ljung and Box (1978)."""
+"""Whiteness in time, channel by channel: autocorrelations up to a lag of 20 samples.
+
+The largest of them is tested, with Bonferroni's correction over the lags. (The sum of their squares
+after Ljung and Box exceeds its χ² far too often in the tail that levels over many channels need: at
+200 samples 6 times as often as 1 in 6 000.)
+"""
 
 from __future__ import annotations
 
@@ -25,10 +30,12 @@ class Whiteness:
     Attributes
     ----------
     lags : int
-        Autocorrelations 1 … lags are tested together.
+        Autocorrelations 1 … lags are tested.
     autocorrelation : (6, lags)
         Less what the fit takes away from white noise.
-    statistic, p_values : (6,)
+    statistic : (6,)
+        Largest autocorrelation in standard deviations.
+    p_values : (6,)
     level : float
         Of the family of six.
     """
@@ -77,5 +84,6 @@ def whiteness(
             products = products - np.array([expected(j, lag) for j in range(channels)])
         correlation[:, lag - 1] = products / pairs
         normalised[:, lag - 1] = products / np.sqrt(pairs)
-    statistic = np.sum(normalised**2, axis=1)
-    return Whiteness(lags, correlation, statistic, stats.chi2.sf(statistic, lags), level)
+    statistic = np.max(np.abs(normalised), axis=1)
+    p_values = np.minimum(1.0, 2 * lags * stats.norm.sf(statistic))
+    return Whiteness(lags, correlation, statistic, p_values, level)
