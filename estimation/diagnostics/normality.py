@@ -1,0 +1,92 @@
+"""Distribution of the noise (the paper's Fig. 4), and samples that do not belong to it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from estimation.diagnostics.levels import NOISE
+
+Array = NDArray[np.float64]
+
+_SKEWED, _KURTIC = 0.1, 0.3
+"""Sizes of skewness and excess kurtosis below which they change nothing that is estimated here."""
+_NORMAL_MEDIAN = 0.6745
+_FAR = 4.5
+"""Distance of an outlier in robust standard deviations: 7 of a million normal samples."""
+
+
+@dataclass(frozen=True, eq=False)
+class Normality:
+    """Test of six channels.
+
+    Attributes
+    ----------
+    mean, std : (6,)
+        SI.
+    skewness, kurtosis : (6,)
+        Kurtosis in excess of the normal one.
+    statistic, p_values : (6,)
+        D'Agostino and Pearson's K².
+    outliers : (6,) of int
+        Samples further away than 4.5 robust standard deviations.
+    outliers_expected : float
+        In each channel, of normal noise.
+    outlier_p_values : (6,)
+    samples : int
+    level : float
+        Of each of the two families of six.
+    """
+
+    mean: Array
+    std: Array
+    skewness: Array
+    kurtosis: Array
+    statistic: Array
+    p_values: Array
+    outliers: NDArray[np.int64]
+    outliers_expected: float
+    outlier_p_values: Array
+    samples: int
+    level: float = NOISE
+
+    @property
+    def significant(self) -> NDArray[np.bool_]:
+        """(6,) channels that are not normal: with many samples, no real channel is."""
+        return self.p_values < self.level / len(self.p_values)
+
+    @property
+    def failed(self) -> NDArray[np.bool_]:
+        """(6,) channels that are not normal to an extent that matters."""
+        large = (np.abs(self.skewness) > _SKEWED) | (np.abs(self.kurtosis) > _KURTIC)
+        return self.significant & large
+
+    @property
+    def with_outliers(self) -> NDArray[np.bool_]:
+        """(6,) channels with more outliers than normal noise has."""
+        return self.outlier_p_values < self.level / len(self.outlier_p_values)
+
+
+def normality(samples: Array, level: float = NOISE) -> Normality:
+    """Test independent samples, (n, 6), n ≥ 20."""
+    scale = np.median(np.abs(samples - np.median(samples, axis=0)), axis=0) / _NORMAL_MEDIAN
+    distance = np.abs(samples - np.median(samples, axis=0))
+    outliers = np.count_nonzero(distance > _FAR * np.where(scale > 0, scale, np.inf), axis=0)
+    expected = float(len(samples) * 2 * stats.norm.sf(_FAR))
+    test = stats.normaltest(samples, axis=0)
+    return Normality(
+        mean=samples.mean(axis=0),
+        std=samples.std(axis=0, ddof=1),
+        skewness=stats.skew(samples, axis=0),
+        kurtosis=stats.kurtosis(samples, axis=0),
+        statistic=np.asarray(test.statistic),
+        p_values=np.asarray(test.pvalue),
+        outliers=outliers,
+        outliers_expected=expected,
+        outlier_p_values=stats.poisson.sf(outliers - 1, expected),
+        samples=len(samples),
+        level=level,
+    )

@@ -1,0 +1,263 @@
+"""Forces periodic in a strut's length (cogging): a scan of the pitch, strut by strut.
+
+For strut j and pitch τ the columns sin(2π l_j/τ) and cos(2π l_j/τ) of actuator j are tested
+together. Their statistic is χ² with two degrees of freedom at every pitch; over all of them, the
+largest exceeds u with a probability of at most (Davies, Biometrika 74, 1987)
+
+    P ≤ e^(−u/2) (1 + √(u/2π) ∫ √λ₂ df),   √λ₂ = 2π std(l_j),
+
+by Rice's rate at which the envelope of the two components crosses a level upwards, f = 1/τ.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq, minimize_scalar
+
+from estimation.diagnostics.joint_system import SolvedSystem
+from estimation.diagnostics.levels import POSITION_PERIODIC
+from estimation.diagnostics.linearisation import STRUTS, Linearisation
+from estimation.diagnostics.tails import log_pair_tail
+
+Array = NDArray[np.float64]
+
+SAMPLES_PER_PITCH = 4.0
+"""Fewest samples in one pitch at the largest speed: shorter pitches are not looked for."""
+_OVERSAMPLING = 4
+_SEEN = 1e-6
+"""Share of a column's information that the model's own columns must leave."""
+
+
+@dataclass(frozen=True, eq=False)
+class PitchScan:
+    """What was found in one strut.
+
+    Attributes
+    ----------
+    strut : int
+        From 0.
+    pitches : (P,)
+        m, descending; empty when the strut moves too little or too fast for any.
+    statistic : (P,)
+        With two degrees of freedom each.
+    best_pitch : float
+        Where it is largest, refined between the points of the scan; NaN for an empty scan.
+    best : float
+        Its largest value.
+    log_p : float
+        Logarithm of the probability of one so large, over all pitches of this strut.
+    critical : float
+        What the statistic must exceed to be significant over all struts and pitches.
+    """
+
+    strut: int
+    pitches: Array
+    statistic: Array
+    best_pitch: float
+    best: float
+    log_p: float
+    critical: float
+
+
+@dataclass(frozen=True)
+class PeriodicForce:
+    """amplitude · sin(2π length / pitch + phase) in one strut.
+
+    Attributes
+    ----------
+    strut : int
+        From 0.
+    pitch, pitch_std : float
+        m.
+    amplitude, amplitude_std : float
+        N.
+    phase, phase_std : float
+        rad, at length zero: its error is mostly that of the pitch.
+    centre : float
+        Mean length of the strut, m.
+    centre_phase, centre_phase_std : float
+        rad, at that length.
+    """
+
+    strut: int
+    pitch: float
+    pitch_std: float
+    amplitude: float
+    amplitude_std: float
+    phase: float
+    phase_std: float
+    centre: float
+    centre_phase: float
+    centre_phase_std: float
+
+
+def scan_pitches(
+    solved: SolvedSystem,
+    part: Linearisation,
+    strut: int,
+    step: float,
+    level: float = POSITION_PERIODIC,
+) -> PitchScan:
+    """Scan the pitches of one strut.
+
+    Parameters
+    ----------
+    solved : SolvedSystem
+        With the columns of all effects that are taken as known.
+    step : float
+        Between two samples, s.
+    level : float
+        Of the family of all struts and pitches.
+    """
+    length = part.position[:, strut]
+    frequencies = _frequencies(length, part.speed[:, strut], step)
+    if not len(frequencies):
+        nothing = np.zeros(0)
+        return PitchScan(strut, nothing, nothing, np.nan, 0.0, 0.0, np.inf)
+    centred = length - np.mean(length)
+    own = _OwnColumn.of(solved, strut)
+    statistic = own.statistic(centred, frequencies)
+    top = int(np.argmax(statistic))
+    spacing = frequencies[1] - frequencies[0]
+    found = minimize_scalar(
+        lambda f: -float(own.statistic(centred, np.array([f]))[0]),
+        bounds=(
+            max(frequencies[0], frequencies[top] - spacing),
+            min(frequencies[-1], frequencies[top] + spacing),
+        ),
+        method="bounded",
+    )
+    best, frequency = max((-float(found.fun), float(found.x)), (statistic[top], frequencies[top]))
+    reach = 2 * np.pi * float(np.std(length)) * (frequencies[-1] - frequencies[0])
+    freedom = solved.system.freedom
+    return PitchScan(
+        strut=strut,
+        pitches=1 / frequencies,
+        statistic=statistic,
+        best_pitch=1 / frequency,
+        best=best,
+        log_p=log_exceedance(best, reach, freedom),
+        critical=critical_value(level / STRUTS, reach, freedom),
+    )
+
+
+def log_exceedance(statistic: float, reach: float, freedom: float) -> float:
+    """Return the logarithm of the bound on P(largest statistic of one strut > statistic).
+
+    Parameters
+    ----------
+    reach : float
+        ∫ √λ₂ df over the scan.
+    freedom : float
+        Behind Σ.
+    """
+    log_p = float(log_pair_tail(np.array(statistic), freedom))
+    return min(0.0, log_p + float(np.log1p(np.sqrt(statistic / (2 * np.pi)) * reach)))
+
+
+def critical_value(level: float, reach: float, freedom: float) -> float:
+    """Return the statistic that is exceeded with at most this probability in one strut."""
+    highest = 100.0
+    while log_exceedance(highest, reach, freedom) > np.log(level):
+        highest *= 2
+    return float(brentq(lambda u: log_exceedance(u, reach, freedom) - np.log(level), 0.0, highest))
+
+
+def periodic_columns(
+    part: Linearisation, strut: int, pitch: float, coefficients: tuple[float, float]
+) -> Array:
+    """Return the columns of sine, cosine and a change of 1/pitch, (R, 6, 3)."""
+    length = part.position[:, strut]
+    centred = length - np.mean(length)
+    angle = 2 * np.pi * centred / pitch
+    a, b = coefficients
+    columns = np.zeros((len(length), part.position.shape[1], 3))
+    columns[:, strut, 0] = np.sin(angle)
+    columns[:, strut, 1] = np.cos(angle)
+    columns[:, strut, 2] = 2 * np.pi * centred * (a * np.cos(angle) - b * np.sin(angle))
+    return columns
+
+
+def periodic_force(
+    part: Linearisation, strut: int, pitch: float, coefficients: Array, covariance: Array
+) -> PeriodicForce:
+    """Turn the coefficients of the three columns into amplitude, pitch and phase."""
+    a, b, shift = coefficients
+    frequency = 1 / pitch + shift
+    amplitude = float(np.hypot(a, b))
+    centre = float(np.mean(part.position[:, strut]))
+    centre_phase = float(np.arctan2(b, a))
+    to_amplitude = np.array([a, b, 0.0]) / amplitude
+    to_phase = np.array([-b, a, 0.0]) / amplitude**2
+    to_origin = to_phase - np.array([0.0, 0.0, 2 * np.pi * centre])
+
+    def std(slope: Array) -> float:
+        return float(np.sqrt(slope @ covariance @ slope))
+
+    return PeriodicForce(
+        strut=strut,
+        pitch=float(1 / frequency),
+        pitch_std=float(np.sqrt(covariance[2, 2]) / frequency**2),
+        amplitude=amplitude,
+        amplitude_std=std(to_amplitude),
+        phase=_wrapped(centre_phase - 2 * np.pi * frequency * centre),
+        phase_std=std(to_origin),
+        centre=centre,
+        centre_phase=centre_phase,
+        centre_phase_std=std(to_phase),
+    )
+
+
+def _wrapped(angle: float) -> float:
+    return float(np.mod(angle + np.pi, 2 * np.pi) - np.pi)
+
+
+def _frequencies(length: Array, speed: Array, step: float) -> Array:
+    """Return 1/pitch from one pitch per stroke to the shortest that the samples resolve."""
+    stroke = float(np.ptp(length))
+    if stroke <= 0:
+        return np.zeros(0)
+    finest = float(np.max(np.abs(speed))) * step
+    highest = 1 / (SAMPLES_PER_PITCH * finest) if finest > 0 else 0.0
+    count = int(np.floor((highest * stroke - 1) * _OVERSAMPLING)) + 1
+    if count < 2:  # noqa: PLR2004 - a scan has two ends
+        return np.zeros(0)
+    return (1 + np.arange(count) / _OVERSAMPLING) / stroke
+
+
+@dataclass(frozen=True, eq=False)
+class _OwnColumn:
+    """What columns in one actuator meet: z becomes S_j √c z."""
+
+    residual: Array
+    mixed: Array
+    weight: Array
+
+    @classmethod
+    def of(cls, solved: SolvedSystem, strut: int) -> _OwnColumn:
+        system = solved.system
+        column = system.white[:, strut]
+        residual = solved.rest @ column * system.weight
+        mixed = np.einsum("i,riu->ru", column, system.columns) @ solved.root
+        return cls(
+            residual,
+            mixed * system.weight[:, None],
+            float(column @ column) * system.weight**2,
+        )
+
+    def statistic(self, length: Array, frequencies: Array) -> Array:
+        angle = 2 * np.pi * np.multiply.outer(frequencies, length)
+        sin, cos = np.sin(angle), np.cos(angle)
+        scores = np.stack([sin @ self.residual, cos @ self.residual], axis=1)
+        sin_mixed, cos_mixed = sin @ self.mixed, cos @ self.mixed
+        ss = (sin * sin) @ self.weight - np.sum(sin_mixed**2, axis=1)
+        sc = (sin * cos) @ self.weight - np.sum(sin_mixed * cos_mixed, axis=1)
+        cc = (cos * cos) @ self.weight - np.sum(cos_mixed**2, axis=1)
+        determinant = ss * cc - sc**2
+        seen = determinant > _SEEN * np.sum(self.weight) ** 2 / 4
+        value = cc * scores[:, 0] ** 2 - 2 * sc * scores[:, 0] * scores[:, 1]
+        value = value + ss * scores[:, 1] ** 2
+        return np.where(seen, value / np.where(seen, determinant, 1.0), 0.0)

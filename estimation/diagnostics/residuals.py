@@ -1,0 +1,99 @@
+"""Residuals of an estimate, as they are shown."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.diagnostics.linearisation import Linearisation
+from estimation.estimators.experiment import Experiment
+from estimation.processing import NoiseModel
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Residuals:
+    """Measured minus predicted along the estimated motion.
+
+    Attributes
+    ----------
+    times : (R,)
+        Of the force residuals, s.
+    forces : (R, 6)
+        Means over the periods, N.
+    force_std : (R, 6)
+        What the noise of the forces alone makes of each, N.
+    force_periods : (M, N, 6) or None
+        Of every period, N; None when periods were not averaged.
+    length_times : (R',)
+        s.
+    lengths : (R', 6) or None
+        Means over the periods, m; None after pointwise kinematics.
+    length_std : (R', 6)
+        m.
+    position, speed : (R, 6)
+        Of the struts along the motion, m and m/s.
+    """
+
+    times: Array
+    forces: Array
+    force_std: Array
+    force_periods: Array | None
+    length_times: Array
+    lengths: Array | None
+    length_std: Array
+    position: Array
+    speed: Array
+
+
+def residuals(experiment: Experiment, part: Linearisation) -> Residuals:
+    """Collect the residuals of one linearised experiment."""
+    record, noise = experiment.record, experiment.noise
+    periods = record.force_periods
+    if periods is not None and experiment.pointwise is not None:
+        periods = periods[:, experiment.pointwise.rows]
+    if periods is not None:
+        measured = record.forces
+        if experiment.pointwise is not None:
+            measured = measured[experiment.pointwise.rows]
+        periods = periods - (measured - part.force_rows)
+    return Residuals(
+        times=part.times,
+        forces=part.forces,
+        force_std=_std(noise.force_covariance, part.counts),
+        force_periods=periods,
+        length_times=part.length_times,
+        lengths=part.lengths,
+        length_std=_std(noise.length_covariance, part.length_counts),
+        position=part.position,
+        speed=part.speed,
+    )
+
+
+def _std(covariance: Array, counts: Array) -> Array:
+    return np.sqrt(np.diag(covariance) / counts[:, None])
+
+
+@dataclass(frozen=True, eq=False)
+class VarianceComparison:
+    """The paper's comparison: information, not a test, since a residual contains the noise.
+
+    Attributes
+    ----------
+    model_error : (6,)
+        Mean square of measured minus predicted force over all single samples, N².
+    measurement_error : (6,)
+        Variance of the noise of one sample, N².
+    """
+
+    model_error: Array
+    measurement_error: Array
+
+
+def variance_comparison(residual: Residuals, rows: Array, noise: NoiseModel) -> VarianceComparison:
+    """Compare as the paper does; `rows` (T, 6) are the residuals where periods are not known."""
+    single = rows if residual.force_periods is None else residual.force_periods.reshape(-1, 6)
+    return VarianceComparison(np.mean(single**2, axis=0), np.diag(noise.force_covariance).copy())

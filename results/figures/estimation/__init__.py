@@ -1,0 +1,1 @@
+"""Figures of an estimate's diagnostics; each is drawn from an `ExperimentDiagnosis`."""

@@ -1,0 +1,23 @@
+"""The figures of an estimate's diagnostics, in the order in which a report shows them."""
+
+from __future__ import annotations
+
+from estimation.diagnostics import ExperimentDiagnosis
+from results.figures.definition import FigureDefinition
+from results.figures.estimation import (
+    noise_covariance,
+    noise_distribution,
+    noise_quantiles,
+    position_periodic,
+    residual_dependence,
+    residuals_over_time,
+)
+
+DIAGNOSTIC_FIGURES: tuple[FigureDefinition[ExperimentDiagnosis], ...] = (
+    residuals_over_time.FIGURE,
+    residual_dependence.FIGURE,
+    position_periodic.FIGURE,
+    noise_distribution.FIGURE,
+    noise_quantiles.FIGURE,
+    noise_covariance.FIGURE,
+)

@@ -1,0 +1,98 @@
+"""Σ and Δ as pictures: correlations and standard deviations, the paper's Fig. 5."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import LinearSegmentedColormap
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from estimation.diagnostics import ExperimentDiagnosis
+from results.figures.definition import FigureDefinition
+from results.style import BLUE, INK, STRUT_COLOURS, VERMILLION, new_figure
+from results.units import handy_unit
+
+Array = NDArray[np.float64]
+
+_COLOURS = LinearSegmentedColormap.from_list("correlation", [BLUE, "#ffffff", VERMILLION])
+_DARK = 0.6
+"""Correlation from which on text is white."""
+
+
+def draw(diagnosis: ExperimentDiagnosis) -> Figure:
+    """Draw the forces above and the lengths below."""
+    noise = diagnosis.noise
+    figure = new_figure(5.6)
+    panels = figure.subplots(2, 2, gridspec_kw={"width_ratios": [1.15, 1.0]})
+    _pair(
+        panels[0],
+        noise.force_covariance,
+        noise.force_freedom,
+        ("N", r"forces, $\Sigma$", "$Q_{%d}$"),
+    )
+    _pair(
+        panels[1],
+        noise.length_covariance,
+        noise.length_freedom,
+        ("m", r"lengths, $\Delta$", "$q_{%d}$"),
+    )
+    return figure
+
+
+def _pair(
+    panels: NDArray[np.object_], covariance: Array, freedom: float, words: tuple[str, str, str]
+) -> None:
+    unit, title, channel = words
+    std = np.sqrt(np.diag(covariance))
+    correlation = covariance / np.multiply.outer(std, std)
+    names = [channel % j for j in range(1, len(std) + 1)]
+    _matrix(panels[0], correlation, names)
+    panels[0].set_title(f"Correlation of the {title}")
+    shown = handy_unit(unit, std)
+    axes = panels[1]
+    error = shown.shown(std / np.sqrt(2 * freedom)) * 1.96 if np.isfinite(freedom) else None
+    axes.bar(
+        np.arange(len(std)),
+        shown.shown(std),
+        width=0.62,
+        color=STRUT_COLOURS,
+        yerr=error,
+        error_kw={"ecolor": INK, "elinewidth": 0.9, "capsize": 2.5},
+        zorder=2,
+    )
+    axes.set_xticks(np.arange(len(std)), names)
+    axes.tick_params(axis="x", length=0)
+    axes.grid(visible=False, axis="x")
+    axes.set_ylabel(shown.label("Standard deviation"))
+    axes.set_title(f"Standard deviation of the {title.split(',', maxsplit=1)[0]}")
+
+
+def _matrix(axes: Axes, correlation: Array, names: list[str]) -> None:
+    image = axes.imshow(correlation, cmap=_COLOURS, vmin=-1, vmax=1)
+    for i, row in enumerate(correlation):
+        for j, value in enumerate(row):
+            axes.text(
+                j,
+                i,
+                "1" if i == j else f"{value:.2f}".replace("-", "−"),
+                ha="center",
+                va="center",
+                fontsize="small",
+                color="white" if abs(value) > _DARK else INK,
+            )
+    axes.set_xticks(range(len(names)), names)
+    axes.set_yticks(range(len(names)), names)
+    axes.tick_params(length=0)
+    axes.grid(visible=False)
+    axes.spines[:].set_visible(False)
+    bar = axes.figure.colorbar(image, ax=axes, shrink=0.9, ticks=[-1, -0.5, 0, 0.5, 1])
+    bar.outline.set_visible(False)
+
+
+FIGURE = FigureDefinition(
+    key="noise_covariance",
+    caption="Covariances of the noise: correlations (left) and standard deviations with their 95 % "
+    "intervals (right) of forces (above) and strut lengths (below).",
+    draw=draw,
+)
