@@ -49,9 +49,19 @@ class Column:
         object.__setattr__(self, "short", self.short or self.name)
 
     @property
+    def label(self) -> str:
+        """Its full name as messages show it: short, on one line, without control codes."""
+        return label(self.text)
+
+    @property
     def spellings(self) -> tuple[str, str, str]:
         """What it may be called, the most exact first."""
         return self.text, self.name, self.short
+
+
+def label(text: str) -> str:
+    """Return a text from a file as messages show it: without quotes unlike `shown`."""
+    return shown(text).removeprefix("'").removesuffix("'")
 
 
 def header_column(text: str, place: Any) -> Column:
@@ -61,9 +71,9 @@ def header_column(text: str, place: Any) -> Column:
     if match is None:
         return Column(text, place)
     unit = (match.group(2) if match.group(2) is not None else match.group(3)).strip()
-    if unit[:1].isdigit() or unit in ("", "-"):
+    if unit[:1].isdigit():
         return Column(text, place)
-    return Column(text, place, name=match.group(1), unit=unit)
+    return Column(text, place, name=match.group(1), unit=None if unit in ("", "-") else unit)
 
 
 def pick(
@@ -139,7 +149,7 @@ def _called(name: str, by_spelling: tuple[dict[str, list[Column]], ...]) -> Sequ
 def _ambiguous(
     channel: str, name: str, matches: Sequence[Column], file: Path, line: int | None
 ) -> Problem:
-    texts = list(dict.fromkeys(column.text for column in matches))
+    texts = list(dict.fromkeys(column.label for column in matches))
     if len(texts) == 1:
         return Problem(
             f"{len(matches)} columns have the name of {channel}", file, line, texts[0], "one column"
@@ -153,9 +163,9 @@ def _missing(
 ) -> Problem:
     if not columns:
         return Problem(f"no column for {channel}: the file has none", place.file, place.line, name)
-    texts = [column.text for column in free if column.text]
+    texts = [column.label for column in free if column.text]
     meant = nearest(name, texts) or (
-        nearest(name, [column.short for column in free])
+        nearest(name, [label(column.short) for column in free])
         if channel != "t"
         else next((text for text in texts if text.lower().startswith("t")), None)
     )
@@ -177,13 +187,13 @@ def _shared(found: Mapping[str, Column], file: Path, line: int | None) -> list[P
         if column.place in seen:
             message = f"one column for both {seen[column.place]} and {channel}"
             problems.append(
-                Problem(message, file, line, column.text, "data.columns: one for each channel")
+                Problem(message, file, line, column.label, "data.columns: one for each channel")
             )
         seen[column.place] = channel
     return problems
 
 
 def _listed(texts: Sequence[str]) -> str:
-    some = ", ".join(shown(text) for text in texts[:_MOST_SHOWN])
+    some = ", ".join(f"'{text}'" for text in texts[:_MOST_SHOWN])
     more = len(texts) - _MOST_SHOWN
     return f"{some} and {more} more" if more > 0 else some

@@ -56,8 +56,11 @@ def load_table(file_format: FileFormat, path: Path, section: DataSection) -> Raw
     except PermissionError:
         raise ConfigurationError(Problem("there is no permission to read it", path)) from None
     except Exception as error:  # noqa: BLE001 - the libraries raise anything on damaged files
-        reason = " ".join(str(error).split())[:_LONGEST_REASON] or type(error).__name__
-        raise ConfigurationError(damaged(file_format, path, reason)) from None
+        said = " ".join(str(error).split())[:_LONGEST_REASON]
+        reason = "".join(mark if mark.isprintable() else "?" for mark in said)
+        raise ConfigurationError(
+            damaged(file_format, path, reason or type(error).__name__)
+        ) from None
     refuse_different_lengths(table)
     return table
 

@@ -15,6 +15,8 @@ from expdesign.configuration import Problem
 
 Array = NDArray[np.float64]
 RowNoun = Literal["line", "sample", "message"]
+HEADER_LINE = 1
+"""Of text files, as an editor counts."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +63,7 @@ class RawTable:
 
     def column_name(self, channel: str) -> str:
         """Return what the file calls a channel."""
-        return self.columns[channel].text if channel in self.columns else channel
+        return self.columns[channel].label if channel in self.columns else channel
 
     def problem(
         self, message: str, channel: str, row: int | None = None, allowed: str | None = None
@@ -72,6 +74,11 @@ class RawTable:
             return Problem(message, self.file, line, self.column_name(channel), allowed)
         key = f"{self.column_name(channel)}, {self.row_name(row)}"
         return Problem(message, self.file, key=key, allowed=allowed)
+
+    def header_problem(self, message: str, channel: str, allowed: str | None = None) -> Problem:
+        """Return the record of what is wrong with what the file says about a column."""
+        line = HEADER_LINE if self.row_noun == "line" else None
+        return Problem(message, self.file, line, self.column_name(channel), allowed)
 
     def from_row(self, first: int) -> RawTable:
         """Return the table without the rows before `first`."""

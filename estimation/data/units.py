@@ -7,6 +7,7 @@ from dataclasses import replace
 from estimation.data.table import RawTable
 from expdesign.configuration import ConfigurationError, Problem
 from expdesign.schema import DataSection
+from expdesign.schema.failure import shown
 from expdesign.schema.quantity import CURRENT, DURATION, FORCE, LENGTH, Dimension, unit_dimension
 
 _DIMENSIONS = {"t": (DURATION,), "q": (LENGTH,), "Q": (FORCE, CURRENT)}
@@ -44,7 +45,7 @@ def in_si(table: RawTable, section: DataSection) -> tuple[RawTable, tuple[str, .
         if dimension is CURRENT:
             if section.force_constants is None:
                 problems.append(
-                    table.problem(
+                    table.header_problem(
                         f"{channel} is a current, but no force constants are given",
                         channel,
                         allowed="data.force_constants: one value or six, in N/A",
@@ -81,19 +82,23 @@ def _unit(
     found = unit_dimension(given)
     if found is None:
         if stated is not None:
-            return stated, (f"{channel}: the file's unit '{given}' is not known, '{stated}' used",)
-        return None, table.problem(
-            f"the file's unit '{given}' is not known",
+            return stated, (
+                f"{channel}: the file's unit {shown(given)} is not known, '{stated}' used",
+            )
+        return None, table.header_problem(
+            f"the file's unit {shown(given)} is not known",
             channel,
             allowed=f"a known unit, or data.units: {{{channel}: …}}",
         )
     if found not in admitted:
-        return None, table.problem(
-            f"the file's unit '{given}' is that of {found.name}", channel, allowed=_names(admitted)
+        return None, table.header_problem(
+            f"the file's unit {shown(given)} is that of {found.name}",
+            channel,
+            allowed=_names(admitted),
         )
     if stated is not None and not _same(given, stated, found):
-        return None, table.problem(
-            f"the file says that {channel} is in '{given}', data.units says '{stated}'",
+        return None, table.header_problem(
+            f"the file says that {channel} is in {shown(given)}, data.units says '{stated}'",
             channel,
             allowed="the same unit, or none in data.units",
         )

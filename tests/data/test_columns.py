@@ -31,8 +31,8 @@ def _problems(columns, names):
         ("Weg 1 [µm]", "Weg 1", "µm"),
         ("F[1]", "F[1]", None),
         ("F(2)", "F(2)", None),
-        ("n [-]", "n [-]", None),
-        ("n []", "n []", None),
+        ("n [-]", "n", None),
+        ("n []", "n", None),
         ("[mm]", "[mm]", None),
     ],
 )
@@ -113,3 +113,9 @@ def test_names_in_groups_are_enough_when_unique():
 
 def test_a_file_without_columns():
     assert "the file has none" in _problems([], {})[0].message
+
+
+def test_names_with_control_codes_are_shown_harmlessly():
+    problems = _problems(_columns("\x1b[2Jq1", *CHANNELS[2:], "t"), {})
+    assert "\\x1b[2Jq1" in problems[0].allowed
+    assert str(problems[0]).isprintable()

@@ -104,7 +104,7 @@ def test_units_that_contradict_are_refused(header, units, message, tmp_path, rec
     channel = header.split()[0]
     rec.frame.rename(columns={channel: header}).to_csv(path, index=False)
     (problem,) = refused(path, units=units)
-    assert (problem.message, problem.key) == (message, header)
+    assert (problem.message, problem.line, problem.key) == (message, 1, header)
     assert problem.allowed
 
 

@@ -12,13 +12,12 @@ from numpy.typing import NDArray
 
 from estimation.data.columns import header_column, pick
 from estimation.data.file_format import FileFormat
-from estimation.data.table import RawTable
+from estimation.data.table import HEADER_LINE, RawTable
 from expdesign.configuration import ConfigurationError, Problem
 from expdesign.schema import DataSection
 
 Array = NDArray[np.float64]
 
-_HEADER_LINE = 1
 _MOST_PROBLEMS = 5
 _QUOTE = '"'
 _OTHER_DELIMITERS = {";": "';'", "\t": "'\\t'", ",": "','", "|": "'|'"}
@@ -36,12 +35,12 @@ def read(path: Path, section: DataSection) -> RawTable:
     header, _, body = _decoded(path).partition("\n")
     if not header.strip():
         message = "the file is empty" if not body.strip() else "the first line names no columns"
-        raise ConfigurationError(Problem(message, path, _HEADER_LINE))
+        raise ConfigurationError(Problem(message, path, HEADER_LINE))
     delimiter = _delimiter(path, section, header)
     names = next(csv.reader([header], delimiter=delimiter))
     columns = [header_column(name, position) for position, name in enumerate(names)]
     try:
-        picked = pick(columns, section.columns, path, _HEADER_LINE)
+        picked = pick(columns, section.columns, path, HEADER_LINE)
     except ConfigurationError as error:
         raise _with_delimiter_hint(error, path, header, delimiter) from None
     lines = body.rstrip().split("\n") if body.strip() else []
@@ -59,7 +58,7 @@ def read(path: Path, section: DataSection) -> RawTable:
         values,
         picked,
         "line",
-        _HEADER_LINE + 1,
+        HEADER_LINE + 1,
         None if numbers is None else np.array(numbers, dtype=np.int64),
         _texts(cells, values, positions),
     )
@@ -124,7 +123,7 @@ def _with_delimiter_hint(
         Problem(
             f"the header has no delimiter '{delimiter}'",
             path,
-            _HEADER_LINE,
+            HEADER_LINE,
             allowed=f"data.delimiter: the one of the file, perhaps {other}",
         )
     )
@@ -133,11 +132,11 @@ def _with_delimiter_hint(
 def _quoted_rows(lines: Sequence[str], delimiter: str) -> tuple[list[list[str]], list[int]]:
     """Split lines with quoted cells; also return the number of the line where each row begins."""
     reader = csv.reader((f"{line}\n" for line in lines), delimiter=delimiter)
-    rows, numbers, begins = [], [], _HEADER_LINE + 1
+    rows, numbers, begins = [], [], HEADER_LINE + 1
     for row in reader:
         rows.append(row)
         numbers.append(begins)
-        begins = _HEADER_LINE + 1 + reader.line_num
+        begins = HEADER_LINE + 1 + reader.line_num
     return rows, numbers
 
 
@@ -145,7 +144,7 @@ def _refuse_ragged(cells: _Cells, numbers: Sequence[int] | None, width: int, pat
     bad = [row for row in range(len(cells)) if cells.width(row) != width]
     problems = []
     for row in bad[:_MOST_PROBLEMS]:
-        line = _HEADER_LINE + 1 + row if numbers is None else numbers[row]
+        line = HEADER_LINE + 1 + row if numbers is None else numbers[row]
         found = cells.row(row)
         count = f"{len(found)} column{'s' if len(found) > 1 else ''}"
         message = f"the line has {count}, the header has {width}" if any(found) else "empty line"

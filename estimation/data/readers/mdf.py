@@ -88,9 +88,9 @@ def _refuse_other_times(
     problems = [
         Problem(
             f"the channel was recorded at other times ({len(signals[channel].timestamps)} samples) "
-            f"than '{columns[first].text}' ({len(times)} samples)",
+            f"than '{columns[first].label}' ({len(times)} samples)",
             path,
-            key=columns[channel].text,
+            key=columns[channel].label,
             allowed="channels with the same time stamps: resample the file before",
         )
         for channel in others

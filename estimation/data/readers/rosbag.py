@@ -16,6 +16,7 @@ from estimation.data.table import RawTable
 from expdesign.configuration import ConfigurationError, Problem
 from expdesign.schema import DataSection
 from expdesign.schema.data import FORCE_CHANNELS, LENGTH_CHANNELS
+from expdesign.schema.failure import shown
 
 Array = NDArray[np.float64]
 
@@ -101,7 +102,7 @@ def _topic(name: str, columns: list[Column]) -> str:
 def _one_topic(picked: Mapping[str, Column], path: Path) -> str:
     topics = {column.place[0]: column for column in picked.values()}
     if len(topics) > 1:
-        some = " and ".join(f"'{column.text}'" for column in topics.values())
+        some = " and ".join(f"'{column.label}'" for column in topics.values())
         raise ConfigurationError(
             Problem(f"the columns are of several topics: {some}", path, allowed="one topic")
         )
@@ -123,7 +124,7 @@ def _table(bag: Any, connections: list[Any], picked: Mapping[str, Column], path:
             missing = sorted({joint for joint, _ in joints.values()} - set(names))
             if missing:
                 key = f"message {number}"
-                text = ", ".join(f"'{joint}'" for joint in missing)
+                text = ", ".join(shown(joint) for joint in missing)
                 problems.append(Problem(f"the message has no joint {text}", path, key=key))
                 names = []
                 continue
