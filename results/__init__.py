@@ -2,6 +2,13 @@
 
 from results.design import design_figures
 from results.errors import MissingFileError, RunFolderError
+from results.estimate import estimate_figures
 from results.record import DesignRecord
 
-__all__ = ["DesignRecord", "MissingFileError", "RunFolderError", "design_figures"]
+__all__ = [
+    "DesignRecord",
+    "MissingFileError",
+    "RunFolderError",
+    "design_figures",
+    "estimate_figures",
+]

@@ -12,6 +12,7 @@ from expdesign.cli.folder import OutOption, refuse_unwritable, run_folder
 from expdesign.cli.output import JsonOption, RunArgument, results, short, warn, write_json
 
 if TYPE_CHECKING:
+    from estimation.diagnostics import Diagnosis
     from estimation.identification import EstimationResult
     from expdesign.configuration import RunConfiguration
     from expdesign.trajectory import FourierTrajectory
@@ -85,11 +86,13 @@ def estimate_stage(
         The data have no motion, or do not determine the parameters.
     """
     from estimation.data.reading import read_measurement
+    from estimation.diagnostics import diagnose
     from estimation.estimators import UnidentifiableError
     from estimation.identification import estimate as compute
     from estimation.identification.output import write_estimate
     from estimation.kinematics.fourier_fit import MotionFitError
     from expdesign.cli.stages import record_stage
+    from results import estimate_figures
 
     files = data_files(configuration, folder, data)
     trajectories = _designs(folder, designs, len(files))
@@ -101,14 +104,19 @@ def estimate_stage(
             result = compute(configuration, recordings, trajectories)
         except (MotionFitError, UnidentifiableError) as error:
             raise CommandFailed(str(error)) from error
-        stage.files = write_estimate(result, folder)
+        diagnosis = None
+        if result.intervals_cover:
+            diagnosis = diagnose(result.robot, result.experiments, result.knowledge, result.best)
+        found = None if diagnosis is None else diagnosis.as_dict()
+        stage.files = write_estimate(result, folder, found)
+        stage.files += estimate_figures(result, diagnosis, folder)
         stage.status = "done"
         stage.message = "; ".join(f"{k}: {e.status}" for k, e in result.estimates.items())
     for warning in result.warnings:
         warn(warning)
     if not as_json:
-        _show(result, folder)
-    return _summary(result, folder)
+        _show(result, diagnosis, folder)
+    return _summary(result, diagnosis, folder)
 
 
 def data_files(
@@ -181,7 +189,8 @@ def folder_recording(folder: Path) -> str:
     return made_from([recording], (), folder)
 
 
-def _summary(result: EstimationResult, folder: Path) -> dict[str, Any]:
+def _summary(result: EstimationResult, diagnosis: Diagnosis | None, folder: Path) -> dict[str, Any]:
+    judged = None if diagnosis is None else diagnosis.verdict
     return {
         "folder": str(folder),
         "best": result.best.estimator,
@@ -195,13 +204,14 @@ def _summary(result: EstimationResult, folder: Path) -> dict[str, Any]:
             for row in result.rows
             if row.estimator == result.best.estimator and row.identified is False
         ],
-        "verdict": "accepted",
+        "verdict": "not judged" if judged is None else judged.status.value,
+        "findings": [] if judged is None else [finding.sentence for finding in judged.failed],
         "seconds": result.seconds,
         "warnings": list(result.warnings),
     }
 
 
-def _show(result: EstimationResult, folder: Path) -> None:
+def _show(result: EstimationResult, diagnosis: Diagnosis | None, folder: Path) -> None:
     from rich.table import Table
 
     console = results()
@@ -234,6 +244,11 @@ def _show(result: EstimationResult, folder: Path) -> None:
     console.print(table)
     for combination in result.combinations[result.best.estimator]:
         console.print(combination.text)
+    if diagnosis is not None:
+        console.print(diagnosis.verdict.summary)
+        for finding in diagnosis.verdict.failed:
+            advice = f" {finding.advice}" if finding.advice else ""
+            console.print(f"- {finding.sentence}{advice}")
     console.print(f"written to {short(folder)}")
 
 

@@ -1,10 +1,13 @@
-"""The figures of an estimate's diagnostics, in the order in which a report shows them."""
+"""The figures of an estimate and its diagnostics, in the order in which a report shows them."""
 
 from __future__ import annotations
 
 from estimation.diagnostics import ExperimentDiagnosis
+from estimation.identification import EstimationResult
 from results.figures.definition import FigureDefinition
 from results.figures.estimation import (
+    correlation,
+    estimates,
     noise_covariance,
     noise_distribution,
     noise_quantiles,
@@ -21,3 +24,9 @@ DIAGNOSTIC_FIGURES: tuple[FigureDefinition[ExperimentDiagnosis], ...] = (
     noise_quantiles.FIGURE,
     noise_covariance.FIGURE,
 )
+
+ESTIMATE_FIGURES: tuple[FigureDefinition[EstimationResult], ...] = (
+    estimates.FIGURE,
+    correlation.FIGURE,
+)
+"""What is shown of the parameters."""

@@ -1,0 +1,40 @@
+"""The figures of an estimate, in its run folder."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from estimation.diagnostics import Diagnosis
+from estimation.identification import EstimationResult
+from results.figures.estimation.catalogue import DIAGNOSTIC_FIGURES, ESTIMATE_FIGURES
+from results.figures.saving import save_figures
+
+
+def estimate_figures(
+    result: EstimationResult, diagnosis: Diagnosis | None, folder: Path
+) -> tuple[Path, ...]:
+    """Draw the figures of an estimate into ``figures/`` of its run folder.
+
+    Parameters
+    ----------
+    diagnosis : Diagnosis or None
+        Of the best estimator; without it only the parameters are shown.
+
+    Returns
+    -------
+    tuple of Path
+        Each figure as PNG and SVG; those of the diagnostics are numbered when there are several
+        recordings.
+    """
+    place = folder / "figures"
+    paths = save_figures(ESTIMATE_FIGURES, result, place)
+    if diagnosis is None:
+        return paths
+    several = len(diagnosis.experiments) > 1
+    for number, experiment in enumerate(diagnosis.experiments, start=1):
+        figures = DIAGNOSTIC_FIGURES
+        if several:
+            figures = tuple(replace(f, key=f"{f.key}_{number}") for f in figures)
+        paths += save_figures(figures, experiment, place)
+    return paths

@@ -1,0 +1,78 @@
+"""Every parameter by every estimator: deviation from the a-priori value, with its interval."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.container import Container
+from matplotlib.figure import Figure
+
+from estimation.identification import EstimationResult
+from results.figures.definition import FigureDefinition
+from results.figures.legends import legend_above
+from results.style import EMPHASIS, GREY, MUTED, ORANGE, new_figure
+from results.symbols import symbol
+
+_COLOURS = {"ls": GREY, "gm": ORANGE, "ml": EMPHASIS}
+_MARKERS = {"ls": "s", "gm": "D", "ml": "o"}
+_SPREAD = 0.5
+
+
+def draw(result: EstimationResult) -> Figure:
+    """Draw deviations in units of the best estimator's standard deviation."""
+    figure = new_figure(3.4)
+    axes = figure.subplots()
+    names = result.knowledge.names
+    position = np.arange(len(names), dtype=float)
+    free = result.knowledge.free
+    unit = np.where(free, result.best.std, 1.0)
+    count = len(result.estimates)
+    handles: list[Container] = []
+    for place, (name, estimate) in enumerate(result.estimates.items()):
+        shift = _SPREAD * ((place + 0.5) / count - 0.5)
+        rows = {row.parameter: row for row in result.rows if row.estimator == name}
+        width = np.array([rows[n].ci_high - rows[n].value for n in names])
+        handles.append(
+            axes.errorbar(
+                position[free] + shift,
+                ((estimate.values - result.knowledge.nominal) / unit)[free],
+                yerr=(width / unit)[free],
+                fmt=_MARKERS[name],
+                markersize=3.0,
+                color=_COLOURS[name],
+                elinewidth=1.0,
+                capsize=1.5,
+                label=f"{name.upper()} with 95 % interval",
+                zorder=2,
+            )
+        )
+    for k in np.flatnonzero(~free):
+        axes.text(
+            position[k],
+            0.03,
+            "fixed",
+            transform=axes.get_xaxis_transform(),
+            rotation=90,
+            ha="center",
+            va="bottom",
+            color=MUTED,
+            fontsize="small",
+        )
+    axes.axhline(0.0, color=MUTED, linewidth=0.8, zorder=1)
+    axes.set_xticks(position, [symbol(name) for name in names])
+    axes.tick_params(axis="x", length=0)
+    axes.grid(visible=False, axis="x")
+    axes.set_xlim(-0.7, len(names) - 0.3)
+    axes.set_xlabel("Parameter")
+    best = result.best.estimator.upper()
+    axes.set_ylabel(f"(Estimate − a priori) / std of {best}")
+    axes.set_title("Estimates against the a-priori values")
+    legend_above(axes, handles)
+    return figure
+
+
+FIGURE = FigureDefinition(
+    key="estimates",
+    caption="Deviation of every estimate from the a-priori value, in units of the best estimator's "
+    "standard deviation, with 95 % intervals. The a-priori values do not enter the estimates.",
+    draw=draw,
+)
