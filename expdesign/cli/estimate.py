@@ -221,7 +221,8 @@ def _show(result: EstimationResult, diagnosis: Diagnosis | None, folder: Path) -
         console.print(
             f"{_place(record.source)}: {data.rows} rows, {data.periods:.6g} periods of "
             f"{data.period:.6g} s (from the {data.source.value}), {harmonics}, "
-            f"noise {record.experiment.noise.source}"
+            f"noise {record.experiment.noise.source}",
+            soft_wrap=True,
         )
     table = Table(
         title="Estimates, in brackets the standard deviation of the last digits",
@@ -243,12 +244,12 @@ def _show(result: EstimationResult, diagnosis: Diagnosis | None, folder: Path) -
         )
     console.print(table)
     for combination in result.combinations[result.best.estimator]:
-        console.print(combination.text)
+        console.print(combination.text, soft_wrap=True)
     if diagnosis is not None:
-        console.print(diagnosis.verdict.summary)
+        console.print(diagnosis.verdict.summary, soft_wrap=True)
         for finding in diagnosis.verdict.failed:
-            advice = f" {finding.advice}" if finding.advice else ""
-            console.print(f"- {finding.sentence}{advice}")
+            advice = f"; {finding.advice}" if finding.advice else ""
+            console.print(f"- {finding.sentence}{advice}", soft_wrap=True)
     console.print(f"written to {short(folder)}")
 
 

@@ -41,7 +41,7 @@ def draw(result: EstimationResult) -> Figure:
                 color=_COLOURS[name],
                 elinewidth=1.0,
                 capsize=1.5,
-                label=f"{name.upper()} with 95 % interval",
+                label=name.upper(),
                 zorder=2,
             )
         )
@@ -65,7 +65,7 @@ def draw(result: EstimationResult) -> Figure:
     axes.set_xlabel("Parameter")
     best = result.best.estimator.upper()
     axes.set_ylabel(f"(Estimate − a priori) / std of {best}")
-    axes.set_title("Estimates against the a-priori values")
+    axes.set_title("Estimates against the a-priori values, 95 % intervals")
     legend_above(axes, handles)
     return figure
 
