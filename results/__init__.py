@@ -4,6 +4,7 @@ from results.design import design_figures
 from results.errors import MissingFileError, RunFolderError
 from results.estimate import estimate_figures
 from results.record import DesignRecord
+from results.validation import validation_figures
 
 __all__ = [
     "DesignRecord",
@@ -11,4 +12,5 @@ __all__ = [
     "RunFolderError",
     "design_figures",
     "estimate_figures",
+    "validation_figures",
 ]

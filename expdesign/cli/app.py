@@ -19,6 +19,7 @@ from expdesign.cli.estimate import estimate
 from expdesign.cli.robots import robots
 from expdesign.cli.run import run
 from expdesign.cli.simulate import simulate
+from expdesign.cli.validate import validate
 
 app = typer.Typer(
     name="expdesign",
@@ -61,4 +62,5 @@ app.command()(check)
 app.command()(design)
 app.command()(simulate)
 app.command()(estimate)
+app.command()(validate)
 app.command()(run)

@@ -13,6 +13,7 @@ from expdesign.cli.estimate import estimate_stage, folder_recording
 from expdesign.cli.folder import OutOption, run_folder
 from expdesign.cli.output import JsonOption, RunArgument, note, short, warn, warn_all, write_json
 from expdesign.cli.simulate import experiment_stage, folder_design
+from expdesign.cli.validate import folder_estimate, validate_stage
 
 if TYPE_CHECKING:
     from expdesign.configuration import RunConfiguration
@@ -65,6 +66,7 @@ STEPS = {
     "design": Step(design_stage, "design.json"),
     "experiment": Step(experiment_stage, "measurement.csv", folder_design, _data_is_given),
     "estimate": Step(estimate_stage, "estimate.json", folder_recording),
+    "validate": Step(validate_stage, "validation.json", folder_estimate),
 }
 """The stages of this version by their name in the run file."""
 

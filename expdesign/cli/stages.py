@@ -19,6 +19,9 @@ _SECTIONS: dict[str, dict[str, bool | set[str]]] = {
     },
     "experiment": dict.fromkeys(("name", "robot", "experiment"), True),
     "estimate": dict.fromkeys(("name", "robot", "trajectory", "data", "estimate"), True),
+    "validate": dict.fromkeys(
+        ("name", "robot", "trajectory", "experiment", "data", "estimate", "validation"), True
+    ),
 }
 """Sections of the run, or keys of them, that each stage depends on."""
 

@@ -1,0 +1,106 @@
+"""Benchmark motions: circle, line, spline, and their mirror images, as periodic series."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from expdesign.schema.validation import ValidationMotion
+from expdesign.solver.finish import controller_omega
+from expdesign.trajectory import FourierTrajectory, PhaseBasis
+
+Array = NDArray[np.float64]
+
+_MIRRORED = {
+    # A mirror image turns the other way about the axes in its plane: M R M for R = Rx Ry Rz.
+    "none": np.array([1.0, 1.0, 1.0, 1.0, 1.0, 1.0]),
+    "xz": np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0]),
+    "yz": np.array([-1.0, 1.0, 1.0, 1.0, -1.0, -1.0]),
+}
+_SPLINE_HARMONICS_PER_POSE = 4
+_SPLINE_POINTS = 2048
+_SLOWEST = 1e-3
+_FASTEST = 1e4
+
+
+def benchmark_motion(motion: ValidationMotion, home: Array, step: float) -> FourierTrajectory:
+    """Return a motion as a series whose period is a whole number of controller steps.
+
+    Parameters
+    ----------
+    motion : ValidationMotion
+        ``circle`` about the home position, ``line`` to and fro between two poses (more are not
+        used), or a closed ``spline`` through its poses; `speed` is that of the TCP: constant on
+        the circle, the largest on line and spline.
+    home : (6,)
+        Home pose; the circle keeps its orientation.
+    step : float
+        Of the controller, s.
+
+    Raises
+    ------
+    ValueError
+        The motion is a recorded file, or its poses do not move the TCP.
+    """
+    makers = {"circle": _circle, "line": _line, "spline": _spline}
+    if motion.motion not in makers:
+        raise ValueError(f"the motion '{motion.motion}' is recorded, not computed")
+    unit = makers[motion.motion](motion, home)
+    # Built for ω = 1 rad/s: speed grows with ω.
+    fastest = _largest_speed(unit)
+    if not fastest > 0:
+        raise ValueError("its poses do not move the TCP: no speed can be kept")
+    omega, _ = controller_omega(motion.speed / fastest, (_SLOWEST, _FASTEST), step)
+    signs = _MIRRORED[motion.mirror]
+    return FourierTrajectory.from_displacements(
+        omega,
+        signs * unit.lambda0,
+        signs[:, None] * unit.sine,
+        signs[:, None] * unit.cosine,
+    )
+
+
+def _circle(motion: ValidationMotion, home: Array) -> FourierTrajectory:
+    """Counter-clockwise about the normal, from the direction of +x in its plane."""
+    normal = np.asarray(motion.normal, dtype=float)
+    normal = normal / np.linalg.norm(normal)
+    first = np.array([1.0, 0.0, 0.0]) - normal[0] * normal
+    if np.linalg.norm(first) < 1e-9:  # noqa: PLR2004 - the normal is the x axis itself
+        first = np.array([0.0, 1.0, 0.0])
+    first = first / np.linalg.norm(first)
+    sine, cosine = np.zeros((6, 1)), np.zeros((6, 1))
+    cosine[:3, 0] = motion.radius * first
+    sine[:3, 0] = motion.radius * np.cross(normal, first)
+    return FourierTrajectory.from_displacements(1.0, home, sine, cosine)
+
+
+def _line(motion: ValidationMotion, _home: Array) -> FourierTrajectory:
+    ends = np.asarray(motion.poses, dtype=float)[:2]
+    cosine = (ends[0] - ends[1])[:, None] / 2
+    return FourierTrajectory.from_displacements(
+        1.0, ends.mean(axis=0), np.zeros_like(cosine), cosine
+    )
+
+
+def _spline(motion: ValidationMotion, _home: Array) -> FourierTrajectory:
+    """Periodic cubic spline, in time proportional to the way between the poses, as a series."""
+    poses = np.asarray(motion.poses, dtype=float)
+    closed = np.concatenate([poses, poses[:1]])
+    way = np.linalg.norm(np.diff(closed, axis=0), axis=1)
+    if not np.all(way > 0):
+        raise ValueError("two poses that follow each other are the same")
+    knots = np.concatenate([[0.0], np.cumsum(way)]) * 2 * np.pi / way.sum()
+    spline = CubicSpline(knots, closed, bc_type="periodic")
+    phases = 2 * np.pi * np.arange(_SPLINE_POINTS) / _SPLINE_POINTS
+    harmonics = _SPLINE_HARMONICS_PER_POSE * len(poses)
+    basis = PhaseBasis.at(phases, harmonics).value
+    table = np.linalg.lstsq(basis, spline(phases), rcond=None)[0].T
+    return FourierTrajectory.from_displacements(
+        1.0, table[:, 0], table[:, 1 : harmonics + 1], table[:, harmonics + 1 :]
+    )
+
+
+def _largest_speed(trajectory: FourierTrajectory) -> float:
+    times = trajectory.sample_times(_SPLINE_POINTS)
+    return float(np.max(np.linalg.norm(trajectory.sample(times).rate[:, :3], axis=1)))
