@@ -1,0 +1,137 @@
+import json
+
+import numpy as np
+import pytest
+
+from estimation.identification import estimate
+from estimation.identification.output import write_estimate
+from estimation.validation import benchmark_motion, read_estimate, validate
+from expdesign.configuration import ConfigurationError, load_run
+from expdesign.schema.validation import ValidationMotion
+from tests.estimation.cases import ROBOT, STEP, measured, run, trajectory
+
+MOTION = trajectory(seed=2)
+SAMPLING = f"{1 / STEP} Hz"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Return a run folder with an estimate."""
+    path = tmp_path_factory.mktemp("estimate")
+    write_estimate(estimate(run(), measured(MOTION, periods=10), MOTION), path)
+    return path
+
+
+def case(cogging=None, **motion):
+    experiment = {"sampling": SAMPLING}
+    if cogging:
+        experiment["cogging"] = {"amplitude": cogging, "pitch": 0.03}
+    return load_run(
+        {
+            "name": "case",
+            "robot": "palida",
+            "experiment": experiment,
+            "validate": [{"motion": "circle", "radius": 0.1, "speed": 0.5, **motion}],
+        }
+    )
+
+
+def test_the_circle_of_the_benchmark():
+    circle = benchmark_motion(ValidationMotion(motion="circle"), ROBOT.home, 1e-3)
+    times = circle.sample_times(720)
+    states = circle.sample(times)
+    off = states.pose[:, :3] - ROBOT.home[:3]
+    normal = np.array([0, -0.5, np.sqrt(3) / 2])
+    np.testing.assert_allclose(np.linalg.norm(off, axis=1), 0.15, rtol=1e-12)
+    np.testing.assert_allclose(off @ normal, 0, atol=1e-12)
+    np.testing.assert_allclose(off[0], [0.15, 0, 0], atol=1e-12)
+    # Counter-clockwise about the normal, and 1 m/s but for the whole number of steps.
+    turning = np.cross(off, states.rate[:, :3]) @ normal
+    assert np.all(turning > 0)
+    np.testing.assert_allclose(np.linalg.norm(states.rate[:, :3], axis=1), 1.0, rtol=1e-3)
+    assert circle.period / 1e-3 == pytest.approx(round(circle.period / 1e-3), abs=1e-9)
+    np.testing.assert_allclose(states.pose[:, 3:], np.broadcast_to(ROBOT.home[3:], (720, 3)))
+
+
+@pytest.mark.parametrize(("mirror", "plane"), [("xz", [1, -1, 1]), ("yz", [-1, 1, 1])])
+def test_a_mirror_image_is_one(mirror, plane):
+    poses = [(0.05, 0.02, -0.6, 0.1, 0.05, 0.3), (-0.05, 0.06, -0.7, -0.1, 0.1, -0.2)]
+    plain = benchmark_motion(ValidationMotion(motion="line", poses=poses), ROBOT.home, 1e-3)
+    image = benchmark_motion(
+        ValidationMotion(motion="line", poses=poses, mirror=mirror), ROBOT.home, 1e-3
+    )
+    flip = np.diag(np.array(plane, dtype=float))
+    times = plain.sample_times(7)
+    for one, other in zip(plain.sample(times).pose, image.sample(times).pose, strict=True):
+        np.testing.assert_allclose(other[:3], flip @ one[:3])
+        np.testing.assert_allclose(rotation(other[3:]), flip @ rotation(one[3:]) @ flip, atol=1e-12)
+
+
+def rotation(angles):
+    import casadi as ca
+
+    from expdesign.robot.rotation import rotation_matrix
+
+    return ca.evalf(rotation_matrix(ca.SX(angles))).full()
+
+
+def test_a_line_touches_its_ends_and_keeps_its_speed():
+    poses = [(0.1, 0, -0.6, 0, 0, 0), (-0.1, 0, -0.6, 0, 0, 0)]
+    line = benchmark_motion(
+        ValidationMotion(motion="line", poses=poses, speed=0.4), ROBOT.home, 1e-3
+    )
+    states = line.sample(line.sample_times(1000))
+    assert states.pose[:, 0].max() == pytest.approx(0.1)
+    assert states.pose[:, 0].min() == pytest.approx(-0.1)
+    assert np.abs(states.rate[:, 0]).max() == pytest.approx(0.4, rel=1e-2)
+
+
+def test_a_spline_passes_its_poses():
+    rng = np.random.default_rng(0)
+    poses = [tuple(ROBOT.home + rng.uniform(-0.08, 0.08, 6)) for _ in range(6)]
+    spline = benchmark_motion(ValidationMotion(motion="spline", poses=poses), ROBOT.home, 1e-3)
+    states = spline.sample(spline.sample_times(5000)).pose
+    for pose in poses:
+        assert np.min(np.linalg.norm(states - pose, axis=1)) < 1e-3
+
+
+def test_a_sound_estimate_passes(folder):
+    result = validate(case(), read_estimate(folder, ROBOT))
+    assert result.accepted
+    test = result.motions[0].diagnosis.experiments[0].lack_of_fit
+    assert not np.any(test.failed)
+    assert not test.refused
+
+
+def test_cogging_that_the_estimate_does_not_know_fails_its_struts(folder):
+    result = validate(case(cogging=[0, 0, 40, 40, 0, 0]), read_estimate(folder, ROBOT))
+    test = result.motions[0].diagnosis.experiments[0].lack_of_fit
+    assert list(np.flatnonzero(test.failed) + 1) == [3, 4]
+    assert not result.accepted
+
+
+def test_a_wrong_mass_fails(folder):
+    saved = read_estimate(folder, ROBOT)
+    saved.estimate.values[9] *= 1.2
+    assert not validate(case(), saved).accepted
+
+
+def test_an_estimate_survives_its_file(folder):
+    saved = read_estimate(folder, ROBOT)
+    record = json.loads((folder / "estimate.json").read_text())
+    assert saved.estimate.estimator == "ml"
+    assert saved.estimate.values[9] == record["estimators"]["ml"]["values"]["p10"]
+    assert np.all(np.linalg.eigvalsh(saved.estimate.covariance) > 0)
+
+
+@pytest.mark.parametrize("content", [None, "{", "{}", '{"parameters": ["p1"]}', "[1]"])
+def test_what_is_no_estimate_is_refused(tmp_path, content):
+    if content is not None:
+        (tmp_path / "estimate.json").write_text(content)
+    with pytest.raises(ConfigurationError, match=r"estimate\.json"):
+        read_estimate(tmp_path, ROBOT)
+
+
+def test_a_run_without_motions_is_refused(folder):
+    with pytest.raises(ConfigurationError, match="names no motion"):
+        validate(run(), read_estimate(folder, ROBOT))
