@@ -12,7 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from expdesign.configuration import ConfigurationError, Problem, RunConfiguration, load_run
+from expdesign.configuration import (
+    ConfigurationError,
+    Problem,
+    RunConfiguration,
+    load_run,
+    smoothing_widths,
+)
 from expdesign.experiment.result import DesignResult, PredictedPrecision, whole
 from expdesign.experiment.scaling import parameter_scaling
 from expdesign.information.catalogue import criteria_by_key
@@ -126,7 +132,7 @@ def build_workshop(configuration: RunConfiguration) -> Workshop:
         starts=run.design.starts,
         hops=run.design.hops if run.design.search == "hopping" else 0,
         seed=run.design.seed,
-        widths=run.design.smoothing,
+        widths=run.design.smoothing or smoothing_widths(configuration.robot),
         iterations=run.design.max_iterations,
         controller_period=controller_period(configuration),
         workers=run.workers or 1,

@@ -29,7 +29,7 @@ def test_defaults():
     d = run.design
     assert (d.criterion, d.starts, d.seed, d.search, d.hops) == ("d", 8, 0, "restarts", 100)
     assert (d.start, d.scaling, d.parameters) == ("periodic", "si", None)
-    assert list(d.smoothing) == sorted(d.smoothing, reverse=True)
+    assert d.smoothing is None
     assert d.max_iterations >= 1
     assert d.max_seconds is None
     e = run.experiment

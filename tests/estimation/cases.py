@@ -13,9 +13,7 @@ PERIODS = 5
 
 
 def run(estimate=None, **sections):
-    return load_run(
-        {"name": "case", "robot": "palida", "estimate": estimate or {}, **sections}
-    )
+    return load_run({"name": "case", "robot": "palida", "estimate": estimate or {}, **sections})
 
 
 def trajectory(samples=200, step=STEP, harmonics=2, seed=4):

@@ -13,9 +13,7 @@ def test_covariances_agree_with_the_truth_within_their_own_uncertainty(samples):
     motion = trajectory(samples)
     scores = []
     for seed in range(40):
-        record = make_record(
-            measured(motion, seed, periods=6), motion.omega, PeriodSource.DESIGN
-        )
+        record = make_record(measured(motion, seed, periods=6), motion.omega, PeriodSource.DESIGN)
         for found, true in (
             (record.force_scatter, NOISE.force_covariance),
             (record.length_scatter, NOISE.length_covariance),

@@ -39,9 +39,7 @@ def test_slope_of_the_forces_with_held_signs(free):
         prediction = predict_forces(ROBOT, present, TIMES, SIGNS, ROBOT.parameters)
         return prediction.regressors @ ROBOT.parameters
 
-    found = predict_forces(
-        ROBOT, motion, TIMES, SIGNS, ROBOT.parameters, free_frequency=free
-    ).slope
+    found = predict_forces(ROBOT, motion, TIMES, SIGNS, ROBOT.parameters, free_frequency=free).slope
     expected = differences(forces, motion, free)
     np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-5 * np.abs(expected).max())
 
