@@ -71,11 +71,14 @@ def _computed(compute: Any, configuration: RunConfiguration, display: Any) -> De
     try:
         result: DesignResult = compute(configuration, display)
     except SingularInformationError as error:
-        names = ", ".join(error.unexcited)
         raise CommandFailed(
-            f"the limits do not let these parameters be excited: {names}. Restrict "
-            "design.parameters to the others, or widen speed, acceleration or workspace.",
-            {"unexcited": list(error.unexcited)},
+            f"the limits do not let these parameters be excited: {error.combinations}. Leave "
+            f"{', '.join(error.unexcited)} out of design.parameters, or widen speed, acceleration "
+            "or workspace.",
+            {
+                "unexcited": list(error.unexcited),
+                "not_told_from": {d.name: list(d.others) for d in error.directions},
+            },
         ) from error
     except (InfeasibleLimitsError, NoDesignError, WorkerDiedError) as error:
         raise CommandFailed(str(error)) from error

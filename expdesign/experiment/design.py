@@ -19,6 +19,7 @@ from expdesign.configuration import (
     load_run,
     smoothing_widths,
 )
+from expdesign.experiment.identifiable import imprecise
 from expdesign.experiment.result import DesignResult, PredictedPrecision, whole
 from expdesign.experiment.scaling import parameter_scaling
 from expdesign.information.catalogue import criteria_by_key
@@ -91,6 +92,7 @@ def design(config: ConfigurationLike, monitor: Monitor | None = None) -> DesignR
     trajectory = found.finished.trajectory
     judge, samples = shop.judge, configuration.run.trajectory.samples
     information = judge.information(trajectory, samples)
+    experiment = _experiment_precision(judge, trajectory, configuration)
     return DesignResult(
         configuration=configuration,
         robot=judge.robot,
@@ -102,11 +104,15 @@ def design(config: ConfigurationLike, monitor: Monitor | None = None) -> DesignR
         log_det_information=judge.log_det(information),
         criterion_value=judge.value(information),
         per_period=_precision(judge, information, samples, 1),
-        experiment=_experiment_precision(judge, trajectory, configuration),
+        experiment=experiment,
         check=found.finished.check,
         search=found,
         seconds=time.perf_counter() - began,
-        warnings=(*configuration.warnings, *_warnings(configuration, trajectory, shop)),
+        warnings=(
+            *configuration.warnings,
+            *_warnings(configuration, trajectory, shop),
+            *imprecise(judge.robot, experiment),
+        ),
     )
 
 
@@ -216,7 +222,7 @@ def _refuse_unexcitable(shop: Workshop) -> None:
         if found is None or ratio > best:
             best, found = ratio, scaled
     if found is not None and best < _HOPELESS * EXCITABLE:
-        raise SingularInformationError(found.unexcited(shop.judge.names))
+        raise SingularInformationError(found.weak_directions(shop.judge.names))
 
 
 def _blame_unexcited(shop: Workshop, error: NoDesignError) -> None:
@@ -231,7 +237,7 @@ def _blame_unexcited(shop: Workshop, error: NoDesignError) -> None:
         if np.all(np.isfinite(start.variables))
     ]
     if informations and all(scaled.is_singular() for scaled in informations):
-        fewest = min((s.unexcited(shop.judge.names) for s in informations), key=len)
+        fewest = min((s.weak_directions(shop.judge.names) for s in informations), key=len)
         raise SingularInformationError(fewest) from error
 
 
