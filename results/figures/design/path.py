@@ -188,7 +188,7 @@ def _closed(points: Array) -> Array:
 FIGURE = FigureDefinition(
     key="path",
     caption="Path of the tool centre point over one period: with base joints, struts and platform "
-    "joints at the home pose (left), and within the limits of its position, or from home where these "
-    "are far (right). Scales are equal within each view.",
+    "joints at the home pose (left), and within the limits of its position, or from home where "
+    "these are far (right). Scales are equal within each view.",
     draw=draw,
 )
