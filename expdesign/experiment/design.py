@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Mapping
 from dataclasses import replace
@@ -273,9 +274,13 @@ def _warnings(
     found = []
     steps = trajectory.period / shop.plan.controller_period
     if whole(steps) is None:
+        step = shop.plan.controller_period
+        slower, faster = (1 / (count * step) for count in (math.ceil(steps), math.floor(steps)))
         found.append(
             f"the frequency is fixed, and its period is {steps:.6g} controller steps, not a whole "
-            "number: a controller that repeats a table will not repeat this motion exactly"
+            "number: a controller that repeats a table will not repeat this motion exactly. "
+            f"{math.ceil(steps)} steps would be {slower:.9g} Hz, {math.floor(steps)} steps "
+            f"{faster:.9g} Hz"
         )
     if configuration.run.scheduler is not None:
         found.append("the design runs in local processes; the scheduler serves the Monte Carlo")

@@ -8,6 +8,7 @@ import pytest
 import expdesign
 from expdesign.configuration import load_run
 from expdesign.experiment.design import build_workshop
+from expdesign.experiment.output import trajectory_table
 from expdesign.information.fisher import SingularInformationError
 from expdesign.solver import InfeasibleLimitsError, NoDesignError
 from expdesign.solver.random_start import random_start
@@ -224,6 +225,14 @@ def test_a_fixed_frequency_is_kept_and_warned_about(tiny, cheap_finish):
     assert result.samples_per_period == pytest.approx(1 / 0.0037)
     (warning,) = (w for w in result.warnings if "controller" in w)
     assert "270.27" in warning
+    for frequency in (1 / 2.71, 1 / 2.70):
+        assert f"{frequency:.9g} Hz" in warning
+    # Rows at about the controller's rate, a whole number of them over exactly one period.
+    table = trajectory_table(result)
+    assert len(table) == 270
+    np.testing.assert_allclose(
+        table["t"], result.trajectory.period * np.arange(270) / 270, rtol=1e-12
+    )
     assert_limits_kept(result)
     # 100 Hz and 3 periods of no whole number of samples: their last one ends before the end.
     assert result.experiment.samples == int(3 / 0.0037)
