@@ -19,6 +19,7 @@ from expdesign.information.spectral import spectral_cost
 from expdesign.robot import ExactModel, robot_from
 from expdesign.schema import RobotDescription, RunDescription
 from expdesign.schema.design import CRITERIA
+from expdesign.solver import SearchEvent
 from tests.docs.pages import ROOT, blocks, parse
 
 YAML_BLOCKS = blocks("yaml")
@@ -90,6 +91,30 @@ def test_the_python_of_the_readme(robots, monkeypatch):
     assert asked == ["my-run.yaml"]
     assert names["lengths"].shape == (6,)
     assert names["motion"].pose.shape == (2, 6)
+
+
+def test_the_python_page(tiny_result, tmp_path, monkeypatch):
+    """Its blocks run one after the other; only the design itself is one made before."""
+    asked = []
+
+    def design(config, monitor):
+        monitor.report(SearchEvent(1, "blunt", 1, 1.0, 0.0, 0.0))
+        asked.append((config.name, monitor.stop_requested()))
+        return tiny_result
+
+    monkeypatch.setattr(expdesign, "design", design)
+    monkeypatch.setattr("results.design_figures", asked.append)
+    monkeypatch.chdir(tmp_path)
+    names = {}
+    for block in blocks("python"):
+        if block.page.name == "python.md":
+            exec(compile(block.text, "python.md", "exec"), names)
+    assert asked == [("from-python", False), names["folder"]]
+    assert (tmp_path / "runs/from-python/trajectory.csv").is_file()
+    np.testing.assert_allclose(names["again"], names["pose"], atol=1e-9)
+    assert names["jacobian"].shape == (6, 6)
+    assert names["struts"].alpha.shape == (6,)
+    assert names["log_det"] == pytest.approx(tiny_result.log_det_information, abs=1e-6)
 
 
 @pytest.fixture
