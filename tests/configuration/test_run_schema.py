@@ -330,3 +330,10 @@ def test_all_problems_are_reported_at_once(run_mapping, problems_of):
         "design.criterion",
         "limits.tilt",
     ]
+
+
+def test_one_frequency_alone_is_shown_as_a_pair():
+    with pytest.raises(ValidationError) as caught:
+        _run(trajectory={"frequency": "0.5 Hz"})
+    (error,) = caught.value.errors()
+    assert error["ctx"]["allowed"].endswith("[0.5 Hz, 0.5 Hz]")
