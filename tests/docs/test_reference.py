@@ -1,5 +1,6 @@
 """The reference tables of the docs say what the code says."""
 
+import itertools
 import re
 
 import pytest
@@ -22,6 +23,7 @@ from expdesign.schema import (
     RunDescription,
     TrajectorySection,
 )
+from expdesign.schema.quantity import unit_dimension, unit_symbols
 from results.figures.design.catalogue import DESIGN_FIGURES
 from tests.docs.pages import ROOT, codes, parse, table
 
@@ -179,3 +181,12 @@ def test_the_recheck_is_as_fine_as_told():
     assert [grid_points(samples) for samples in (10, 200, 1000)] == [4000, 4000, 20000]
     assert "10⁻⁶ of its range" in text
     assert TOLERANCE == 1e-6
+
+
+def test_units():
+    rows = {row[0]: codes(row[1]) for row in table(RUN_FILES, "## Units")}
+    assert sorted(itertools.chain(*rows.values())) == sorted(unit_symbols())
+    for kind, symbols in rows.items():
+        for symbol in symbols:
+            name = unit_dimension(symbol).name.replace("duration", "time")
+            assert name.split(maxsplit=1)[1] == kind, symbol
