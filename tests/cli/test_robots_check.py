@@ -11,6 +11,7 @@ import typer
 import expdesign.cli.run as cli_run
 from expdesign.cli.errors import CommandFailed, run
 from expdesign.configuration import load_robot_description, load_run, resolved_yaml
+from expdesign.library import robot_names
 
 ROBOT = resolved_yaml(load_run("palida")).split("robot:\n")[1].split("\ntrajectory")[0]
 
@@ -31,8 +32,13 @@ def test_robots_lists_geometry_limits_and_source(expdesign, monkeypatch):
     monkeypatch.setenv("COLUMNS", "160")
     status, out, err = expdesign("robots")
     assert (status, err) == (0, "")
-    for text in ("palida", "rubin", "struts at home 0.6762 m", "strut speed ±2 m/s", "Sourced"):
-        assert text in out
+    lines = out.splitlines()
+    assert [line for line in lines if line and not line.startswith(" ")] == list(robot_names())
+    assert max(len(line) for line in lines) <= 100
+    assert len(lines) < 80
+    together = " ".join(out.split())
+    for text in ("struts at home 0.6762 m", "strut speed ±2 m/s", "Sourced"):
+        assert text in together
 
 
 @pytest.mark.parametrize("width", ["20", "80", "400"])
