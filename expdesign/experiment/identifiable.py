@@ -11,7 +11,7 @@ from expdesign.robot import Robot
 IDENTIFIABLE = 0.5
 """A parameter counts as identified below this standard deviation, as a share of its scale."""
 
-_LARGE = 10.0
+_LARGE = 100.0
 
 
 def imprecise(robot: Robot, precision: PredictedPrecision) -> tuple[str, ...]:
@@ -35,8 +35,8 @@ def imprecise(robot: Robot, precision: PredictedPrecision) -> tuple[str, ...]:
     if not weak:
         return ()
     return (
-        "not identifiable with this experiment, whose predicted standard deviation exceeds "
-        f"{100 * IDENTIFIABLE:g} % of the parameter: {', '.join(weak)}",
+        "not identifiable with this experiment (predicted standard deviation above "
+        f"{100 * IDENTIFIABLE:g} % of the parameter): {', '.join(weak)}",
     )
 
 

@@ -24,8 +24,10 @@ _NAME_AT = 0.3
 """Where on a strut its number stands, as a share of its length from the base."""
 _FITS = 3
 """Rounds of fitting a view: labels do not grow with it, so that one does not suffice."""
-_DOT = 0.05
-"""A path smaller than this share of the workspace is drawn without it."""
+_DOT = 0.15
+"""A path smaller than this share of the workspace is drawn without it …"""
+_AWAY = 2.0
+"""… and without home when that is more than so many of its sizes away."""
 _AXES = (("x", (-2.0, -2.0), 0.0), ("y", (-2.0, -2.0), 0.12), ("z", (1.0, 2.5), 0.0))
 """Axis, distances of its label and of its numbers (points), and the share at its lower end that is
 left without numbers: x ends where y begins."""
@@ -99,9 +101,11 @@ def _draw_path(axes: Any, record: DesignRecord) -> None:
     if corners is None:
         # Where home is would only hide how small a motion is.
         path, home, corners = path - home, np.zeros(3), path[:0]
-    shown = np.concatenate([path, corners])
+    away = np.max(np.abs(home - np.mean(path, axis=0)))
+    marked = home[None, :] if away < _AWAY * np.max(np.ptp(path, axis=0)) else path[:0]
+    shown = np.concatenate([path, corners, marked])
     unit = handy_unit("m", np.ptp(shown, axis=0))
-    path, home, corners, shown = (unit.shown(part) for part in (path, home, corners, shown))
+    path, marked, corners, shown = (unit.shown(part) for part in (path, marked, corners, shown))
     floor = _bound(axes, unit, shown)
     for one, other in combinations(corners, 2):
         if np.count_nonzero(one != other) == 1:
@@ -110,7 +114,7 @@ def _draw_path(axes: Any, record: DesignRecord) -> None:
     axes.plot(path[:, 0], path[:, 1], floor, color=FAINT, linewidth=0.9)
     axes.plot(*path.T, color=EMPHASIS, linewidth=1.3)
     axes.plot(*path[:1].T, color=EMPHASIS, marker="o", markersize=4.5, linestyle="none")
-    axes.plot(*home[:, None], color=INK, marker="+", markersize=7, linestyle="none")
+    axes.plot(*marked.T, color=INK, marker="+", markersize=7, linestyle="none")
 
 
 def _workspace(record: DesignRecord) -> Array | None:
