@@ -76,3 +76,22 @@ class LimitDefinition:
     def rows(self, quantities: Quantities) -> ca.SX:
         """Return the rows in the form that an optimiser can differentiate."""
         return ca.densify((self.smooth or self.natural)(quantities))
+
+    def share_used(self, value: float, bound: float, violation: float) -> float:
+        """Return how much of a limit is used: 1 at the bound, more beyond it.
+
+        Of a limit with two sides it is counted from the middle of the range (for ±b that is
+        |value| / b), of an upper bound it is value / bound, of a lower bound bound / value.
+
+        Parameters
+        ----------
+        value, bound : float
+            The row's value, and the bound that it comes closest to.
+        violation : float
+            Excess over that bound as a share of the row's range.
+        """
+        if self.kind in ("interval", "symmetric"):
+            return 1 + 2 * violation
+        if self.kind == "lower" and bound > 0 and value > 0:
+            return bound / value
+        return 1 + violation

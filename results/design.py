@@ -8,6 +8,12 @@ from results.figures.design.catalogue import DESIGN_FIGURES
 from results.figures.saving import save_figures
 from results.record import DesignRecord
 
+_NOTES = {
+    "interrupted": "interrupted: the best found until then",
+    "limits broken": "this design breaks a limit",
+}
+"""What the figures of a design say that did not come to a good end, by its status."""
+
 
 def design_figures(folder: Path) -> tuple[Path, ...]:
     """Draw the figures of a design into ``figures/`` of its run folder.
@@ -21,7 +27,8 @@ def design_figures(folder: Path) -> tuple[Path, ...]:
     Returns
     -------
     tuple of Path
-        Each figure as PNG and SVG. The same folder gives the same bytes.
+        Each figure as PNG and SVG. The same folder gives the same bytes. Those of a design that was
+        interrupted or breaks a limit say so.
 
     Raises
     ------
@@ -31,4 +38,5 @@ def design_figures(folder: Path) -> tuple[Path, ...]:
         `run.yaml` is not a valid run.
     """
     record = DesignRecord.load(Path(folder))
-    return save_figures(DESIGN_FIGURES, record, record.folder / "figures")
+    note = _NOTES.get(record.summary.status, "")
+    return save_figures(DESIGN_FIGURES, record, record.folder / "figures", note)

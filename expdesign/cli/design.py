@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from expdesign.configuration import RunConfiguration
     from expdesign.experiment import DesignResult
 
-_AT_BOUND = -1e-3
-
 
 def design(run: RunArgument, out: OutOption = None, as_json: JsonOption = False) -> None:
     """Design the optimal excitation trajectory.
@@ -77,11 +75,14 @@ def _computed(compute: Any, configuration: RunConfiguration, display: Any) -> De
     try:
         result: DesignResult = compute(configuration, display)
     except SingularInformationError as error:
-        names = ", ".join(error.unexcited)
         raise CommandFailed(
-            f"the limits do not let these parameters be excited: {names}. Restrict "
-            "design.parameters to the others, or widen speed, acceleration or workspace.",
-            {"unexcited": list(error.unexcited)},
+            f"the limits do not let these parameters be excited: {error.combinations}. Leave "
+            f"{', '.join(error.unexcited)} out of design.parameters, or widen speed, acceleration "
+            "or workspace.",
+            {
+                "unexcited": list(error.unexcited),
+                "not_told_from": {d.name: list(d.others) for d in error.directions},
+            },
         ) from error
     except (InfeasibleLimitsError, NoDesignError, WorkerDiedError) as error:
         raise CommandFailed(str(error)) from error
@@ -89,15 +90,16 @@ def _computed(compute: Any, configuration: RunConfiguration, display: Any) -> De
 
 
 def _display(configuration: RunConfiguration) -> Any:
-    from expdesign.cli.live import SearchDisplay
+    from expdesign.cli.live import Objective, SearchDisplay
     from expdesign.information.catalogue import criteria_by_key
 
     section = configuration.run.design
     criterion = criteria_by_key()[section.criterion]
+    # The blunt stage of a criterion that depends on the scaling is that of log det F.
+    blunt = criterion if criterion.invariant else criteria_by_key()["d"]
     total = section.starts + (section.hops if section.search == "hopping" else 0)
-    return SearchDisplay(
-        messages(), criterion.title, total, larger_is_better=criterion.larger_is_better
-    )
+    objective = Objective(criterion.title, blunt.title, criterion.larger_is_better)
+    return SearchDisplay(messages(), objective, total)
 
 
 def _summary(result: DesignResult, folder: Path) -> dict[str, Any]:
@@ -105,6 +107,7 @@ def _summary(result: DesignResult, folder: Path) -> dict[str, Any]:
         "folder": str(folder),
         "design_status": result.status,
         "log_det_information": result.log_det_information,
+        "criterion": result.configuration.run.design.criterion,
         "criterion_value": result.criterion_value,
         "worst_violation": result.check.worst,
         "seconds": result.seconds,
@@ -114,43 +117,65 @@ def _summary(result: DesignResult, folder: Path) -> dict[str, Any]:
 
 def _what_is_wrong(result: DesignResult, folder: Path) -> str:
     from expdesign.recheck import TOLERANCE
+    from expdesign.schema.display import quantity_text
 
     if result.status == "interrupted":
         return f"interrupted: the best so far is saved, and marked, in {short(folder)}"
     broken = [check for check in result.check.limits if check.violation > TOLERANCE]
-    parts = [
-        f"{check.key} ({check.row}: {check.value:.6g} {check.unit} at {check.time:.4g} s, bound "
-        f"{check.bound:.6g}, {check.violation:.2g} of its range)"
-        for check in sorted(broken, key=lambda check: -check.violation)
-    ]
+    parts = []
+    for check in sorted(broken, key=lambda check: -check.violation):
+        row = f"{check.row}: " if check.row else ""
+        parts.append(
+            f"{check.key} ({row}{quantity_text(check.value, check.unit)} at {check.time:.4g} s, "
+            f"bound {quantity_text(check.bound, check.unit)}, {check.violation:.2g} of its range)"
+        )
     return f"the design breaks {'; '.join(parts)}. It is saved, and marked, in {short(folder)}"
 
 
 def _show(result: DesignResult, folder: Path) -> None:
+    from rich import box
     from rich.table import Table
 
+    from constraints import limit_definitions
+    from expdesign.schema.display import quantity_text
+
     console = results()
-    trajectory = result.trajectory
-    console.print(
-        f"{result.configuration.run.name}: {result.status} in {result.seconds:.0f} s. "
-        f"log det F = {result.log_det_information:.4f} over {result.samples} samples of one "
-        f"period of {trajectory.period:.4f} s."
+    console.print(_headline(result), soft_wrap=True)
+    limits = Table(
+        title="Limits over the whole period (unsmoothed model)",
+        title_justify="left",
+        box=box.SIMPLE_HEAD,
+        pad_edge=False,
+        show_edge=False,
     )
-    limits = Table(title="Limits over the whole period (unsmoothed model)", title_justify="left")
-    for head in ("limit", "where", "worst", "bound", "unit", "left"):
-        limits.add_column(head, justify="left" if head in {"limit", "where", "unit"} else "right")
+    for head in ("limit", "where", "worst", "bound", "used"):
+        limits.add_column(
+            head, justify="left" if head in {"limit", "where"} else "right", no_wrap=True
+        )
     for check in result.check.limits:
+        used = limit_definitions()[check.key].share_used(check.value, check.bound, check.violation)
         limits.add_row(
             check.key,
             check.row,
-            f"{check.value:.5g}",
-            f"{check.bound:.5g}",
-            check.unit,
-            _left(check.violation),
+            quantity_text(check.value, check.unit, 5),
+            quantity_text(check.bound, check.unit, 5),
+            f"{100 * used:.1f} %",
         )
     console.print(limits)
-    console.print(f"written to {short(folder)}")
+    console.print(f"written to {short(folder)}", soft_wrap=True)
 
 
-def _left(violation: float) -> str:
-    return "at the bound" if violation > _AT_BOUND else f"{-100 * violation:.1f} % free"
+def _headline(result: DesignResult) -> str:
+    """Return how the design ended, with the value of its own criterion first."""
+    from expdesign.information.catalogue import criteria_by_key
+
+    section = result.configuration.run.design
+    criterion = criteria_by_key()[section.criterion]
+    scaling = {"si": "SI units", "nominal": "nominal scaling"}[section.scaling]
+    value = f"{criterion.title} = {result.criterion_value:.7g}"
+    if not criterion.invariant:
+        value += f" ({scaling}), log det F = {result.log_det_information:.7g}"
+    return (
+        f"{result.configuration.run.name}: {result.status} in {result.seconds:.0f} s. {value} over "
+        f"{result.samples} samples of one period of {result.trajectory.period:.4f} s."
+    )

@@ -8,6 +8,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from types import FrameType
 
 from rich.console import Console, Group
@@ -18,6 +19,37 @@ from rich.text import Text
 from expdesign.solver import SearchEvent
 
 _HEARTBEAT = 5.0
+_BUILDING = "building the problem"
+_STOPPING = (
+    "stopping: if a start has a result by now, the best so far is finished and saved; "
+    "Ctrl-C again abandons the design …"
+)
+_ABANDONED = "abandoned: nothing of this design is saved"
+
+
+@dataclass(frozen=True)
+class Objective:
+    """What the numbers of a search are.
+
+    Attributes
+    ----------
+    title : str
+        The criterion in words.
+    blunt_title : str
+        What the blunt stage optimises, in words; the same or another criterion.
+    larger_is_better : bool
+        Of the criterion.
+    """
+
+    title: str
+    blunt_title: str
+    larger_is_better: bool
+
+    def of(self, event: SearchEvent) -> str:
+        """Return an event's objective with its name: criterion, and smoothed or true."""
+        title = self.blunt_title if event.phase == "blunt" else self.title
+        model = "true" if event.phase == "done" else "smoothed"
+        return f"{title} {event.objective:.6g} ({model})"
 
 
 class SearchDisplay:
@@ -28,39 +60,36 @@ class SearchDisplay:
     console : rich Console
         On a terminal the display is redrawn in place; elsewhere a line is written when a start
         ends and, at most every five seconds, for the start that moves.
-    criterion : str
-        What the objective is, in words.
+    objective : Objective
     total : int
         Number of starts and hops.
-    larger_is_better : bool
     """
 
-    def __init__(
-        self, console: Console, criterion: str, total: int, *, larger_is_better: bool
-    ) -> None:
-        self._console, self._criterion, self._total = console, criterion, total
-        self._sign = 1.0 if larger_is_better else -1.0
+    def __init__(self, console: Console, objective: Objective, total: int) -> None:
+        self._console, self._objective, self._total = console, objective, total
         self._running: dict[int, SearchEvent] = {}
         self._best: SearchEvent | None = None
         self._ended = 0
         self._began = self._spoke = time.monotonic()
+        self._built = False
         self._stop = threading.Event()
         self._live: Live | None = None
 
     def report(self, event: SearchEvent) -> None:
         """Show one event."""
+        if not self._built:
+            self._built = True
+            self._line(f"built after {self._seconds:.0f} s; the search begins")
         if event.phase == "done":
             self._running.pop(event.start, None)
             self._ended += 1
             if math.isfinite(event.objective) and self._improves(event):
                 self._best = event
-            self._line(_ended(event, self._total))
+            self._line(self._ended_text(event))
         else:
             self._running[event.start] = event
             if self._live is None and time.monotonic() - self._spoke > _HEARTBEAT:
-                self._line(_running(event))
-        if self._live is not None:
-            self._live.update(self._picture())
+                self._line(self._running_text(event))
 
     def stop_requested(self) -> bool:
         """Tell whether the user pressed Ctrl-C."""
@@ -72,66 +101,72 @@ class SearchDisplay:
 
         def ask(_number: int, _frame: FrameType | None) -> None:
             if self._stop.is_set():
+                self._console.print(_ABANDONED)
                 raise KeyboardInterrupt
             self._stop.set()
-            self._console.print("stopping: the best so far is finished and saved …")
+            self._console.print(_STOPPING)
 
         previous = signal.signal(signal.SIGINT, ask)
+        self._began = time.monotonic()
         try:
             if self._console.is_terminal:
-                with Live(self._picture(), console=self._console, refresh_per_second=4) as live:
+                with Live(
+                    get_renderable=self._picture, console=self._console, refresh_per_second=4
+                ) as live:
                     self._live = live
                     yield
             else:
+                self._line(f"{_BUILDING} …")
                 yield
         finally:
             self._live = None
             signal.signal(signal.SIGINT, previous)
 
+    @property
+    def _seconds(self) -> float:
+        return time.monotonic() - self._began
+
     def _improves(self, event: SearchEvent) -> bool:
-        best = self._best
-        return best is None or self._sign * event.objective > self._sign * best.objective
+        if self._best is None:
+            return True
+        larger = event.objective > self._best.objective
+        return larger is self._objective.larger_is_better
 
     def _line(self, text: str) -> None:
         self._spoke = time.monotonic()
         self._console.print(text)
 
     def _picture(self) -> Group:
+        if not self._built:
+            return Group(Text(f"{_BUILDING}, {self._seconds:.0f} s"))
         table = Table(box=None, pad_edge=False, header_style="dim")
-        for title in ("start", "phase", "iteration", self._criterion, "violation", "time"):
+        for title in ("start", "stage", "iteration", "objective", "violation", "time"):
             table.add_column(title, justify="right")
-        for start in sorted(self._running):
-            event = self._running[start]
+        for start, event in sorted(self._running.copy().items()):
             table.add_row(
                 f"{start}",
                 event.phase,
                 f"{event.iteration}",
-                f"{event.objective:.6g}",
+                self._objective.of(event),
                 f"{max(event.violation, 0.0):.1e}",
                 f"{event.seconds:.0f} s",
             )
-        best = "none yet" if self._best is None else f"{self._best.objective:.6g}"
-        seconds = time.monotonic() - self._began
-        head = Text(
-            f"{self._ended} of {self._total} done, best {self._criterion} {best}, {seconds:.0f} s"
-        )
+        best = "none yet" if self._best is None else self._objective.of(self._best)
+        head = Text(f"{self._ended} of {self._total} done, best: {best}, {self._seconds:.0f} s")
         return Group(head, table)
 
+    def _ended_text(self, event: SearchEvent) -> str:
+        reached = "no usable motion"
+        if math.isfinite(event.objective):
+            reached = f"{self._objective.of(event)} within the limits"
+        return (
+            f"start {event.start}/{self._total}: {reached} after "
+            f"{event.iteration} iterations, {event.seconds:.0f} s: {event.status}"
+        )
 
-def _ended(event: SearchEvent, total: int) -> str:
-    reached = (
-        f"{event.objective:.6g} within the limits"
-        if math.isfinite(event.objective)
-        else "no usable motion"
-    )
-    return (
-        f"start {event.start}/{total}: {reached} after "
-        f"{event.iteration} iterations, {event.seconds:.0f} s: {event.status}"
-    )
-
-
-def _running(event: SearchEvent) -> str:
-    return (
-        f"start {event.start}: {event.phase}, iteration {event.iteration}, objective "
-        f"{event.objective:.6g}, violation {max(event.violation, 0.0):.1e}, {event.seconds:.0f} s"
-    )
+    def _running_text(self, event: SearchEvent) -> str:
+        return (
+            f"start {event.start}: {event.phase}, iteration {event.iteration}, "
+            f"{self._objective.of(event)}, violation {max(event.violation, 0.0):.1e}, "
+            f"{event.seconds:.0f} s"
+        )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Any
@@ -25,9 +26,16 @@ JsonOption = Annotated[
 ]
 
 
+_PIPED_WIDTH = 200
+"""Characters: what is no terminal has no width, and nothing is to be cut for it."""
+
+
 def results() -> Console:
     """Return the console for results, on standard output."""
-    return Console(highlight=False, markup=False)
+    console = Console(highlight=False, markup=False)
+    if not console.is_terminal and "COLUMNS" not in os.environ:
+        console.width = _PIPED_WIDTH
+    return console
 
 
 def messages() -> Console:

@@ -7,7 +7,12 @@ from typing import TYPE_CHECKING, Any
 from expdesign.cli.output import JsonOption, results, write_json
 
 if TYPE_CHECKING:
+    from rich.table import Table
+
     from expdesign.configuration import ResolvedLimit, ResolvedRobot
+
+_WIDEST = 100
+"""Characters of a line that is still easy to read."""
 
 
 def robots(as_json: JsonOption = False) -> None:
@@ -15,8 +20,6 @@ def robots(as_json: JsonOption = False) -> None:
 
     Any of the names can stand as `robot:` in a run file; so can the path of a file of your own.
     """
-    from rich.table import Table
-
     from expdesign.configuration import load_robot_description
     from expdesign.library import robot_names
 
@@ -24,14 +27,26 @@ def robots(as_json: JsonOption = False) -> None:
     if as_json:
         write_json([_as_data(robot) for robot in found])
         return
-    table = Table(show_lines=True)
-    table.add_column("robot", no_wrap=True)
-    for heading in ("geometry", "limits", "source and assumptions"):
-        table.add_column(heading, overflow="fold")
-    for robot in found:
-        limits = "\n".join(_limit(limit) for limit in robot.limits.values())
-        table.add_row(robot.name, _geometry(robot), limits, robot.description.description)
-    results().print(table)
+    console = results()
+    for position, robot in enumerate(found):
+        if position:
+            console.print()
+        console.print(robot.name, style="bold")
+        console.print(_block(robot, min(console.width, _WIDEST)))
+
+
+def _block(robot: ResolvedRobot, width: int) -> Table:
+    from rich.table import Table
+
+    block = Table.grid(padding=(0, 2, 0, 0))
+    block.width = width
+    block.add_column(no_wrap=True)
+    block.add_column(overflow="fold")
+    limits = "; ".join(_limit(limit) for limit in robot.limits.values())
+    rows = {"geometry": _geometry(robot), "limits": limits, "source": robot.description.description}
+    for name, text in rows.items():
+        block.add_row(f"  {name}", text)
+    return block
 
 
 def _geometry(robot: ResolvedRobot) -> str:
@@ -46,8 +61,8 @@ def _geometry(robot: ResolvedRobot) -> str:
     )
     pose = ", ".join(f"{value:.4g}" for value in robot.home)
     return (
-        f"home {pose}\nstruts at home {length} m\nbase radius {base:.4g} m\n"
-        f"platform radius {platform:.4g} m\nplatform {robot.platform}\n"
+        f"home {pose} (m, rad); struts at home {length} m; base radius {base:.4g} m; "
+        f"platform radius {platform:.4g} m; {robot.platform} platform; "
         f"Jacobian condition at home {home['jacobian_condition']:.3g} "
         f"(L = {robot.characteristic_length:g} m)"
     )

@@ -11,6 +11,7 @@ from expdesign.configuration.resolved import (
 )
 from expdesign.configuration.robot import load_robot_description
 from expdesign.configuration.run import load_run
+from expdesign.configuration.smoothing import smoothing_widths
 from expdesign.configuration.writing import resolved_yaml
 
 __all__ = [
@@ -28,4 +29,5 @@ __all__ = [
     "load_run",
     "resolved_yaml",
     "shared_joint_pairs",
+    "smoothing_widths",
 ]

@@ -210,7 +210,7 @@ def _row(definition: LimitDefinition, value: object, where: str) -> Bounds:
         raise refusal(f"{where}{shown(value)} is not a pair", _allowed(definition))
     bound = _number(definition, value, where)
     if bound < 0 or (bound == 0 and kind != "lower"):
-        raise refusal(f"{where}the bound {bound:g} is not positive", _allowed(definition))
+        raise refusal(f"{where}the bound {_as_given(value)} is not positive", _allowed(definition))
     if kind == "symmetric":
         return -bound, bound
     if kind == "upper" and definition.unit == "rad" and bound > np.pi:
@@ -223,10 +223,15 @@ def _row(definition: LimitDefinition, value: object, where: str) -> Bounds:
 def _interval(definition: LimitDefinition, value: Sequence[object], where: str) -> Bounds:
     low, high = (_number(definition, end, where) for end in value)
     if low >= high:
-        message = f"{where}min {low:g} is not below max {high:g}"
+        message = f"{where}min {_as_given(value[0])} is not below max {_as_given(value[1])}"
         raise refusal(message, f"[min, max] in {definition.unit} with min < max")
     _require_usable(definition, (low, high), where)
     return low, high
+
+
+def _as_given(value: object) -> str:
+    """Return a number or a quantity as the user wrote it: in the user's unit."""
+    return shown(value.strip()).strip("'") if isinstance(value, str) else shown(value)
 
 
 def _number(definition: LimitDefinition, value: object, where: str) -> float:

@@ -15,6 +15,7 @@ from expdesign.configuration.noise import NoiseSource
 from expdesign.configuration.problem import ConfigurationError, Problem
 from expdesign.configuration.resolved import ResolvedRobot, RunConfiguration
 from expdesign.configuration.robot import RobotSource, read_robot, resolve_robot
+from expdesign.configuration.smoothing import smoothing_widths
 from expdesign.configuration.validation import validate
 from expdesign.configuration.yaml_reader import read_yaml
 from expdesign.schema import NoiseDescription, RobotDescription, RunDescription
@@ -193,6 +194,9 @@ def _completed(run: RunDescription, robot: ResolvedRobot, folder: Path) -> RunDe
     if run.trajectory.controller_period is None:
         step = run.experiment.step
         update["trajectory"] = run.trajectory.model_copy(update={"controller_period": step})
+    if run.design.smoothing is None:
+        widths = smoothing_widths(robot)
+        update["design"] = run.design.model_copy(update={"smoothing": widths})
     if run.data.file is not None:
         file = str(absolute(run.data.file, folder))
         update["data"] = run.data.model_copy(update={"file": file})
@@ -203,7 +207,10 @@ def _completed(run: RunDescription, robot: ResolvedRobot, folder: Path) -> RunDe
             else motion.model_copy(update={"file": str(absolute(motion.file, folder))})
             for motion in run.validation
         )
-    return run.model_copy(update=update)
+    completed = run.model_copy(update=update)
+    # A copy counts what is updated as named; a stage is named by the user alone.
+    completed.model_fields_set.difference_update({"design"} - run.model_fields_set)
+    return completed
 
 
 def _warnings(run: RunDescription, robot: ResolvedRobot) -> list[str]:

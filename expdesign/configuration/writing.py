@@ -15,7 +15,13 @@ _HEADER = """\
 # (m, s, kg, N, rad; frequencies in Hz). Loading this file gives the same configuration.
 """
 _UNNAMED = """\
-# Stages that this run does not name, with the values that they would have:
+# What this run does not name, with the values that it would have:
+"""
+_USED_ALL_THE_SAME = """\
+# The design uses periods and sampling of the experiment all the same: for the predicted precision.
+"""
+_DESIGNS = """\
+# `expdesign run` designs, with the values of design below: it does so when no stage is named.
 """
 _WIDTH = 96
 _PLAIN = re.compile(r"[A-Za-z][A-Za-z0-9_./-]*")
@@ -28,7 +34,7 @@ def resolved_yaml(configuration: RunConfiguration) -> str:
 
     The robot stands in it as a mapping, with its limits and noise as overridden by the run. The
     sections of stages that the run does not name are comments, so that loading the text names
-    the same stages.
+    the same stages; so is that of data that no stage uses.
 
     Parameters
     ----------
@@ -40,7 +46,10 @@ def resolved_yaml(configuration: RunConfiguration) -> str:
         `load_run` of a file with this text gives an equal configuration, to the last bit.
     """
     data = configuration.run.model_dump(by_alias=True)
-    unnamed = [stage for stage in STAGES if stage not in configuration.stages]
+    stages = configuration.stages
+    unnamed = [stage for stage in STAGES if stage not in stages]
+    if "data" not in configuration.run.model_fields_set and "estimate" not in stages:
+        unnamed.append("data")
     # Empty now that they are part of the robot.
     data = {key: data[key] for key in data if key not in ("limits", "noise")}
     parts = [_HEADER]
@@ -49,6 +58,9 @@ def resolved_yaml(configuration: RunConfiguration) -> str:
             parts += ["\n" if isinstance(value, dict) else "", *_lines(key, value, 0)]
     if unnamed:
         parts += ["\n", _UNNAMED]
+        designs = not stages or "design" in stages
+        parts += [_DESIGNS] if not stages else []
+        parts += [_USED_ALL_THE_SAME] if designs and "experiment" in unnamed else []
         for key in unnamed:
             parts += [f"# {line}" for line in _lines(key, data[key], 0)]
     return "".join(parts)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Mapping
 from dataclasses import replace
@@ -12,7 +13,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from expdesign.configuration import ConfigurationError, Problem, RunConfiguration, load_run
+from expdesign.configuration import (
+    ConfigurationError,
+    Problem,
+    RunConfiguration,
+    load_run,
+    smoothing_widths,
+)
+from expdesign.experiment.identifiable import imprecise
 from expdesign.experiment.result import DesignResult, PredictedPrecision, whole
 from expdesign.experiment.scaling import parameter_scaling
 from expdesign.information.catalogue import criteria_by_key
@@ -85,6 +93,7 @@ def design(config: ConfigurationLike, monitor: Monitor | None = None) -> DesignR
     trajectory = found.finished.trajectory
     judge, samples = shop.judge, configuration.run.trajectory.samples
     information = judge.information(trajectory, samples)
+    experiment = _experiment_precision(judge, trajectory, configuration)
     return DesignResult(
         configuration=configuration,
         robot=judge.robot,
@@ -96,11 +105,15 @@ def design(config: ConfigurationLike, monitor: Monitor | None = None) -> DesignR
         log_det_information=judge.log_det(information),
         criterion_value=judge.value(information),
         per_period=_precision(judge, information, samples, 1),
-        experiment=_experiment_precision(judge, trajectory, configuration),
+        experiment=experiment,
         check=found.finished.check,
         search=found,
         seconds=time.perf_counter() - began,
-        warnings=(*configuration.warnings, *_warnings(configuration, trajectory, shop)),
+        warnings=(
+            *configuration.warnings,
+            *_warnings(configuration, trajectory, shop),
+            *imprecise(judge.robot, experiment),
+        ),
     )
 
 
@@ -126,7 +139,7 @@ def build_workshop(configuration: RunConfiguration) -> Workshop:
         starts=run.design.starts,
         hops=run.design.hops if run.design.search == "hopping" else 0,
         seed=run.design.seed,
-        widths=run.design.smoothing,
+        widths=run.design.smoothing or smoothing_widths(configuration.robot),
         iterations=run.design.max_iterations,
         controller_period=controller_period(configuration),
         workers=run.workers or 1,
@@ -210,7 +223,7 @@ def _refuse_unexcitable(shop: Workshop) -> None:
         if found is None or ratio > best:
             best, found = ratio, scaled
     if found is not None and best < _HOPELESS * EXCITABLE:
-        raise SingularInformationError(found.unexcited(shop.judge.names))
+        raise SingularInformationError(found.weak_directions(shop.judge.names))
 
 
 def _blame_unexcited(shop: Workshop, error: NoDesignError) -> None:
@@ -225,7 +238,7 @@ def _blame_unexcited(shop: Workshop, error: NoDesignError) -> None:
         if np.all(np.isfinite(start.variables))
     ]
     if informations and all(scaled.is_singular() for scaled in informations):
-        fewest = min((s.unexcited(shop.judge.names) for s in informations), key=len)
+        fewest = min((s.weak_directions(shop.judge.names) for s in informations), key=len)
         raise SingularInformationError(fewest) from error
 
 
@@ -261,9 +274,13 @@ def _warnings(
     found = []
     steps = trajectory.period / shop.plan.controller_period
     if whole(steps) is None:
+        step = shop.plan.controller_period
+        slower, faster = (1 / (count * step) for count in (math.ceil(steps), math.floor(steps)))
         found.append(
             f"the frequency is fixed, and its period is {steps:.6g} controller steps, not a whole "
-            "number: a controller that repeats a table will not repeat this motion exactly"
+            "number: a controller that repeats a table will not repeat this motion exactly. "
+            f"{math.ceil(steps)} steps would be {slower:.9g} Hz, {math.floor(steps)} steps "
+            f"{faster:.9g} Hz"
         )
     if configuration.run.scheduler is not None:
         found.append("the design runs in local processes; the scheduler serves the Monte Carlo")

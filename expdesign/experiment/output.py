@@ -136,8 +136,8 @@ def design_record(result: DesignResult) -> dict[str, Any]:
 
 
 def trajectory_table(result: DesignResult) -> pd.DataFrame:
-    """Return one period at the controller's rate (at the samples, if it has no whole rate)."""
-    times = result.trajectory.sample_times(whole(result.samples_per_period) or result.samples)
+    """Return one period at the controller's rate, rounded to a whole number of rows."""
+    times = result.trajectory.sample_times(round(result.samples_per_period))
     motion = result.trajectory.sample(times)
     struts = result.robot.strut_motion(motion.pose, motion.rate, motion.acceleration)
     forces = result.robot.actuator_forces(motion.pose, motion.rate, motion.acceleration)

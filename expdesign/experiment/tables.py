@@ -12,7 +12,12 @@ TABLES: dict[str, tuple[Column, ...]] = {
         Column("unit", "", "unit of value and bound"),
         Column("value", "see unit", "worst value over the whole period, unsmoothed model"),
         Column("bound", "see unit", "bound that it comes closest to"),
-        Column("violation", "1", "excess over the bound as a share of the limit's range"),
+        Column(
+            "violation",
+            "1",
+            "excess over the bound as a share of the limit's range (max - min; |bound| of a "
+            "one-sided limit); negative: what is left",
+        ),
         Column("time", "s", "when, from the start of the period"),
         Column("origin", "", "where the bound was given"),
     ),

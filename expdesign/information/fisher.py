@@ -14,6 +14,34 @@ EXCITABLE = 1e-12
 """Smallest eigenvalue of the column-scaled F, relative to its largest, that counts as excited."""
 
 
+SHARE = 0.1
+"""From this share (squared component) on, a parameter takes part in a direction."""
+
+
+@dataclass(frozen=True)
+class WeakDirection:
+    """A combination of parameters that F does not determine.
+
+    Attributes
+    ----------
+    name : str
+        The parameter with the largest share of it: without it the combination is gone.
+    others : tuple of str
+        The parameters that it cannot be told from; empty when nothing excites it at all.
+    """
+
+    name: str
+    others: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        """Return it in words: ``"p4 (it cannot be told from p5)"``."""
+        if not self.others:
+            return self.name
+        *first, last = self.others
+        others = f"{', '.join(first)} and {last}" if first else last
+        return f"{self.name} (it cannot be told from {others})"
+
+
 def whitening(covariance: Array) -> Array:
     """Return the lower triangular S⁻¹ with Σ = S Sᵀ: S⁻¹ q has unit covariance.
 
@@ -72,38 +100,55 @@ class ScaledInformation:
         values = self.eigenvalues()
         return bool(values[0] <= EXCITABLE * values[-1]) or bool(np.any(self.scales <= 0))
 
-    def unexcited(self, names: tuple[str, ...]) -> tuple[str, ...]:
-        """Name the parameters that take part in combinations that F does not determine.
+    def weak_directions(self, names: tuple[str, ...]) -> tuple[WeakDirection, ...]:
+        """Return the combinations of parameters that F does not determine, in the names' order.
 
-        They are dropped one by one, always the one with the largest share of the weakest
+        Parameters are dropped one by one, always the one with the largest share of the weakest
         direction, until what is left is regular; the rest can be estimated together.
         """
         keep = [k for k in range(len(names)) if self.scales[k] > 0]
-        dropped = [k for k in range(len(names)) if self.scales[k] <= 0]
+        found = {k: WeakDirection(names[k]) for k in range(len(names)) if self.scales[k] <= 0}
         while keep:
             values, vectors = np.linalg.eigh(self.matrix[np.ix_(keep, keep)])
             if values[0] > EXCITABLE * values[-1]:
                 break
-            dropped.append(keep.pop(int(np.argmax(np.abs(vectors[:, 0])))))
-        return tuple(names[k] for k in sorted(dropped))
+            shares = vectors[:, 0] ** 2
+            largest = int(np.argmax(shares))
+            others = tuple(names[keep[k]] for k in np.flatnonzero(shares > SHARE) if k != largest)
+            found[keep[largest]] = WeakDirection(names[keep[largest]], others)
+            keep.pop(largest)
+        return tuple(found[k] for k in sorted(found))
+
+    def unexcited(self, names: tuple[str, ...]) -> tuple[str, ...]:
+        """Name the parameters without which the rest can be estimated together."""
+        return tuple(direction.name for direction in self.weak_directions(names))
 
 
 class SingularInformationError(ArithmeticError):
-    """F is numerically singular: some parameters are not excited.
+    """F is numerically singular: some combinations of parameters are not excited.
 
     Attributes
     ----------
-    unexcited : tuple of str
-        Their names.
+    directions : tuple of WeakDirection
     """
 
-    def __init__(self, unexcited: tuple[str, ...]) -> None:
-        self.unexcited = unexcited
-        super().__init__(f"the trajectory does not excite {', '.join(unexcited)}")
+    def __init__(self, directions: tuple[WeakDirection, ...]) -> None:
+        self.directions = directions
+        super().__init__(f"the trajectory does not excite {self.combinations}")
 
-    def __reduce__(self) -> tuple[type[SingularInformationError], tuple[tuple[str, ...]]]:
+    @property
+    def unexcited(self) -> tuple[str, ...]:
+        """Names of the parameters without which the rest can be estimated together."""
+        return tuple(direction.name for direction in self.directions)
+
+    @property
+    def combinations(self) -> str:
+        """All directions in words, each with the parameters that take part."""
+        return "; ".join(str(direction) for direction in self.directions)
+
+    def __reduce__(self) -> tuple[type[SingularInformationError], tuple[object, ...]]:
         """Survive the way from a worker process to its parent."""
-        return type(self), (self.unexcited,)
+        return type(self), (self.directions,)
 
 
 def log_det(information: Array, names: tuple[str, ...]) -> float:
@@ -135,5 +180,5 @@ def parameter_covariance(information: Array, names: tuple[str, ...]) -> Array:
 def _regular(information: Array, names: tuple[str, ...]) -> ScaledInformation:
     scaled = ScaledInformation.of(information)
     if scaled.is_singular():
-        raise SingularInformationError(scaled.unexcited(names))
+        raise SingularInformationError(scaled.weak_directions(names))
     return scaled

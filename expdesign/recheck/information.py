@@ -67,8 +67,9 @@ class Judge:
         SingularInformationError
             F is singular to working precision.
         """
-        if ScaledInformation.of(information).is_singular():
-            raise SingularInformationError(ScaledInformation.of(information).unexcited(self.names))
+        whole = ScaledInformation.of(information)
+        if whole.is_singular():
+            raise SingularInformationError(whole.weak_directions(self.names))
         if self.criterion.invariant:
             # The logarithms of a badly scaled F's eigenvalues lose digits that its factor keeps.
             return self.log_det(information)

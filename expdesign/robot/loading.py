@@ -5,15 +5,21 @@ from __future__ import annotations
 from os import PathLike
 
 import numpy as np
+from numpy.typing import NDArray
 
+from constraints import Limit
 from expdesign.configuration import (
     ConfigurationError,
     Problem,
+    ResolvedLimit,
     ResolvedRobot,
     load_robot_description,
 )
 from expdesign.robot.exact_limits import ExactModel
 from expdesign.robot.robot import Robot
+from expdesign.schema.display import quantity_text
+
+Array = NDArray[np.float64]
 
 
 def load_robot(source: str | PathLike[str]) -> Robot:
@@ -42,26 +48,55 @@ def robot_from(description: ResolvedRobot) -> Robot:
     values = model.values(state)[0]
     problems = []
     for limit, columns in zip(model.limits, model.columns(), strict=True):
-        for row, value in enumerate(values[columns]):
-            if limit.violation_of(row, float(value)) <= 0:
-                continue
-            label = f" of {limit.labels[row]}" if limit.labels[row] else ""
-            problems.append(
-                Problem(
-                    f"the home pose breaks this limit: {limit.definition.title}{label} is "
-                    f"{value:.6g} {limit.unit}",
-                    file=description.limits[limit.key].file,
-                    line=description.limits[limit.key].line,
-                    key=f"limits.{limit.key}",
-                    allowed=_allowed(limit.lower[row], limit.upper[row], limit.unit),
-                )
-            )
+        problems += _broken(limit, values[columns], description.limits[limit.key])
     if problems:
         raise ConfigurationError(problems)
     return robot
 
 
+def _broken(limit: Limit, values: Array, given: ResolvedLimit) -> list[Problem]:
+    """Return what is wrong with the rows of a limit at home: rows with the same bounds at once."""
+    groups: dict[tuple[float, float], list[int]] = {}
+    for row, value in enumerate(values):
+        if limit.violation_of(row, float(value)) > 0:
+            groups.setdefault((float(limit.lower[row]), float(limit.upper[row])), []).append(row)
+    return [
+        Problem(
+            f"the home pose breaks this limit: {limit.definition.title}{_where(limit, rows)} is "
+            f"{_span(values[rows], limit.unit)}",
+            file=given.file,
+            line=given.line,
+            key=f"limits.{limit.key}",
+            allowed=_allowed(*bounds, limit.unit),
+            nearest=_in_millimetres(*bounds, values[rows], limit.unit),
+        )
+        for bounds, rows in groups.items()
+    ]
+
+
+def _where(limit: Limit, rows: list[int]) -> str:
+    named = [limit.labels[row] for row in rows if limit.labels[row]]
+    if len(named) > 1 and len(named) == len(limit.labels):
+        return " of all struts" if limit.definition.per_actuator else ""
+    return f" of {', '.join(named)}" if named else ""
+
+
+def _span(values: Array, unit: str) -> str:
+    low, high = (quantity_text(float(end(values)), unit) for end in (np.min, np.max))
+    return low if low == high else f"{low} to {high}"
+
+
 def _allowed(lower: float, upper: float, unit: str) -> str:
     if np.isfinite(lower) and np.isfinite(upper):
-        return f"{lower:.6g} to {upper:.6g} {unit}"
-    return f"at most {upper:.6g} {unit}" if np.isfinite(upper) else f"at least {lower:.6g} {unit}"
+        return f"{quantity_text(lower, unit)} to {quantity_text(upper, unit)}"
+    if np.isfinite(upper):
+        return f"at most {quantity_text(upper, unit)}"
+    return f"at least {quantity_text(lower, unit)}"
+
+
+def _in_millimetres(lower: float, upper: float, values: Array, unit: str) -> str | None:
+    """Return the bounds in millimetres when home keeps those: plain numbers are metres."""
+    if unit != "m" or not np.all((1e3 * values >= lower) & (1e3 * values <= upper)):
+        return None
+    ends = [f"{bound:g} mm" for bound in (lower, upper) if np.isfinite(bound)]
+    return f"[{', '.join(ends)}]" if len(ends) > 1 else ends[0]

@@ -61,6 +61,14 @@ class Robot:
         )
         return cls(description, geometry)
 
+    def __repr__(self) -> str:
+        """Name, kind of platform, and what is limited; `description` has everything."""
+        limits = ", ".join(self.description.limits) or "none"
+        return (
+            f"Robot({self.name!r}, {self.description.platform} platform, "
+            f"{len(self.parameter_names)} parameters, limits: {limits})"
+        )
+
     @property
     def name(self) -> str:
         """Name from the robot's file."""

@@ -61,9 +61,10 @@ class DesignSection(Section):
         Columns of the information matrix for criteria that depend on it.
     parameters : tuple of str or None
         The parameters that the experiment shall identify; None (``all`` in the YAML): all.
-    smoothing : tuple of float
+    smoothing : tuple of float or None
         Falling widths of the smoothed friction sign, a strut speed in m/s: the problem is
-        solved with the first, then, from that solution, with the next.
+        solved with the first, then, from that solution, with the next. None until the
+        configuration is resolved: then shares of the largest strut speed that is allowed.
     max_iterations : int
         Of each smoothing width, within one start.
     max_seconds : float or None
@@ -81,9 +82,12 @@ class DesignSection(Section):
         Annotated[tuple[ParameterName, ...], at_least(1, "parameters"), Distinct] | None,
         BeforeValidator(_all_or_names),
     ] = None
-    smoothing: Annotated[
-        tuple[Annotated[Speed, Positive], ...], at_least(1, "widths"), AfterValidator(_falling)
-    ] = (0.4, 0.2, 0.1)
+    smoothing: (
+        Annotated[
+            tuple[Annotated[Speed, Positive], ...], at_least(1, "widths"), AfterValidator(_falling)
+        ]
+        | None
+    ) = None
     max_iterations: Annotated[int, whole(1, _LARGEST_COUNT)] = 80
     max_seconds: Annotated[Duration, Positive] | None = None
 

@@ -72,6 +72,9 @@ _DEFINITIONS = (
     "milliampere = 0.001 * ampere = mA",
 )
 
+_UNSIGNED = 2
+"""Parts of a definition without a symbol: name and value."""
+
 
 @dataclass(frozen=True)
 class Dimension:
@@ -97,6 +100,12 @@ class Dimension:
         if self.unit == "1":
             return "a plain number"
         return f'{self.name}: a plain number in {self.unit}, or a text such as "{self.example}"'
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Units of this kind that have a name of their own: none for a speed."""
+        wanted = _dimensionality(self.unit)
+        return tuple(s for s in unit_symbols() if _dimensionality(s) == wanted)
 
     def parse(self, value: object) -> float:
         """Convert what stands in the file to a finite number in `unit`.
@@ -139,7 +148,12 @@ class Dimension:
             return float(number)
         factor = _factor(unit)
         if factor is None:
-            raise refusal(f"{shown(text)} has an unknown unit '{unit}'", self.allowed)
+            units = self.units or unit_symbols()
+            known = "the units are" if self.units else "a product of these units"
+            raise refusal(
+                f"{shown(text)} has an unknown unit '{unit}'",
+                f"{self.allowed}; {known}: {', '.join(units)}",
+            )
         scale, dimensions = factor
         if dimensions != _dimensionality(self.unit):
             kind = _named(dimensions)
@@ -201,6 +215,13 @@ def _factor(unit: str) -> tuple[Fraction, _Dimensionality] | None:
         sorted((str(key), Fraction(str(power))) for key, power in base.dimensionality.items())
     )
     return Fraction(base.magnitude), dimensions
+
+
+@cache
+def unit_symbols() -> tuple[str, ...]:
+    """Return every unit as it is usually written."""
+    parts = (line.split(" = ") for line in _DEFINITIONS)
+    return tuple(names[0] if len(names) == _UNSIGNED else names[2] for names in parts)
 
 
 def _dimensionality(unit: str) -> _Dimensionality:

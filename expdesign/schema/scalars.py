@@ -13,6 +13,8 @@ from expdesign.schema.failure import nearest, refusal, shown
 _NAME = re.compile(r"[A-Za-z0-9._-]+")
 _LONGEST_NAME = 100
 _LARGEST_SEED = 2**63 - 1
+_ENDS = 2
+_LONGEST_EXAMPLE = 20
 
 
 def _name(value: object) -> str:
@@ -83,12 +85,21 @@ def _sequence(value: object, wanted: str) -> Sequence[Any]:
     return value
 
 
+def _as_pair(value: object, count: int) -> str:
+    """Return how a single value is written where two are wanted: both ends alike."""
+    one = isinstance(value, str | int | float) and not isinstance(value, bool)
+    text = shown(value).strip("'")
+    if count != _ENDS or not one or len(text) > _LONGEST_EXAMPLE:
+        return ""
+    return f"; to fix it: [{text}, {text}]"
+
+
 def exactly(count: int, what: str) -> BeforeValidator:
     """Return a validator for a list of `count` items, which `what` describes in the plural."""
 
     def check(value: object) -> Sequence[Any]:
         wanted = f"a list of {count} {what}"
-        items = _sequence(value, wanted)
+        items = _sequence(value, wanted + _as_pair(value, count))
         if len(items) != count:
             raise refusal(f"there are {len(items)} {what} where {count} are needed", wanted)
         return items

@@ -61,8 +61,7 @@ class StartResult:
 STATUS_TEXTS = {
     "Solve_Succeeded": "converged",
     "Solved_To_Acceptable_Level": "converged to an acceptable level: the objective stood still",
-    "Maximum_Iterations_Exceeded": "stopped at the most iterations allowed, with the best "
-    "iterate that keeps the limits",
+    "Maximum_Iterations_Exceeded": "stopped at the most iterations allowed, with its best iterate",
     "Maximum_CpuTime_Exceeded": "stopped at the time allowed",
     "User_Requested_Stop": "stopped before its end (Ctrl-C, or design.max_seconds)",
     "Infeasible_Problem_Detected": "no point nearby keeps the limits",
@@ -82,7 +81,10 @@ def _why_useless(problem: DesignProblem, shrunk: Shrunk) -> str:
         return "its motion does not excite every parameter"
     check = recheck(problem.exact, shrunk.trajectory, problem.cost.samples)
     worst = max(check.limits, key=lambda limit: limit.violation)
-    return f"even shrunk to {shrunk.factor:g} of its size its motion breaks {worst.key}"
+    return (
+        f"by the unsmoothed model its motion breaks {worst.key}, even shrunk to {shrunk.factor:g} "
+        "of its size"
+    )
 
 
 def infeasible_start(

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from expdesign.runfolder.atomic import written_beside
 from results.figures.definition import FigureDefinition, Record
-from results.style import RESOLUTION, house_style
+from results.style import ALERT, RESOLUTION, house_style
 
 # Neither dates nor versions: a figure changes when what it shows does.
 _METADATA: dict[str, dict[str, None]] = {
@@ -17,7 +17,7 @@ _METADATA: dict[str, dict[str, None]] = {
 
 
 def save_figures(
-    definitions: Iterable[FigureDefinition[Record]], record: Record, folder: Path
+    definitions: Iterable[FigureDefinition[Record]], record: Record, folder: Path, note: str = ""
 ) -> tuple[Path, ...]:
     """Draw figures and write each as PNG and SVG.
 
@@ -28,6 +28,8 @@ def save_figures(
         What they are drawn from.
     folder : Path
         Made when it is missing. Every file is complete or absent.
+    note : str
+        What has to be known of every one of them; it stands below.
 
     Returns
     -------
@@ -38,6 +40,8 @@ def save_figures(
     for definition in definitions:
         with house_style():
             figure = definition.draw(record)
+            if note:
+                figure.supxlabel(note, x=0.99, ha="right", fontsize="medium", color=ALERT)
             for ending, metadata in _METADATA.items():
                 path = folder / f"{definition.key}.{ending}"
                 with written_beside(path) as beside:

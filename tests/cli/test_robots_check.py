@@ -8,8 +8,10 @@ import sys
 import pytest
 import typer
 
+import expdesign.cli.run as cli_run
 from expdesign.cli.errors import CommandFailed, run
 from expdesign.configuration import load_robot_description, load_run, resolved_yaml
+from expdesign.library import robot_names
 
 ROBOT = resolved_yaml(load_run("palida")).split("robot:\n")[1].split("\ntrajectory")[0]
 
@@ -30,8 +32,13 @@ def test_robots_lists_geometry_limits_and_source(expdesign, monkeypatch):
     monkeypatch.setenv("COLUMNS", "160")
     status, out, err = expdesign("robots")
     assert (status, err) == (0, "")
-    for text in ("palida", "rubin", "struts at home 0.6762 m", "strut speed ±2 m/s", "Sourced"):
-        assert text in out
+    lines = out.splitlines()
+    assert [line for line in lines if line and not line.startswith(" ")] == list(robot_names())
+    assert max(len(line) for line in lines) <= 100
+    assert len(lines) < 80
+    together = " ".join(out.split())
+    for text in ("struts at home 0.6762 m", "strut speed ±2 m/s", "Sourced"):
+        assert text in together
 
 
 @pytest.mark.parametrize("width", ["20", "80", "400"])
@@ -79,6 +86,44 @@ def test_what_check_prints_can_be_checked(expdesign, tmp_path):
     path = tmp_path / "resolved.yaml"
     path.write_text(out, encoding="utf-8")
     assert expdesign("check", path)[:2] == (0, out)
+
+
+def test_check_says_what_run_would_do(expdesign, tmp_path, monkeypatch):
+    monkeypatch.setattr(cli_run, "STEPS", {k: cli_run.STEPS[k] for k in ("design", "experiment")})
+    path = tmp_path / "run.yaml"
+
+    def check(text):
+        path.write_text(f"name: a\nrobot: palida\n{text}", encoding="utf-8")
+        return expdesign("check", path)
+
+    _, out, err = check("")
+    assert "note: expdesign run does: design (the file names no stage)" in err
+    assert "# data:" in out
+    assert "periods and sampling of the experiment all the same" in out
+    _, out, err = check("design: {}\nexperiment: {}\nmontecarlo: {}\ndata: {delimiter: ';'}\n")
+    assert "note: expdesign run does: design, experiment\n" in err
+    assert "warning: the stage 'montecarlo' is not part of this version" in err
+    assert "\ndata:" in out
+    assert "all the same" not in out
+    _, _, err = check("montecarlo: {}\n")
+    assert "warning: expdesign run refuses this file" in err
+
+
+def test_a_wrong_bound_is_answered_in_the_units_of_the_user(expdesign, tmp_path):
+    path = tmp_path / "run.yaml"
+    path.write_text(
+        "name: a\nrobot: palida\nlimits: {strut_length: [330, 880], jacobian_condition: 2, "
+        "alpha: [5 deg, 35 deg]}\n",
+        encoding="utf-8",
+    )
+    status, _, err = expdesign("check", path)
+    assert status == 2
+    assert err.count("error: ") == 3  # one for each limit, not one for each strut
+    assert "strut length of all struts is 0.676162 m" in err
+    assert "did you mean '[330 mm, 880 mm]'?" in err
+    assert "allowed: 330 m to 880 m" in err
+    assert "allowed: at most 2\n" in err
+    assert "allowed: 5 deg to 35 deg" in err
 
 
 # --- bad input ----------------------------------------------------------------------------------

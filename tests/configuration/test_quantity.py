@@ -164,3 +164,18 @@ def test_dimension_of_a_unit():
     assert unit_dimension("mm") is LENGTH
     assert unit_dimension("parsec") is None
     assert unit_dimension("m" * 1000) is None
+
+
+@pytest.mark.parametrize(
+    ("dimension", "text", "listed"),
+    [
+        (dimension_of("N"), "3 kgf", ": N, mN, kN, MN, lbf"),
+        (dimension_of("m"), "3 mil", ": m, km, dm, cm, mm, µm, nm, in, ft"),
+        (dimension_of("m/s"), "3 mph", "a product of these units: m, km"),
+    ],
+)
+def test_an_unknown_unit_is_answered_with_the_known_ones(dimension, text, listed):
+    with pytest.raises(PydanticCustomError, match="unknown unit") as caught:
+        dimension.parse(text)
+    assert listed in caught.value.context["allowed"]
+    assert dimension.example in caught.value.context["allowed"]

@@ -29,7 +29,7 @@ def test_defaults():
     d = run.design
     assert (d.criterion, d.starts, d.seed, d.search, d.hops) == ("d", 8, 0, "restarts", 100)
     assert (d.start, d.scaling, d.parameters) == ("periodic", "si", None)
-    assert list(d.smoothing) == sorted(d.smoothing, reverse=True)
+    assert d.smoothing is None
     assert d.max_iterations >= 1
     assert d.max_seconds is None
     e = run.experiment
@@ -330,3 +330,10 @@ def test_all_problems_are_reported_at_once(run_mapping, problems_of):
         "design.criterion",
         "limits.tilt",
     ]
+
+
+def test_one_frequency_alone_is_shown_as_a_pair():
+    with pytest.raises(ValidationError) as caught:
+        _run(trajectory={"frequency": "0.5 Hz"})
+    (error,) = caught.value.errors()
+    assert error["ctx"]["allowed"].endswith("[0.5 Hz, 0.5 Hz]")

@@ -168,3 +168,25 @@ def test_definitions_cannot_be_changed():
     with pytest.raises(TypeError):
         limit_definitions()["other"] = definition
     assert isinstance(definition, LimitDefinition)
+
+
+# --- share used -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("key", "lower", "upper", "value", "share"),
+    [
+        ("strut_speed", -2, 2, -1.2, 0.6),  # ±b: |value| / b
+        ("tilt", -INF, 0.5, 0.3, 0.6),  # upper bound: value / bound
+        ("strut_clearance", 0.01, INF, 0.04, 0.25),  # lower bound: bound / value
+        ("position", 0.2, 0.6, 0.55, 0.75),  # range: from its middle
+        ("position", 0.2, 0.6, 0.25, 0.75),
+        ("actuator_force", -100, 100, 110, 1.1),
+    ],
+)
+def test_share_used(key, lower, upper, value, share):
+    limit = _limit(key, lower, upper)
+    used = limit.definition.share_used(
+        value, limit.nearest_bound(0, value), limit.violation_of(0, value)
+    )
+    assert used == pytest.approx(share)

@@ -1,5 +1,6 @@
 """The reference tables of the docs say what the code says."""
 
+import itertools
 import re
 
 import numpy as np
@@ -30,6 +31,8 @@ from expdesign.schema import (
     TrajectorySection,
 )
 from expdesign.schema.experiment import Cogging, Outliers, Quantisation, TrackingError
+from expdesign.schema.quantity import unit_dimension, unit_symbols
+from expdesign.schema.validation import ValidationMotion
 from expdesign.trajectory import FourierTrajectory
 from results.figures.design.catalogue import DESIGN_FIGURES
 from tests.docs.pages import ROOT, codes, parse, table
@@ -63,6 +66,8 @@ def _required(model):
         }
     if model is Cogging:
         return {"amplitude": 12, "pitch": 0.03}
+    if model is ValidationMotion:
+        return {"motion": "circle"}
     return {"share": 0.1} if model is Outliers else {}
 
 
@@ -79,6 +84,7 @@ def _required(model):
         (Outliers, RUN_FILES, "### outliers"),
         (RobotDescription, ROBOTS, "## Robot file"),
         (EstimateSection, RUN_FILES, "## estimate"),
+        (ValidationMotion, RUN_FILES, "## validate"),
         (DataSection, DATA, "## data"),
     ],
     ids=lambda value: value if isinstance(value, str) else getattr(value, "__name__", ""),
@@ -222,3 +228,12 @@ def test_the_recheck_is_as_fine_as_told():
     assert [grid_points(samples) for samples in (10, 200, 1000)] == [4000, 4000, 20000]
     assert "10⁻⁶ of its range" in text
     assert TOLERANCE == 1e-6
+
+
+def test_units():
+    rows = {row[0]: codes(row[1]) for row in table(RUN_FILES, "## Units")}
+    assert sorted(itertools.chain(*rows.values())) == sorted(unit_symbols())
+    for kind, symbols in rows.items():
+        for symbol in symbols:
+            name = unit_dimension(symbol).name.replace("duration", "time")
+            assert name.split(maxsplit=1)[1] == kind, symbol

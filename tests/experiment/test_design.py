@@ -8,6 +8,7 @@ import pytest
 import expdesign
 from expdesign.configuration import load_run
 from expdesign.experiment.design import build_workshop
+from expdesign.experiment.output import trajectory_table
 from expdesign.information.fisher import SingularInformationError
 from expdesign.solver import InfeasibleLimitsError, NoDesignError
 from expdesign.solver.random_start import random_start
@@ -224,6 +225,14 @@ def test_a_fixed_frequency_is_kept_and_warned_about(tiny, cheap_finish):
     assert result.samples_per_period == pytest.approx(1 / 0.0037)
     (warning,) = (w for w in result.warnings if "controller" in w)
     assert "270.27" in warning
+    for frequency in (1 / 2.71, 1 / 2.70):
+        assert f"{frequency:.9g} Hz" in warning
+    # Rows at about the controller's rate, a whole number of them over exactly one period.
+    table = trajectory_table(result)
+    assert len(table) == 270
+    np.testing.assert_allclose(
+        table["t"], result.trajectory.period * np.arange(270) / 270, rtol=1e-12
+    )
     assert_limits_kept(result)
     # 100 Hz and 3 periods of no whole number of samples: their last one ends before the end.
     assert result.experiment.samples == int(3 / 0.0037)
@@ -344,6 +353,13 @@ def test_what_the_limits_cannot_excite_is_named_and_the_rest_is_designed(tiny, c
     assert result.parameter_names == tuple(rest)
     assert result.passed
     assert np.isfinite(result.log_det_information)
+    # What is left is regular, but far from measured: that is said, parameter by parameter.
+    (warning,) = (w for w in result.warnings if "not identifiable" in w)
+    nominal = dict(zip(names, np.abs(result.robot.parameters), strict=True))
+    for name in rest:
+        weak = result.experiment.std[name] > nominal[name] / 2
+        assert (f" {name} (" in warning) == weak, name
+    assert " p1 (" in warning
 
 
 @pytest.mark.parametrize("limit", ["actuator_force", "strut_length"])

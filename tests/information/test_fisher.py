@@ -1,3 +1,5 @@
+import pickle
+
 import numpy as np
 import pytest
 import scipy.linalg as sla
@@ -256,6 +258,32 @@ def test_one_of_two_equal_columns_is_named(regressors, covariance):
     regressors[:, :, 6] = 3e4 * regressors[:, :, 1]
     (name,) = _unexcited(information_matrix(regressors, covariance))
     assert name in ("b", "g")
+
+
+def test_what_it_cannot_be_told_from_is_named_too(regressors, covariance):
+    regressors[:, :, 6] = 3e4 * regressors[:, :, 1]
+    regressors[:, :, 2] = 0
+    F = information_matrix(regressors, covariance)
+    nothing, pair = ScaledInformation.of(F).weak_directions(NAMES)
+    if pair.name == "c":
+        nothing, pair = pair, nothing
+    assert (nothing.name, nothing.others, str(nothing)) == ("c", (), "c")
+    assert {pair.name, *pair.others} == {"b", "g"}
+    assert str(pair) == f"{pair.name} (it cannot be told from {pair.others[0]})"
+    with pytest.raises(SingularInformationError, match="it cannot be told from") as caught:
+        log_det(F, NAMES)
+    again = pickle.loads(pickle.dumps(caught.value))
+    assert (again.directions, str(again)) == (caught.value.directions, str(caught.value))
+
+
+def test_only_those_that_take_part_are_named(regressors, covariance):
+    # a = d + e with a hundredth of f: f's share of the direction is far below a tenth.
+    regressors[:, :, 0] = regressors[:, :, [3, 4]].sum(axis=2) + 0.01 * regressors[:, :, 5]
+    (direction,) = ScaledInformation.of(information_matrix(regressors, covariance)).weak_directions(
+        NAMES
+    )
+    assert {direction.name, *direction.others} == {"a", "d", "e"}
+    assert " and " in str(direction)
 
 
 def test_one_of_a_dependent_set_is_named(regressors, covariance):

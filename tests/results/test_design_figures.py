@@ -1,3 +1,4 @@
+import json
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
@@ -8,7 +9,10 @@ import numpy as np
 import pytest
 
 import results
+from expdesign.trajectory import FourierTrajectory
 from results import DesignRecord, design_figures
+from results.figures.definition import FigureDefinition
+from results.figures.design import excitation
 from results.figures.design.catalogue import DESIGN_FIGURES
 from results.figures.design.convergence import FLOOR
 from results.figures.design.limits_used import share_used
@@ -206,6 +210,24 @@ def test_path_is_closed_and_to_scale(run):
         np.testing.assert_allclose(spans / spans[0], box / box[0], rtol=1e-9)
 
 
+def test_a_path_that_would_be_a_dot_is_drawn_from_home(original, tmp_path):
+    small = type(original)(tmp_path / "small")
+    small.trajectory = FourierTrajectory.from_displacements(
+        2 * np.pi * 0.5,
+        [0.001, 0, -0.654, 0, 0, 0],
+        1e-4 * np.ones((6, 2)),
+        1e-4 * np.eye(6, 2),
+    )
+    small.write()
+    _, alone = draw(small, "path").axes
+    path = 1e6 * (small.numbers("trajectory.csv", "x", "y", "z") - [0, 0, -0.654])
+    found = [np.column_stack(line.get_data_3d()) for line in alone.get_lines()]
+    assert any(np.allclose(line[:-1], path) for line in found if len(line) == len(path) + 1)
+    assert alone.get_xlabel() == "$x$ (µm)"
+    assert np.diff(alone.get_xlim())[0] < 2000
+    assert "Displacement from home" in [text.get_text() for text in alone.figure.texts]
+
+
 def test_robot_is_drawn_at_home(run):
     record = DesignRecord.load(run.folder)
     robot = draw(run, "path").axes[0]
@@ -285,6 +307,42 @@ def test_convergence(run):
     assert texts(objective) == ["blunt", "sharp"]
 
 
+def test_convergence_of_another_criterion_begins_where_its_numbers_do(run):
+    """The blunt stage maximises log det F: its numbers are on no common axis with the rest."""
+    design = json.loads((run.folder / "design.json").read_text())
+    (run.folder / "design.json").write_text(json.dumps(design | {"criterion": "condition"}))
+    path = run.folder / "tables/convergence.csv"
+    head, *rows = path.read_text().splitlines()
+    path.write_text("\n".join([head, *(row for row in rows if "blunt" not in row)]))
+    objective, violation = draw(run, "convergence").axes
+    first = min(line.get_xdata()[0] for line in violation.get_lines())
+    assert first == 10
+    assert 9 < violation.get_xlim()[0] < 10
+    assert "blunt stage before is on log det F" in violation.get_xlabel()
+    assert objective.get_ylabel() == "condition number of F (SI units)"
+
+
+@pytest.mark.parametrize(
+    ("status", "says"), [("interrupted", "interrupted"), ("limits broken", "breaks a limit")]
+)
+def test_figures_of_a_design_without_a_good_end_say_so(run, monkeypatch, status, says):
+    design = json.loads((run.folder / "design.json").read_text())
+    (run.folder / "design.json").write_text(json.dumps(design | {"status": status}))
+    drawn = []
+
+    def draw_excitation(record):
+        drawn.append(excitation.draw(record))
+        return drawn[-1]
+
+    only = FigureDefinition("excitation", "", draw_excitation)
+    monkeypatch.setattr("results.design.DESIGN_FIGURES", (only,))
+    design_figures(run.folder)
+    assert says in drawn[0].get_supxlabel()
+    with house_style():
+        drawn[0].canvas.draw()
+    assert np.all(np.asarray(drawn[0].canvas.buffer_rgba())[-1] == 255)
+
+
 def test_convergence_without_iterations(run):
     header = "start,kind,stage,iteration,objective,violation,seconds\n"
     (run.folder / "tables/convergence.csv").write_text(header)
@@ -311,6 +369,15 @@ def test_limits_used(run):
     assert "−230 (−230 N)" in texts(axes)
     assert "strut 3, at 0.50 s" in texts(axes)
     assert "11.46 (20°)" in texts(axes)
+
+
+def test_a_value_below_its_bound_does_not_read_as_the_bound(run):
+    path = run.folder / "tables/limits.csv"
+    rows = path.read_text().splitlines()
+    rows[2] = f"tilt,,rad,{np.deg2rad(19.9991)},{np.deg2rad(20)},-0.000045,0.25,"
+    path.write_text("\n".join(rows))
+    (axes,) = draw(run, "limits_used").axes
+    assert "19.999 (20°)" in texts(axes)
 
 
 @pytest.mark.parametrize(

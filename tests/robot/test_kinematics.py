@@ -21,6 +21,14 @@ def palida():
     return load_robot("palida")
 
 
+def test_a_robot_prints_on_one_line(robot):
+    text = repr(robot)
+    assert text.startswith(f"Robot('{robot.name}', ")
+    assert len(text) < 300
+    assert "\n" not in text
+    assert all(limit.key in text for limit in robot.limits)
+
+
 def _workspace(robot):
     """Lower and upper ends of the poses that a robot's own position and angle limits admit."""
     limits = {limit.key: limit for limit in robot.limits}

@@ -55,12 +55,13 @@ def draw(record: DesignRecord) -> Figure:
     violation.set_ylim(bottom=FLOOR / 2)
     violation.set_title("Largest violation of a limit")
     violation.set_ylabel("Share of its range (1)")
-    violation.set_xlabel("Iteration of the start")
+    violation.set_xlabel(_iteration_label(record))
     if not record.traces:
         objective.text(
             0.5, 0.7, "no iterations were recorded", transform=objective.transAxes, ha="center"
         )
-    violation.set_xlim(0, 1.02 * longest)
+    first = min((float(trace.iteration[0]) for trace in record.traces), default=0.0)
+    violation.set_xlim(first - 0.02 * (longest - first) if first > 1 else 0, 1.02 * longest)
     handles = [
         Line2D([], [], **_LOOK[role], label=_label(role, roles)) for role in _LOOK if role in roles
     ] + value_line
@@ -68,6 +69,14 @@ def draw(record: DesignRecord) -> Figure:
         figure.legend(handles=handles, loc="outside upper center", ncols=len(handles))
     figure.align_ylabels()
     return figure
+
+
+def _iteration_label(record: DesignRecord) -> str:
+    criterion = criteria_by_key().get(record.summary.criterion)
+    stages = {stage for trace in record.traces for stage in trace.stages}
+    if not record.traces or "blunt" in stages or criterion is None or criterion.invariant:
+        return "Iteration of the start"
+    return "Iteration of the start (the blunt stage before is on log det F)"
 
 
 def _role(trace: Trace, best: int | None) -> str:

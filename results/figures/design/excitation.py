@@ -1,4 +1,4 @@
-"""The excitation over one period: displacements above, tilting angles below."""
+"""The excitation over one period: displacements above, rotation angles below."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from results.units import handy_unit
 
 _PANELS = (
     ("Displacements of the TCP from home", "Displacement", "m", slice(0, 3)),
-    ("Tilting angles", "Angle", "rad", slice(3, 6)),
+    ("Rotation angles", "Angle", "rad", slice(3, 6)),
 )
 
 
@@ -47,6 +47,6 @@ def draw(record: DesignRecord) -> Figure:
 FIGURE = FigureDefinition(
     key="excitation",
     caption="One period of the excitation trajectory: displacements of the tool centre point from "
-    "the home pose (above) and tilting angles of the platform (below).",
+    "the home pose (above) and rotation angles of the platform (below).",
     draw=draw,
 )

@@ -21,6 +21,7 @@ from results.units import handy_unit
 
 _ACTIVE = 99.0
 """From this share on, %, a limit counts as one that holds the design back."""
+_DIGITS = (4, 5, 6)
 _MOST = 130.0
 _COLUMNS = (6.0, 92.0)
 """Of the texts beside the bars, points."""
@@ -93,18 +94,11 @@ def _beside(axes: Axes, row: float, offset: float, text: str, colour: str) -> No
 
 
 def share_used(check: LimitCheck) -> float:
-    """Return how much of a limit is used: 0 at rest in the middle, 1 at the bound.
-
-    Two-sided limits are measured from the middle of their range, upper bounds from zero; of a
-    lower bound, the share is bound / value.
-    """
+    """Return how much of a limit is used: 1 at the bound; see `LimitDefinition.share_used`."""
     definition = limit_definitions().get(check.key)
-    kind = "upper" if definition is None else definition.kind
-    if kind in ("interval", "symmetric"):
-        return 1 + 2 * check.violation
-    if kind == "lower" and check.bound > 0 and check.value > 0:
-        return check.bound / check.value
-    return 1 + check.violation
+    if definition is None:
+        return 1 + check.violation
+    return definition.share_used(check.value, check.bound, check.violation)
 
 
 def _worst_of_each(checks: tuple[LimitCheck, ...]) -> list[LimitCheck]:
@@ -124,7 +118,11 @@ def _title(check: LimitCheck) -> str:
 
 def _amount(check: LimitCheck) -> str:
     unit = handy_unit(check.unit, [check.bound])
-    return f"{unit.number(check.value)} ({unit.quantity(check.bound)})"
+    bound = unit.number(check.bound)
+    # A value that is not the bound does not read as if it were: it gets the digits that tell.
+    texts = (unit.number(check.value, digits) for digits in _DIGITS)
+    value = next((text for text in texts if text != bound), bound)
+    return f"{value} ({unit.quantity(check.bound)})"
 
 
 def _moment(check: LimitCheck) -> str:

@@ -24,6 +24,10 @@ _NAME_AT = 0.3
 """Where on a strut its number stands, as a share of its length from the base."""
 _FITS = 3
 """Rounds of fitting a view: labels do not grow with it, so that one does not suffice."""
+_DOT = 0.15
+"""A path smaller than this share of the workspace is drawn without it …"""
+_AWAY = 2.0
+"""… and without home when that is more than so many of its sizes away."""
 _AXES = (("x", (-2.0, -2.0), 0.0), ("y", (-2.0, -2.0), 0.12), ("z", (1.0, 2.5), 0.0))
 """Axis, distances of its label and of its numbers (points), and the share at its lower end that is
 left without numbers: x ends where y begins."""
@@ -43,7 +47,8 @@ def draw(record: DesignRecord) -> Figure:
     _draw_robot(views[0], record)
     _draw_path(views[1], record)
     bounded = _workspace(record) is not None
-    titles = ("With the robot at home", "Within the limits of its position" if bounded else "Alone")
+    alone = "Displacement from home"
+    titles = ("With the robot at home", "Within the limits of its position" if bounded else alone)
     for axes, view, title in zip(views, _VIEWS, titles, strict=True):
         figure.text(view[0], 0.885, title, fontsize=8.5, fontweight="bold")
         _fill(axes, view)
@@ -91,12 +96,17 @@ def _draw_robot(axes: Any, record: DesignRecord) -> None:
 
 
 def _draw_path(axes: Any, record: DesignRecord) -> None:
-    path = _closed(record.motion.pose[:, :3])
-    unit = handy_unit("m", np.ptp(path, axis=0))
-    path, home = unit.shown(path), unit.shown(record.robot.home[:3])
+    path, home = _closed(record.motion.pose[:, :3]), record.robot.home[:3]
     corners = _workspace(record)
-    corners = path[:0] if corners is None else unit.shown(corners)
-    floor = _bound(axes, unit, np.concatenate([path, corners]))
+    if corners is None:
+        # Where home is would only hide how small a motion is.
+        path, home, corners = path - home, np.zeros(3), path[:0]
+    away = np.max(np.abs(home - np.mean(path, axis=0)))
+    marked = home[None, :] if away < _AWAY * np.max(np.ptp(path, axis=0)) else path[:0]
+    shown = np.concatenate([path, corners, marked])
+    unit = handy_unit("m", np.ptp(shown, axis=0))
+    path, marked, corners, shown = (unit.shown(part) for part in (path, marked, corners, shown))
+    floor = _bound(axes, unit, shown)
     for one, other in combinations(corners, 2):
         if np.count_nonzero(one != other) == 1:
             edge = np.stack([one, other])
@@ -104,13 +114,19 @@ def _draw_path(axes: Any, record: DesignRecord) -> None:
     axes.plot(path[:, 0], path[:, 1], floor, color=FAINT, linewidth=0.9)
     axes.plot(*path.T, color=EMPHASIS, linewidth=1.3)
     axes.plot(*path[:1].T, color=EMPHASIS, marker="o", markersize=4.5, linestyle="none")
-    axes.plot(*home[:, None], color=INK, marker="+", markersize=7, linestyle="none")
+    axes.plot(*marked.T, color=INK, marker="+", markersize=7, linestyle="none")
 
 
 def _workspace(record: DesignRecord) -> Array | None:
-    """Return the eight corners that the position may reach, SI; None when it is not bounded."""
+    """Return the eight corners that the position may reach, SI.
+
+    None when it is not bounded, or by so much that the path would be a dot within.
+    """
     limit = record.limit("position")
     if limit is None or not np.all(np.isfinite([limit.lower, limit.upper])):
+        return None
+    size = float(np.max(np.ptp(record.motion.pose[:, :3], axis=0)))
+    if size < _DOT * float(np.max(limit.upper - limit.lower)):
         return None
     return np.array(list(product(*zip(limit.lower, limit.upper, strict=True))))
 
@@ -176,7 +192,7 @@ def _closed(points: Array) -> Array:
 FIGURE = FigureDefinition(
     key="path",
     caption="Path of the tool centre point over one period: with base joints, struts and platform "
-    "joints at the home pose (left), and within the limits of its position (right). Scales are "
-    "equal within each view.",
+    "joints at the home pose (left), and within the limits of its position, or from home where "
+    "these are far (right). Scales are equal within each view.",
     draw=draw,
 )

@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 from numpy.typing import NDArray
 
+from expdesign.experiment.identifiable import IDENTIFIABLE
 from results.figures.definition import FigureDefinition
 from results.figures.legends import legend_above
 from results.record import DesignRecord
@@ -17,8 +18,7 @@ from results.symbols import symbol
 
 Array = NDArray[np.float64]
 
-IDENTIFIABLE = 50.0
-"""A parameter counts as identified below this standard deviation, % of its scale."""
+_IDENTIFIABLE = 100 * IDENTIFIABLE
 _WIDTH = 0.38
 
 
@@ -72,10 +72,10 @@ def draw(record: DesignRecord) -> Figure:
             color=MUTED,
             fontsize="small",
         )
-    axes.axhline(IDENTIFIABLE, color=ALERT, linewidth=1.0, zorder=3)
+    axes.axhline(_IDENTIFIABLE, color=ALERT, linewidth=1.0, zorder=3)
     axes.annotate(
-        f"{IDENTIFIABLE:g} %\nidentifiable\nbelow",
-        (1.0, IDENTIFIABLE),
+        f"{_IDENTIFIABLE:g} %\nidentifiable\nbelow",
+        (1.0, _IDENTIFIABLE),
         xycoords=("axes fraction", "data"),
         xytext=(4, 0),
         textcoords="offset points",
@@ -97,7 +97,7 @@ def draw(record: DesignRecord) -> Figure:
 
 def _scale(axes: Axes, percent: Array) -> float:
     """Set the logarithmic axis; return where the bars begin."""
-    shown = np.append(percent[np.isfinite(percent) & (percent > 0)], IDENTIFIABLE)
+    shown = np.append(percent[np.isfinite(percent) & (percent > 0)], _IDENTIFIABLE)
     floor = 10.0 ** np.floor(np.log10(np.min(shown) / 1.5))
     axes.set_yscale("log")
     axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))

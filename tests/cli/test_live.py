@@ -1,0 +1,68 @@
+"""The progress of a search: what the numbers are, and what Ctrl-C says."""
+
+import io
+import os
+import signal
+
+import pytest
+from rich.console import Console
+
+from expdesign.cli.live import Objective, SearchDisplay
+from expdesign.solver import SearchEvent
+
+CONDITION = Objective("condition number of F", "log det F", larger_is_better=False)
+
+
+@pytest.fixture
+def display():
+    return SearchDisplay(Console(file=io.StringIO(), width=200, soft_wrap=True), CONDITION, 3)
+
+
+def said(display):
+    return display._console.file.getvalue()
+
+
+def event(phase, objective, status=""):
+    return SearchEvent(1, phase, 7, objective, 1e-3, 2.0, status)
+
+
+def test_the_first_line_comes_before_the_first_event(display):
+    with display.shown():
+        assert said(display).startswith("building the problem")
+        display.report(event("blunt", 90.0))
+        assert "built after 0 s" in said(display)
+
+
+def test_every_number_says_what_it_is(display, monkeypatch):
+    monkeypatch.setattr("expdesign.cli.live._HEARTBEAT", -1.0)
+    display.report(event("blunt", 90.5))
+    display.report(event("sharp", 1234.0))
+    display.report(event("done", 1300.0, "converged"))
+    _, blunt, sharp, done = said(display).splitlines()
+    assert "start 1: blunt, iteration 7, log det F 90.5 (smoothed)" in blunt
+    assert "condition number of F 1234 (smoothed)" in sharp
+    assert "condition number of F 1300 (true) within the limits after 7 iterations" in done
+
+
+def test_the_best_is_the_smallest_of_a_criterion_that_is_minimised(display):
+    for value in (1300.0, 1200.0, float("inf"), 1250.0):
+        display.report(event("done", value))
+    assert display._best.objective == 1200
+
+
+def test_ctrl_c_says_what_it_does_and_a_second_one_that_nothing_is_saved(display):
+    def interrupt_twice():
+        with display.shown():
+            assert not display.stop_requested()
+            os.kill(os.getpid(), signal.SIGINT)
+            assert display.stop_requested()
+            assert "if a start has a result by now" in said(display)
+            assert "Ctrl-C again abandons" in said(display)
+            assert "nothing" not in said(display)
+            os.kill(os.getpid(), signal.SIGINT)
+
+    before = signal.getsignal(signal.SIGINT)
+    with pytest.raises(KeyboardInterrupt):
+        interrupt_twice()
+    assert "abandoned: nothing of this design is saved" in said(display)
+    assert signal.getsignal(signal.SIGINT) is before
