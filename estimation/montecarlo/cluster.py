@@ -52,6 +52,10 @@ def cluster_repetitions(
     except OSError as error:
         raise ClusterError(f"the scheduler {address} cannot be reached: {error}") from error
     with client:
+        try:
+            client.wait_for_workers(1, timeout=_CONNECT_SECONDS)
+        except TimeoutError as error:
+            raise ClusterError(f"the cluster of {address} has no workers") from error
         remaining = iter(numbers)
         packed = client.scatter(pickle.dumps(recipe), broadcast=True, hash=False)
 
@@ -60,7 +64,8 @@ def cluster_repetitions(
             # Not pure: another study's repetition with the same number is another task.
             return [client.submit(_repetition, packed, number, pure=False) for number in few]
 
-        pool = as_completed(submit(_WAITING * max(1, sum(client.nthreads().values()))))
+        first = submit(_WAITING * sum(client.nthreads().values()))
+        pool = as_completed(first, loop=client.loop)
         try:
             for future in pool:
                 yield future.result()

@@ -199,8 +199,8 @@ def _show(study: Study, folder: Path) -> None:
         cells = ["", "", ""]
         if pooled is not None:
             cells = [
-                f"{pooled.rmse_over_bound:.3f} [{pooled.rmse_over_bound_low:.3f}, "
-                f"{pooled.rmse_over_bound_high:.3f}]",
+                f"{pooled.rmse_over_bound:.3g} [{pooled.rmse_over_bound_low:.3g}, "
+                f"{pooled.rmse_over_bound_high:.3g}]",
                 f"{100 * pooled.coverage:.1f} [{100 * pooled.coverage_low:.1f}, "
                 f"{100 * pooled.coverage_high:.1f}]",
                 f"{pooled.largest_bias_t:.1f}",
