@@ -6,6 +6,7 @@ import pytest
 from pydantic_core import PydanticUndefined
 
 from constraints import limit_definitions
+from estimation.montecarlo.tables import STATISTICS, repetition_columns
 from expdesign.configuration.limits import CHARACTERISTIC_LENGTH
 from expdesign.experiment.tables import TABLES
 from expdesign.information.catalogue import criteria_by_key
@@ -18,11 +19,13 @@ from expdesign.schema import (
     STAGES,
     DesignSection,
     ExperimentSection,
+    MonteCarloSection,
     RobotDescription,
     RunDescription,
     TrajectorySection,
 )
 from results.figures.design.catalogue import DESIGN_FIGURES
+from results.figures.montecarlo.catalogue import STUDY_FIGURES
 from tests.docs.pages import ROOT, codes, parse, table
 
 DOCS = ROOT / "docs"
@@ -62,6 +65,7 @@ def _required(model):
         (TrajectorySection, RUN_FILES, "## trajectory"),
         (DesignSection, RUN_FILES, "## design"),
         (ExperimentSection, RUN_FILES, "## experiment"),
+        (MonteCarloSection, RUN_FILES, "## montecarlo"),
         (RobotDescription, ROBOTS, "## Robot file"),
     ],
     ids=lambda value: value if isinstance(value, str) else getattr(value, "__name__", ""),
@@ -166,6 +170,20 @@ def test_columns_of_the_trajectory():
 def test_columns_of_the_tables():
     rows = {codes(row[0])[0]: codes(row[1]) for row in table(RUN_FOLDER, "## tables")}
     assert rows == {name: [c.name for c in columns] for name, columns in TABLES.items()}
+
+
+def test_columns_of_the_study():
+    rows = table(RUN_FOLDER, "### Columns of montecarlo.csv")
+    names = [name for row in rows for name in codes(row[0])]
+    assert sorted(names) == sorted(column.name for column in STATISTICS)
+    page = RUN_FOLDER.read_text(encoding="utf-8")
+    for column in repetition_columns(()):
+        assert f"`{column.name}`" in page
+
+
+def test_figures_of_the_study():
+    rows = [codes(row[0])[0] for row in table(RUN_FOLDER, "### Figures of the study")]
+    assert rows == [definition.key for definition in STUDY_FIGURES]
 
 
 def test_figures():

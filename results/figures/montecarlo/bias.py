@@ -35,10 +35,12 @@ def draw(record: StudyRecord) -> Figure:
         handles.append(points(axes, series, number, bias, np.stack([error, error])))
     axes.axhspan(-band, band, color=FAINT, alpha=0.35, linewidth=0, zorder=1)
     axes.axhline(0.0, color=MUTED, linewidth=0.8, zorder=2)
+    room = 1.25
     if largest > _LINEAR_REACH * band:
+        room = 2.0
         axes.set_yscale("symlog", linthresh=2 * band, linscale=0.8)
         axes.yaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}".replace("-", "−")))
-    axes.set_ylim(-1.25 * largest, 1.25 * largest)
+    axes.set_ylim(-room * largest, room * largest)
     axes.annotate(
         f"±{CLEAR:g} standard\nerrors at\nthe bound",
         (1.0, 0.0),
