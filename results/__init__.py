@@ -4,13 +4,17 @@ from results.design import design_figures
 from results.errors import MissingFileError, RunFolderError
 from results.estimate import estimate_figures
 from results.record import DesignRecord
+from results.study import study_figures
+from results.study_record import StudyRecord
 from results.validation import validation_figures
 
 __all__ = [
     "DesignRecord",
     "MissingFileError",
     "RunFolderError",
+    "StudyRecord",
     "design_figures",
     "estimate_figures",
+    "study_figures",
     "validation_figures",
 ]

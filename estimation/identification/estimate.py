@@ -88,7 +88,7 @@ def _estimate(
     if not recordings:
         raise ValueError("estimate needs at least one recording")
     robot = robot_from(configuration.robot)
-    knowledge = _knowledge(configuration, robot)
+    knowledge = parameter_knowledge(configuration, robot)
     _refuse_ml_without_fit(configuration)
     designs = _one_each(design, len(recordings))
     records = tuple(
@@ -255,7 +255,14 @@ def _bound(
     return cramer_rao_covariance(robot, experiments, motions, knowledge, values)
 
 
-def _knowledge(configuration: RunConfiguration, robot: Robot) -> Knowledge:
+def parameter_knowledge(configuration: RunConfiguration, robot: Robot) -> Knowledge:
+    """Return what the run's `estimate:` section says of the robot's parameters.
+
+    Raises
+    ------
+    ConfigurationError
+        It names a parameter that the robot does not have, or fixes all of them.
+    """
     section = configuration.run.estimate
     try:
         knowledge = Knowledge.of(robot, section)

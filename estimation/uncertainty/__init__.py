@@ -2,7 +2,12 @@
 
 from estimation.uncertainty.bound import cramer_rao_covariance
 from estimation.uncertainty.combinations import Combination, identified_combinations
-from estimation.uncertainty.intervals import ParameterRow, correlation, parameter_rows
+from estimation.uncertainty.intervals import (
+    ParameterRow,
+    correlation,
+    interval_width,
+    parameter_rows,
+)
 
 __all__ = [
     "Combination",
@@ -10,5 +15,6 @@ __all__ = [
     "correlation",
     "cramer_rao_covariance",
     "identified_combinations",
+    "interval_width",
     "parameter_rows",
 ]

@@ -64,8 +64,7 @@ def parameter_rows(
         Degrees of freedom behind the noise covariance; inf when it was given.
     """
     scales = parameter_scaling(robot, "nominal")
-    normal = not np.isfinite(freedom)
-    width = stats.norm.ppf(0.5 + LEVEL / 2) if normal else stats.t.ppf(0.5 + LEVEL / 2, freedom)
+    width = interval_width(freedom)
     rows = []
     for k, name in enumerate(knowledge.names):
         value, prior = float(estimate.values[k]), float(knowledge.nominal[k])
@@ -86,6 +85,18 @@ def parameter_rows(
             )
         )
     return rows
+
+
+def interval_width(freedom: float) -> float:
+    """Return half the width of a 95 % interval in standard deviations.
+
+    Parameters
+    ----------
+    freedom : float
+        Degrees of freedom behind the standard deviation; inf when it is known.
+    """
+    tail = 0.5 + LEVEL / 2
+    return float(stats.t.ppf(tail, freedom) if np.isfinite(freedom) else stats.norm.ppf(tail))
 
 
 def correlation(covariance: Array) -> Array:

@@ -16,6 +16,7 @@ import typer
 from expdesign.cli.check import check
 from expdesign.cli.design import design
 from expdesign.cli.estimate import estimate
+from expdesign.cli.montecarlo import montecarlo
 from expdesign.cli.robots import robots
 from expdesign.cli.run import run
 from expdesign.cli.simulate import simulate
@@ -61,6 +62,7 @@ app.command()(robots)
 app.command()(check)
 app.command()(design)
 app.command()(simulate)
+app.command()(montecarlo)
 app.command()(estimate)
 app.command()(validate)
 app.command()(run)

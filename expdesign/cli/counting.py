@@ -2,8 +2,15 @@
 
 from __future__ import annotations
 
+import signal
+import threading
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from expdesign.cli.output import messages
 
@@ -34,3 +41,60 @@ def counted(numbers: range, what: str) -> Iterator[int]:
             console.print(f"{done} of {total} {what}")
             spoke = time.monotonic()
         yield number
+
+
+class StudyDisplay:
+    """Shows how many are done, and takes Ctrl-C as a request to stop.
+
+    Parameters
+    ----------
+    console : rich Console
+        A terminal gets a bar; elsewhere a line is written, at most every five seconds.
+    what : str
+        What is counted, in the plural.
+    """
+
+    def __init__(self, console: Console, what: str) -> None:
+        self._console, self._what = console, what
+        self._spoke = time.monotonic()
+        self._stop = threading.Event()
+        self._bar = Progress(
+            TextColumn(what),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TimeRemainingColumn(),
+            console=console,
+            transient=True,
+        )
+        self._task = self._bar.add_task(what, total=None)
+
+    def advanced(self, done: int, total: int) -> None:
+        """Show how far it is."""
+        self._bar.update(self._task, completed=done, total=total)
+        if not self._console.is_terminal and time.monotonic() - self._spoke > _HEARTBEAT:
+            self._console.print(f"{done} of {total} {self._what}")
+            self._spoke = time.monotonic()
+
+    def stop_requested(self) -> bool:
+        """Tell whether the user pressed Ctrl-C."""
+        return self._stop.is_set()
+
+    @contextmanager
+    def shown(self) -> Iterator[None]:
+        """Show the display; a second Ctrl-C stops at once."""
+
+        def ask(_number: int, _frame: FrameType | None) -> None:
+            if self._stop.is_set():
+                raise KeyboardInterrupt
+            self._stop.set()
+            self._console.print(f"stopping: the {self._what} that are done are kept …")
+
+        previous = signal.signal(signal.SIGINT, ask)
+        try:
+            if self._console.is_terminal:
+                with self._bar:
+                    yield
+            else:
+                yield
+        finally:
+            signal.signal(signal.SIGINT, previous)

@@ -9,7 +9,7 @@ import typer
 
 from expdesign.cli.errors import CommandFailed
 from expdesign.cli.folder import OutOption, refuse_unwritable, run_folder
-from expdesign.cli.output import JsonOption, RunArgument, results, short, warn, write_json
+from expdesign.cli.output import JsonOption, RunArgument, results, short, warn_all, write_json
 
 if TYPE_CHECKING:
     from estimation.diagnostics import Diagnosis
@@ -58,6 +58,7 @@ def estimate(
     from expdesign.configuration import load_run
 
     configuration = load_run(run)
+    warn_all(configuration.warnings)
     folder = run_folder(configuration, out)
     summary = estimate_stage(
         configuration, folder, data=data or (), designs=design or (), as_json=as_json
@@ -112,8 +113,7 @@ def estimate_stage(
         stage.files += estimate_figures(result, diagnosis, folder)
         stage.status = "done"
         stage.message = "; ".join(f"{k}: {e.status}" for k, e in result.estimates.items())
-    for warning in result.warnings:
-        warn(warning)
+    warn_all(result.warnings[len(configuration.warnings) :])
     if not as_json:
         _show(result, diagnosis, folder)
     return _summary(result, diagnosis, folder)

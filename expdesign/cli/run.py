@@ -11,6 +11,7 @@ from expdesign.cli.design import design_stage
 from expdesign.cli.errors import CommandFailed
 from expdesign.cli.estimate import estimate_stage, folder_recording
 from expdesign.cli.folder import OutOption, run_folder
+from expdesign.cli.montecarlo import montecarlo_stage
 from expdesign.cli.output import JsonOption, RunArgument, note, short, warn, warn_all, write_json
 from expdesign.cli.simulate import experiment_stage, folder_design
 from expdesign.cli.validate import folder_estimate, validate_stage
@@ -65,6 +66,7 @@ class Step:
 STEPS = {
     "design": Step(design_stage, "design.json"),
     "experiment": Step(experiment_stage, "measurement.csv", folder_design, _data_is_given),
+    "montecarlo": Step(montecarlo_stage, "montecarlo.json", folder_design),
     "estimate": Step(estimate_stage, "estimate.json", folder_recording),
     "validate": Step(validate_stage, "validation.json", folder_estimate),
 }

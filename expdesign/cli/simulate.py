@@ -93,9 +93,9 @@ def experiment_stage(
     from expdesign.cli.counting import counted
     from expdesign.cli.stages import clear_outdated, record_stage
 
-    found = _design(folder, design)
+    found = design_to_execute(folder, design)
     refuse_unwritable(folder)
-    doubts = _doubts(configuration, found)
+    doubts = design_doubts(configuration, found)
     warn_all(doubts)
     began = time.perf_counter()
     made_from = trajectory_text(found)
@@ -132,10 +132,17 @@ def trajectory_text(found: DesignFile) -> str:
 
 def folder_design(folder: Path) -> str:
     """Return what the experiment of a run folder is made from: the coefficients of its design."""
-    return trajectory_text(_design(folder, None))
+    return trajectory_text(design_to_execute(folder, None))
 
 
-def _design(folder: Path, design: Path | None) -> DesignFile:
+def design_to_execute(folder: Path, design: Path | None) -> DesignFile:
+    """Read the design that was asked for, or the run folder's own.
+
+    Raises
+    ------
+    ConfigurationError
+        There is none.
+    """
     from expdesign.configuration import ConfigurationError, Problem
     from expdesign.trajectory import read_design_file
 
@@ -154,7 +161,8 @@ def _design(folder: Path, design: Path | None) -> DesignFile:
     return read_design_file(folder)
 
 
-def _doubts(configuration: RunConfiguration, found: DesignFile) -> list[str]:
+def design_doubts(configuration: RunConfiguration, found: DesignFile) -> list[str]:
+    """Return what is odd about executing a design in this run."""
     doubts = []
     if found.robot is not None and found.robot != configuration.robot.name:
         doubts.append(

@@ -10,7 +10,7 @@ import typer
 from expdesign.cli.errors import CommandFailed
 from expdesign.cli.estimate import StrictOption
 from expdesign.cli.folder import OutOption, refuse_unwritable, run_folder
-from expdesign.cli.output import JsonOption, RunArgument, results, short, warn, write_json
+from expdesign.cli.output import JsonOption, RunArgument, results, short, warn_all, write_json
 
 if TYPE_CHECKING:
     from estimation.validation import ValidationResult
@@ -43,6 +43,7 @@ def validate(
     from expdesign.configuration import load_run
 
     configuration = load_run(run)
+    warn_all(configuration.warnings)
     folder = run_folder(configuration, out)
     summary = validate_stage(configuration, folder, estimate=estimate, as_json=as_json)
     if strict and not summary["accepted"]:
@@ -81,8 +82,7 @@ def validate_stage(
         stage.files += validation_figures(result, folder)
         stage.status = "done"
         stage.message = "accepted" if result.accepted else "doubtful"
-    for warning in result.warnings:
-        warn(warning)
+    warn_all(result.warnings[len(configuration.warnings) :])
     if not as_json:
         _show(result, folder)
     return {

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import takewhile
 from multiprocessing import Manager
 from typing import Any
 
@@ -91,7 +92,11 @@ def _in_processes(
         try:
             with parallel_config("loky", n_jobs=workers, inner_max_num_threads=1):
                 run = Parallel(return_as="generator", pre_dispatch=workers)
-                calls = (delayed(_in_worker)(recipe, job, events, stop, after_stop) for job in jobs)
+                # Taken one by one: a request to stop ends them, however many are left.
+                wanted = takewhile(lambda _: after_stop or not monitor.stop_requested(), jobs)
+                calls = (
+                    delayed(_in_worker)(recipe, job, events, stop, after_stop) for job in wanted
+                )
                 # Ctrl-C goes to every process of the terminal. Workers inherit that it is ignored,
                 # so that not even one that is still starting dies of it.
                 with _interrupts_ignored():

@@ -9,6 +9,7 @@ from pydantic_core import PydanticUndefined
 
 from constraints import limit_definitions
 from estimation.data.catalogue import file_formats
+from estimation.montecarlo.tables import STATISTICS, repetition_columns
 from estimation.twin import Twin
 from estimation.twin.output import truth_record
 from expdesign.configuration import load_run
@@ -26,6 +27,7 @@ from expdesign.schema import (
     DesignSection,
     EstimateSection,
     ExperimentSection,
+    MonteCarloSection,
     RobotDescription,
     RunDescription,
     TrajectorySection,
@@ -35,6 +37,7 @@ from expdesign.schema.quantity import unit_dimension, unit_symbols
 from expdesign.schema.validation import ValidationMotion
 from expdesign.trajectory import FourierTrajectory
 from results.figures.design.catalogue import DESIGN_FIGURES
+from results.figures.montecarlo.catalogue import STUDY_FIGURES
 from tests.docs.pages import ROOT, codes, parse, table
 
 DOCS = ROOT / "docs"
@@ -82,6 +85,7 @@ def _required(model):
         (Cogging, RUN_FILES, "### cogging"),
         (Quantisation, RUN_FILES, "### quantisation"),
         (Outliers, RUN_FILES, "### outliers"),
+        (MonteCarloSection, RUN_FILES, "## montecarlo"),
         (RobotDescription, ROBOTS, "## Robot file"),
         (EstimateSection, RUN_FILES, "## estimate"),
         (ValidationMotion, RUN_FILES, "## validate"),
@@ -215,6 +219,20 @@ def test_formats_of_measured_data():
         assert tuple(codes(files)) == found.extensions
         wanted = [f"pip install expdesign[{found.extra}]"] if found.extra else []
         assert codes(needs) == wanted
+
+
+def test_columns_of_the_study():
+    rows = table(RUN_FOLDER, "### Columns of montecarlo.csv")
+    names = [name for row in rows for name in codes(row[0])]
+    assert sorted(names) == sorted(column.name for column in STATISTICS)
+    page = RUN_FOLDER.read_text(encoding="utf-8")
+    for column in repetition_columns(()):
+        assert f"`{column.name}`" in page
+
+
+def test_figures_of_the_study():
+    rows = [codes(row[0])[0] for row in table(RUN_FOLDER, "### Figures of the study")]
+    assert rows == [definition.key for definition in STUDY_FIGURES]
 
 
 def test_figures():

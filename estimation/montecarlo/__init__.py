@@ -1,0 +1,5 @@
+"""Monte-Carlo study: the estimators on many simulated experiments, against truth and bound."""
+
+from estimation.montecarlo.study import Study, StudyMonitor, run_study
+
+__all__ = ["Study", "StudyMonitor", "run_study"]

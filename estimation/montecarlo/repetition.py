@@ -1,0 +1,159 @@
+"""One repetition: an experiment measured on the twin, and what every estimator makes of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.estimators import Experiment, Knowledge, ParameterEstimate
+from estimation.identification.estimate import (
+    parameter_knowledge,
+    prepare_experiment,
+    run_estimators,
+)
+from estimation.twin import Twin
+from expdesign.configuration import RunConfiguration
+from expdesign.robot import Robot, robot_from
+from expdesign.trajectory import FourierTrajectory
+
+Array = NDArray[np.float64]
+
+NUMERICAL_FAILURES = (ArithmeticError, np.linalg.LinAlgError)
+"""What noise can do to an estimate: no pose, no motion, a singular information matrix."""
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What one estimator came to in one repetition.
+
+    Attributes
+    ----------
+    values, std : (m,) or None
+        SI; None when it failed.
+    converged : bool
+    iterations : int
+    error : str
+        Why it failed; empty when it did not.
+    """
+
+    values: Array | None = None
+    std: Array | None = None
+    converged: bool = False
+    iterations: int = 0
+    error: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Repetition:
+    """What is kept of one repetition.
+
+    Attributes
+    ----------
+    number : int
+        From 1.
+    harmonics : int or None
+        Of the fitted motion; None after pointwise differentiation, or without a motion.
+    freedom : float
+        Degrees of freedom behind the noise covariance; inf when it was given.
+    outcomes : mapping
+        By estimator.
+    """
+
+    number: int
+    harmonics: int | None
+    freedom: float
+    outcomes: Mapping[str, Outcome]
+
+
+@dataclass(frozen=True, eq=False)
+class Workbench:
+    """Everything that repetitions share; built once per process.
+
+    Attributes
+    ----------
+    configuration : RunConfiguration
+    robot : Robot
+    knowledge : Knowledge
+    design : FourierTrajectory
+    twin : Twin
+    """
+
+    configuration: RunConfiguration
+    robot: Robot
+    knowledge: Knowledge
+    design: FourierTrajectory
+    twin: Twin
+
+    def repeat(self, number: int) -> Repetition:
+        """Measure and estimate; what depends on `number` is the noise alone.
+
+        A repetition that cannot be estimated comes back with the reason. Bad input raises.
+        """
+        wanted = self.configuration.run.montecarlo.estimators
+        try:
+            experiment = prepare_experiment(
+                self.configuration, self.robot, self.twin.measurement(number), self.design
+            )
+        except NUMERICAL_FAILURES as error:
+            failed = Outcome(error=_reason(error))
+            return Repetition(number, None, np.inf, dict.fromkeys(wanted, failed))
+        return Repetition(
+            number,
+            None if experiment.fit is None else experiment.fit.motion.harmonics,
+            experiment.noise.force_freedom,
+            self._outcomes(experiment, wanted),
+        )
+
+    def _outcomes(self, experiment: Experiment, wanted: tuple[str, ...]) -> dict[str, Outcome]:
+        try:
+            found = run_estimators(self.robot, [experiment], self.knowledge, wanted)
+        except NUMERICAL_FAILURES as error:
+            if len(wanted) == 1:
+                return {wanted[0]: Outcome(error=_reason(error))}
+            # One by one, to keep those that did not fail.
+            return {name: self._outcomes(experiment, (name,))[name] for name in wanted}
+        return {name: _outcome(found[name]) for name in wanted}
+
+
+@dataclass(frozen=True, eq=False)
+class Recipe:
+    """How a process builds its workbench; small, and can be pickled.
+
+    Attributes
+    ----------
+    configuration : RunConfiguration
+    design : FourierTrajectory
+    """
+
+    configuration: RunConfiguration
+    design: FourierTrajectory
+
+    def __call__(self) -> Workbench:
+        """Build.
+
+        Raises
+        ------
+        ConfigurationError
+            The run cannot be simulated, or fixes every parameter.
+        """
+        robot = robot_from(self.configuration.robot)
+        return Workbench(
+            self.configuration,
+            robot,
+            parameter_knowledge(self.configuration, robot),
+            self.design,
+            Twin.of(self.configuration, self.design, self.configuration.run.montecarlo.seed),
+        )
+
+
+def _outcome(estimate: ParameterEstimate) -> Outcome:
+    if not (np.all(np.isfinite(estimate.values)) and np.all(np.isfinite(estimate.std))):
+        return Outcome(error="the estimate is not finite", iterations=estimate.iterations)
+    return Outcome(estimate.values, estimate.std, estimate.converged, estimate.iterations)
+
+
+def _reason(error: BaseException) -> str:
+    return " ".join(str(error).split()) or type(error).__name__

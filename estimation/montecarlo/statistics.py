@@ -1,0 +1,215 @@
+"""Bias, spread, RMSE and coverage of estimates whose truth is known, each with its uncertainty.
+
+K repetitions are independent of each other; the parameters of one repetition are not. What is
+pooled over parameters is therefore first averaged within each repetition, and its uncertainty comes
+from the scatter of these averages between repetitions.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+Array = NDArray[np.float64]
+
+LEVEL = 0.95
+"""Of the intervals about the statistics themselves."""
+
+
+@dataclass(frozen=True)
+class ParameterStatistics:
+    """One parameter of one estimator over all repetitions, SI.
+
+    Attributes
+    ----------
+    bias, bias_std_error, bias_t : float
+        Mean error, its standard error and their ratio.
+    spread : float
+        Standard deviation of the estimates.
+    rmse : float
+        Root mean square of their errors.
+    reported_std : float
+        Root mean square of the standard deviations that the estimator states.
+    reported_over_spread : float
+        Their ratio: 1 when the estimator knows its own precision.
+    rmse_over_bound, rmse_over_bound_low, rmse_over_bound_high : float
+        With its 95 % interval.
+    coverage, coverage_low, coverage_high : float
+        Share of the estimator's 95 % intervals that hold the truth, with its 95 % interval.
+    largest_error : float
+        In any repetition, in units of the RMSE.
+    """
+
+    bias: float
+    bias_std_error: float
+    bias_t: float
+    spread: float
+    rmse: float
+    reported_std: float
+    reported_over_spread: float
+    rmse_over_bound: float
+    rmse_over_bound_low: float
+    rmse_over_bound_high: float
+    coverage: float
+    coverage_low: float
+    coverage_high: float
+    largest_error: float
+
+
+@dataclass(frozen=True)
+class PooledStatistics:
+    """Several parameters of one estimator together.
+
+    Attributes
+    ----------
+    rmse_over_bound : float
+        Root mean square over the parameters.
+    rmse_over_bound_std_error, rmse_over_bound_low, rmse_over_bound_high : float
+    coverage, coverage_std_error, coverage_low, coverage_high : float
+        Mean over the parameters.
+    largest_bias_t : float
+        Of all parameters, without its sign.
+    """
+
+    rmse_over_bound: float
+    rmse_over_bound_std_error: float
+    rmse_over_bound_low: float
+    rmse_over_bound_high: float
+    coverage: float
+    coverage_std_error: float
+    coverage_low: float
+    coverage_high: float
+    largest_bias_t: float
+
+
+def parameter_statistics(
+    errors: Array, std: Array, widths: Array, bound: float
+) -> ParameterStatistics:
+    """Return the statistics of one parameter.
+
+    Parameters
+    ----------
+    errors : (K,)
+        Estimate minus truth, K ≥ 1.
+    std : (K,)
+        As the estimator states it.
+    widths : (K,)
+        Half widths of its intervals in units of `std`.
+    bound : float
+        Smallest standard deviation that an unbiased estimator can have.
+
+    Notes
+    -----
+    The interval of RMSE/bound is that of a root of a scaled χ². K errors without a bias have K
+    degrees of freedom; a bias b beside a spread σ makes the mean square steadier,
+    K (σ² + b²)² / (σ⁴ + 2 σ² b²). That of the coverage is Clopper's and Pearson's.
+    """
+    count = len(errors)
+    bias = float(np.mean(errors))
+    spread = float(np.std(errors, ddof=1)) if count > 1 else np.nan
+    mean_square = float(np.mean(errors**2))
+    std_error = spread / float(np.sqrt(count))
+    reported = float(np.sqrt(np.mean(std**2)))
+    variance = max(mean_square - bias**2, 0.0)
+    steadiness = variance * (variance + 2 * bias**2)
+    freedom = count * mean_square**2 / steadiness if steadiness > 0 else np.nan
+    rmse = float(np.sqrt(mean_square))
+    low, high = _root_interval(rmse / bound, freedom)
+    hits = float(np.count_nonzero(np.abs(errors) <= widths * std))
+    coverage_low, coverage_high = share_interval(hits / count, count)
+    return ParameterStatistics(
+        bias=bias,
+        bias_std_error=std_error,
+        bias_t=_ratio(bias, std_error),
+        spread=spread,
+        rmse=rmse,
+        reported_std=reported,
+        reported_over_spread=_ratio(reported, spread),
+        rmse_over_bound=rmse / bound,
+        rmse_over_bound_low=low,
+        rmse_over_bound_high=high,
+        coverage=hits / count,
+        coverage_low=coverage_low,
+        coverage_high=coverage_high,
+        largest_error=_ratio(float(np.max(np.abs(errors))), rmse),
+    )
+
+
+def pooled_statistics(errors: Array, std: Array, widths: Array, bound: Array) -> PooledStatistics:
+    """Return the statistics of several parameters together.
+
+    Parameters
+    ----------
+    errors, std : (K, m)
+    widths : (K,)
+    bound : (m,)
+
+    Notes
+    -----
+    The square of the pooled RMSE/bound is the mean of K independent numbers, the mean squares of
+    each repetition: their scatter gives its standard error however the parameters are correlated
+    (the jackknife over repetitions gives the same), and with it the degrees of freedom of the χ²
+    that the interval is taken from. The coverage's interval is Clopper's and Pearson's with as
+    many independent trials as have this standard error.
+    """
+    count = len(errors)
+    squares = np.mean((errors / bound) ** 2, axis=1)
+    mean = float(np.mean(squares))
+    error = float(np.std(squares, ddof=1) / np.sqrt(count)) if count > 1 else np.nan
+    ratio = float(np.sqrt(mean))
+    low, high = _root_interval(ratio, 2 * (mean / error) ** 2 if error > 0 else np.nan)
+    hits = np.mean(np.abs(errors) <= widths[:, None] * std, axis=1)
+    coverage = float(np.mean(hits))
+    coverage_error = float(np.std(hits, ddof=1) / np.sqrt(count)) if count > 1 else np.nan
+    trials = float(count)
+    if coverage_error > 0:
+        trials = coverage * (1 - coverage) / coverage_error**2
+    coverage_low, coverage_high = share_interval(coverage, trials)
+    biases = np.mean(errors, axis=0)
+    spreads = np.std(errors, axis=0, ddof=1) if count > 1 else np.full(len(bound), np.nan)
+    return PooledStatistics(
+        rmse_over_bound=ratio,
+        rmse_over_bound_std_error=_ratio(error, 2 * ratio),
+        rmse_over_bound_low=low,
+        rmse_over_bound_high=high,
+        coverage=coverage,
+        coverage_std_error=coverage_error,
+        coverage_low=coverage_low,
+        coverage_high=coverage_high,
+        largest_bias_t=max(
+            abs(_ratio(float(b), float(s / np.sqrt(count))))
+            for b, s in zip(biases, spreads, strict=True)
+        ),
+    )
+
+
+def share_interval(share: float, trials: float) -> tuple[float, float]:
+    """Return the 95 % interval of a probability by Clopper and Pearson; trials need not be whole.
+
+    Parameters
+    ----------
+    share : float
+        Of the trials that were hits.
+    trials : float
+    """
+    tail = (1 - LEVEL) / 2
+    hits = share * trials
+    misses = trials - hits
+    low = stats.beta.ppf(tail, hits, misses + 1) if hits > 0 else 0.0
+    high = stats.beta.ppf(1 - tail, hits + 1, misses) if misses > 0 else 1.0
+    return float(low), float(high)
+
+
+def _root_interval(root: float, freedom: float) -> tuple[float, float]:
+    """Return the 95 % interval of a root mean square with so many degrees of freedom."""
+    tail = (1 - LEVEL) / 2
+    quantiles = stats.chi2.ppf([1 - tail, tail], freedom)
+    low, high = root * np.sqrt(freedom / quantiles)
+    return float(low), float(high)
+
+
+def _ratio(value: float, unit: float) -> float:
+    return value / unit if unit > 0 else np.nan

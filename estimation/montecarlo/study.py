@@ -1,0 +1,269 @@
+"""The study: K repetitions in parallel, kept as they come, and judged against truth and bound."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from estimation.estimators import Knowledge
+from estimation.montecarlo.cluster import cluster_repetitions
+from estimation.montecarlo.journal import Journal
+from estimation.montecarlo.repetition import Outcome, Recipe, Repetition, Workbench
+from estimation.montecarlo.statistics import (
+    ParameterStatistics,
+    PooledStatistics,
+    parameter_statistics,
+    pooled_statistics,
+)
+from estimation.montecarlo.truth_bound import bound_at_truth
+from estimation.twin import Truth
+from estimation.uncertainty import interval_width
+from estimation.uncertainty.intervals import IDENTIFIED
+from expdesign.configuration import ConfigurationError, Problem, RunConfiguration, load_run
+from expdesign.experiment.scaling import parameter_scaling
+from expdesign.robot import Robot
+from expdesign.runfolder.manifest import Manifest, text_hash
+from expdesign.solver.pool import Job, run_jobs
+from expdesign.solver.progress import Monitor, SearchEvent
+from expdesign.trajectory import FourierTrajectory
+
+Array = NDArray[np.float64]
+
+ConfigurationLike = str | PathLike[str] | Mapping[str, Any] | RunConfiguration
+
+
+class StudyMonitor(Protocol):
+    """Sees how far a study is; says when to stop."""
+
+    def advanced(self, done: int, total: int) -> None:
+        """Take the number of repetitions that are done, of all that are wanted."""
+        ...
+
+    def stop_requested(self) -> bool:
+        """Tell whether the study should end with what it has."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """What a study came to.
+
+    Attributes
+    ----------
+    configuration : RunConfiguration
+    robot : Robot
+    knowledge : Knowledge
+    truth : Truth
+    bound : (m, m)
+        Cramér–Rao bound at the truth as a covariance; zero for fixed parameters.
+    repetitions : tuple of Repetition
+        In the order of their numbers.
+    wanted : int
+        K. Fewer are done when the study was interrupted.
+    """
+
+    configuration: RunConfiguration
+    robot: Robot
+    knowledge: Knowledge
+    truth: Truth
+    bound: Array
+    repetitions: tuple[Repetition, ...]
+    wanted: int
+
+    @property
+    def interrupted(self) -> bool:
+        """True when repetitions are missing."""
+        return len(self.repetitions) < self.wanted
+
+    @property
+    def estimators(self) -> tuple[str, ...]:
+        """Estimators in the order of the run file."""
+        return self.configuration.run.montecarlo.estimators
+
+    @property
+    def bound_std(self) -> Array:
+        """(m,) smallest standard deviations of an unbiased estimator, SI."""
+        return np.sqrt(np.diag(self.bound))
+
+    @property
+    def free(self) -> NDArray[np.intp]:
+        """Places of the parameters that are estimated."""
+        return np.flatnonzero(self.knowledge.free)
+
+    @property
+    def identified(self) -> NDArray[np.intp]:
+        """Places of the parameters whose bound is below half their scale: those that are pooled."""
+        scales = parameter_scaling(self.robot, "nominal")
+        return np.flatnonzero(self.knowledge.free & (self.bound_std < IDENTIFIED * scales))
+
+    def estimated(self, estimator: str) -> tuple[tuple[Repetition, Outcome], ...]:
+        """Return the repetitions in which an estimator came to an estimate."""
+        pairs = ((r, r.outcomes[estimator]) for r in self.repetitions)
+        return tuple((r, outcome) for r, outcome in pairs if not outcome.error)
+
+    def failures(self, estimator: str) -> tuple[tuple[int, str], ...]:
+        """Return number and reason of every repetition in which an estimator failed."""
+        pairs = ((r.number, r.outcomes[estimator].error) for r in self.repetitions)
+        return tuple((number, error) for number, error in pairs if error)
+
+    def statistics(self, estimator: str) -> dict[str, ParameterStatistics]:
+        """Return the statistics of every free parameter; none without an estimate."""
+        errors, std, widths = self._samples(estimator)
+        if not len(errors):
+            return {}
+        return {
+            self.knowledge.names[k]: parameter_statistics(
+                errors[:, k], std[:, k], widths, float(self.bound_std[k])
+            )
+            for k in self.free
+        }
+
+    def pooled(self, estimator: str) -> PooledStatistics | None:
+        """Return the statistics of all identified parameters together."""
+        errors, std, widths = self._samples(estimator)
+        which = self.identified
+        if not len(errors) or not len(which):
+            return None
+        return pooled_statistics(errors[:, which], std[:, which], widths, self.bound_std[which])
+
+    def _samples(self, estimator: str) -> tuple[Array, Array, Array]:
+        """Return errors and std (K, m), and half widths of intervals (K,)."""
+        found = self.estimated(estimator)
+        shape = (-1, len(self.knowledge.names))
+        values = np.array([outcome.values for _, outcome in found], dtype=float).reshape(shape)
+        std = np.array([outcome.std for _, outcome in found], dtype=float).reshape(shape)
+        widths = np.array([interval_width(repetition.freedom) for repetition, _ in found])
+        return values - self.truth.parameter_vector, std, widths
+
+
+def run_study(
+    config: ConfigurationLike,
+    design: FourierTrajectory,
+    journal: Path | None = None,
+    monitor: StudyMonitor | None = None,
+) -> Study:
+    """Repeat a simulated experiment K times and estimate each time.
+
+    Repetition k depends on the run, the design, `montecarlo.seed` and k alone: neither the number
+    of processes nor the order in which they end changes a digit.
+
+    Parameters
+    ----------
+    config : path, mapping or RunConfiguration
+        Its sections `experiment`, `estimate` (but for the estimators) and `montecarlo`, and
+        `workers` or `scheduler`.
+    design : FourierTrajectory
+        The motion that is commanded.
+    journal : path, optional
+        File that keeps every repetition when it is done. Those of the same inputs that it holds
+        already are not done again.
+    monitor : StudyMonitor, optional
+
+    Raises
+    ------
+    ConfigurationError
+        The run cannot be simulated or estimated.
+    UnidentifiableError
+        The experiment does not determine every free parameter.
+    WorkerDiedError, ClusterError
+        What was done until then is in the journal.
+    """
+    configuration = load_run(config)
+    _refuse_ml_without_fit(configuration)
+    recipe = Recipe(configuration, design)
+    with threadpool_limits(limits=1, user_api="blas"):
+        bench = recipe()
+        bound = bound_at_truth(bench)
+    wanted = configuration.run.montecarlo.repetitions
+    done: dict[int, Repetition] = {}
+    kept = None if journal is None else Journal(journal, study_inputs(configuration, design))
+    if kept is not None:
+        done = {number: r for number, r in kept.done.items() if number <= wanted}
+    missing = [number for number in range(1, wanted + 1) if number not in done]
+    if monitor is not None:
+        monitor.advanced(len(done), wanted)
+    for repetition in _repetitions(configuration, recipe, missing, monitor):
+        if kept is not None:
+            kept.add(repetition)
+        done[repetition.number] = repetition
+        if monitor is not None:
+            monitor.advanced(len(done), wanted)
+    return Study(
+        configuration=configuration,
+        robot=bench.robot,
+        knowledge=bench.knowledge,
+        truth=bench.twin.truth,
+        bound=bound,
+        repetitions=tuple(done[number] for number in sorted(done)),
+        wanted=wanted,
+    )
+
+
+def study_inputs(configuration: RunConfiguration, design: FourierTrajectory) -> str:
+    """Return the hash of what every repetition is made from, their number left out."""
+    sections = configuration.run.model_dump_json(
+        include={
+            "robot": True,
+            "experiment": True,
+            "estimate": True,
+            "montecarlo": {"estimators", "seed"},
+        },
+        exclude={"estimate": {"estimators"}},
+    )
+    coefficients = " ".join(value.hex() for value in design.vector().tolist())
+    return text_hash(sections, coefficients, sorted(Manifest.new({}).versions.items()))
+
+
+def _repetitions(
+    configuration: RunConfiguration,
+    recipe: Recipe,
+    numbers: Sequence[int],
+    monitor: StudyMonitor | None,
+) -> Iterator[Repetition]:
+    stop = _Stop(monitor)
+    if not numbers:
+        return
+    if configuration.run.scheduler is not None:
+        address = configuration.run.scheduler
+        yield from cluster_repetitions(address, recipe, numbers, stop.stop_requested)
+        return
+    jobs = [Job(_repetition, (number,)) for number in numbers]
+    yield from run_jobs(recipe, jobs, configuration.run.workers or 1, stop)
+
+
+def _repetition(bench: Workbench, _monitor: Monitor, number: int) -> Repetition:
+    return bench.repeat(number)
+
+
+@dataclass(frozen=True)
+class _Stop:
+    """Carries the request to stop to the pool; repetitions report nothing but their end."""
+
+    monitor: StudyMonitor | None
+
+    def report(self, event: SearchEvent) -> None:
+        """Ignore the event."""
+
+    def stop_requested(self) -> bool:
+        return self.monitor is not None and self.monitor.stop_requested()
+
+
+def _refuse_ml_without_fit(configuration: RunConfiguration) -> None:
+    differentiation = configuration.run.estimate.differentiation
+    if "ml" in configuration.run.montecarlo.estimators and differentiation != "fourier":
+        raise ConfigurationError(
+            Problem(
+                "maximum likelihood estimates the motion as a Fourier series, "
+                f"'{differentiation}' differentiation gives it none",
+                file=configuration.file,
+                key="montecarlo.estimators",
+                allowed="[ls, gm], or estimate.differentiation: fourier",
+            )
+        )

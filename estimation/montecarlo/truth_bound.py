@@ -1,0 +1,64 @@
+"""The Cramér–Rao bound of a simulated experiment, at its truth."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.data.measurement import Measurement
+from estimation.estimators import Experiment
+from estimation.kinematics.fourier_fit import MotionFit
+from estimation.measurement_model import HarmonicMotion
+from estimation.montecarlo.repetition import Workbench
+from estimation.processing import NoiseModel, PeriodSource, make_record
+from estimation.uncertainty import cramer_rao_covariance
+
+Array = NDArray[np.float64]
+
+_SIGNED = 18
+
+
+def bound_at_truth(bench: Workbench) -> Array:
+    """Return the bound as a covariance, (m, m), SI; zero for fixed parameters.
+
+    At the true parameters along the executed motion, whose harmonics are the kinematic unknowns,
+    with the true Σ and Δ, the exact signs of dry friction, and all samples of the experiment. A
+    prior counts as data.
+
+    Raises
+    ------
+    UnidentifiableError
+        The experiment does not determine every free parameter.
+    """
+    twin, truth = bench.twin, bench.twin.truth
+    free_frequency = bench.configuration.run.estimate.frequency == "estimated"
+    measured = Measurement(
+        time=twin.grid.times,
+        lengths=twin.lengths,
+        forces=twin.forces,
+        step=1 / twin.grid.sampling,
+        period=twin.grid.period_numbers,
+        source="",
+    )
+    record = make_record(
+        measured, truth.executed.omega, PeriodSource.DESIGN, average=not free_frequency
+    )
+    motion = HarmonicMotion.of(truth.executed)
+    unknowns = motion.table.size + int(free_frequency)
+    # The motion is known here: nothing of the fit but the motion itself is used.
+    known = MotionFit(
+        motion=motion,
+        covariance=np.zeros((unknowns, unknowns)),
+        residuals=np.zeros((record.samples, 6)),
+        chi_square=0.0,
+        freedom=6 * record.samples - unknowns,
+        iterations=0,
+        free_frequency=free_frequency,
+    )
+    noise = NoiseModel(truth.force_covariance, truth.length_covariance, "given")
+    experiment = Experiment.along(
+        bench.robot, record, noise, known, np.zeros((record.samples, _SIGNED))
+    )
+    return cramer_rao_covariance(
+        bench.robot, [experiment], [motion], bench.knowledge, truth.parameter_vector
+    )

@@ -1,0 +1,68 @@
+"""Estimators side by side over the parameters: places, colours and marks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from numpy.typing import NDArray
+
+from results.reading.estimator_statistics import EstimatorStatistics
+from results.style import BLUE, GREEN, VERMILLION
+from results.symbols import symbol
+
+Array = NDArray[np.float64]
+
+Series = Sequence[EstimatorStatistics]
+
+_COLOURS = {"ls": VERMILLION, "gm": GREEN, "ml": BLUE}
+_MARKS = {"ls": "s", "gm": "^", "ml": "o"}
+_WIDTH = 0.56
+
+
+def parameter_axis(axes: Axes, series: Series) -> None:
+    """Put the parameters on the horizontal axis, a faint line between each two."""
+    names = all_parameters(series)
+    axes.set_xticks(np.arange(len(names)), [symbol(name) for name in names])
+    axes.set_xticks(np.arange(len(names) - 1) + 0.5, minor=True)
+    axes.tick_params(axis="x", which="both", length=0)
+    axes.grid(visible=False, axis="x")
+    axes.grid(visible=True, axis="x", which="minor")
+    axes.set_xlim(-0.6, len(names) - 0.4)
+
+
+def all_parameters(series: Series) -> tuple[str, ...]:
+    """Return the parameters of all estimators in their order."""
+    return tuple(dict.fromkeys(name for one in series for name in one.parameters))
+
+
+def points(axes: Axes, series: Series, number: int, values: Array, bars: Array) -> Any:
+    """Draw one estimator's points with their bars; return them for the legend.
+
+    Parameters
+    ----------
+    number : int
+        Place of the estimator in `series`.
+    values : (m,)
+    bars : (2, m)
+        Lengths below and above; NaN where there is none.
+    """
+    one = series[number]
+    names = all_parameters(series)
+    place = np.array([names.index(name) for name in one.parameters], dtype=float)
+    step = _WIDTH / max(len(series) - 1, 1)
+    shift = step * (number - (len(series) - 1) / 2)
+    return axes.errorbar(
+        place + shift,
+        values,
+        yerr=np.nan_to_num(np.maximum(bars, 0.0)),
+        fmt=_MARKS.get(one.estimator, "D"),
+        color=_COLOURS.get(one.estimator, "black"),
+        markersize=3.2,
+        elinewidth=0.9,
+        capsize=0,
+        label=f"{one.label} ({one.estimates})",
+        zorder=3,
+    )
