@@ -37,7 +37,8 @@ class LackOfFit:
     fitted_freedom : (6,)
         ν_j; zero for held-out data.
     added_variance : (6,)
-        Expected variance besides the noise, relative to it; zero for data that were fitted.
+        Expected variance besides the noise, relative to it: of unknown friction signs, and for
+        held-out data of the parameters and the motion.
     mean_square : (6,)
         MS_lof, N².
     pure_error : (6,)
@@ -127,7 +128,8 @@ def lack_of_fit(
     square = np.array([np.sum(w**2) for w in weights])
     squares = np.sum(part.counts[:, None] * rest**2, axis=0)
     samples = len(rest)
-    fitted = samples - trace if np.any(law.cross) else np.zeros_like(trace)
+    signs = np.sum(law.extra, axis=0) / np.diag(law.noise)
+    fitted = samples - trace + signs if np.any(law.cross) else np.zeros_like(trace)
     mean_square = squares / (samples - fitted)
     added = trace / (samples - fitted) - 1
     pure = np.diag(scatter.covariance).copy()

@@ -71,7 +71,7 @@ def test_normal_noise_passes_and_other_noise_does_not():
     samples = rng.standard_normal((6000, 6))
     samples[:, 1] = rng.uniform(-1, 1, 6000)
     samples[:, 3] = rng.gamma(8.0, size=6000)
-    test = normality(samples)
+    test = normality(samples[None])
     assert np.flatnonzero(test.failed).tolist() == [1, 3]
     assert test.kurtosis[1] == pytest.approx(-1.2, abs=0.1)
     assert test.skewness[3] == pytest.approx(2 / np.sqrt(8), abs=0.1)
@@ -81,7 +81,7 @@ def test_normal_noise_passes_and_other_noise_does_not():
 def test_what_is_significant_but_small_is_no_failure():
     rng = np.random.default_rng(7)
     samples = stats.t.rvs(40, size=(400_000, 6), random_state=rng)
-    test = normality(samples)
+    test = normality(samples[None])
     assert np.all(test.significant)
     assert not np.any(test.failed)
 
@@ -90,10 +90,18 @@ def test_outliers_are_counted():
     rng = np.random.default_rng(8)
     samples = rng.standard_normal((5000, 6)) * [1, 2, 3, 4, 5, 6]
     samples[:10, 2] = 30.0
-    test = normality(samples)
+    test = normality(samples[None])
     assert np.flatnonzero(test.with_outliers).tolist() == [2]
     assert test.outliers[2] == 10
     assert test.outliers_expected == pytest.approx(5000 * 2 * stats.norm.sf(4.5))
+
+
+def test_an_outlier_is_counted_once():
+    periods = np.random.default_rng(11).standard_normal((4, 800, 6))
+    periods[0, 5, 0] += 100.0
+    periods[2, 9, 0] += 100.0
+    test = normality(noise_samples(periods, np.zeros((1, 6))).values)
+    assert test.outliers.tolist() == [2, 0, 0, 0, 0, 0]
 
 
 def test_level_of_drift_and_its_size():
