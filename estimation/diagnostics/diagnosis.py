@@ -233,10 +233,10 @@ def _diagnosed(case: _Case, names: tuple[str, ...]) -> ExperimentDiagnosis:
         else None,
         force_whiteness=whiteness((left_residuals * weight)[None], left_law.lagged, level),
         length_whiteness=lengths[1],
-        force_normality=normality(samples.forces.pooled, level),
+        force_normality=normality(samples.forces.values, level),
         length_normality=None
         if length_samples is None
-        else normality(length_samples.pooled, level),
+        else normality(length_samples.values, level),
         lack_of_fit=lack[0],
         lack_of_fit_left=lack[1],
         attribution=attribution,

@@ -5,8 +5,8 @@
 
 ν_j is the share of the degrees of freedom that the parameters (and the motion) take: N less the
 trace of Cov(e_j) in units of the noise, so that E[MS_lof] = σ_j² if the model is right. For
-held-out data ν_j = 0 and A Cov(p̂) Aᵀ adds to the expected variance instead. The numerator's
-degrees of freedom are Satterthwaite's (tr B)² / tr B²: N − ν_j where B is a projection.
+held-out data ν_j = 0 and A Cov(p̂) Aᵀ adds to the expected variance instead. The p-value is that of
+the sum of squares with all eigenvalues of Cov(e_j), which is F's where Cov(e_j) is a projection.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
 from estimation.diagnostics.levels import LACK_OF_FIT
 from estimation.diagnostics.linearisation import Linearisation
+from estimation.diagnostics.quadratic_tail import ratio_tail
 from estimation.diagnostics.residual_law import ResidualLaw
 
 Array = NDArray[np.float64]
@@ -37,7 +37,8 @@ class LackOfFit:
     fitted_freedom : (6,)
         ν_j; zero for held-out data.
     added_variance : (6,)
-        Expected variance besides the noise, relative to it; zero for data that were fitted.
+        Expected variance besides the noise, relative to it: of unknown friction signs, and for
+        held-out data of the parameters and the motion.
     mean_square : (6,)
         MS_lof, N².
     pure_error : (6,)
@@ -47,7 +48,7 @@ class LackOfFit:
     statistic : (6,)
         F_j = MS_lof / (MS_pe (1 + added variance)).
     statistic_freedom : (6,)
-        Of its numerator.
+        Of its numerator, effective: (tr B)² / tr B², B = Cov(e_j) / σ_j².
     p_values : (6,)
     level : float
         Of the family of six.
@@ -122,16 +123,21 @@ def lack_of_fit(
             "two or more"
         )
     rest = part.forces if residuals is None else residuals
-    moments = np.array([law.moments(j) for j in range(rest.shape[1])])
-    trace, square = moments[:, 0], moments[:, 1]
+    weights = [law.weights(j) for j in range(rest.shape[1])]
+    trace = np.array([np.sum(w) for w in weights])
+    square = np.array([np.sum(w**2) for w in weights])
     squares = np.sum(part.counts[:, None] * rest**2, axis=0)
     samples = len(rest)
-    fitted = samples - trace if np.any(law.cross) else np.zeros_like(trace)
+    signs = np.sum(law.extra, axis=0) / np.diag(law.noise)
+    fitted = samples - trace + signs if np.any(law.cross) else np.zeros_like(trace)
     mean_square = squares / (samples - fitted)
     added = trace / (samples - fitted) - 1
     pure = np.diag(scatter.covariance).copy()
     statistic = mean_square / (pure * (1 + added))
-    freedom = trace**2 / square
+    p_values = [
+        ratio_tail(float(total / error), w, scatter.freedom)
+        for total, error, w in zip(squares, pure, weights, strict=True)
+    ]
     return LackOfFit(
         refused="",
         samples=samples,
@@ -141,7 +147,7 @@ def lack_of_fit(
         pure_error=pure,
         pure_error_freedom=scatter.freedom,
         statistic=statistic,
-        statistic_freedom=freedom,
-        p_values=stats.f.sf(statistic, freedom, scatter.freedom),
+        statistic_freedom=trace**2 / square,
+        p_values=np.array(p_values),
         level=level,
     )

@@ -32,7 +32,8 @@ class Normality:
     statistic, p_values : (6,)
         D'Agostino and Pearson's K².
     outliers : (6,) of int
-        Samples further away than 4.5 robust standard deviations.
+        Instants at which a sample is further away than 4.5 robust standard deviations. (An outlier
+        is in the contrasts of its own and of all later periods: instants count it once.)
     outliers_expected : float
         In each channel, of normal noise.
     outlier_p_values : (6,)
@@ -70,12 +71,15 @@ class Normality:
         return self.outlier_p_values < self.level / len(self.outlier_p_values)
 
 
-def normality(samples: Array, level: float = NOISE) -> Normality:
-    """Test independent samples, (n, 6), n ≥ 20."""
-    scale = np.median(np.abs(samples - np.median(samples, axis=0)), axis=0) / _NORMAL_MEDIAN
-    distance = np.abs(samples - np.median(samples, axis=0))
-    outliers = np.count_nonzero(distance > _FAR * np.where(scale > 0, scale, np.inf), axis=0)
-    expected = float(len(samples) * 2 * stats.norm.sf(_FAR))
+def normality(values: Array, level: float = NOISE) -> Normality:
+    """Test independent samples, (K, N, 6): K series at N instants, 20 samples or more."""
+    samples = values.reshape(-1, values.shape[2])
+    centred = np.abs(values - np.median(samples, axis=0))
+    scale = np.median(centred, axis=(0, 1)) / _NORMAL_MEDIAN
+    far = centred > _FAR * np.where(scale > 0, scale, np.inf)
+    outliers = np.count_nonzero(np.any(far, axis=0), axis=0)
+    chance = -np.expm1(len(values) * np.log1p(-2 * stats.norm.sf(_FAR)))
+    expected = float(values.shape[1] * chance)
     test = stats.normaltest(samples, axis=0)
     return Normality(
         mean=samples.mean(axis=0),

@@ -46,18 +46,19 @@ class ResidualLaw:
     covariance: Array
     extra: Array
 
-    def moments(self, channel: int) -> tuple[float, float]:
-        """Return the traces of B and of B², B = Cov(e_j) / σ_j², of one channel."""
+    def weights(self, channel: int) -> Array:
+        """Return the eigenvalues of B = Cov(e_j) / σ_j², (R,): variances of independent parts.
+
+        Few rows have an unknown sign of friction: what it adds there counts as a part of its own.
+        """
         variance = float(self.noise[channel, channel])
         factor, kernel = self._low_rank(channel)
-        gram = kernel @ (factor.T @ factor) / variance
-        extra = self.extra[:, channel] / variance
-        count = len(factor)
-        leverage = np.einsum("na,ab,nb->n", factor, kernel, factor, optimize=True) / variance
-        trace = count + np.trace(gram) + np.sum(extra)
-        square = count + 2 * np.trace(gram) + np.sum(gram * gram.T)
-        square += np.sum(extra * (2 + 2 * leverage + extra))
-        return float(trace), float(square)
+        values = np.linalg.eigvals(kernel @ (factor.T @ factor)).real / variance
+        result = 1 + self.extra[:, channel] / variance
+        result = np.sort(result)[::-1]
+        values = values[np.argsort(-np.abs(values))][: len(result)]
+        result[len(result) - len(values) :] += values
+        return np.maximum(result, 0.0)
 
     def lagged(self, channel: int, lag: int) -> float:
         """Return Σ_t Cov(e_t, e_{t + lag}) / σ_j² within the rows of one channel."""

@@ -1,0 +1,66 @@
+"""Tail of a ratio of sums of squares whose terms have different variances.
+
+P(Σ λ_i z_i² / (χ²_ν / ν) > x) for independent standard normal z: the F distribution when all λ are
+one. With badly known parameters a prediction's residuals have a few large λ, and an F of matched
+moments rejects too often. The saddlepoint approximation of Lugannani and Rice (1980), used for
+quadratic forms by Kuonen (Biometrika 86, 1999), has relative errors of about a percent.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+from scipy.optimize import brentq
+
+Array = NDArray[np.float64]
+
+_NEAR_MEAN = 1e-2
+"""Distance from the mean, in standard deviations, below which digits cancel."""
+
+
+def ratio_tail(value: float, weights: Array, freedom: float) -> float:
+    """Return P(Σ λ_i z_i² / (χ²_ν / ν) > value).
+
+    Parameters
+    ----------
+    weights : (n,)
+        λ, not negative, not all zero.
+    freedom : float
+        ν; inf for a known denominator.
+    """
+    known = not np.isfinite(freedom)
+    terms, counts = np.unique(weights[weights > 0], return_counts=True)
+    below = 0.0 if known else -value / freedom
+    shift = value if known else 0.0
+
+    def slopes(s: float) -> tuple[float, float, float]:
+        """K(s) − s·shift and its first two derivatives, K the cumulants of the difference."""
+        up = 1 - 2 * s * terms
+        value_ = -0.5 * (counts @ np.log(up)) - s * shift
+        first = counts @ (terms / up) - shift
+        second = 2 * (counts @ (terms / up) ** 2)
+        if not known:
+            down = 1 - 2 * s * below
+            value_ -= 0.5 * freedom * np.log(down)
+            first += freedom * below / down
+            second += 2 * freedom * (below / down) ** 2
+        return float(value_), float(first), float(second)
+
+    highest = (1 - 1e-12) / (2 * np.max(terms))
+    lowest = -1.0 / np.max(terms)
+    if not known:
+        lowest = max(lowest, (1 - 1e-12) / (2 * below))
+    while slopes(lowest)[1] > 0 and known:
+        lowest *= 2
+    while slopes(lowest)[1] > 0:
+        # Between the present end and the pole.
+        lowest = (lowest + 1 / (2 * below)) / 2
+    point = float(brentq(lambda s: slopes(s)[1], lowest, highest, xtol=1e-15, rtol=1e-12))
+    cumulant, _, curvature = slopes(point)
+    w = np.sign(point) * np.sqrt(max(-2 * cumulant, 0.0))
+    if abs(w) < _NEAR_MEAN:
+        third = 8 * (counts @ terms**3) + (0.0 if known else 8 * freedom * below**3)
+        return float(stats.norm.sf(w + third / (6 * curvature**1.5)))
+    v = point * np.sqrt(curvature)
+    return float(np.clip(stats.norm.sf(w + np.log(v / w) / w), 0.0, 1.0))

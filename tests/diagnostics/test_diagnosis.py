@@ -1,0 +1,180 @@
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from estimation.data.measurement import Measurement
+from estimation.diagnostics import Outcome, Status, diagnose
+from estimation.processing import NoiseModel, PeriodSource, make_record
+
+
+def _diagnose(lab, experiments, estimate, **options):
+    return diagnose(lab.robot, experiments, lab.knowledge, estimate, **options)
+
+
+def _outcomes(result):
+    return {f.assumption: f.outcome for f in result.verdict.findings}
+
+
+def test_a_sound_estimate_is_accepted(laboratory, sound):
+    experiment, estimate = sound
+    result = _diagnose(laboratory, [experiment], estimate)
+    assert result.verdict.status is Status.ACCEPTED, result.verdict.summary
+    assert all(f.outcome is Outcome.HOLDS for f in result.verdict.findings)
+    assert not any(f.advice for f in result.verdict.findings)
+    assert result.verdict.summary.startswith("accepted")
+
+
+def test_estimators_agree_on_what_the_model_lacks(laboratory, sound):
+    """The joint step takes the residuals of every estimator to the same place."""
+    experiment, ml = sound
+    scores = []
+    for estimate in (ml, *(laboratory.estimate([experiment], kind) for kind in ("ls", "gm"))):
+        attribution = _diagnose(laboratory, [experiment], estimate).experiments[0].attribution
+        scores.append([scan.best for scan in attribution.scans])
+    np.testing.assert_allclose(scores[1], scores[0], rtol=0.03)
+    np.testing.assert_allclose(scores[2], scores[0], rtol=0.03)
+
+
+def test_the_step_is_nothing_at_the_maximum_of_likelihood(laboratory, sound):
+    experiment, estimate = sound
+    diagnosis = _diagnose(laboratory, [experiment], estimate).experiments[0]
+    left = diagnosis.attribution.solved.force_residuals()
+    np.testing.assert_allclose(left, diagnosis.residuals.forces, atol=0.02)
+
+
+def test_json_form(laboratory, sound):
+    experiment, estimate = sound
+    result = _diagnose(laboratory, [experiment], estimate)
+    text = json.dumps(result.as_dict(), allow_nan=False)
+    document = json.loads(text)
+    assert document["estimator"] == "ml"
+    assert document["verdict"]["status"] == "accepted"
+    (only,) = document["experiments"]
+    test = result.experiments[0].lack_of_fit
+    assert only["lack_of_fit"]["ms_lof"] == pytest.approx(test.mean_square.tolist())
+    assert only["lack_of_fit"]["failed"] == []
+    assert [scan["strut"] for scan in only["position_periodic"]] == [1, 2, 3, 4, 5, 6]
+    assert len(only["columns"]["columns"]) == 72
+    assert len(text) < 100_000
+
+
+def test_residuals_of_every_period_average_to_the_mean(laboratory, sound):
+    experiment, estimate = sound
+    diagnosis = _diagnose(laboratory, [experiment], estimate).experiments[0]
+    rest = diagnosis.residuals
+    np.testing.assert_allclose(rest.force_periods.mean(axis=0), rest.forces, atol=1e-9)
+    comparison = diagnosis.variances
+    np.testing.assert_allclose(comparison.model_error, np.mean(rest.force_periods**2, (0, 1)))
+    np.testing.assert_allclose(comparison.model_error / comparison.measurement_error, 1, atol=0.2)
+
+
+def test_a_prediction_of_sound_data_is_accepted(laboratory, sound):
+    _, estimate = sound
+    held = laboratory.experiment(laboratory.measure(20))
+    result = _diagnose(laboratory, [held], estimate, held_out=True)
+    assert result.verdict.status is Status.ACCEPTED
+    np.testing.assert_array_equal(result.experiments[0].lack_of_fit.fitted_freedom, 0)
+
+
+@pytest.mark.parametrize("estimator", ["gm", "ml"])
+def test_two_experiments_share_the_levels_and_the_parameters(laboratory, estimator):
+    experiments = [laboratory.experiment(laboratory.measure(seed)) for seed in (31, 32)]
+    estimate = laboratory.estimate(experiments, estimator)
+    result = _diagnose(laboratory, experiments, estimate)
+    first, second = (d.lack_of_fit for d in result.experiments)
+    assert first.level == pytest.approx(0.005)
+    # Half of the parameters' share each.
+    alone = _diagnose(
+        laboratory, experiments[:1], laboratory.estimate(experiments[:1], estimator)
+    ).experiments[0]
+    np.testing.assert_allclose(
+        first.fitted_freedom + second.fitted_freedom, alone.lack_of_fit.fitted_freedom, atol=0.15
+    )
+    assert any(f.sentence.startswith("experiment 2: ") for f in result.verdict.findings)
+
+
+def test_noise_from_residuals_refuses_the_bias_test(laboratory, sound):
+    experiment, estimate = sound
+    own = replace(experiment.noise, source="residuals")
+    result = _diagnose(laboratory, [experiment.with_noise(own)], estimate)
+    assert _outcomes(result)["the model explains the forces"] is Outcome.NOT_TESTED
+    refused = result.as_dict()["experiments"][0]["lack_of_fit"]
+    assert "includes the error of the model" in refused["refused"]
+    assert "f" not in refused
+    assert "not tested: the model explains the forces" in result.verdict.summary
+
+
+def test_one_period_with_given_noise(laboratory, sound):
+    _, estimate = sound
+    data = laboratory.measure(40)
+    rows = slice(0, laboratory.samples)
+    one = Measurement(data.time[rows], data.lengths[rows], data.forces[rows], data.step)
+    experiment = laboratory.experiment(one, laboratory.noise)
+    result = _diagnose(laboratory, [experiment], estimate, held_out=True)
+    outcomes = _outcomes(result)
+    assert outcomes["the model explains the forces"] is Outcome.NOT_TESTED
+    assert outcomes["the noise is white"] is Outcome.NOT_TESTED
+    assert outcomes["all periods are alike"] is Outcome.NOT_TESTED
+    assert outcomes["the forces are as noisy as assumed"] is Outcome.HOLDS
+    assert result.experiments[0].samples.forces.source == "residuals"
+
+
+def test_noise_that_was_given_too_large_or_too_small(laboratory, sound):
+    experiment, estimate = sound
+    for factor, word in ((1.5, "too small"), (0.7, "too large")):
+        noise = NoiseModel(
+            factor * laboratory.noise.force_covariance,
+            laboratory.noise.length_covariance,
+            "given",
+        )
+        result = _diagnose(laboratory, [experiment.with_noise(noise)], estimate)
+        sentences = [f.sentence for f in result.verdict.failed]
+        assert any(f"force residuals are {word}" in sentence for sentence in sentences)
+
+
+def test_pointwise_kinematics(laboratory):
+    experiment = laboratory.pointwise(laboratory.measure(1))
+    estimate = laboratory.estimate([experiment], "gm")
+    result = _diagnose(laboratory, [experiment], estimate)
+    outcomes = _outcomes(result)
+    assert outcomes["the Fourier series is the motion"] is Outcome.NOT_TESTED
+    assert outcomes["forces and lengths are sampled at the same time"] is Outcome.NOT_TESTED
+    diagnosis = result.experiments[0]
+    assert diagnosis.pointwise
+    assert diagnosis.residuals.lengths is None
+    assert diagnosis.length_chi_square is None
+    json.dumps(result.as_dict(), allow_nan=False)
+
+
+def test_motion_with_too_few_harmonics_is_noticed(laboratory):
+    from estimation.estimators import Experiment
+    from estimation.kinematics import fit_motion
+    from estimation.measurement_model import HarmonicMotion
+
+    record = make_record(laboratory.measure(1), laboratory.trajectory.omega, PeriodSource.DESIGN)
+    start = HarmonicMotion.of(laboratory.trajectory)
+    fit = fit_motion(laboratory.robot, record, laboratory.noise.length_covariance, 2, start=start)
+    experiment = Experiment.from_fit(laboratory.robot, record, laboratory.noise, fit)
+    result = _diagnose(laboratory, [experiment], laboratory.estimate([experiment]))
+    failed = [
+        f for f in result.verdict.failed if f.assumption == "the Fourier series is the motion"
+    ]
+    assert len(failed) == 1
+    assert "harmonics" in failed[0].advice
+
+
+def test_disturbed_measurements_are_described(laboratory, sound):
+    """Outliers in a force, drift of a strut: named, and the estimate is doubtful."""
+    data = laboratory.measure(60)
+    rng = np.random.default_rng(0)
+    forces, lengths = data.forces.copy(), data.lengths.copy()
+    forces[rng.choice(len(forces), 6, replace=False), 4] += 300.0
+    lengths[:, 1] += 2e-4 * np.arange(len(lengths)) / len(lengths)
+    experiment = laboratory.experiment(replace(data, forces=forces, lengths=lengths))
+    result = _diagnose(laboratory, [experiment], laboratory.estimate([experiment], "ml"))
+    sentences = {f.assumption: f.sentence for f in result.verdict.failed}
+    assert "force 5: 6" in sentences["no outliers"]
+    assert "lengths of strut 2" in sentences["all periods are alike"]
+    assert result.verdict.status is Status.DOUBTFUL
