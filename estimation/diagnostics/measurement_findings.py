@@ -100,7 +100,7 @@ def outliers_finding(diagnosis: ExperimentDiagnosis) -> Finding:
         name,
         Outcome.FAILS,
         "more samples are far off than normal noise has (" + ", ".join(counts) + ")",
-        "look at them, and estimate with the robust loss (`estimate.robust`)",
+        "look at them, and estimate with the robust loss (`estimate.loss: huber`)",
     )
 
 

@@ -32,23 +32,23 @@ def ratio_tail(value: float, weights: Array, freedom: float) -> float:
     known = not np.isfinite(freedom)
     terms, counts = np.unique(weights[weights > 0], return_counts=True)
     below = 0.0 if known else -value / freedom
-    shift = value if known else 0.0
+    shift = float(value) if known else 0.0
 
     def slopes(s: float) -> tuple[float, float, float]:
         """K(s) − s·shift and its first two derivatives, K the cumulants of the difference."""
         up = 1 - 2 * s * terms
-        value_ = -0.5 * (counts @ np.log(up)) - s * shift
-        first = counts @ (terms / up) - shift
-        second = 2 * (counts @ (terms / up) ** 2)
+        total = float(-0.5 * (counts @ np.log(up)) - s * shift)
+        first = float(counts @ (terms / up) - shift)
+        second = float(2 * (counts @ (terms / up) ** 2))
         if not known:
             down = 1 - 2 * s * below
-            value_ -= 0.5 * freedom * np.log(down)
+            total -= 0.5 * freedom * float(np.log(down))
             first += freedom * below / down
             second += 2 * freedom * (below / down) ** 2
-        return float(value_), float(first), float(second)
+        return total, first, second
 
-    highest = (1 - 1e-12) / (2 * np.max(terms))
-    lowest = -1.0 / np.max(terms)
+    largest = float(np.max(terms))
+    highest, lowest = (1 - 1e-12) / (2 * largest), -1.0 / largest
     if not known:
         lowest = max(lowest, (1 - 1e-12) / (2 * below))
     while slopes(lowest)[1] > 0 and known:
