@@ -2,7 +2,7 @@
 
 from results.design import design_figures
 from results.errors import MissingFileError, RunFolderError
-from results.estimate import estimate_figures
+from results.estimate import estimate_figures, noise_figures
 from results.record import DesignRecord
 from results.study import study_figures
 from results.study_record import StudyRecord
@@ -15,6 +15,7 @@ __all__ = [
     "StudyRecord",
     "design_figures",
     "estimate_figures",
+    "noise_figures",
     "study_figures",
     "validation_figures",
 ]

@@ -1,13 +1,17 @@
-"""The figures of an estimate, in its run folder."""
+"""The figures of an estimate, and of noise by itself, in a run folder."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
 
-from estimation.diagnostics import Diagnosis
+from estimation.diagnostics import Diagnosis, NoiseAnalysis
 from estimation.identification import EstimationResult
-from results.figures.estimation.catalogue import DIAGNOSTIC_FIGURES, ESTIMATE_FIGURES
+from results.figures.estimation.catalogue import (
+    DIAGNOSTIC_FIGURES,
+    ESTIMATE_FIGURES,
+    NOISE_FIGURES,
+)
 from results.figures.saving import save_figures
 
 
@@ -38,3 +42,8 @@ def estimate_figures(
             figures = tuple(replace(f, key=f"{f.key}_{number}") for f in figures)
         paths += save_figures(figures, experiment, place)
     return paths
+
+
+def noise_figures(analysis: NoiseAnalysis, folder: Path) -> tuple[Path, ...]:
+    """Draw the figures of a noise analysis into ``figures/``; return the files."""
+    return save_figures(NOISE_FIGURES, analysis, folder / "figures")

@@ -12,7 +12,9 @@ from estimation.diagnostics.column_test import POWER, ColumnTest
 from estimation.diagnostics.delay import DelayTest
 from estimation.diagnostics.diagnosis import ExperimentDiagnosis
 from estimation.diagnostics.drift import Drift
+from estimation.diagnostics.finding import Finding
 from estimation.diagnostics.lack_of_fit import LackOfFit
+from estimation.diagnostics.noise_tests import NoiseTests
 from estimation.diagnostics.normality import Normality
 from estimation.diagnostics.position_periodic import PeriodicForce, PitchScan
 from estimation.diagnostics.verdict import Verdict
@@ -24,16 +26,7 @@ def verdict_form(verdict: Verdict) -> dict[str, Any]:
     return {
         "status": verdict.status.value,
         "summary": verdict.summary,
-        "findings": [
-            {
-                "assumption": finding.assumption,
-                "outcome": finding.outcome.value,
-                "sentence": finding.sentence,
-                "advice": finding.advice,
-                "serious": finding.serious,
-            }
-            for finding in verdict.findings
-        ],
+        "findings": [finding_form(finding) for finding in verdict.findings],
     }
 
 
@@ -55,19 +48,56 @@ def experiment_form(diagnosis: ExperimentDiagnosis) -> dict[str, Any]:
         },
         **_attribution(diagnosis.attribution),
         "whiteness": {
-            "force_noise": _whiteness(diagnosis.force_noise_whiteness),
-            "length_noise": _whiteness(diagnosis.length_noise_whiteness),
+            **_noise_whiteness(diagnosis),
             "force_residuals": _whiteness(diagnosis.force_whiteness),
             "length_residuals": _whiteness(diagnosis.length_whiteness),
         },
+        **_distribution(diagnosis),
+    }
+
+
+def finding_form(finding: Finding) -> dict[str, Any]:
+    """Return one finding."""
+    return {
+        "assumption": finding.assumption,
+        "outcome": finding.outcome.value,
+        "sentence": finding.sentence,
+        "advice": finding.advice,
+        "serious": finding.serious,
+    }
+
+
+def noise_form(analysis: NoiseTests) -> dict[str, Any]:
+    """Return the statistics of the noise by itself."""
+    noise = analysis.noise
+    return {
+        "source": noise.source,
+        "force_covariance": plain(noise.force_covariance),
+        "length_covariance": plain(noise.length_covariance),
+        "force_freedom": plain(noise.force_freedom),
+        "length_freedom": plain(noise.length_freedom),
+        "whiteness": _noise_whiteness(analysis),
+        **_distribution(analysis),
+    }
+
+
+def _noise_whiteness(tests: NoiseTests) -> dict[str, Any]:
+    return {
+        "force_noise": _whiteness(tests.force_noise_whiteness),
+        "length_noise": _whiteness(tests.length_noise_whiteness),
+    }
+
+
+def _distribution(tests: NoiseTests) -> dict[str, Any]:
+    return {
         "normality": {
-            "source": diagnosis.samples.forces.source,
-            "forces": _normality(diagnosis.force_normality),
-            "lengths": _normality(diagnosis.length_normality),
+            "source": tests.samples.forces.source,
+            "forces": _normality(tests.force_normality),
+            "lengths": _normality(tests.length_normality),
         },
         "drift": {
-            "forces": _drift(diagnosis.force_drift),
-            "lengths": _drift(diagnosis.length_drift),
+            "forces": _drift(tests.force_drift),
+            "lengths": _drift(tests.length_drift),
         },
     }
 

@@ -7,6 +7,7 @@ import numpy as np
 from estimation.diagnostics.diagnosis import ExperimentDiagnosis
 from estimation.diagnostics.finding import Finding, Outcome
 from estimation.diagnostics.levels import CHI_SQUARE
+from estimation.diagnostics.noise_tests import NoiseTests
 from estimation.diagnostics.normality import Normality
 from estimation.diagnostics.whiteness_finding import whiteness_finding
 from estimation.diagnostics.wording import listed
@@ -56,7 +57,7 @@ def motion_findings(diagnosis: ExperimentDiagnosis) -> list[Finding]:
     return findings
 
 
-def white_finding(diagnosis: ExperimentDiagnosis) -> Finding:
+def white_finding(diagnosis: NoiseTests) -> Finding:
     """Tell whether the noise has a memory."""
     name = "the noise is white"
     kinds = (
@@ -86,7 +87,7 @@ def white_finding(diagnosis: ExperimentDiagnosis) -> Finding:
     )
 
 
-def outliers_finding(diagnosis: ExperimentDiagnosis) -> Finding:
+def outliers_finding(diagnosis: NoiseTests) -> Finding:
     """Tell whether there are outliers."""
     name = "no outliers"
     counts = []
@@ -104,7 +105,7 @@ def outliers_finding(diagnosis: ExperimentDiagnosis) -> Finding:
     )
 
 
-def normal_finding(diagnosis: ExperimentDiagnosis) -> Finding:
+def normal_finding(diagnosis: NoiseTests) -> Finding:
     """Tell whether the noise is normal."""
     name = "the noise is normal"
     failing = [
@@ -124,7 +125,7 @@ def normal_finding(diagnosis: ExperimentDiagnosis) -> Finding:
     )
 
 
-def constant_finding(diagnosis: ExperimentDiagnosis) -> Finding:
+def constant_finding(diagnosis: NoiseTests) -> Finding:
     """Tell whether the periods differ."""
     name = "all periods are alike"
     failing = []
@@ -150,7 +151,7 @@ def constant_finding(diagnosis: ExperimentDiagnosis) -> Finding:
     )
 
 
-def _normalities(diagnosis: ExperimentDiagnosis) -> list[tuple[str, Normality]]:
+def _normalities(diagnosis: NoiseTests) -> list[tuple[str, Normality]]:
     pairs = (
         ("force", diagnosis.force_normality),
         ("length", diagnosis.length_normality),

@@ -122,7 +122,8 @@ def make_record(
     start = _first_row(data)
     available = len(data) - start
     periods = available / per_period
-    complete = int(np.floor(periods + 0.5 / per_period))
+    # A last period that lacks less than a sample is complete.
+    complete = int(np.floor(periods + (1 - 1e-9) / per_period))
     if complete < 1:
         raise PeriodError(
             f"the recording has {available} rows, a period of {2 * np.pi / omega:.6g} s needs "
@@ -131,7 +132,7 @@ def make_record(
     whole = None if data.stamped else whole_samples(omega, data.step, complete)
     if whole is not None and average:
         return _averaged(data, omega, source, start, (complete, whole), robust=robust)
-    rows = round(complete * per_period)
+    rows = int(np.ceil(complete * per_period * (1 - 1e-12)))
     return _single(data, omega, source, slice(start, start + min(rows, available)), robust=robust)
 
 

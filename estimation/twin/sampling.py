@@ -70,7 +70,8 @@ class SampleGrid:
                     allowed=f"1 to {MOST_SAMPLES} samples",
                 )
             )
-        count = int(np.floor(exact * (1 + _ROUNDING)))
+        # Every sample before the end of the last period, the one at its beginning included.
+        count = int(np.ceil(exact * (1 - _ROUNDING)))
         return cls(
             experiment.sampling, period, experiment.periods, count, nearest if alike else None
         )

@@ -17,6 +17,7 @@ from expdesign.cli.check import check
 from expdesign.cli.design import design
 from expdesign.cli.estimate import estimate
 from expdesign.cli.montecarlo import montecarlo
+from expdesign.cli.noise import noise
 from expdesign.cli.robots import robots
 from expdesign.cli.run import run
 from expdesign.cli.simulate import simulate
@@ -63,6 +64,7 @@ app.command()(check)
 app.command()(design)
 app.command()(simulate)
 app.command()(montecarlo)
+app.command()(noise)
 app.command()(estimate)
 app.command()(validate)
 app.command()(run)

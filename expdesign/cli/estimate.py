@@ -96,7 +96,7 @@ def estimate_stage(
     from results import estimate_figures
 
     files = data_files(configuration, folder, data)
-    trajectories = _designs(folder, designs, len(files))
+    trajectories = recorded_designs(folder, designs, len(files))
     refuse_unwritable(folder)
     with record_stage(STAGE, configuration, folder, made_from(files, designs, folder)) as stage:
         section = configuration.run.data
@@ -149,9 +149,10 @@ def data_files(
     )
 
 
-def _designs(
+def recorded_designs(
     folder: Path, given: tuple[Path, ...] | list[Path], recordings: int
 ) -> list[FourierTrajectory | None]:
+    """Return the trajectory of each recording: those given, or the run folder's, or None."""
     from expdesign.configuration import ConfigurationError, Problem
     from expdesign.trajectory import read_design_file
 

@@ -257,7 +257,7 @@ def _experiment_precision(
 ) -> PredictedPrecision:
     experiment = configuration.run.experiment
     per_period = trajectory.period * experiment.sampling
-    total = int(np.floor(experiment.periods * per_period * (1 + 1e-12)))
+    total = int(np.ceil(experiment.periods * per_period * (1 - 1e-12)))
     count = whole(per_period)
     if count is not None:
         information = judge.information(trajectory, count) * experiment.periods

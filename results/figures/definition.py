@@ -8,7 +8,7 @@ from typing import Generic, TypeVar
 
 from matplotlib.figure import Figure
 
-Record = TypeVar("Record")
+Record = TypeVar("Record", contravariant=True)  # noqa: PLC0105 - the word is the reader's
 
 
 @dataclass(frozen=True)

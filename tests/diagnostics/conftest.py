@@ -91,7 +91,7 @@ class Laboratory:
     def pointwise(self, data):
         record = make_record(data, self.trajectory.omega, PeriodSource.DESIGN)
         motion = pointwise_motion(self.robot, record)
-        return Experiment.from_points(record, estimated(record), motion)
+        return Experiment.from_points(self.robot, record, estimated(record), motion)
 
     def estimate(self, experiments, estimator="gm"):
         if estimator == "ls":

@@ -100,7 +100,7 @@ def test_the_python_of_the_twin(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     names = {}
     exec(compile(text, "twin.md", "exec"), names)
-    assert names["first"].lengths.shape == names["second"].forces.shape == (20943, 6)
+    assert names["first"].lengths.shape == names["second"].forces.shape == (20944, 6)
     assert names["twin"].truth.executed.harmonics == 15
 
 

@@ -235,7 +235,7 @@ def test_a_fixed_frequency_is_kept_and_warned_about(tiny, cheap_finish):
     )
     assert_limits_kept(result)
     # 100 Hz and 3 periods of no whole number of samples: their last one ends before the end.
-    assert result.experiment.samples == int(3 / 0.0037)
+    assert result.experiment.samples == int(3 / 0.0037) + 1  # the first at t = 0
 
 
 # --- criteria, scaling, parameters ----------------------------------------------------------------

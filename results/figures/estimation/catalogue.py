@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from estimation.diagnostics import ExperimentDiagnosis
+from estimation.diagnostics.noise_tests import NoiseTests
 from estimation.identification import EstimationResult
 from results.figures.definition import FigureDefinition
 from results.figures.estimation import (
@@ -15,6 +16,13 @@ from results.figures.estimation import (
     residual_dependence,
     residuals_over_time,
 )
+
+NOISE_FIGURES: tuple[FigureDefinition[NoiseTests], ...] = (
+    noise_distribution.FIGURE,
+    noise_quantiles.FIGURE,
+    noise_covariance.FIGURE,
+)
+"""What is shown of noise alone."""
 
 DIAGNOSTIC_FIGURES: tuple[FigureDefinition[ExperimentDiagnosis], ...] = (
     residuals_over_time.FIGURE,

@@ -8,7 +8,7 @@ from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from estimation.diagnostics import ExperimentDiagnosis
+from estimation.diagnostics.noise_tests import NoiseTests
 from results.figures.definition import FigureDefinition
 from results.style import BLUE, INK, STRUT_COLOURS, VERMILLION, new_figure
 from results.units import handy_unit
@@ -20,7 +20,7 @@ _DARK = 0.6
 """Correlation from which on text is white."""
 
 
-def draw(diagnosis: ExperimentDiagnosis) -> Figure:
+def draw(diagnosis: NoiseTests) -> Figure:
     """Draw the forces above and the lengths below."""
     noise = diagnosis.noise
     figure = new_figure(5.6)

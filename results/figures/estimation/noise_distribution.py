@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy import stats
 
-from estimation.diagnostics import ExperimentDiagnosis
+from estimation.diagnostics.noise_tests import NoiseTests
 from results.figures.definition import FigureDefinition
 from results.figures.estimation.panels import corner_text, strut_panels
 from results.style import INK, STRUT_COLOURS, new_figure
@@ -17,7 +17,7 @@ _REACH = 4.2
 _MOST_BINS, _FEWEST_BINS = 60, 12
 
 
-def draw(diagnosis: ExperimentDiagnosis) -> Figure:
+def draw(diagnosis: NoiseTests) -> Figure:
     """Draw a histogram per actuator; what lies beyond the axis is counted in its outer bins."""
     samples, test = diagnosis.samples.forces.pooled, diagnosis.force_normality
     figure = new_figure(4.3)

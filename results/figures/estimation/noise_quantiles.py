@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy import stats
 
-from estimation.diagnostics import ExperimentDiagnosis
+from estimation.diagnostics.noise_tests import NoiseTests
 from results.figures.definition import FigureDefinition
 from results.figures.estimation.panels import strut_panels
 from results.style import INK, STRUT_COLOURS, new_figure
@@ -14,7 +14,7 @@ from results.style import INK, STRUT_COLOURS, new_figure
 _POINTS = 400
 
 
-def draw(diagnosis: ExperimentDiagnosis) -> Figure:
+def draw(diagnosis: NoiseTests) -> Figure:
     """Draw quantiles in standard deviations, dense in the tails, with their 95 % band."""
     samples = diagnosis.samples.forces.pooled
     count = len(samples)
