@@ -18,7 +18,7 @@ import pandas as pd
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-NAMES = ("design_seeds", "condition", "hopping")
+NAMES = ("design_seeds", "condition", "hopping", "harmonics")
 
 
 def main() -> None:
