@@ -23,7 +23,7 @@ class DesignVariables:
     ----------
     harmonics : int
     scale : (6,)
-        What counts as one in each coordinate: m, rad.
+        What counts as one in the centre and first harmonic of each coordinate: m, rad.
     center : (6,)
         Pose that the scaled centre is measured from.
     omega_bounds : (float, float)
@@ -48,6 +48,16 @@ class DesignVariables:
         """2 n + 1."""
         return 2 * self.harmonics + 1
 
+    @property
+    def units(self) -> Array:
+        """What counts as one in centre and amplitudes, (6, 2 n + 1): m, rad.
+
+        The amplitudes of harmonic k count k times: rates grow with k, accelerations with k², so
+        that steps, boxes and noise of one size would else mean ever larger motions.
+        """
+        per = 1.0 / np.arange(1, self.harmonics + 1)
+        return self.scale[:, None] * np.concatenate([[1.0], per, per])
+
     def bounds(self) -> tuple[Array, Array]:
         """Return (12 n + 7,) lower and upper bounds; only ω has any."""
         lower, upper = np.full(self.size, -np.inf), np.full(self.size, np.inf)
@@ -64,11 +74,11 @@ class DesignVariables:
             ],
             axis=1,
         )
-        return np.append((table / self.scale[:, None]).ravel(), trajectory.omega / self.omega_scale)
+        return np.append((table / self.units).ravel(), trajectory.omega / self.omega_scale)
 
     def amplitudes(self, variables: Array) -> tuple[Array, float]:
         """Return centre and amplitudes, (6, 2 n + 1), in m and rad, and ω in rad/s."""
-        table = variables[:-1].reshape(6, self.per_coordinate) * self.scale[:, None]
+        table = variables[:-1].reshape(6, self.per_coordinate) * self.units
         table[:, 0] += self.center
         return table, float(variables[-1] * self.omega_scale)
 
@@ -117,7 +127,7 @@ class DesignVariables:
         steps = np.stack([basis.value, omega * basis.first, omega**2 * basis.second], axis=1)
         by_coordinate = sensitivities.reshape(count, rows, 3, 6).transpose(0, 1, 3, 2)
         linear = np.matmul(by_coordinate.reshape(count, rows * 6, 3), steps)
-        linear = linear.reshape(count, rows, 6, self.per_coordinate) * self.scale[:, None]
+        linear = linear.reshape(count, rows, 6, self.per_coordinate) * self.units
         drift = self.state_slope_to_omega(variables, basis)
         to_omega = np.einsum("nrs,ns->nr", sensitivities, drift)
         return np.concatenate(
@@ -136,9 +146,8 @@ class DesignVariables:
         flat_steps = steps.reshape(3 * count, self.per_coordinate)
         split = sensitivities.reshape(count, rows, 3, 6)
         blocks = [
-            split[:, :, :, i].transpose(1, 0, 2).reshape(rows, 3 * count)
-            @ (flat_steps * self.scale[i])
-            for i in range(6)
+            split[:, :, :, i].transpose(1, 0, 2).reshape(rows, 3 * count) @ (flat_steps * units)
+            for i, units in enumerate(self.units)
         ]
         drift = self.state_slope_to_omega(variables, basis)
         to_omega = np.tensordot(sensitivities, drift, axes=([0, 2], [0, 1]))

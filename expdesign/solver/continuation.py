@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from expdesign.information.catalogue import criteria_by_key
 from expdesign.problem import DesignProblem
@@ -13,9 +14,10 @@ MOST_BLUNT_HARMONICS = 5
 
 _EVERYTHING = 10.0
 _NEAR = 0.15
-_RADIUS = 0.3
+_RADIUS = 0.6
+_HOP_RADIUS = 1.0
 _FINISH_NEAR = 0.1
-_FINISH_RADIUS = 0.1
+_FINISH_RADIUS = 0.2
 
 
 def coarse_points(harmonics: int) -> int:
@@ -37,7 +39,8 @@ def continuation_stages(
     curvature: it finds the basin. The others start from its result, so that only rows near their
     bounds need to be in the NLP, and approximate the curvature of the whole Lagrangian: there the
     active limits decide, and they converge where the cost's curvature alone does not (measured).
-    With many harmonics the first stage has only some of them; the others start from zero.
+    With many harmonics the first stage has only some of them; the others start from zero, and the
+    next stage holds every limit too: the others move far before any of them is near its bound.
     A criterion that depends on the scaling of the parameters has flat regions where one of them
     is hardly excited: its first stage maximises log det F instead. A criterion with a surrogate
     is sharpened over the others; its last levels follow at the last width.
@@ -75,6 +78,9 @@ def continuation_stages(
         # The grid goes from coarse to fine, the rows from many to those near their bounds.
         share = min(k, len(widths) - 1) / (len(widths) - 1) if len(widths) > 1 else 1.0
         points = round(coarse + share * (fine - coarse))
+        near = _NEAR * (2 - share)
+        if k == 1 and few < n:
+            points, near = coarse, _EVERYTHING
         stages.append(
             Stage(
                 name="sharp",
@@ -82,13 +88,44 @@ def continuation_stages(
                 level=levels[min(k, len(levels) - 1)],
                 samples=min(samples, points),
                 points=points,
-                near=_NEAR * (2 - share),
+                near=near,
                 radius=_RADIUS,
                 iterations=iterations,
                 curvature="limited-memory",
             )
         )
     return stages
+
+
+def hop_stages(problem: DesignProblem, widths: Sequence[float], iterations: int) -> list[Stage]:
+    """Return the stages of one hop.
+
+    The first holds every limit: thrown into its limits, a motion has none near its bound, and
+    with few rows the solver runs out of all the others at once (measured). It is sharp from the
+    start: a blunt one, which finds the basin, would lead back.
+    """
+    n, samples = problem.variables.harmonics, problem.cost.samples
+    coarse, fine = coarse_points(n), fine_points(n)
+    thrown = Stage(
+        name="hop",
+        width=widths[-1],
+        level=problem.criterion.levels[-1],
+        samples=min(samples, coarse),
+        points=coarse,
+        near=_EVERYTHING,
+        radius=_HOP_RADIUS,
+        iterations=max(10, 3 * iterations // 4),
+        curvature="limited-memory",
+    )
+    settled = replace(
+        thrown,
+        name="sharp",
+        samples=min(samples, fine),
+        points=fine,
+        near=_NEAR,
+        radius=_RADIUS,
+    )
+    return [thrown, settled]
 
 
 def finish_stage(problem: DesignProblem, widths: Sequence[float], iterations: int) -> Stage:

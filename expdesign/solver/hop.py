@@ -1,16 +1,21 @@
-"""A hop: the best trajectory so far, thrown out of its basin but not out of its limits."""
+"""A hop: the best trajectory so far, thrown out of its basin, solved and finished again."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from expdesign.problem import DesignProblem
 from expdesign.solver.continuation import coarse_points
+from expdesign.solver.stage import StageRecord
 
 Array = NDArray[np.float64]
 
 _SIZES = (0.05, 0.1, 0.2)
+_BEHIND = {"hop": 0.03, "sharp": 0.01}
+"""Cost by which a hop may be behind. One per cent: the finish was seen to gain so unevenly."""
 _BISECTIONS = 12
 _INSIDE = 0.98
 
@@ -20,8 +25,8 @@ def perturbed(
 ) -> Array:
     """Add normal noise to the scaled variables, then shrink the motion into its limits.
 
-    The noise of harmonic k falls as 1/k; its size is drawn from three orders, because neither
-    small nor large hops alone find the better basins.
+    The size of the noise is drawn from three orders, because neither small nor large hops alone
+    find the better basins.
 
     Parameters
     ----------
@@ -33,14 +38,12 @@ def perturbed(
         Smoothing of dry friction, m/s.
     """
     variables = problem.variables
-    n = variables.harmonics
     size = rng.choice(_SIZES)
-    orders = np.concatenate([[1.0], np.arange(1, n + 1), np.arange(1, n + 1)])
-    noise = rng.normal(size=(6, variables.per_coordinate)) / orders
+    noise = rng.normal(size=(6, variables.per_coordinate))
     table = origin[:-1].reshape(6, -1) + size * noise
     lower, upper = variables.bounds()
     omega = np.clip(origin[-1] * np.exp(size * rng.normal()), lower[-1], upper[-1])
-    points = coarse_points(n)
+    points = coarse_points(variables.harmonics)
     phases = 2 * np.pi * np.arange(points) / points
 
     def motion(factor: float) -> Array:
@@ -52,3 +55,25 @@ def perturbed(
         violations = problem.smooth_violations(motion(factor), phases, width)
         low, high = (factor, high) if np.all(violations <= 0) else (low, factor)
     return motion(_INSIDE * low)
+
+
+@dataclass(frozen=True)
+class Screening:
+    """Decides after each stage of a hop whether it is worth going on.
+
+    Attributes
+    ----------
+    reference : tuple of StageRecord
+        What the motion that the hop was thrown from had reached after its own stages.
+    """
+
+    reference: tuple[StageRecord, ...]
+
+    def hopeless(self, record: StageRecord) -> bool:
+        """Tell whether a hop is too far behind what its origin had reached at the same stage.
+
+        A later stage says more about the finished motion than an earlier one, and is stricter.
+        """
+        alike = [r for r in self.reference if (r.name, r.width) == (record.name, record.width)]
+        behind = _BEHIND[record.name]
+        return bool(alike) and record.objective > alike[-1].objective + behind

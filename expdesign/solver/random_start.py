@@ -48,6 +48,7 @@ def random_start(
     table[:, 0] = 0.3 * rng.normal(size=6)
     table[:, 1 : n + 1] = 0.5 * decay * rng.normal(size=(6, n))
     table[:, n + 1 :] = 0.5 * decay * rng.normal(size=(6, n))
+    table *= variables.scale[:, None] / variables.units  # from reaches to scaled variables
     lower, upper = variables.bounds()
     omega = rng.uniform((lower[-1] + upper[-1]) / 2, upper[-1])
     phases = 2 * np.pi * np.arange(points) / points

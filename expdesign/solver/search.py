@@ -1,4 +1,4 @@
-"""The search: random starts in parallel, hops from the best if wanted, then the finish."""
+"""The search: random starts in parallel, the finish of the best, and hops from it if wanted."""
 
 from __future__ import annotations
 
@@ -11,14 +11,20 @@ from numpy.typing import NDArray
 
 from expdesign.problem import DesignProblem
 from expdesign.recheck import Judge
-from expdesign.solver.continuation import coarse_points, continuation_stages, finish_stage
+from expdesign.solver.continuation import (
+    coarse_points,
+    continuation_stages,
+    finish_stage,
+    hop_stages,
+)
 from expdesign.solver.finish import Finished, controller_omega, finish
-from expdesign.solver.hop import perturbed
+from expdesign.solver.hop import Screening, perturbed
 from expdesign.solver.pool import Job, run_jobs
 from expdesign.solver.progress import Monitor, SearchEvent
 from expdesign.solver.random_start import InfeasibleLimitsError, random_start
 from expdesign.solver.stage import TracePoint
 from expdesign.solver.start import StartResult, infeasible_start, run_start
+from expdesign.trajectory import FourierTrajectory
 
 Array = NDArray[np.float64]
 
@@ -132,49 +138,63 @@ def search(build: Build, plan: SearchPlan, monitor: Monitor) -> SearchResult:
     began = time.perf_counter()
     clock = _Deadline(monitor, began, plan.max_seconds)
     jobs = [Job(_random_job, (index,)) for index in range(1, plan.starts + 1)]
-    results = list(run_jobs(build, jobs, plan.workers, clock))
-    for first in range(0, plan.hops, HOPS_AT_ONCE):
-        if clock.stop_requested():
-            break
-        best = max(results, key=lambda result: result.merit)
-        batch = range(first, min(first + HOPS_AT_ONCE, plan.hops))
-        jobs = [Job(_hop_job, (plan.starts + 1 + k, best.variables)) for k in batch]
-        results += run_jobs(build, jobs, plan.workers, clock)
+    results: list[StartResult] = list(run_jobs(build, jobs, plan.workers, clock))
     ranked = sorted(results, key=lambda result: (-result.merit, result.index))
     if not ranked or not np.isfinite(ranked[0].merit):
         raise NoDesignError(_why_none(ranked), ranked)
-    finished, best = _finish_best(build, ranked, plan, monitor)
+    best = _finish_best(build, ranked, plan, monitor)
+    for first in range(0, plan.hops, HOPS_AT_ONCE):
+        if clock.stop_requested():
+            break
+        batch = range(first, min(first + HOPS_AT_ONCE, plan.hops))
+        origin, screening = best.finished.trajectory, Screening(best.start.stages)
+        jobs = [Job(_hop_job, (plan.starts + 1 + k, origin, screening)) for k in batch]
+        for result, candidate in run_jobs(build, jobs, plan.workers, clock):
+            results.append(result)
+            if candidate is not None and candidate.rank > best.rank:
+                best = candidate
     return SearchResult(
-        finished,
-        best,
+        best.finished,
+        best.start,
         tuple(sorted(results, key=lambda result: result.index)),
         interrupted=monitor.stop_requested(),
         seconds=time.perf_counter() - began,
     )
 
 
+@dataclass(frozen=True)
+class _Candidate:
+    """A finished motion, what it is worth, and the start or hop that it came from."""
+
+    merit: float
+    finished: Finished
+    start: StartResult
+
+    @property
+    def rank(self) -> tuple[bool, float]:
+        """Larger is better: what passed the recheck by merit, the rest by its worst limit."""
+        passed = self.finished.check.passed
+        return passed, self.merit if passed else -self.finished.check.worst
+
+
 def _finish_best(
     build: Build, ranked: Sequence[StartResult], plan: SearchPlan, monitor: Monitor
-) -> tuple[Finished, StartResult]:
+) -> _Candidate:
     usable = [result for result in ranked if np.isfinite(result.merit)]
-    tried: list[tuple[float, Finished, StartResult]] = []
+    tried: list[_Candidate] = []
     for first in range(0, len(usable), CANDIDATES):
         batch = usable[first : first + CANDIDATES]
         jobs = [Job(_finish_job, (result.index, result.variables)) for result in batch]
         outcomes: Iterator[tuple[float, Finished]] = run_jobs(
             build, jobs, plan.workers, monitor, after_stop=True
         )
-        for result, (merit, finished) in zip(batch, outcomes, strict=True):
-            tried.append((merit, finished, result))
-        passed = [item for item in tried if item[1].check.passed]
-        if passed or monitor.stop_requested():
+        tried += [
+            _Candidate(merit, finished, result)
+            for result, (merit, finished) in zip(batch, outcomes, strict=True)
+        ]
+        if any(item.finished.check.passed for item in tried) or monitor.stop_requested():
             break
-    passed = [item for item in tried if item[1].check.passed]
-    if passed:
-        _, finished, best = max(passed, key=lambda item: item[0])
-    else:
-        _, finished, best = min(tried, key=lambda item: item[1].check.worst)
-    return finished, best
+    return max(tried, key=lambda item: item.rank)
 
 
 def _why_none(results: Sequence[StartResult]) -> str:
@@ -205,12 +225,31 @@ def _random_job(shop: Workshop, monitor: Monitor, index: int) -> StartResult:
     )
 
 
-def _hop_job(shop: Workshop, monitor: Monitor, index: int, origin: Array) -> StartResult:
+def _hop_job(
+    shop: Workshop,
+    monitor: Monitor,
+    index: int,
+    origin: FourierTrajectory,
+    screening: Screening,
+) -> tuple[StartResult, _Candidate | None]:
+    """Hop, and finish what is not given up: only finished motions can be compared."""
     problem, plan = shop.problem, shop.plan
-    start = perturbed(problem, origin, _rng(plan.seed, index), plan.widths[0])
-    # A hop lands near a good motion: the blunt stage, which finds the basin, would lead back.
-    stages = continuation_stages(problem, plan.widths, plan.iterations)[1:]
-    return run_start(problem, shop.judge, stages, start, index=index, kind="hop", monitor=monitor)
+    start = problem.variables.pack(origin)
+    start = perturbed(problem, start, _rng(plan.seed, index), plan.widths[-1])
+    result = run_start(
+        problem,
+        shop.judge,
+        hop_stages(problem, plan.widths, plan.iterations),
+        start,
+        index=index,
+        kind="hop",
+        monitor=monitor,
+        screening=screening,
+    )
+    if not np.isfinite(result.merit) or monitor.stop_requested():
+        return result, None
+    merit, finished = _finish_job(shop, monitor, index, result.variables)
+    return result, _Candidate(merit, finished, result)
 
 
 def _finish_job(

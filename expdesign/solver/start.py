@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from expdesign.problem import DesignProblem
 from expdesign.recheck import Judge, recheck
+from expdesign.solver.hop import Screening
 from expdesign.solver.progress import Monitor, SearchEvent
 from expdesign.solver.shrink import Shrunk, shrink_to_limits
 from expdesign.solver.stage import Stage, StageRecord, TracePoint, run_stage
@@ -107,16 +108,18 @@ def run_start(
     index: int,
     kind: str,
     monitor: Monitor,
+    screening: Screening | None = None,
 ) -> StartResult:
     """Run the stages from `start` and judge what they reach by the unsmoothed model.
 
-    `start` has the harmonics of the first stage.
+    `start` has the harmonics of the first stage. With a `screening` a motion that is given up
+    has no merit (−inf).
     """
     began = time.perf_counter()
     trace: list[TracePoint] = []
     records: list[StageRecord] = []
     x = start
-    done = 0
+    done, hopeless = 0, False
     harmonics = problem.variables.harmonics
     present = problem.with_harmonics(stages[0].harmonics or harmonics)
     for stage in stages:
@@ -148,16 +151,20 @@ def run_start(
         x, record = run_stage(present, stage, x, report)
         records.append(record)
         done += record.iterations
-        if monitor.stop_requested():
+        hopeless = screening is not None and screening.hopeless(record)
+        if hopeless or monitor.stop_requested():
             break
     x = present.variables.extended(x, harmonics)
-    shrunk = shrink_to_limits(problem, problem.variables.trajectory(x))
-    merit = judge.merit(shrunk.trajectory, problem.cost.samples) if shrunk.kept else -np.inf
     last = records[-1]
+    status, merit = status_text(last.status), -np.inf
+    if hopeless:
+        status += "; given up: behind the motion that it was thrown from"
+    else:
+        shrunk = shrink_to_limits(problem, problem.variables.trajectory(x))
+        merit = judge.merit(shrunk.trajectory, problem.cost.samples) if shrunk.kept else -np.inf
+        if not np.isfinite(merit):
+            status += f"; {_why_useless(problem, shrunk)}"
     seconds = time.perf_counter() - began
-    status = status_text(last.status)
-    if not np.isfinite(merit):
-        status += f"; {_why_useless(problem, shrunk)}"
     monitor.report(
         SearchEvent(
             index,

@@ -1,8 +1,10 @@
 import numpy as np
 import pytest
 
-from expdesign.solver.hop import perturbed
+from expdesign.solver.continuation import continuation_stages, hop_stages
+from expdesign.solver.hop import Screening, perturbed
 from expdesign.solver.random_start import random_start
+from expdesign.solver.stage import StageRecord
 
 WIDTH = 0.4
 
@@ -41,3 +43,44 @@ def test_a_fixed_frequency_stays(problem, origin):
     for seed in range(3):
         x = perturbed(fixed, origin, np.random.default_rng(seed), WIDTH)
         assert fixed.variables.trajectory(x).omega == pytest.approx(omega, rel=1e-15)
+
+
+# --- what is given up -----------------------------------------------------------------------------
+
+
+def record(name, objective, width=0.1):
+    return StageRecord(
+        name, width, 48, 100, 1, 10, {}, 1.0, "Solve_Succeeded", True, objective, 0.0
+    )
+
+
+@pytest.mark.parametrize("name", ["hop", "sharp"])
+def test_a_hop_is_given_up_when_it_is_far_behind_at_the_same_stage(name):
+    screening = Screening((record("blunt", 5.0), record(name, -1.2)))
+    assert not screening.hopeless(record(name, -1.3))
+    assert not screening.hopeless(record(name, -1.2))
+    assert screening.hopeless(record(name, -1.1))
+
+
+def test_the_last_stage_is_judged_more_strictly():
+    screening = Screening((record("hop", -1.2), record("sharp", -1.2)))
+    assert not screening.hopeless(record("hop", -1.18))
+    assert screening.hopeless(record("sharp", -1.18))
+
+
+def test_only_like_stages_are_compared():
+    """The smoothing tells apart sharp stages; of several alike the last counts."""
+    screening = Screening(
+        (record("sharp", -1.5, 0.2), record("sharp", -1.0), record("sharp", -1.2))
+    )
+    assert not screening.hopeless(record("hop", 0.0))
+    assert not screening.hopeless(record("sharp", -1.2))
+    assert screening.hopeless(record("sharp", -1.1))
+    assert not Screening(()).hopeless(record("sharp", 0.0))
+
+
+def test_a_hops_last_stage_can_be_compared_with_a_starts(problem):
+    last = continuation_stages(problem, (0.4, 0.2), 10)[-1]
+    settled = hop_stages(problem, (0.4, 0.2), 10)[-1]
+    for key in ("name", "width", "level", "samples", "points"):
+        assert getattr(settled, key) == getattr(last, key)

@@ -1,6 +1,7 @@
 """The search as a whole, on tiny problems: what it may depend on, and what not."""
 
 import dataclasses
+import importlib
 
 import numpy as np
 import pytest
@@ -81,7 +82,39 @@ def test_hopping_is_never_worse_than_the_starts_alone(run, shop):
     assert len({start.index for start in hopped.starts}) == 3
     np.testing.assert_array_equal(hopped.starts[0].variables, alone.starts[0].variables)
     assert merit(hopped, shop) >= merit(alone, shop)
-    assert hopped.best.merit == max(start.merit for start in hopped.starts)
+    assert hopped.finished.check.passed
+    assert hopped.best.index in {start.index for start in hopped.starts}
+
+
+def test_hops_set_out_from_the_best_finished_motion_of_the_batches_before(run, monkeypatch):
+    """Four at a time, whoever is first; a hop that was given up changes nothing."""
+    module = importlib.import_module("expdesign.solver.search")
+    one = run(starts=1)
+    gains = [-1.0, -np.inf, 2.0, 1.0, 1.5, 3.0]
+    seen = []
+
+    def hop(shop, monitor, index, origin, screening):
+        gain = gains[len(seen)]
+        seen.append((origin.mu[0, 0], screening))
+        record = dataclasses.replace(one.starts[0].stages[-1], objective=gain)
+        result = dataclasses.replace(one.starts[0], index=index, kind="hop", stages=(record,))
+        if not np.isfinite(gain):
+            return dataclasses.replace(result, merit=gain), None
+        # Marked by its gain, so that the next origin tells where it came from.
+        mu = one.finished.trajectory.mu.copy()
+        mu[0, 0] = gain
+        trajectory = dataclasses.replace(one.finished.trajectory, mu=mu)
+        finished = dataclasses.replace(one.finished, trajectory=trajectory)
+        return result, module._Candidate(1000.0 + gain, finished, result)
+
+    monkeypatch.setattr(module, "_hop_job", hop)
+    result = run(starts=1, hops=6)
+    first = one.finished.trajectory.mu[0, 0]
+    assert [origin for origin, _ in seen] == [first] * 4 + [2.0] * 2
+    assert [screening.reference[-1].objective for _, screening in seen[4:]] == [2.0, 2.0]
+    assert result.finished.trajectory.mu[0, 0] == 3.0
+    assert result.best.index == 7
+    assert len(result.starts) == 7
 
 
 def test_the_number_of_workers_changes_nothing(build):

@@ -1,0 +1,47 @@
+"""PaLiDA with 1 to 12 harmonics and 50 to 1000 samples: what is reached, and in what time."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import pandas as pd
+
+import expdesign
+
+TITLE = "Harmonics and samples"
+
+BEST_KNOWN = {3: 95.19, 5: 104.54, 8: 109.89}
+"""log det F of the best PaLiDA designs that are known for 200 samples."""
+
+_CASES = (*((n, 200, 2) for n in range(1, 13)), (12, 50, 2), (12, 1000, 2), (8, 200, 8))
+
+
+def rows(cases: Sequence[tuple[int, int, int]] = _CASES) -> Iterator[dict[str, Any]]:
+    """Yield one row per case (harmonics, samples, starts), as soon as it is known."""
+    for harmonics, samples, starts in cases:
+        began = time.perf_counter()
+        result = expdesign.design(
+            {
+                "name": f"palida-{harmonics}-{samples}",
+                "robot": "palida",
+                "trajectory": {"harmonics": harmonics, "samples": samples},
+                "design": {"starts": starts},
+            }
+        )
+        known = BEST_KNOWN.get(harmonics) if samples == 200 else None  # noqa: PLR2004
+        yield {
+            "harmonics": harmonics,
+            "samples": samples,
+            "starts": starts,
+            "log det F": round(result.log_det_information, 3),
+            "best known": "" if known is None else known,
+            "keeps the limits": result.passed,
+            "seconds": round(time.perf_counter() - began),
+        }
+
+
+def summary(table: pd.DataFrame) -> str:
+    """Return whether every case ended with a design that keeps the limits."""
+    return f"{int(table['keeps the limits'].sum())} of {len(table)} designs keep every limit"
