@@ -98,7 +98,7 @@ def finish(
     x[-1] = problem.variables.bounds()[0][-1]
     best, kept = _checked(problem, x), x
     best_merit = judge.merit(best.trajectory, problem.cost.samples)
-    tally = Tally()
+    tally, last_merit = Tally(), best_merit
     for _ in range(rounds):
         x, result = _round(problem, stage, x, report, tally)
         candidate = _checked(problem, x)
@@ -108,8 +108,10 @@ def finish(
             best, best_merit, kept = candidate, merit, x
         if result.status == "User_Requested_Stop":
             break
-        if best.check.passed and gain < _WORTHWHILE:
+        # A round that falls back shows rows and margins that the next one mends (measured).
+        if best.check.passed and abs(judge.gain(merit, last_merit)) < _WORTHWHILE:
             break
+        last_merit = merit
     if tally.rounds == 0:
         return best
     cost = problem.cost_with(stage.samples).value(kept, stage.width, stage.level)
