@@ -67,7 +67,7 @@ def executable_motion(
     if configuration.run.motion.phase == "best":
         phase, ramps = _best_phase(plan)
     else:
-        phase, ramps = 0.0, plan.ramps(0.0)
+        phase, ramps = 0.0, _ramps_at_start(plan)
     periods = Periods(trajectory, plan.periods, phase)
     return ExecutableMotion(
         (ramps[0], periods, ramps[1]),
@@ -143,6 +143,14 @@ def _strut_speed(robot: Robot, trajectory: FourierTrajectory) -> float:
     motion = trajectory.sample(trajectory.sample_times(_SAMPLES))
     speed = robot.strut_motion(motion.pose, motion.rate, motion.acceleration).length_rate
     return float(np.sqrt(np.mean(speed**2)))
+
+
+def _ramps_at_start(plan: _Plan) -> tuple[SplineRamp, SplineRamp]:
+    try:
+        return plan.ramps(0.0)
+    except NoRampError as error:
+        hint = "motion.phase: best looks for a better place on the orbit than its t = 0"
+        raise NoRampError(error.name, error.limit, f"{error}; {hint}") from error
 
 
 def _best_phase(plan: _Plan) -> tuple[float, tuple[SplineRamp, SplineRamp]]:

@@ -24,7 +24,7 @@ controller's rounding and interpolation add."""
 LONGER = 5e-3
 """The duration found is lengthened by this share before it is rounded up to whole steps."""
 
-_ATTEMPTS = 5
+_ATTEMPTS = 4
 _CLOSE_ENOUGH = 0.3
 _DIFFERENT = 1.3
 _ROUNDS = 12
@@ -125,6 +125,10 @@ def shortest(problem: RampProblem, guess: SplineRamp, width: float) -> RampAttem
         program = RampProgram(problem, shares, mask, margins, width, _TIME_SMOOTHNESS)
         result = solve_with_ipopt(program, x, options=_OPTIONS)
         x, iterations = result.x, iterations + result.iterations
+        values = program.rows(x)
+        excess = np.maximum(program.row_lower - values, values - program.row_upper)
+        if float(np.max(excess, initial=0.0)) > _CLOSE_ENOUGH:
+            break
     violations = problem.limits.smooth_violations(*problem.states(x, fine), width)
     _, row = np.unravel_index(int(np.argmax(violations)), violations.shape)
     worst = float(np.max(violations))

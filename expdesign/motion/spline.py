@@ -54,7 +54,7 @@ def end_coefficients(intervals: int, duration: float, state: MotionState) -> tup
     matrix = derivatives(intervals, np.zeros(1))[:FIXED, 0, :FIXED]
     values = np.stack([state.pose, duration * state.rate, duration**2 * state.acceleration])
     slopes = np.stack([np.zeros(6), state.rate, 2 * duration * state.acceleration])
-    inverse: Array = np.linalg.inv(matrix)
+    inverse = np.asarray(np.linalg.inv(matrix), dtype=np.float64)
     return inverse @ values, inverse @ slopes
 
 
