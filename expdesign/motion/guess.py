@@ -56,12 +56,12 @@ def _polynomial(problem: RampProblem, duration: float, shares: Array) -> SplineR
 
 
 def _faded(problem: RampProblem, orbit: Motion, duration: float, shares: Array) -> SplineRamp:
-    arriving = bool(np.any(problem.end.rate) or np.any(problem.end.acceleration))
-    rest = problem.start.pose if arriving else problem.end.pose
+    home = problem.limits.exact.robot.home
+    arriving = np.array_equal(problem.start.pose, home)
     times = (shares - 1) * duration if arriving else shares * duration
     grown = shares if arriving else 1 - shares
     weight = grown**3 * (10 - 15 * grown + 6 * grown**2)
-    poses = rest + weight[:, None] * (orbit.sample(times).pose - rest)
+    poses = home + weight[:, None] * (orbit.sample(times).pose - home)
     return _fitted(problem, duration, shares, poses)
 
 

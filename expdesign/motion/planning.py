@@ -28,7 +28,7 @@ RAMP_IN, RAMP_OUT = "ramp in", "ramp out"
 PIECES = 12
 """Polynomial pieces of a ramp."""
 
-_COARSE_PIECES = 8
+_COARSE_PIECES, _COARSE_POINTS = 6, 16
 _PHASES = 12
 _MOST_PHASES = 4
 _WIDTH = 0.05
@@ -114,7 +114,8 @@ class _Plan:
         """Return roughly how long both ramps take, s, and more where they break limits."""
         total = 0.0
         for _, problem in self.problems(phase, _COARSE_PIECES):
-            attempt = shortest(problem, self.guesses(problem, phase)[0], self.width)
+            guess = self.guesses(problem, phase)[0]
+            attempt = shortest(problem, guess, self.width, _COARSE_POINTS)
             total += attempt.duration * (1 + 10 * max(attempt.violation, 0.0))
         return total
 

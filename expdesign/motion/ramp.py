@@ -102,13 +102,25 @@ class RampAttempt:
         return self.problem.duration(self.x)
 
 
-def shortest(problem: RampProblem, guess: SplineRamp, width: float) -> RampAttempt:
-    """Minimise the duration from a guess, with smoothed friction; the rows grow where they must."""
+def shortest(
+    problem: RampProblem, guess: SplineRamp, width: float, points: int = _POINTS
+) -> RampAttempt:
+    """Minimise the duration from a guess, with smoothed friction; the rows grow where they must.
+
+    Parameters
+    ----------
+    problem : RampProblem
+    guess : SplineRamp
+    width : float
+        Smoothing of dry friction, m/s.
+    points : int
+        Instants at which limits are held.
+    """
     problem = replace(problem, time_scale=guess.duration)
     x = problem.pack(guess)
-    shares = _nodes()
+    shares = _nodes(points)
     inside = ((shares > 0) & (shares < 1))[:, None] | problem.limits.free_at_ends
-    fine = np.linspace(0.0, 1.0, 4 * _POINTS)
+    fine = np.linspace(0.0, 1.0, 4 * points)
     mask: Mask = np.zeros((len(shares), problem.limits.count), dtype=bool)
     lower, upper = problem.limits.bounds(np.zeros(problem.limits.count))
     bounded = np.isfinite(lower) | np.isfinite(upper)
@@ -228,9 +240,9 @@ def worst_violation(problem: RampProblem, ramp: SplineRamp) -> tuple[float, str]
     return max([*found, (float(np.max(beyond)), JERK)])
 
 
-def _nodes() -> Array:
+def _nodes(points: int) -> Array:
     """Return the instants that limits are held at, as shares: denser towards both ends."""
-    return (1 - np.cos(np.pi * np.arange(_POINTS + 1) / _POINTS)) / 2
+    return (1 - np.cos(np.pi * np.arange(points + 1) / points)) / 2
 
 
 def _fine_grid() -> Array:
@@ -259,7 +271,7 @@ def _critical_rows(problem: RampProblem, x: Array, width: float) -> tuple[Mask, 
     behind = np.concatenate([beyond, exact[:-1]])
     peaks = (exact >= ahead) & (exact >= behind) & (exact > -_NEAR_PEAK)
     regular = np.zeros(len(fine), dtype=bool)
-    regular[np.rint(_nodes() * _FINE).astype(int)] = True
+    regular[np.rint(_nodes(_POINTS) * _FINE).astype(int)] = True
     near = ((exact > -_NEAR) | limits.moving) & np.isfinite(exact)
     used = (regular[:, None] & near) | peaks
     used[[0, -1]] &= limits.free_at_ends

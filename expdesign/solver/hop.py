@@ -35,8 +35,7 @@ def perturbed(
     variables = problem.variables
     n = variables.harmonics
     size = rng.choice(_SIZES)
-    orders = np.concatenate([[1.0], np.arange(1, n + 1), np.arange(1, n + 1)])
-    noise = rng.normal(size=(6, variables.per_coordinate)) / orders
+    noise = rng.normal(size=(6, variables.per_coordinate)) / variables.orders
     table = origin[:-1].reshape(6, -1) + size * noise
     lower, upper = variables.bounds()
     omega = np.clip(origin[-1] * np.exp(size * rng.normal()), lower[-1], upper[-1])

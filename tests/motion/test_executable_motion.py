@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from expdesign.configuration import ConfigurationError, load_run
+from expdesign.experiment.design import build_workshop
 from expdesign.motion import NoRampError, check_motion, executable_motion
 from expdesign.motion import ramp as ramp_module
 from expdesign.robot import robot_from
+from expdesign.solver.random_start import random_start
 from expdesign.trajectory import FourierTrajectory
 from tests.motion.conftest import PERIODS, STEP
 
@@ -164,6 +166,32 @@ def test_less_jerk_takes_longer(motion, configuration, orbit, with_motion):
     assert abs(jerk.value) <= 600
     assert jerk.origin == "motion.jerk"
     assert slow.duration > motion("palida", 5).duration
+
+
+@pytest.mark.slow
+def test_a_design_at_rest_only_has_to_be_approached():
+    run = {
+        "name": "rest",
+        "robot": "palida",
+        "trajectory": {"harmonics": 3, "samples": 50, "controller_period": STEP},
+        "design": {"start": "rest"},
+        "experiment": {"periods": 2},
+    }
+    configuration = load_run(run)
+    problem = build_workshop(configuration).problem
+    x = random_start(problem, np.random.default_rng(1), 200, 0.1)
+    drawn = problem.variables.trajectory(x)
+    omega = 2 * np.pi / (round(drawn.period / STEP) * STEP)
+    resting = FourierTrajectory.from_displacements(
+        omega, drawn.lambda0, 0.98 * drawn.sine, 0.98 * drawn.cosine
+    )
+    whole = executable_motion(configuration, resting)
+    assert check_motion(configuration, whole).passed
+    for segment, time in ((whole.segments[0], whole.segments[0].duration), (whole.segments[2], 0)):
+        found = segment.sample(np.array([float(time)]))
+        np.testing.assert_allclose(found.rate, 0, atol=1e-9)
+        np.testing.assert_allclose(found.acceleration, 0, atol=1e-9)
+        np.testing.assert_allclose(found.pose, resting.sample(0.0).pose, atol=1e-12)
 
 
 # --- what is refused ------------------------------------------------------------------------------
