@@ -22,6 +22,7 @@ from expdesign.schema import NoiseDescription, RobotDescription, RunDescription
 from expdesign.schema.failure import nearest
 
 _ROUNDING = 1e-12
+_LEAST_HARMONICS_AT_REST = 2
 _NOISE_USED_BY = ("design", "experiment", "montecarlo")
 
 
@@ -155,12 +156,12 @@ def _unknown_parameters(
 def _undesignable(run: RunDescription, document: Document) -> list[Problem]:
     """Name what is well-formed but cannot be designed."""
     problems = []
-    if run.design.start == "rest":
+    if run.design.start == "rest" and run.trajectory.harmonics < _LEAST_HARMONICS_AT_REST:
         problems.append(
             document.problem(
                 ("design", "start"),
-                "a series that starts at rest cannot be designed by this version",
-                "periodic",
+                "a series of one harmonic that starts at rest never moves",
+                f"periodic, or trajectory.harmonics of at least {_LEAST_HARMONICS_AT_REST}",
             )
         )
     step = run.trajectory.controller_period or run.experiment.step

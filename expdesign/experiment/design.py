@@ -135,6 +135,8 @@ def build_workshop(configuration: RunConfiguration) -> Workshop:
         scaling=scaling,
         names=names,
     )
+    if run.design.start == "rest":
+        problem = problem.starting_at_rest()
     plan = SearchPlan(
         starts=run.design.starts,
         hops=run.design.hops if run.design.search == "hopping" else 0,

@@ -1,5 +1,8 @@
 """The motion that a machine executes: from rest at home, through the periods, back to rest."""
 
+from expdesign.motion.check import check_motion
 from expdesign.motion.executable import ExecutableMotion, Segment
+from expdesign.motion.planning import executable_motion
+from expdesign.motion.ramp import NoRampError
 
-__all__ = ["ExecutableMotion", "Segment"]
+__all__ = ["ExecutableMotion", "NoRampError", "Segment", "check_motion", "executable_motion"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -11,6 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 from expdesign.trajectory import FourierTrajectory, PoseSamples
 
 Array = NDArray[np.float64]
+
+WHOLE = 1e-6
+"""Steps by which a duration may differ from a whole number of them."""
 
 
 class Segment(Protocol):
@@ -26,14 +30,21 @@ class Segment(Protocol):
 
     @property
     def name(self) -> str:
-        """What the segment is."""
+        """Name of the segment."""
+        ...
 
     @property
     def duration(self) -> float:
         """How long it takes, s."""
+        ...
 
     def sample(self, times: Array) -> PoseSamples:
         """Return pose, rate and acceleration at times from the segment's own start, s."""
+        ...
+
+    def jerk(self, times: Array) -> Array:
+        """Return the third derivative of the pose, (N, 6), at such times: m/s³, rad/s³."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,12 +60,15 @@ class ExecutableMotion:
         M.
     phase : float
         Time on the trajectory's orbit at which the periods begin, s.
+    seconds : float
+        Time that finding it took, s.
     """
 
     segments: tuple[Segment, ...]
     trajectory: FourierTrajectory
     periods: int
     phase: float = 0.0
+    seconds: float = 0.0
 
     @property
     def starts(self) -> Array:
@@ -75,22 +89,57 @@ class ExecutableMotion:
                 return float(starts[k]), float(starts[k + 1])
         raise ValueError("the motion has no periods")
 
+    def steps(self, step: float) -> tuple[int, ...]:
+        """Return how many controller steps each segment takes.
+
+        Parameters
+        ----------
+        step : float
+            Of the controller, s.
+
+        Raises
+        ------
+        ValueError
+            A segment is not a whole number of steps.
+        """
+        counts = [segment.duration / step for segment in self.segments]
+        for segment, count in zip(self.segments, counts, strict=True):
+            if abs(count - round(count)) > WHOLE:
+                raise ValueError(f"{segment.name} takes {count:.9g} steps of {step:g} s")
+        return tuple(round(count) for count in counts)
+
     def sample(self, times: ArrayLike) -> PoseSamples:
         """Return pose, rate and acceleration at any times, s; before and after it is at rest."""
         t = np.atleast_1d(np.asarray(times, dtype=float))
+        pose, rate, acceleration = (np.empty((len(t), 6)) for _ in range(3))
+        for segment, rows, local in self._places(t):
+            states = segment.sample(local)
+            pose[rows], rate[rows] = states.pose, states.rate
+            acceleration[rows] = states.acceleration
+        resting = (t < 0) | (t > self.duration)
+        rate[resting] = acceleration[resting] = 0.0
+        return PoseSamples(pose, rate, acceleration)
+
+    def jerk(self, times: ArrayLike) -> Array:
+        """Return the third derivative of the pose, (N, 6), at any times, s: m/s³, rad/s³.
+
+        It is bounded but jumps from one segment to the next, where the later one counts.
+        """
+        t = np.atleast_1d(np.asarray(times, dtype=float))
+        third = np.empty((len(t), 6))
+        for segment, rows, local in self._places(t):
+            third[rows] = segment.jerk(local)
+        third[(t < 0) | (t > self.duration)] = 0.0
+        return third
+
+    def _places(self, times: Array) -> Iterator[tuple[Segment, NDArray[np.bool_], Array]]:
+        """Yield each segment with the rows that fall into it and their times in it."""
         starts = self.starts
-        inside = np.clip(t, 0.0, starts[-1])
+        inside = np.clip(times, 0.0, starts[-1])
         place = np.clip(
             np.searchsorted(starts, inside, side="right") - 1, 0, len(self.segments) - 1
         )
-        pose, rate, acceleration = (np.empty((len(t), 6)) for _ in range(3))
         for k, segment in enumerate(self.segments):
             rows = place == k
-            if not np.any(rows):
-                continue
-            states = segment.sample(inside[rows] - starts[k])
-            pose[rows], rate[rows] = states.pose, states.rate
-            acceleration[rows] = states.acceleration
-        resting = (t < 0) | (t > starts[-1])
-        rate[resting] = acceleration[resting] = 0.0
-        return PoseSamples(pose, rate, acceleration)
+            if np.any(rows):
+                yield segment, rows, inside[rows] - starts[k]

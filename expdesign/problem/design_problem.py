@@ -83,6 +83,15 @@ class DesignProblem:
             evaluator=replace(self.evaluator, variables=variables),
         )
 
+    def starting_at_rest(self) -> DesignProblem:
+        """Return the same problem for series whose rate and acceleration vanish at t = 0."""
+        variables = replace(self.variables, rest=True)
+        return replace(
+            self,
+            cost=replace(self.cost, variables=variables),
+            evaluator=replace(self.evaluator, variables=variables),
+        )
+
     def with_criterion(self, criterion: Criterion) -> DesignProblem:
         """Return the same problem with another criterion, evenly scaled if it may be."""
         cost = replace(self.cost, criterion=criterion)

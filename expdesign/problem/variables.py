@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,17 +20,22 @@ class DesignVariables:
     In the displacement amplitudes a = μ/(kω), b = −ν/(kω) the pose and its derivatives to the
     phase are linear; ω enters as ω in the rates and ω² in the accelerations.
 
+    A series that starts at rest has Σ k a_k = 0 and Σ k² b_k = 0 in every coordinate. Its variables
+    are then coordinates in the null space of these two equations: they hold whatever the values.
+
     Attributes
     ----------
     harmonics : int
     scale : (6,)
-        What counts as one in the centre and first harmonic of each coordinate: m, rad.
+        What counts as one in each coordinate: m, rad.
     center : (6,)
         Pose that the scaled centre is measured from.
     omega_bounds : (float, float)
         rad/s.
     omega_scale : float
         What counts as one in ω, rad/s.
+    rest : bool
+        True for series whose rate and acceleration vanish at t = 0.
     """
 
     harmonics: int
@@ -37,16 +43,28 @@ class DesignVariables:
     center: Array
     omega_bounds: tuple[float, float]
     omega_scale: float
+    rest: bool = False
 
     @property
     def size(self) -> int:
-        """12 n + 7."""
-        return 12 * self.harmonics + 7
+        """12 n + 7, or 12 n − 5 for a series that starts at rest."""
+        return 6 * self.per_coordinate + 1
 
     @property
     def per_coordinate(self) -> int:
-        """2 n + 1."""
-        return 2 * self.harmonics + 1
+        """2 n + 1, or 2 n − 1 for a series that starts at rest."""
+        return 2 * self.harmonics + 1 - 2 * self.rest
+
+    @property
+    def orders(self) -> Array:
+        """(per_coordinate,) harmonic that each variable of a coordinate moves, 1 for the centre.
+
+        Of a series that starts at rest a variable moves several: the highest of them.
+        """
+        n = self.harmonics
+        return np.concatenate(
+            [[1.0], np.arange(1 + self.rest, n + 1), np.arange(1 + self.rest, n + 1)]
+        )
 
     @property
     def units(self) -> Array:
@@ -55,11 +73,16 @@ class DesignVariables:
         The amplitudes of harmonic k count k times: rates grow with k, accelerations with k², so
         that steps, boxes and noise of one size would else mean ever larger motions.
         """
+        return self.scale[:, None] * self._shares
+
+    @property
+    def _shares(self) -> Array:
+        """(2 n + 1,) what a unit of centre and amplitudes is of the coordinate's scale."""
         per = 1.0 / np.arange(1, self.harmonics + 1)
-        return self.scale[:, None] * np.concatenate([[1.0], per, per])
+        return np.concatenate([[1.0], per, per])
 
     def bounds(self) -> tuple[Array, Array]:
-        """Return (12 n + 7,) lower and upper bounds; only ω has any."""
+        """Return (size,) lower and upper bounds; only ω has any."""
         lower, upper = np.full(self.size, -np.inf), np.full(self.size, np.inf)
         lower[-1], upper[-1] = (bound / self.omega_scale for bound in self.omega_bounds)
         return lower, upper
@@ -74,21 +97,23 @@ class DesignVariables:
             ],
             axis=1,
         )
-        return np.append((table / self.units).ravel(), trajectory.omega / self.omega_scale)
+        scaled = self.reduced(table / self.units)
+        return np.append(scaled.ravel(), trajectory.omega / self.omega_scale)
 
     def amplitudes(self, variables: Array) -> tuple[Array, float]:
         """Return centre and amplitudes, (6, 2 n + 1), in m and rad, and ω in rad/s."""
-        table = variables[:-1].reshape(6, self.per_coordinate) * self.units
+        table = self._table(variables) * self.units
         table[:, 0] += self.center
         return table, float(variables[-1] * self.omega_scale)
 
     def extended(self, variables: Array, harmonics: int) -> Array:
         """Return the same motion in the variables of a series with more harmonics."""
         n = self.harmonics
-        table = variables[:-1].reshape(6, self.per_coordinate)
+        table = self._table(variables)
         more = np.zeros((6, harmonics - n))
         parts = [table[:, : n + 1], more, table[:, n + 1 :], more]
-        return np.append(np.concatenate(parts, axis=1).ravel(), variables[-1])
+        longer = replace(self, harmonics=harmonics)
+        return np.append(longer.reduced(np.concatenate(parts, axis=1)).ravel(), variables[-1])
 
     def trajectory(self, variables: Array) -> FourierTrajectory:
         """Return the trajectory of scaled variables."""
@@ -120,14 +145,14 @@ class DesignVariables:
 
         Returns
         -------
-        (N, r, 12 n + 7)
+        (N, r, size)
         """
         omega = float(variables[-1] * self.omega_scale)
         count, rows = sensitivities.shape[:2]
-        steps = np.stack([basis.value, omega * basis.first, omega**2 * basis.second], axis=1)
+        steps = self._steps(basis, omega)
         by_coordinate = sensitivities.reshape(count, rows, 3, 6).transpose(0, 1, 3, 2)
         linear = np.matmul(by_coordinate.reshape(count, rows * 6, 3), steps)
-        linear = linear.reshape(count, rows, 6, self.per_coordinate) * self.units
+        linear = linear.reshape(count, rows, 6, self.per_coordinate) * self.scale[:, None]
         drift = self.state_slope_to_omega(variables, basis)
         to_omega = np.einsum("nrs,ns->nr", sensitivities, drift)
         return np.concatenate(
@@ -136,22 +161,41 @@ class DesignVariables:
         )
 
     def accumulate(self, variables: Array, basis: PhaseBasis, sensitivities: Array) -> Array:
-        """Sum over the samples what `to_variables` would give: (r, 12 n + 7).
+        """Sum over the samples what `to_variables` would give: (r, size).
 
         The sum is done coordinate by coordinate as matrix products, without the large array.
         """
         omega = float(variables[-1] * self.omega_scale)
         count, rows = sensitivities.shape[:2]
-        steps = np.stack([basis.value, omega * basis.first, omega**2 * basis.second], axis=1)
+        steps = self._steps(basis, omega)
         flat_steps = steps.reshape(3 * count, self.per_coordinate)
         split = sensitivities.reshape(count, rows, 3, 6)
         blocks = [
-            split[:, :, :, i].transpose(1, 0, 2).reshape(rows, 3 * count) @ (flat_steps * units)
-            for i, units in enumerate(self.units)
+            split[:, :, :, i].transpose(1, 0, 2).reshape(rows, 3 * count)
+            @ (flat_steps * self.scale[i])
+            for i in range(6)
         ]
         drift = self.state_slope_to_omega(variables, basis)
         to_omega = np.tensordot(sensitivities, drift, axes=([0, 2], [0, 1]))
         return np.concatenate([*blocks, to_omega[:, None]], axis=1)
+
+    def _steps(self, basis: PhaseBasis, omega: float) -> Array:
+        """Return how a coordinate's state over its scale depends on its variables.
+
+        (N, 3, per_coordinate).
+        """
+        steps = np.stack([basis.value, omega * basis.first, omega**2 * basis.second], axis=1)
+        steps = steps * self._shares
+        return steps @ _at_rest(self.harmonics) if self.rest else steps
+
+    def _table(self, variables: Array) -> Array:
+        """Return the scaled centre and amplitudes, (6, 2 n + 1)."""
+        table = variables[:-1].reshape(6, self.per_coordinate)
+        return table @ _at_rest(self.harmonics).T if self.rest else table.copy()
+
+    def reduced(self, table: Array) -> Array:
+        """Return the variables (6, per_coordinate) of a table, or of the nearest one at rest."""
+        return table @ _at_rest(self.harmonics) if self.rest else table
 
     def state_slope_to_omega(self, variables: Array, basis: PhaseBasis) -> Array:
         """Return the derivative of the states (N, 18) with respect to the scaled ω."""
@@ -161,3 +205,26 @@ class DesignVariables:
             [zero, basis.first @ table.T, 2 * omega * (basis.second @ table.T)], axis=1
         )
         return slope * self.omega_scale
+
+
+@cache
+def _at_rest(harmonics: int) -> Array:
+    """Return an orthonormal basis (2 n + 1, 2 n − 1) of the series that start at rest.
+
+    Columns: the centre, then one for each harmonic from the second on in the sines and in the
+    cosines, which moves that harmonic and those below it.
+    """
+    columns = np.zeros((2 * harmonics + 1, 2 * harmonics - 1))
+    columns[0, 0] = 1.0
+    orders = np.arange(1.0, harmonics + 1)
+    # An amplitude is its variable over k: Σ k a_k = 0 and Σ k² b_k = 0 have these weights.
+    for part, weights in enumerate((np.ones(harmonics), orders)):
+        for k in range(1, harmonics):
+            # Orthogonal to the weights and to the columns before: the weights' head, turned.
+            column = np.zeros(harmonics)
+            column[:k] = weights[:k] * weights[k]
+            column[k] = -np.sum(weights[:k] ** 2)
+            rows = slice(1 + part * harmonics, 1 + (part + 1) * harmonics)
+            columns[rows, k + part * (harmonics - 1)] = column / np.linalg.norm(column)
+    columns.setflags(write=False)
+    return columns

@@ -5,6 +5,7 @@ from expdesign.schema.design import DesignSection
 from expdesign.schema.estimate import EstimateSection, Prior
 from expdesign.schema.experiment import ExperimentSection
 from expdesign.schema.montecarlo import MonteCarloSection
+from expdesign.schema.motion import MotionSection
 from expdesign.schema.noise import NoiseDescription
 from expdesign.schema.parameters import (
     GENERAL_PARAMETERS,
@@ -30,6 +31,7 @@ __all__ = [
     "EstimateSection",
     "ExperimentSection",
     "MonteCarloSection",
+    "MotionSection",
     "NoiseDescription",
     "ParametersDescription",
     "Prior",

@@ -167,6 +167,7 @@ LENGTH = Dimension("a length", "m", "150 mm")
 ANGLE = Dimension("an angle", "rad", "30 deg")
 SPEED = Dimension("a speed", "m/s", "500 mm/s")
 ACCELERATION = Dimension("an acceleration", "m/s^2", "30 m/s^2")
+JERK = Dimension("a jerk", "m/s^3", "1500 m/s^3")
 ANGULAR_SPEED = Dimension("an angular speed", "rad/s", "30 deg/s")
 ANGULAR_ACCELERATION = Dimension("an angular acceleration", "rad/s^2", "30 deg/s^2")
 FORCE = Dimension("a force", "N", "0.2 kN")
@@ -185,7 +186,7 @@ CURRENT = Dimension("a current", "A", "2 A")
 _DIMENSIONS = (
     *(LENGTH, ANGLE, SPEED, ACCELERATION, ANGULAR_SPEED, ANGULAR_ACCELERATION, FORCE, TORQUE),
     *(FREQUENCY, DURATION, MASS, FIRST_MOMENT, INERTIA, DAMPING, FORCE_VARIANCE, LENGTH_VARIANCE),
-    *(FORCE_CONSTANT, CURRENT),
+    *(FORCE_CONSTANT, CURRENT, JERK),
 )
 
 _Dimensionality = tuple[tuple[str, Fraction], ...]
@@ -285,6 +286,7 @@ Length = Annotated[float, BeforeValidator(LENGTH.parse)]
 Angle = Annotated[float, BeforeValidator(ANGLE.parse)]
 Speed = Annotated[float, BeforeValidator(SPEED.parse)]
 Acceleration = Annotated[float, BeforeValidator(ACCELERATION.parse)]
+Jerk = Annotated[float, BeforeValidator(JERK.parse)]
 Force = Annotated[float, BeforeValidator(FORCE.parse)]
 Torque = Annotated[float, BeforeValidator(TORQUE.parse)]
 Frequency = Annotated[float, BeforeValidator(FREQUENCY.parse)]

@@ -15,6 +15,7 @@ from expdesign.schema.experiment import ExperimentSection
 from expdesign.schema.export import ExportFormats
 from expdesign.schema.failure import refusal, shown
 from expdesign.schema.montecarlo import MonteCarloSection
+from expdesign.schema.motion import MotionSection
 from expdesign.schema.noise import NoiseDescription
 from expdesign.schema.report import ReportSection
 from expdesign.schema.robot import RawMapping, RobotDescription
@@ -30,7 +31,7 @@ STAGES = ("design", "experiment", "montecarlo", "estimate", "validate", "export"
 """Sections that name a stage of the run, in the order in which they are done."""
 
 _LISTS = ("validate", "export")
-_SECTIONS = ("trajectory", "data", *(stage for stage in STAGES if stage not in _LISTS))
+_SECTIONS = ("trajectory", "motion", "data", *(stage for stage in STAGES if stage not in _LISTS))
 
 
 def _address(value: str) -> str:
@@ -56,7 +57,7 @@ class RunDescription(Section):
     name : str
     robot : str or RobotDescription
         A robot that ships, a path relative to the run file, or the robot itself.
-    trajectory, design, experiment, data, estimate, montecarlo, report : section
+    trajectory, design, motion, experiment, data, estimate, montecarlo, report : section
     validation : tuple of ValidationMotion
         The key in the file is ``validate``.
     export : tuple of str
@@ -79,6 +80,7 @@ class RunDescription(Section):
     ]
     trajectory: TrajectorySection = TrajectorySection()
     design: DesignSection = DesignSection()
+    motion: MotionSection = MotionSection()
     limits: RawMapping = Field(default_factory=dict)
     noise: NoiseDescription | None = None
     experiment: ExperimentSection = ExperimentSection()

@@ -42,13 +42,13 @@ def random_start(
         Not even a motion of 1e-4 of the drawn size keeps the limits.
     """
     variables = problem.variables
-    n = variables.harmonics
-    decay = np.arange(1, n + 1) ** -_DECAY
     table = np.zeros((6, variables.per_coordinate))
+    half = (variables.per_coordinate + 1) // 2
+    decay = variables.orders**-_DECAY
     table[:, 0] = 0.3 * rng.normal(size=6)
-    table[:, 1 : n + 1] = 0.5 * decay * rng.normal(size=(6, n))
-    table[:, n + 1 :] = 0.5 * decay * rng.normal(size=(6, n))
-    table *= variables.scale[:, None] / variables.units  # from reaches to scaled variables
+    table[:, 1:half] = 0.5 * decay[1:half] * rng.normal(size=(6, half - 1))
+    table[:, half:] = 0.5 * decay[half:] * rng.normal(size=(6, half - 1))
+    table *= variables.orders  # from reaches to scaled variables
     lower, upper = variables.bounds()
     omega = rng.uniform((lower[-1] + upper[-1]) / 2, upper[-1])
     phases = 2 * np.pi * np.arange(points) / points

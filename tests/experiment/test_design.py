@@ -379,12 +379,25 @@ def test_limits_that_no_motion_keeps(limit, tiny):
         assert limit in str(caught.value)
 
 
-def test_start_at_rest_is_refused(tiny):
+def test_one_harmonic_cannot_start_at_rest(tiny):
     with pytest.raises(expdesign.ConfigurationError) as caught:
-        expdesign.design(tiny(design={"start": "rest"}))
+        expdesign.design(tiny(design={"start": "rest"}, trajectory={"harmonics": 1}))
     (problem,) = caught.value.problems
     assert problem.key == "design.start"
     assert "rest" in problem.message
+
+
+@pytest.mark.parametrize("search", ["restarts", pytest.param("hopping", marks=pytest.mark.slow)])
+def test_a_design_may_start_at_rest(tiny, search):
+    run = tiny(design={"start": "rest", "search": search, "hops": 1}, trajectory={"harmonics": 3})
+    result = expdesign.design(run)
+    start = result.trajectory.sample(0.0)
+    np.testing.assert_allclose(start.rate, 0, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(start.acceleration, 0, rtol=0, atol=1e-9)
+    assert_limits_kept(result)
+    steps = result.trajectory.period / 0.01
+    assert steps == pytest.approx(round(steps), abs=1e-6)
+    assert -2e-3 < result.check.worst <= TOLERANCE
 
 
 def test_the_noise_is_needed(tiny):

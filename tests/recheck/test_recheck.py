@@ -5,10 +5,10 @@ import pytest
 from scipy.optimize import brentq, minimize_scalar
 
 from constraints import Limit, limit_definitions
-from expdesign.recheck import TOLERANCE, grid_points, recheck, states_at
+from expdesign.recheck import TOLERANCE, check_limits, grid_points, recheck, states_at
 from expdesign.robot import ExactModel, Robot, load_robot
 from expdesign.robot.limits import row_labels
-from expdesign.trajectory import FourierTrajectory
+from expdesign.trajectory import FourierTrajectory, PoseSamples
 
 SAMPLES = 50
 INF = np.inf
@@ -384,3 +384,35 @@ def test_a_value_that_is_not_a_number_counts_as_broken(palida):
     still = FourierTrajectory(1.0, np.zeros(6), np.zeros((6, 1)), np.zeros((6, 1)))
     result = recheck(_model(robot, _limit("alpha", -1, 1)), still, SAMPLES)
     assert not result.passed
+
+
+# --- motions that do not repeat -------------------------------------------------------------------
+
+
+class _Climb:
+    """A platform that rises from home at one speed; what lies outside of its time is far away."""
+
+    def __init__(self, home, speed, duration):
+        self.home, self.speed, self.duration = home, speed, duration
+
+    def sample(self, times):
+        pose = np.tile(self.home, (len(times), 1))
+        pose[:, 2] += self.speed * times
+        outside = (times < 0) | (times > self.duration)
+        pose[outside, 2] += 1.0
+        rate = np.zeros_like(pose)
+        rate[:, 2] = self.speed
+        return PoseSamples(pose, rate, np.zeros_like(pose))
+
+
+@pytest.mark.parametrize("speed", [0.1, -0.1])
+def test_a_motion_that_does_not_repeat_is_checked_up_to_both_ends(palida, speed):
+    upper = palida.home[2] + (0.04 if speed > 0 else -0.01)
+    limit = _limit("position", lower=[-1, -1, -1], upper=[1, 1, upper])
+    climb = _Climb(palida.home, speed, 0.5)
+    times = np.linspace(0, 0.5, 101)
+    (check,) = check_limits(_model(palida, limit), climb, times, periodic=False)
+    assert check.row == "z"
+    assert check.time == (0.5 if speed > 0 else 0.0)
+    assert check.value == pytest.approx(palida.home[2] + (0.05 if speed > 0 else 0), abs=1e-15)
+    assert check.violation == pytest.approx(0.01 / (upper + 1))

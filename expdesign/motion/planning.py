@@ -1,0 +1,206 @@
+"""From a designed trajectory to the motion that a machine executes."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from expdesign.configuration import ConfigurationError, Problem, RunConfiguration
+from expdesign.motion.executable import WHOLE, ExecutableMotion
+from expdesign.motion.guess import guesses
+from expdesign.motion.jerk import JerkBound, jerk_bound
+from expdesign.motion.periods import Periods
+from expdesign.motion.ramp import NoRampError, find_ramp, shortest
+from expdesign.motion.ramp_limits import RampLimits
+from expdesign.motion.ramp_problem import RampProblem
+from expdesign.motion.spline import MotionState, SplineRamp
+from expdesign.problem.reach import coordinate_reach
+from expdesign.recheck import LimitCheck, recheck
+from expdesign.robot import ExactModel, Robot, robot_from
+from expdesign.trajectory import FourierTrajectory
+
+Array = NDArray[np.float64]
+
+RAMP_IN, RAMP_OUT = "ramp in", "ramp out"
+PIECES = 12
+"""Polynomial pieces of a ramp."""
+
+_COARSE_PIECES, _COARSE_POINTS = 6, 16
+_PHASES = 12
+_MOST_PHASES = 4
+_WIDTH = 0.05
+"""Smoothing of dry friction, as a share of the designed motion's rms strut speed."""
+_SMALLEST_WIDTH = 1e-4
+"""m/s."""
+_SAMPLES = 200
+
+
+def executable_motion(
+    configuration: RunConfiguration, trajectory: FourierTrajectory
+) -> ExecutableMotion:
+    """Return the motion from rest at home through M periods back to rest at home.
+
+    The ramps are the shortest found that keep every limit of the robot by the unsmoothed model
+    and the bound on the jerk, each a whole number of controller steps. The same input gives the
+    same motion.
+
+    Parameters
+    ----------
+    configuration : RunConfiguration
+        Robot, limits, `motion`, the number of periods and the controller's step.
+    trajectory : FourierTrajectory
+        The designed motion.
+
+    Raises
+    ------
+    ConfigurationError
+        The periods are not a whole number of controller steps, or the trajectory itself breaks
+        a limit or `motion.jerk`.
+    NoRampError
+        No ramp keeps the limits; it says which one binds.
+    """
+    began = time.perf_counter()
+    plan = _plan(configuration, trajectory)
+    if configuration.run.motion.phase == "best":
+        phase, ramps = _best_phase(plan)
+    else:
+        phase, ramps = 0.0, _ramps_at_start(plan)
+    periods = Periods(trajectory, plan.periods, phase)
+    return ExecutableMotion(
+        (ramps[0], periods, ramps[1]),
+        trajectory,
+        plan.periods,
+        phase,
+        time.perf_counter() - began,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Plan:
+    """What the ramps of one motion have in common."""
+
+    limits: RampLimits
+    trajectory: FourierTrajectory
+    periods: int
+    step: float
+    scale: Array
+    width: float
+
+    def problems(self, phase: float, pieces: int) -> list[tuple[str, RampProblem]]:
+        """Return both ramps for a phase on the orbit as problems."""
+        home = MotionState.at_rest(self.limits.exact.robot.home)
+        orbit = MotionState.of(self.trajectory.sample(phase))
+        return [
+            (name, RampProblem(self.limits, start, end, pieces, self.scale, 1.0))
+            for name, start, end in ((RAMP_IN, home, orbit), (RAMP_OUT, orbit, home))
+        ]
+
+    def guesses(self, problem: RampProblem, phase: float) -> list[SplineRamp]:
+        """Return where the search for a ramp starts."""
+        return guesses(problem, self.trajectory.shifted(phase), self.trajectory.period, self.width)
+
+    def ramps(self, phase: float) -> tuple[SplineRamp, SplineRamp]:
+        """Find both ramps for a phase on the orbit."""
+        first, last = (
+            find_ramp(problem, self.guesses(problem, phase), name, self.step, self.width)
+            for name, problem in self.problems(phase, PIECES)
+        )
+        return first, last
+
+    def estimate(self, phase: float) -> float:
+        """Return roughly how long both ramps take, s, and more where they break limits."""
+        total = 0.0
+        for _, problem in self.problems(phase, _COARSE_PIECES):
+            guess = self.guesses(problem, phase)[0]
+            attempt = shortest(problem, guess, self.width, _COARSE_POINTS)
+            total += attempt.duration * (1 + 10 * max(attempt.violation, 0.0))
+        return total
+
+
+def _plan(configuration: RunConfiguration, trajectory: FourierTrajectory) -> _Plan:
+    run = configuration.run
+    robot = robot_from(configuration.robot)
+    exact = ExactModel(robot, robot.limits)
+    step = run.trajectory.controller_period or run.experiment.step
+    _refuse_broken_steps(configuration, trajectory, step)
+    _refuse_broken_limits(configuration, exact, trajectory)
+    bound: JerkBound = jerk_bound(configuration, robot, Periods(trajectory, 1))
+    _, reach = coordinate_reach(exact)
+    return _Plan(
+        RampLimits(exact, bound.values),
+        trajectory,
+        run.experiment.periods,
+        step,
+        reach / 2,
+        max(_WIDTH * _strut_speed(robot, trajectory), _SMALLEST_WIDTH),
+    )
+
+
+def _strut_speed(robot: Robot, trajectory: FourierTrajectory) -> float:
+    """Return the rms strut speed of the periodic motion, m/s."""
+    motion = trajectory.sample(trajectory.sample_times(_SAMPLES))
+    speed = robot.strut_motion(motion.pose, motion.rate, motion.acceleration).length_rate
+    return float(np.sqrt(np.mean(speed**2)))
+
+
+def _ramps_at_start(plan: _Plan) -> tuple[SplineRamp, SplineRamp]:
+    try:
+        return plan.ramps(0.0)
+    except NoRampError as error:
+        hint = "motion.phase: best looks for a better place on the orbit than its t = 0"
+        raise NoRampError(error.name, error.limit, f"{error}; {hint}") from error
+
+
+def _best_phase(plan: _Plan) -> tuple[float, tuple[SplineRamp, SplineRamp]]:
+    """Return the phase, on a controller step, with the shortest ramps, and these."""
+    steps = plan.trajectory.period / plan.step
+    phases = [float(np.floor(k * steps / _PHASES) * plan.step) for k in range(_PHASES)]
+    phases = list(dict.fromkeys(phases))
+    ranked = sorted(phases, key=lambda phase: (plan.estimate(phase), phase))
+    refused: NoRampError | None = None
+    for phase in ranked[:_MOST_PHASES]:
+        try:
+            return phase, plan.ramps(phase)
+        except NoRampError as error:
+            refused = refused or error
+    if refused is None:
+        raise ValueError("the period has no controller step")
+    raise refused
+
+
+def _refuse_broken_steps(
+    configuration: RunConfiguration, trajectory: FourierTrajectory, step: float
+) -> None:
+    steps = trajectory.period / step
+    if abs(steps - round(steps)) > WHOLE:
+        raise ConfigurationError(
+            Problem(
+                f"a period of {trajectory.period:.9g} s is {steps:.6f} controller steps: the "
+                "measurement window would not end on one",
+                file=configuration.file,
+                key="trajectory.controller_period",
+                allowed="a step of which the designed period is a whole number",
+            )
+        )
+
+
+def _refuse_broken_limits(
+    configuration: RunConfiguration, exact: ExactModel, trajectory: FourierTrajectory
+) -> None:
+    check = recheck(exact, trajectory, _SAMPLES)
+    if check.passed:
+        return
+    worst: LimitCheck = max(check.limits, key=lambda item: item.violation)
+    row = f" of {worst.row}" if worst.row else ""
+    raise ConfigurationError(
+        Problem(
+            f"the designed motion itself breaks this limit: {worst.title}{row} is "
+            f"{worst.value:.6g} {worst.unit}, the bound {worst.bound:.6g} {worst.unit}",
+            file=configuration.file,
+            key=f"limits.{worst.key}",
+            allowed="a design made for these limits",
+        )
+    )

@@ -1,0 +1,294 @@
+"""The search for the shortest ramp between two states of motion that keeps every limit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d
+
+from expdesign.motion.ramp_limits import JERK
+from expdesign.motion.ramp_problem import RampProblem, RampProgram
+from expdesign.motion.spline import SplineRamp
+from expdesign.recheck import TOLERANCE, check_limits
+from expdesign.solver.ipopt import solve_with_ipopt
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+RESERVE = 2e-3
+"""Share of every limit's range that a ramp leaves free, away from its ends: room for what a
+controller's rounding and interpolation add."""
+LONGER = 5e-3
+"""The duration found is lengthened by this share before it is rounded up to whole steps."""
+
+_ATTEMPTS = 4
+_CLOSE_ENOUGH = 0.3
+_DIFFERENT = 1.3
+_ROUNDS = 12
+_ROUNDS_PER_DURATION = 3
+_STRETCH = 0.02
+_POINTS = 48
+_FINE = 1200
+_CHECKED = 4000
+_NEAR, _NEAR_PEAK = 0.25, 0.02
+_FEASIBLE = 1e-6
+_END_SHARE = 0.1
+_LARGEST_MARGIN = 0.2
+_TIME_SMOOTHNESS = 2e-4
+
+_OPTIONS = {
+    "print_level": 0,
+    "sb": "yes",
+    "mu_strategy": "adaptive",
+    "linear_solver": "mumps",
+    "mumps_pivot_order": 0,
+    "nlp_scaling_method": "none",
+    "tol": 1e-5,
+    "constr_viol_tol": _FEASIBLE,
+    "acceptable_tol": 1e-2,
+    "acceptable_constr_viol_tol": _FEASIBLE,
+    "acceptable_compl_inf_tol": 1e-3,
+    "acceptable_iter": 5,
+    "acceptable_obj_change_tol": 2e-4,
+    "max_iter": 100,
+}
+
+
+class NoRampError(ArithmeticError):
+    """No ramp was found that keeps every limit.
+
+    Attributes
+    ----------
+    name : str
+        ``"ramp in"`` or ``"ramp out"``.
+    limit : str
+        Key of the limit that the best attempt breaks most.
+    """
+
+    def __init__(self, name: str, limit: str, message: str) -> None:
+        super().__init__(message)
+        self.name, self.limit = name, limit
+
+
+@dataclass(frozen=True)
+class RampAttempt:
+    """What one attempt came to.
+
+    Attributes
+    ----------
+    x : (z,)
+        Scaled variables.
+    problem : RampProblem
+        Which they belong to.
+    violation : float
+        Worst excess of the smoothed rows as a share of their range.
+    limit : str
+        Key of the limit that this is.
+    iterations : int
+    """
+
+    x: Array
+    problem: RampProblem
+    violation: float
+    limit: str
+    iterations: int
+
+    @property
+    def duration(self) -> float:
+        """Duration reached, s."""
+        return self.problem.duration(self.x)
+
+
+def shortest(
+    problem: RampProblem, guess: SplineRamp, width: float, points: int = _POINTS
+) -> RampAttempt:
+    """Minimise the duration from a guess, with smoothed friction; the rows grow where they must.
+
+    Parameters
+    ----------
+    problem : RampProblem
+    guess : SplineRamp
+    width : float
+        Smoothing of dry friction, m/s.
+    points : int
+        Instants at which limits are held.
+    """
+    problem = replace(problem, time_scale=guess.duration)
+    x = problem.pack(guess)
+    shares = _nodes(points)
+    inside = ((shares > 0) & (shares < 1))[:, None] | problem.limits.free_at_ends
+    fine = np.linspace(0.0, 1.0, 4 * points)
+    mask: Mask = np.zeros((len(shares), problem.limits.count), dtype=bool)
+    lower, upper = problem.limits.bounds(np.zeros(problem.limits.count))
+    bounded = np.isfinite(lower) | np.isfinite(upper)
+    iterations = 0
+    for _ in range(_ROUNDS_PER_DURATION):
+        margins = _capped(problem, shares, width, np.full(mask.shape, RESERVE))
+        violations = problem.limits.smooth_violations(*problem.states(x, shares), width)
+        broken = (violations > _FEASIBLE - margins) & inside & ~mask
+        if iterations and not np.any(broken):
+            break
+        # A shorter motion changes every row that moves, not only those near their bounds.
+        near = (violations > -_NEAR) | (problem.limits.moving & bounded)
+        mask = mask | broken | (near & inside)
+        program = RampProgram(problem, shares, mask, margins, width, _TIME_SMOOTHNESS)
+        result = solve_with_ipopt(program, x, options=_OPTIONS)
+        x, iterations = result.x, iterations + result.iterations
+        values = program.rows(x)
+        excess = np.maximum(program.row_lower - values, values - program.row_upper)
+        if float(np.max(excess, initial=0.0)) > _CLOSE_ENOUGH:
+            break
+    violations = problem.limits.smooth_violations(*problem.states(x, fine), width)
+    _, row = np.unravel_index(int(np.argmax(violations)), violations.shape)
+    worst = float(np.max(violations))
+    return RampAttempt(x, problem, worst, problem.limits.names[row], iterations)
+
+
+def find_ramp(
+    problem: RampProblem, guesses: Sequence[SplineRamp], name: str, step: float, width: float
+) -> SplineRamp:
+    """Return the shortest ramp found, a whole number of controller steps long.
+
+    Parameters
+    ----------
+    problem : RampProblem
+    guesses : sequence of SplineRamp
+        Where to start from, in this order; those of almost the same duration count once.
+    name : str
+        Of the segment.
+    step : float
+        Of the controller, s.
+    width : float
+        Smoothing of dry friction, m/s.
+
+    Raises
+    ------
+    NoRampError
+        None of the attempts keeps every limit.
+    """
+    best: RampAttempt | None = None
+    tried: list[float] = []
+    for guess in guesses:
+        if len(tried) == _ATTEMPTS:
+            break
+        if any(max(guess.duration / t, t / guess.duration) < _DIFFERENT for t in tried):
+            continue
+        tried.append(guess.duration)
+        attempt = shortest(problem, guess, width)
+        if attempt.violation < _CLOSE_ENOUGH:
+            ramp, attempt = _settled(attempt, name, step, width)
+            if ramp is not None:
+                return ramp
+        if best is None or attempt.violation < best.violation:
+            best = attempt
+    if best is None:
+        raise ValueError("there is no guess to start from")
+    raise NoRampError(
+        name,
+        best.limit,
+        f"no {name} was found that keeps every limit: the best attempt, of "
+        f"{best.duration:.3g} s, breaks {best.limit} by {100 * best.violation:.2g} % of its range",
+    )
+
+
+def _settled(
+    attempt: RampAttempt, name: str, step: float, width: float
+) -> tuple[SplineRamp | None, RampAttempt]:
+    """Solve at a whole number of steps until the unsmoothed model keeps every limit.
+
+    Of all such motions the smoothest is taken. The duration grows when there is none, or when
+    margins for what the smoothing hides do not converge.
+    """
+    problem, x = attempt.problem, attempt.x
+    steps = int(np.ceil(attempt.duration * (1 + LONGER) / step - 1e-9))
+    since = 0
+    used = np.zeros((_FINE + 1, problem.limits.count), dtype=bool)
+    for _ in range(_ROUNDS):
+        x = np.append(x[:-1], steps * step / problem.time_scale)
+        critical, margins = _critical_rows(problem, x, width)
+        # Rows of earlier rounds stay: without them their violations would come back.
+        used |= critical
+        program = RampProgram(problem, _fine_grid(), used, margins, width, 1.0)
+        result = solve_with_ipopt(
+            program.with_duration(steps * step), x, options={**_OPTIONS, "max_iter": 60}
+        )
+        values = program.rows(result.x)
+        excess = np.maximum(program.row_lower - values, values - program.row_upper)
+        possible = float(np.max(excess, initial=0.0)) < 10 * _FEASIBLE
+        x, since = result.x, since + 1
+        ramp = replace(problem.ramp(x, name), duration=steps * step)
+        violation, limit = worst_violation(problem, ramp)
+        attempt = RampAttempt(x, problem, violation, limit, result.iterations)
+        if violation <= TOLERANCE:
+            return ramp, attempt
+        if not possible or since == _ROUNDS_PER_DURATION:
+            steps, since = steps + max(1, int(np.ceil(_STRETCH * steps))), 0
+            used[:] = False
+    return None, attempt
+
+
+def worst_violation(problem: RampProblem, ramp: SplineRamp) -> tuple[float, str]:
+    """Return the worst excess of the unsmoothed limits along a ramp, and which limit it is."""
+    times = np.linspace(0.0, ramp.duration, _CHECKED)
+    checks = check_limits(problem.limits.exact, ramp, times, periodic=False)
+    found = [(check.violation, check.key) for check in checks]
+    states, third = problem.states(problem.pack(ramp), times / ramp.duration)
+    beyond = problem.limits.exact_violations(states, third)[:, -6:]
+    return max([*found, (float(np.max(beyond)), JERK)])
+
+
+def _nodes(points: int) -> Array:
+    """Return the instants that limits are held at, as shares: denser towards both ends."""
+    return (1 - np.cos(np.pi * np.arange(points + 1) / points)) / 2
+
+
+def _fine_grid() -> Array:
+    return np.linspace(0.0, 1.0, _FINE + 1)
+
+
+def _critical_rows(problem: RampProblem, x: Array, width: float) -> tuple[Mask, Array]:
+    """Choose the rows of the fine grid that matter, with margins, (K, R) each.
+
+    Instants are the nodes and every local worst of the unsmoothed rows. A row's margin is what
+    the unsmoothed value exceeds the smoothed one by anywhere near: that covers the jumps of dry
+    friction where a sign changes.
+    """
+    fine, limits = _fine_grid(), problem.limits
+    states, third = problem.states(x, fine)
+    exact = limits.exact_violations(states, third)
+    smooth = limits.smooth_violations(states, third, width)
+    lower, upper = limits.bounds(np.zeros(limits.count))
+    comparable = np.isfinite(lower) & np.isfinite(upper) & np.isfinite(exact) & np.isfinite(smooth)
+    excess = np.subtract(exact, smooth, out=np.zeros_like(exact), where=comparable)
+    reach = _FINE // (2 * _POINTS)
+    excess = maximum_filter1d(np.maximum(excess, 0.0), 2 * reach + 1, axis=0, mode="nearest")
+    margins = _capped(problem, fine, width, np.minimum(excess + RESERVE, _LARGEST_MARGIN))
+    beyond = np.full((1, limits.count), -np.inf)
+    ahead = np.concatenate([exact[1:], beyond])
+    behind = np.concatenate([beyond, exact[:-1]])
+    peaks = (exact >= ahead) & (exact >= behind) & (exact > -_NEAR_PEAK)
+    regular = np.zeros(len(fine), dtype=bool)
+    regular[np.rint(_nodes(_POINTS) * _FINE).astype(int)] = True
+    near = ((exact > -_NEAR) | limits.moving) & np.isfinite(exact)
+    used = (regular[:, None] & near) | peaks
+    used[[0, -1]] &= limits.free_at_ends
+    return used, margins
+
+
+def _capped(problem: RampProblem, shares: Array, width: float, margins: Array) -> Array:
+    """Let margins fade towards both ends, (K, R): what holds there is given.
+
+    A row that an end itself has no room for, or breaks in its smoothed form, gets its room back
+    with the cube of the time that has passed, as jerk moves a machine.
+    """
+    given = ~problem.limits.free_at_ends
+    for end, distance in ((problem.start, shares), (problem.end, 1 - shares)):
+        state = np.concatenate([end.pose, end.rate, end.acceleration])[None, :]
+        room = -problem.limits.smooth_violations(state, np.zeros((1, 6)), width)[0]
+        grown = _LARGEST_MARGIN * (distance / _END_SHARE) ** 3
+        capped = np.minimum(margins, room + grown[:, None])
+        margins = np.where(given, capped, margins)
+    return margins

@@ -1,0 +1,193 @@
+"""A ramp as a nonlinear program: the shortest spline between two states that keeps all limits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from expdesign.motion.ramp_limits import RampLimits
+from expdesign.motion.spline import (
+    DEGREE,
+    FIXED,
+    MotionState,
+    SplineRamp,
+    derivatives,
+    end_coefficients,
+    reversed_in_time,
+)
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_SHORTEST, _LONGEST = 0.02, 10.0
+"""Bounds on the scaled duration."""
+
+
+@dataclass(frozen=True, eq=False)
+class RampProblem:
+    """Two ends, a grid of polynomial pieces and what is to be kept between them.
+
+    The variables are the free control points, measured from the start's pose, and the duration,
+    each scaled to order one.
+
+    Attributes
+    ----------
+    limits : RampLimits
+    start, end : MotionState
+    intervals : int
+        Polynomial pieces.
+    scale : (6,)
+        What counts as one in each coordinate: m, rad.
+    time_scale : float
+        What counts as one in the duration, s.
+    """
+
+    limits: RampLimits
+    start: MotionState
+    end: MotionState
+    intervals: int
+    scale: Array
+    time_scale: float
+
+    @property
+    def free(self) -> int:
+        """Free control points of each coordinate."""
+        return self.intervals + DEGREE - 2 * FIXED
+
+    @property
+    def size(self) -> int:
+        """Number of variables."""
+        return 6 * self.free + 1
+
+    def coefficients(self, x: Array) -> tuple[Array, Array]:
+        """Return all control points, (N, 6), and their slope to the duration."""
+        duration = self.duration(x)
+        first, first_slope = end_coefficients(self.intervals, duration, self.start)
+        backwards = reversed_in_time(self.end)
+        last, last_slope = end_coefficients(self.intervals, duration, backwards)
+        inner = x[:-1].reshape(self.free, 6) * self.scale + self.start.pose
+        none = np.zeros_like(inner)
+        return (
+            np.concatenate([first, inner, last[::-1]]),
+            np.concatenate([first_slope, none, last_slope[::-1]]),
+        )
+
+    def at_duration(self, duration: float) -> Array:
+        """Return control points, (N, 6), in which only the fixed ones mean something."""
+        return self.coefficients(np.append(np.zeros(self.size - 1), duration / self.time_scale))[0]
+
+    def with_intervals(self, intervals: int) -> RampProblem:
+        """Return the same problem for a spline of another number of pieces."""
+        return replace(self, intervals=intervals)
+
+    def duration(self, x: Array) -> float:
+        """Return the ramp's duration, s."""
+        return float(x[-1] * self.time_scale)
+
+    def ramp(self, x: Array, name: str) -> SplineRamp:
+        """Return the ramp of scaled variables."""
+        return SplineRamp(name, self.duration(x), self.coefficients(x)[0])
+
+    def pack(self, ramp: SplineRamp) -> Array:
+        """Return the scaled variables of a ramp between the same ends."""
+        inner = ramp.coefficients[FIXED:-FIXED]
+        shares = (inner - self.start.pose) / self.scale
+        return np.append(shares.ravel(), ramp.duration / self.time_scale)
+
+    def states(self, x: Array, shares: Array) -> tuple[Array, Array]:
+        """Return states (K, 18) and jerk (K, 6) at shares of the duration."""
+        coefficients, _ = self.coefficients(x)
+        powers = self.duration(x) ** -np.arange(4.0)
+        parts = (derivatives(self.intervals, shares) @ coefficients) * powers[:, None, None]
+        return np.concatenate(list(parts[:3]), axis=1), parts[3]
+
+    def to_variables(self, x: Array, shares: Array, slopes: Array) -> Array:
+        """Carry slopes (K, r, 24) to pose, rate, acceleration and jerk over to the variables."""
+        basis = derivatives(self.intervals, shares)
+        coefficients, drift = self.coefficients(x)
+        duration = self.duration(x)
+        orders = np.arange(4.0)
+        powers = duration**-orders
+        scaled = basis * powers[:, None, None]
+        by_duration = scaled @ drift - (scaled @ coefficients) * (orders / duration)[:, None, None]
+        count, rows = slopes.shape[:2]
+        split = slopes.reshape(count, rows, 4, 6)
+        inner = scaled[:, :, FIXED:-FIXED]
+        linear = np.einsum("krdc,dkf->krfc", split, inner, optimize=True) * self.scale
+        timed = np.einsum("krdc,dkc->kr", split, by_duration, optimize=True) * self.time_scale
+        return np.concatenate([linear.reshape(count, rows, -1), timed[:, :, None]], axis=2)
+
+
+class RampProgram:
+    """One nonlinear program: `expdesign.solver.ipopt.NonlinearProgram`.
+
+    Minimised is the duration plus a little of the squared third derivative over the spline's own
+    parameter, which chooses among motions of the same duration; with the duration fixed it is the
+    latter alone.
+    """
+
+    def __init__(
+        self,
+        problem: RampProblem,
+        shares: Array,
+        mask: Mask,
+        margins: Array,
+        width: float,
+        smoothness: float,
+    ) -> None:
+        used = np.any(mask, axis=1)
+        self._problem, self._width = problem, width
+        self._shares, self._mask = shares[used], mask[used]
+        lower, upper = problem.limits.bounds(margins[used])
+        self.row_lower, self.row_upper = lower[self._mask], upper[self._mask]
+        self.lower, self.upper = np.full(problem.size, -np.inf), np.full(problem.size, np.inf)
+        self.lower[-1], self.upper[-1] = _SHORTEST, _LONGEST
+        pieces = problem.intervals
+        self._middle = derivatives(pieces, (np.arange(2 * pieces) + 0.5) / (2 * pieces))[3]
+        # A cubic over the whole ramp has a third derivative of 60 times what it moves.
+        self._weight = smoothness / (60.0**2 * len(self._middle))
+
+    def with_duration(self, duration: float) -> RampProgram:
+        """Fix the duration, s."""
+        self.lower[-1] = self.upper[-1] = duration / self._problem.time_scale
+        return self
+
+    def cost(self, x: Array) -> float:
+        """Return the scaled duration and the weighted roughness."""
+        return self.cost_gradient(x)[0]
+
+    def cost_gradient(self, x: Array) -> tuple[float, Array]:
+        """Return the cost and its gradient."""
+        problem = self._problem
+        coefficients, drift = problem.coefficients(x)
+        rough = self._middle @ coefficients / problem.scale
+        gradient = np.empty(problem.size)
+        back = 2 * self._weight * (self._middle.T @ rough)
+        gradient[:-1] = back[FIXED:-FIXED].ravel()
+        gradient[-1] = 1 + np.sum(back / problem.scale * drift) * problem.time_scale
+        return float(x[-1] + self._weight * np.sum(rough**2)), gradient
+
+    def cost_derivatives(self, x: Array) -> tuple[float, Array, Array]:
+        """Return the cost, its gradient and Gauss–Newton Hessian."""
+        problem = self._problem
+        value, gradient = self.cost_gradient(x)
+        _, drift = problem.coefficients(x)
+        inner = np.einsum("kf,cd->kcfd", self._middle[:, FIXED:-FIXED], np.eye(6))
+        timed = (self._middle @ drift / problem.scale * problem.time_scale)[:, :, None]
+        slope = np.concatenate([inner.reshape(*timed.shape[:2], -1), timed], axis=2)
+        flat = slope.reshape(-1, problem.size)
+        return value, gradient, 2 * self._weight * flat.T @ flat
+
+    def rows(self, x: Array) -> Array:
+        """Return the scaled rows."""
+        states, third = self._problem.states(x, self._shares)
+        return self._problem.limits.rows(states, third, self._width)[self._mask]
+
+    def rows_jacobian(self, x: Array) -> tuple[Array, Array]:
+        """Return the scaled rows and their Jacobian."""
+        states, third = self._problem.states(x, self._shares)
+        values, slopes = self._problem.limits.slopes(states, third, self._width)
+        dense = self._problem.to_variables(x, self._shares, slopes)
+        return values[self._mask], dense[self._mask]

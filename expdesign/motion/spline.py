@@ -1,0 +1,133 @@
+"""A ramp: a quintic spline of every pose coordinate between two states of motion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import BSpline
+
+from expdesign.trajectory import PoseSamples
+
+Array = NDArray[np.float64]
+
+DEGREE = 5
+FIXED = 3
+"""Coefficients at each end that pose, rate and acceleration there determine."""
+
+
+@dataclass(frozen=True)
+class MotionState:
+    """Pose, rate and acceleration of one instant: (6,) each; m, rad, s."""
+
+    pose: Array
+    rate: Array
+    acceleration: Array
+
+    @classmethod
+    def at_rest(cls, pose: Array) -> MotionState:
+        """Return the state of a machine that stands still."""
+        return cls(np.array(pose, dtype=float), np.zeros(6), np.zeros(6))
+
+    @classmethod
+    def of(cls, samples: PoseSamples) -> MotionState:
+        """Return the first of the samples."""
+        return cls(samples.pose[0], samples.rate[0], samples.acceleration[0])
+
+
+def derivatives(intervals: int, shares: Array) -> Array:
+    """Return the basis and its first three derivatives, (4, K, intervals + 5), at shares of it.
+
+    The knots are equidistant on [0, 1] and clamped at both ends.
+    """
+    matrices = []
+    for order, basis in enumerate(_bases(intervals)):
+        value = basis(np.clip(shares, 0.0, 1.0)) @ _reduction(intervals, order)
+        matrices.append(value)
+    return np.stack(matrices)
+
+
+def end_coefficients(intervals: int, duration: float, state: MotionState) -> tuple[Array, Array]:
+    """Return the first three coefficients (3, 6) of a start, and their slope to the duration."""
+    matrix = derivatives(intervals, np.zeros(1))[:FIXED, 0, :FIXED]
+    values = np.stack([state.pose, duration * state.rate, duration**2 * state.acceleration])
+    slopes = np.stack([np.zeros(6), state.rate, 2 * duration * state.acceleration])
+    inverse = np.asarray(np.linalg.inv(matrix), dtype=np.float64)
+    return inverse @ values, inverse @ slopes
+
+
+def reversed_in_time(state: MotionState) -> MotionState:
+    """Return the state as a film that runs backwards shows it."""
+    return MotionState(state.pose, -state.rate, state.acceleration)
+
+
+@cache
+def _bases(intervals: int) -> tuple[BSpline, ...]:
+    """Return splines of degree 5, 4, 3 and 2 whose values are all their basis functions."""
+    found = []
+    for lower in range(4):
+        degree = DEGREE - lower
+        inner = np.linspace(0.0, 1.0, intervals + 1)
+        knots = np.concatenate([np.zeros(degree), inner, np.ones(degree)])
+        found.append(BSpline(knots, np.eye(intervals + degree), degree))
+    return tuple(found)
+
+
+@cache
+def _reduction(intervals: int, order: int) -> Array:
+    """Return the matrix from coefficients of degree 5 to those of a derivative."""
+    matrix = np.eye(intervals + DEGREE)
+    for step in range(order):
+        degree = DEGREE - step
+        inner = np.linspace(0.0, 1.0, intervals + 1)
+        knots = np.concatenate([np.zeros(degree), inner, np.ones(degree)])
+        count = intervals + degree
+        spans = knots[degree + 1 : degree + count] - knots[1:count]
+        matrix = (degree / spans)[:, None] * np.diff(matrix, axis=0)
+    return matrix
+
+
+@dataclass(frozen=True, eq=False)
+class SplineRamp:
+    """A segment whose pose is a clamped quintic B-spline; its jerk is continuous inside.
+
+    Attributes
+    ----------
+    name : str
+    duration : float
+        s.
+    coefficients : (N, 6)
+        Control points: m, rad.
+    """
+
+    name: str
+    duration: float
+    coefficients: Array
+
+    def __post_init__(self) -> None:
+        """Freeze the control points."""
+        values = np.array(self.coefficients, dtype=float)
+        values.setflags(write=False)
+        object.__setattr__(self, "coefficients", values)
+
+    @property
+    def intervals(self) -> int:
+        """Number of polynomial pieces."""
+        return len(self.coefficients) - DEGREE
+
+    def sample(self, times: Array) -> PoseSamples:
+        """Return pose, rate and acceleration at times from the ramp's start, s."""
+        value, first, second, _ = self._derivatives(times)
+        return PoseSamples(value, first, second)
+
+    def jerk(self, times: Array) -> Array:
+        """Return the third derivative of the pose, (N, 6), at times from the ramp's start, s."""
+        return self._derivatives(times)[3]
+
+    def _derivatives(self, times: Array) -> Array:
+        shares = np.asarray(times, dtype=float) / self.duration
+        basis = derivatives(self.intervals, shares)
+        powers = self.duration ** -np.arange(4.0)
+        return (basis @ self.coefficients) * powers[:, None, None]

@@ -1,0 +1,1 @@
+"""The figures of an executable motion: every module declares one as ``FIGURE``."""

@@ -1,0 +1,242 @@
+"""The motion from rest to rest, held against the robot's own public functions."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from expdesign.configuration import ConfigurationError, load_run
+from expdesign.experiment.design import build_workshop
+from expdesign.motion import NoRampError, check_motion, executable_motion
+from expdesign.motion import ramp as ramp_module
+from expdesign.robot import robot_from
+from expdesign.solver.random_start import random_start
+from expdesign.trajectory import FourierTrajectory
+from tests.motion.conftest import PERIODS, STEP
+
+MACHINES = [
+    ("palida", 5),
+    pytest.param(("palida", 12), marks=pytest.mark.slow),
+    pytest.param(("linuxcnc", 5), marks=pytest.mark.slow),
+    pytest.param(("linuxcnc", 12), marks=pytest.mark.slow),
+]
+
+
+@pytest.fixture(params=MACHINES, ids=str)
+def machine(request):
+    return request.param
+
+
+def _parts(samples):
+    return samples.pose, samples.rate, samples.acceleration
+
+
+def test_segments_join_up_to_the_acceleration(motion, machine):
+    segments = motion(*machine).segments
+    assert [segment.name for segment in segments] == ["ramp in", "periods", "ramp out"]
+    for before, after in itertools.pairwise(segments):
+        left, right = before.sample(np.array([before.duration])), after.sample(np.zeros(1))
+        for a, b in zip(_parts(left), _parts(right), strict=True):
+            np.testing.assert_allclose(a, b, rtol=0, atol=1e-9)
+
+
+def test_it_is_the_integral_of_its_own_acceleration(motion, machine):
+    """Nothing jumps anywhere: differences of pose and rate agree with rate and acceleration."""
+    whole = motion(*machine)
+    times = np.linspace(0.0, whole.duration, 40_001)
+    step = times[1]
+    pose, rate, acceleration = _parts(whole.sample(times))
+    trapezoid = step * (rate[1:] + rate[:-1]) / 2
+    np.testing.assert_allclose(np.diff(pose, axis=0), trapezoid, atol=1e-3 * np.ptp(pose))
+    trapezoid = step * (acceleration[1:] + acceleration[:-1]) / 2
+    scale = np.max(np.abs(rate))
+    np.testing.assert_allclose(np.diff(rate, axis=0), trapezoid, atol=1e-4 * scale)
+    largest = np.max(np.abs(whole.jerk(times)))
+    assert np.max(np.abs(np.diff(acceleration, axis=0))) < 1.2 * step * largest
+
+
+def test_it_starts_and_ends_at_rest_at_home(motion, machine, configuration):
+    whole, home = motion(*machine), configuration(*machine).robot.home
+    pose, rate, acceleration = _parts(whole.sample([0.0, whole.duration, -1, whole.duration + 1]))
+    np.testing.assert_allclose(pose, np.tile(home, (4, 1)), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(rate, 0, atol=1e-9)
+    np.testing.assert_allclose(acceleration, 0, atol=1e-9)
+
+
+def test_every_limit_is_kept_over_the_whole_motion(motion, machine, configuration):
+    whole = motion(*machine)
+    robot = robot_from(configuration(*machine).robot)
+    ramps = [
+        np.linspace(start, start + segment.duration, 15_013)
+        for start, segment in zip(whole.starts[:-1], whole.segments, strict=True)
+    ]
+    samples = whole.sample(np.concatenate(ramps))
+    struts = robot.strut_motion(*_parts(samples))
+    measured = {
+        "strut_length": struts.length,
+        "strut_speed": struts.length_rate,
+        "strut_acceleration": struts.length_acceleration,
+        "alpha": struts.alpha,
+        "beta": struts.beta,
+        "actuator_force": robot.actuator_forces(*_parts(samples)),
+        "position": samples.pose[:, :3],
+    }
+    bounds = configuration(*machine).robot.limits
+    for key, values in measured.items():
+        limit = bounds[key]
+        slack = 1e-6 * (limit.upper - limit.lower)
+        assert np.all(values >= limit.lower - slack), key
+        assert np.all(values <= limit.upper + slack), key
+
+
+def test_the_recheck_covers_every_limit_and_the_jerk(motion, machine, configuration):
+    check = check_motion(configuration(*machine), motion(*machine))
+    assert check.passed
+    keys = {item.key for item in check.limits}
+    assert keys == {*configuration(*machine).robot.limits, "strut_jerk"}
+    assert "from rest to rest" in check.method
+
+
+def test_the_jerk_of_the_struts_is_bounded(motion, machine, configuration):
+    """By differences of the struts' acceleration, without the kernel that the search uses."""
+    whole = motion(*machine)
+    robot = robot_from(configuration(*machine).robot)
+    default = configuration(*machine).robot.limits["strut_acceleration"].upper / 0.02
+    for start, segment in zip(whole.starts[:-1], whole.segments, strict=True):
+        if segment.name == "periods":
+            continue
+        times = np.linspace(start, start + segment.duration, 5001)
+        struts = robot.strut_motion(*_parts(whole.sample(times)))
+        jerk = np.diff(struts.length_acceleration, axis=0) / (times[1] - times[0])
+        assert np.max(np.abs(jerk) / default) < 1 + 1e-6
+        # The shortest ramp uses what it may.
+        assert np.max(np.abs(jerk) / default) > 0.5
+
+
+def test_every_segment_is_a_whole_number_of_controller_steps(motion, machine, orbit):
+    whole = motion(*machine)
+    steps = whole.steps(STEP)
+    assert steps[1] == PERIODS * round(orbit(*machine).period / STEP)
+    np.testing.assert_allclose(whole.duration, sum(steps) * STEP, rtol=1e-12)
+    with pytest.raises(ValueError, match="ramp in takes"):
+        whole.steps(STEP * np.sqrt(2))
+
+
+def test_the_window_marks_the_designed_periods(motion, machine, orbit):
+    whole, designed = motion(*machine), orbit(*machine)
+    begin, end = whole.window
+    np.testing.assert_allclose(end - begin, PERIODS * designed.period, rtol=1e-12)
+    count = round(designed.period / STEP)
+    once = designed.sample(designed.sample_times(count))
+    rows = whole.sample(begin + STEP * np.arange(PERIODS * count))
+    for measured, expected in zip(_parts(rows), _parts(once), strict=True):
+        scale = np.maximum(np.max(np.abs(expected)), 1.0)
+        np.testing.assert_allclose(
+            measured / scale, np.tile(expected, (PERIODS, 1)) / scale, rtol=0, atol=1e-12
+        )
+
+
+def test_the_same_input_gives_the_same_motion(motion, configuration, orbit):
+    first = motion("palida", 5)
+    again = executable_motion(configuration("palida", 5), orbit("palida", 5))
+    for a, b in zip(first.segments, again.segments, strict=True):
+        assert a.duration == b.duration
+    np.testing.assert_array_equal(first.segments[0].coefficients, again.segments[0].coefficients)
+    assert again.seconds > 0
+
+
+@pytest.mark.slow
+def test_the_best_phase_is_not_longer(motion, configuration, orbit, with_motion):
+    settings = with_motion(configuration("palida", 5), phase="best")
+    best = executable_motion(settings, orbit("palida", 5))
+    assert check_motion(settings, best).passed
+    assert best.duration <= 1.02 * motion("palida", 5).duration
+    np.testing.assert_allclose(best.phase / STEP, round(best.phase / STEP), atol=1e-6)
+    begin, _ = best.window
+    expected = orbit("palida", 5).sample(best.phase).pose
+    np.testing.assert_allclose(best.sample(begin).pose, expected, atol=1e-12)
+
+
+def test_less_jerk_takes_longer(motion, configuration, orbit, with_motion):
+    calm = with_motion(configuration("palida", 5), jerk=600.0)
+    slow = executable_motion(calm, orbit("palida", 5))
+    check = check_motion(calm, slow)
+    assert check.passed
+    jerk = next(item for item in check.limits if item.key == "strut_jerk")
+    assert abs(jerk.value) <= 600
+    assert jerk.origin == "motion.jerk"
+    assert slow.duration > motion("palida", 5).duration
+
+
+@pytest.mark.slow
+def test_a_design_at_rest_only_has_to_be_approached():
+    run = {
+        "name": "rest",
+        "robot": "palida",
+        "trajectory": {"harmonics": 3, "samples": 50, "controller_period": STEP},
+        "design": {"start": "rest"},
+        "experiment": {"periods": 2},
+    }
+    configuration = load_run(run)
+    problem = build_workshop(configuration).problem
+    x = random_start(problem, np.random.default_rng(1), 200, 0.1)
+    drawn = problem.variables.trajectory(x)
+    omega = 2 * np.pi / (round(drawn.period / STEP) * STEP)
+    resting = FourierTrajectory.from_displacements(
+        omega, drawn.lambda0, 0.98 * drawn.sine, 0.98 * drawn.cosine
+    )
+    whole = executable_motion(configuration, resting)
+    assert check_motion(configuration, whole).passed
+    for segment, time in ((whole.segments[0], whole.segments[0].duration), (whole.segments[2], 0)):
+        found = segment.sample(np.array([float(time)]))
+        np.testing.assert_allclose(found.rate, 0, atol=1e-9)
+        np.testing.assert_allclose(found.acceleration, 0, atol=1e-9)
+        np.testing.assert_allclose(found.pose, resting.sample(0.0).pose, atol=1e-12)
+
+
+# --- what is refused ------------------------------------------------------------------------------
+
+
+def test_a_jerk_below_the_designs_own_is_refused(configuration, orbit, with_motion):
+    with pytest.raises(ConfigurationError, match="itself has a strut jerk") as refused:
+        executable_motion(with_motion(configuration("palida", 5), jerk=10.0), orbit("palida", 5))
+    assert refused.value.problems[0].key == "motion.jerk"
+
+
+def test_a_trajectory_that_breaks_a_limit_is_refused(configuration, orbit):
+    designed = orbit("palida", 5)
+    larger = FourierTrajectory(
+        designed.omega, designed.lambda0, 1.3 * designed.mu, 1.3 * designed.nu
+    )
+    with pytest.raises(ConfigurationError, match="itself breaks this limit"):
+        executable_motion(configuration("palida", 5), larger)
+
+
+def test_a_period_of_broken_steps_is_refused(configuration, orbit):
+    designed = orbit("palida", 5)
+    broken = FourierTrajectory(0.99997 * designed.omega, designed.lambda0, designed.mu, designed.nu)
+    with pytest.raises(ConfigurationError, match="controller steps"):
+        executable_motion(configuration("palida", 5), broken)
+
+
+@pytest.mark.slow
+def test_where_no_ramp_exists_the_limit_that_binds_is_named(monkeypatch):
+    """Strut 1 may not leave home: its dry friction alone breaks the bound on its force."""
+    monkeypatch.setattr(ramp_module, "_ATTEMPTS", 1)
+    monkeypatch.setitem(ramp_module._OPTIONS, "max_iter", 30)
+    free = {"name": "stuck", "robot": "palida", "experiment": {"periods": 1}}
+    free["trajectory"] = {"harmonics": 1, "frequency": 0.5, "samples": 24}
+    free["trajectory"] |= {"frequency": [0.5, 0.5], "controller_period": 0.01}
+    robot = robot_from(load_run(free).robot)
+    rest = np.zeros(6)
+    pose = robot.home - np.array([0, 0, 0.05, 0, 0, 0])
+    forces = [robot.actuator_forces(at, rest, rest)[0] for at in (robot.home, pose)]
+    assert robot.description.parameters["r1"] > 2 * 3
+    bounds = [[-230.0, 230.0]] * 6
+    bounds[0] = [float(min(forces)) - 3, float(max(forces)) + 3]
+    tight = load_run({**free, "limits": {"actuator_force": bounds}})
+    still = FourierTrajectory(np.pi, pose, np.zeros((6, 1)), np.zeros((6, 1)))
+    with pytest.raises(NoRampError, match="no ramp in was found") as refused:
+        executable_motion(tight, still)
+    assert refused.value.limit == "actuator_force"
+    assert "motion.phase: best" in str(refused.value)
