@@ -16,6 +16,7 @@ import typer
 from expdesign.cli.check import check
 from expdesign.cli.design import design
 from expdesign.cli.estimate import estimate
+from expdesign.cli.export import export
 from expdesign.cli.robots import robots
 from expdesign.cli.run import run
 from expdesign.cli.simulate import simulate
@@ -61,4 +62,5 @@ app.command()(check)
 app.command()(design)
 app.command()(simulate)
 app.command()(estimate)
+app.command()(export)
 app.command()(run)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from expdesign.cli.design import design_stage
 from expdesign.cli.errors import CommandFailed
 from expdesign.cli.estimate import estimate_stage, folder_recording
+from expdesign.cli.export import export_stage, folder_motion
 from expdesign.cli.folder import OutOption, run_folder
 from expdesign.cli.output import JsonOption, RunArgument, note, short, warn, warn_all, write_json
 from expdesign.cli.simulate import experiment_stage, folder_design
@@ -65,6 +66,7 @@ STEPS = {
     "design": Step(design_stage, "design.json"),
     "experiment": Step(experiment_stage, "measurement.csv", folder_design, _data_is_given),
     "estimate": Step(estimate_stage, "estimate.json", folder_recording),
+    "export": Step(export_stage, "exports/exports.json", folder_motion),
 }
 """The stages of this version by their name in the run file."""
 

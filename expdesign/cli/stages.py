@@ -19,6 +19,11 @@ _SECTIONS: dict[str, dict[str, bool | set[str]]] = {
     },
     "experiment": dict.fromkeys(("name", "robot", "experiment"), True),
     "estimate": dict.fromkeys(("name", "robot", "trajectory", "data", "estimate"), True),
+    "export": {
+        **dict.fromkeys(("name", "robot", "trajectory", "motion", "export"), True),
+        "design": {"parameters"},
+        "experiment": {"periods", "sampling"},
+    },
 }
 """Sections of the run, or keys of them, that each stage depends on."""
 
