@@ -44,7 +44,7 @@ def _text_option(name: str, metavar: str, text: str) -> Any:
     return typer.Option(f"--{name}", metavar=metavar, help=text)
 
 
-def export(
+def export(  # noqa: PLR0917 - each is an option of the command
     folder: FolderArgument = None,
     name: FormatOption = "",
     out: FileOption = None,

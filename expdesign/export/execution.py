@@ -59,7 +59,8 @@ class ExecutedTable:
     def between(self, times: Array) -> Executed:
         """Return the machine between the rows as well; times (N,), s.
 
-        On straight lines the acceleration is that of `at_rows`, interpolated: the lines have none.
+        On straight lines the speed is the struts' mean speed over a row, the acceleration that
+        of `smoothed`: the lines have none.
 
         Raises
         ------
@@ -74,8 +75,15 @@ class ExecutedTable:
             np.searchsorted(self.rows.times, times, side="right") - 1, 0, len(self.rows.times) - 2
         )
         rows, _, second = self._differences
-        slope = np.diff(rows, axis=0) / np.diff(self.rows.times)[:, None]
-        return self._machine(times, values, slope[place], self._at(second, times))
+        steps = np.diff(self.rows.times)[:, None]
+        if self.axes.space == "strut":
+            rate = (np.diff(rows, axis=0) / steps)[place]
+        else:
+            # The struts' mean speed over each row, as a pose's rate.
+            lengths = self.robot.inverse_kinematics(rows)
+            speed = (np.diff(lengths, axis=0) / steps)[place]
+            rate = np.linalg.solve(self.robot.length_jacobian(values), speed[:, :, None])[:, :, 0]
+        return self._machine(times, values, rate, self._at(second, times))
 
     def smoothed(self, times: Array) -> Executed:
         """Return the machine as its own inertia smooths it: states of the rows, interpolated.

@@ -194,9 +194,9 @@ def _hold(
     if not limits:
         return
     model = ExactModel(table.robot, limits)
-    values, violations = model.values(states), model.violations(states)
+    values = model.values(states)
     for limit, columns in zip(limits, model.columns(), strict=True):
-        part = violations[:, columns]
+        part = np.nan_to_num(limit.violation(values[:, columns]), nan=np.inf, neginf=-np.inf)
         moment, row = np.unravel_index(int(np.argmax(part)), part.shape)
         violation = float(part[moment, row])
         if limit.key in checks and violation <= checks[limit.key].violation:
