@@ -82,7 +82,7 @@ class ExecutedTable:
             # The struts' mean speed over each row, as a pose's rate.
             lengths = self.robot.inverse_kinematics(rows)
             speed = (np.diff(lengths, axis=0) / steps)[place]
-            rate = np.linalg.solve(self.robot.length_jacobian(values), speed[:, :, None])[:, :, 0]
+            rate = _solved(self.robot.length_jacobian(values), speed)
         return self._machine(times, values, rate, self._at(second, times))
 
     def smoothed(self, times: Array) -> Executed:
@@ -128,8 +128,12 @@ class ExecutedTable:
             )
         pose = self.robot.forward_kinematics(values, self.motion.sample(times).pose)
         jacobian = self.robot.length_jacobian(pose)
-        rate = np.linalg.solve(jacobian, first[:, :, None])[:, :, 0]
+        rate = _solved(jacobian, first)
         # q̈ = J λ̈ + J̇ λ̇; the graph gives the second part at λ̈ = 0.
         rest = self.robot.strut_motion(pose, rate, np.zeros_like(rate)).length_acceleration
-        acceleration = np.linalg.solve(jacobian, (second - rest)[:, :, None])[:, :, 0]
+        acceleration = _solved(jacobian, second - rest)
         return Executed(np.concatenate([pose, rate, acceleration], axis=1), values, first, second)
+
+
+def _solved(matrices: Array, vectors: Array) -> Array:
+    return np.asarray(np.linalg.solve(matrices, vectors[:, :, None])[:, :, 0], dtype=np.float64)

@@ -14,7 +14,7 @@ from expdesign.trajectory import FourierTrajectory, PoseSamples
 BLEND = np.polynomial.Polynomial([0, 0, 0, 0, 35, -84, 70, -20])
 RAMP = 1.2
 RESERVE = 0.02
-PERIODS = 2
+PERIODS = 1
 FREQUENCY = {("palida", 5): 0.6, ("palida", 12): 0.4, ("linuxcnc", 5): 0.5, ("linuxcnc", 12): 0.35}
 SIZES = {
     "palida": [0.06, 0.06, 0.04, 0.2, 0.2, 0.3],

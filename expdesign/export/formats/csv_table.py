@@ -10,6 +10,7 @@ import pandas as pd
 from expdesign.export.definition import Settings, TableFormat
 from expdesign.export.interpolation import Interpolation
 from expdesign.export.rows import Rows, TableError
+from expdesign.export.text_table import lines, numbers
 from expdesign.export.whole_motion import COLUMNS
 
 _HEADER = [f"{column.name} [{column.unit}]" for column in COLUMNS]
@@ -23,13 +24,11 @@ def _write(path: Path, rows: Rows, _settings: Settings) -> None:
 
 
 def _read(path: Path, _settings: Settings) -> Rows:
-    try:
-        table = pd.read_csv(path, float_precision="round_trip", index_col=False)
-        values = table.to_numpy(dtype=float)
-    except (ValueError, pd.errors.ParserError) as error:
-        raise TableError(f"no table of numbers: {error}") from error
-    if list(table.columns) != _HEADER:
+    head, *rest = lines(path) or [""]
+    if head != ",".join(_HEADER):
         raise TableError("line 1: other columns than were written")
+    cells = [numbers(line.split(","), len(COLUMNS), k, "cells") for k, line in enumerate(rest, 2)]
+    values = np.array(cells, dtype=float).reshape(-1, len(COLUMNS))
     record = {column.name: values[:, k] for k, column in enumerate(COLUMNS)}
     lengths, rates, accelerations = (
         np.stack([record[f"{name}{j}"] for j in range(1, 7)], axis=1) for name in ("q", "dq", "ddq")
