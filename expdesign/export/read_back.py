@@ -39,6 +39,7 @@ _LAST_DIGIT = 1.01
 _DOUBLE = 1e-13
 _COMPUTED = 1e-9
 _DURATION = 1e-6
+_STEP = 1e-9
 
 
 @dataclass(frozen=True)
@@ -107,7 +108,10 @@ def read_back(path: Path, task: Task, settings: Settings) -> ReadBack:
     )
     apart, failures = _row_error(rows, task, settings)
     found = replace(found, row_error=apart)
-    failures += _wrong_end(rows, task)
+    failures += _wrong_times(rows, task, settings)
+    if failures:
+        # Rows of another motion: what a machine would do with them is not worth computing.
+        return replace(found, failures=tuple(failures))
     table = ExecutedTable(task.robot, task.motion, settings.axes, rows, form.interpolation)
     try:
         found = _executed(found, table)
@@ -147,12 +151,19 @@ def _row_error(rows: Rows, task: Task, settings: Settings) -> tuple[float, list[
     return worst, failures
 
 
-def _wrong_end(rows: Rows, task: Task) -> list[str]:
+def _wrong_times(rows: Rows, task: Task, settings: Settings) -> list[str]:
+    steps = np.diff(rows.times)
     end, wanted = rows.times[-1], task.motion.duration
-    longest = float(np.max(np.diff(rows.times)))
-    if wanted - _DURATION <= end <= wanted + longest + _DURATION:
-        return []
-    return [f"the table lasts {end:.6f} s, the motion {wanted:.6f} s"]
+    failures = []
+    if not wanted - _DURATION <= end <= wanted + steps.max() + _DURATION:
+        failures.append(f"the table lasts {end:.6f} s, the motion {wanted:.6f} s")
+    if settings.step is not None and np.any(np.abs(steps - settings.step) > _STEP):
+        row = int(np.argmax(np.abs(steps - settings.step)))
+        failures.append(
+            f"row {row + 2} follows after {steps[row]:.9g} s where rows are {settings.step:g} s "
+            "apart"
+        )
+    return failures
 
 
 def _executed(found: ReadBack, table: ExecutedTable) -> ReadBack:
