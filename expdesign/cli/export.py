@@ -90,7 +90,7 @@ def export(  # noqa: PLR0917 - each is an option of the command
     that fails is not kept (exit status 1).
     """
     from expdesign.configuration import ConfigurationError, Problem
-    from expdesign.export import file_name
+    from expdesign.export import file_name, refuse_missing_library
 
     if name == _LIST:
         _list(as_json=as_json)
@@ -115,6 +115,7 @@ def export(  # noqa: PLR0917 - each is an option of the command
     folder = folder.absolute()
     configuration = _configuration(folder)
     section = _section(name, {k: v for k, v in given.items() if v is not None}, configuration)
+    refuse_missing_library(section)
     path = (folder / FOLDER / file_name(section)) if out is None else out.absolute()
     refuse_unwritable(path.parent)
     warn_all(configuration.warnings)
@@ -141,8 +142,10 @@ def export_stage(configuration: RunConfiguration, folder: Path, *, as_json: bool
         A table is beyond a tolerance, or the machine cannot get into the motion.
     """
     from expdesign.cli.stages import clear_outdated, record_stage
-    from expdesign.export import file_name
+    from expdesign.export import file_name, refuse_missing_library
 
+    for number, section in enumerate(configuration.run.export, start=1):
+        refuse_missing_library(section, f"export[{number}]")
     trajectory = _trajectory(folder)
     refuse_unwritable(folder)
     target = folder / FOLDER

@@ -2,7 +2,13 @@
 
 from expdesign.export.catalogue import table_formats
 from expdesign.export.definition import Settings, TableFormat, Task
-from expdesign.export.exporting import Export, ExportError, export_table, file_name
+from expdesign.export.exporting import (
+    Export,
+    ExportError,
+    export_table,
+    file_name,
+    refuse_missing_library,
+)
 from expdesign.export.read_back import ReadBack, read_back
 from expdesign.export.readme import file_record, motion_record, readme
 
@@ -19,5 +25,6 @@ __all__ = [
     "motion_record",
     "read_back",
     "readme",
+    "refuse_missing_library",
     "table_formats",
 ]

@@ -58,6 +58,18 @@ def file_name(section: ExportSection) -> str:
     return section.stem + (".mcap" if section.encoding == "mcap" else suffix)
 
 
+def refuse_missing_library(section: ExportSection, place: str = "") -> None:
+    """Refuse a table that needs a library which is not installed.
+
+    Raises
+    ------
+    ConfigurationError
+        It tells how to install it.
+    """
+    if section.encoding == "mcap":
+        ros_bag.refuse_without_library(f"{place}.encoding" if place else "encoding")
+
+
 def export_table(
     section: ExportSection,
     task: Task,
@@ -86,9 +98,8 @@ def export_table(
         The file is beyond a tolerance.
     """
     form = table_formats()[section.format]
-    if section.encoding == "mcap":
-        ros_bag.refuse_without_library(f"{place}.encoding" if place else "encoding")
-    settings = settled(section, task, place)
+    refuse_missing_library(section, place)
+    settings = settled(section, task)
     times = chosen_times(form, task, settings, place)
     rows = table_rows(task, settings, times)
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import re
-
 import numpy as np
 from numpy.typing import NDArray
 
-from expdesign.configuration import ConfigurationError, Problem
 from expdesign.export.axes import ANGLE_UNITS, LENGTH_UNITS, Axes
 from expdesign.export.catalogue import table_formats
 from expdesign.export.definition import Settings, TableFormat, Task
@@ -30,26 +27,11 @@ Straight lines between rows 1 ms apart leave a motion of 30 m/s² by 4 µm.
 COUNTS = "counts"
 _COUNT_DIGITS = 3
 _MORE_DIGITS = {"m": 3, "mm": 0, "um": -3, "in": 2}
-_PMAC_AXIS = re.compile("[ABCUVWXYZ]")
 
 
-def settled(section: ExportSection, task: Task, place: str = "") -> Settings:
-    """Fill in the defaults of a format.
-
-    Parameters
-    ----------
-    section : ExportSection
-    task : Task
-    place : str
-        Where the section stands, for messages: ``"export[2]"``.
-
-    Raises
-    ------
-    ConfigurationError
-        An option cannot be kept.
-    """
+def settled(section: ExportSection, task: Task) -> Settings:
+    """Fill in the defaults of a format."""
     form = table_formats()[section.format]
-    refuse_odd_options(section, place)
     axes = _axes(section, form, task.robot)
     digits = section.digits
     if digits is None and form.digits is not None and section.encoding != "mcap":
@@ -75,34 +57,6 @@ def settled(section: ExportSection, task: Task, place: str = "") -> Settings:
 def coordinates(axes: Axes, robot: Robot, pose: Array) -> Array:
     """Return what the axes move, (N, 6): the pose itself or the struts' lengths, SI."""
     return pose if axes.space == "pose" else robot.inverse_kinematics(pose)
-
-
-def refuse_odd_options(section: ExportSection, place: str) -> None:
-    """Refuse options that no file of the format could keep.
-
-    Raises
-    ------
-    ConfigurationError
-    """
-    prefix = f"{place}." if place else ""
-    if section.encoding == "mcap" and section.digits is not None:
-        raise ConfigurationError(
-            Problem(
-                "a bag holds numbers with all their digits",
-                key=f"{prefix}digits",
-                allowed="digits with encoding: yaml only",
-            )
-        )
-    if section.format == "pmac-pvt" and section.axes is not None:
-        for number, name in enumerate(section.axes, start=1):
-            if not _PMAC_AXIS.fullmatch(name):
-                raise ConfigurationError(
-                    Problem(
-                        f"'{name}' is no axis of a PMAC",
-                        key=f"{prefix}axes[{number}]",
-                        allowed="one of the letters A B C U V W X Y Z",
-                    )
-                )
 
 
 def _axes(section: ExportSection, form: TableFormat, robot: Robot) -> Axes:

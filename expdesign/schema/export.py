@@ -77,6 +77,7 @@ OFFERS: dict[str, Offer] = {
 """By the format's name."""
 
 _ALWAYS = ("format", "file", "segment", "tolerance")
+_PMAC_AXES = tuple("ABCUVWXYZ")
 _STRUT_ONLY = (*_ACTUATORS, "counts_per_metre")
 
 
@@ -186,6 +187,20 @@ class ExportSection(Section):
                         f"'{key}' is about actuators, the table holds poses",
                         "with space: strut only",
                         key=key,
+                    )
+        if self.encoding == "mcap" and self.digits is not None:
+            raise refusal(
+                "a bag holds numbers with all their digits",
+                "with encoding: yaml only",
+                key="digits",
+            )
+        if self.format == "pmac-pvt":
+            for name in self.axes or ():
+                if name not in _PMAC_AXES:
+                    raise refusal(
+                        f"'{name}' is no axis of a PMAC",
+                        f"six of the letters {' '.join(_PMAC_AXES)}",
+                        key="axes",
                     )
         if self.units is not None and self.counts_per_metre is not None:
             raise refusal(

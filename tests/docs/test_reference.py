@@ -13,6 +13,7 @@ from estimation.twin.output import truth_record
 from expdesign.configuration import load_run
 from expdesign.configuration.limits import CHARACTERISTIC_LENGTH
 from expdesign.experiment.tables import TABLES
+from expdesign.export import table_formats
 from expdesign.information.catalogue import criteria_by_key
 from expdesign.library import robot_names, run_names
 from expdesign.recheck import TOLERANCE, grid_points
@@ -25,11 +26,13 @@ from expdesign.schema import (
     DesignSection,
     EstimateSection,
     ExperimentSection,
+    ExportSection,
     RobotDescription,
     RunDescription,
     TrajectorySection,
 )
 from expdesign.schema.experiment import Cogging, Outliers, Quantisation, TrackingError
+from expdesign.schema.export import OFFERS
 from expdesign.trajectory import FourierTrajectory
 from results.figures.design.catalogue import DESIGN_FIGURES
 from tests.docs.pages import ROOT, codes, parse, table
@@ -37,6 +40,7 @@ from tests.docs.pages import ROOT, codes, parse, table
 DOCS = ROOT / "docs"
 RUN_FILES, ROBOTS, LIMITS = DOCS / "run-files.md", DOCS / "robots.md", DOCS / "limits.md"
 RUN_FOLDER, DATA = DOCS / "run-folder.md", DOCS / "data.md"
+TABLES_PAGE = DOCS / "controller-tables.md"
 
 
 def _fields(model):
@@ -63,6 +67,8 @@ def _required(model):
         }
     if model is Cogging:
         return {"amplitude": 12, "pitch": 0.03}
+    if model is ExportSection:
+        return {"format": "csv"}
     return {"share": 0.1} if model is Outliers else {}
 
 
@@ -80,6 +86,7 @@ def _required(model):
         (RobotDescription, ROBOTS, "## Robot file"),
         (EstimateSection, RUN_FILES, "## estimate"),
         (DataSection, DATA, "## data"),
+        (ExportSection, TABLES_PAGE, "## Options"),
     ],
     ids=lambda value: value if isinstance(value, str) else getattr(value, "__name__", ""),
 )
@@ -209,6 +216,17 @@ def test_formats_of_measured_data():
         assert tuple(codes(files)) == found.extensions
         wanted = [f"pip install expdesign[{found.extra}]"] if found.extra else []
         assert codes(needs) == wanted
+
+
+def test_formats_of_controller_tables():
+    words = {"LINEAR": "straight", "CUBIC": "cubic Hermite", "QUINTIC": "quintic Hermite"}
+    rows = {codes(row[0])[0]: row[2:] for row in table(TABLES_PAGE, "# Controller tables")}
+    assert list(rows) == sorted(table_formats())
+    for name, form in table_formats().items():
+        spaces, steps, between = rows[name]
+        assert tuple(codes(spaces)) == OFFERS[name].spaces
+        assert steps == ("every `segment`" if form.uniform else "at most `segment` apart")
+        assert between == words[form.interpolation.name]
 
 
 def test_figures():
