@@ -287,7 +287,9 @@ def _exported(
         made = export_table(section, task, path, place)
     except ExportError as error:
         raise CommandFailed(
-            f"{error}. The file was not kept.", {"failures": list(error.check.failures)}
+            f"{error}. The file was not kept; a shorter segment, more digits or a larger "
+            "tolerance may help.",
+            {"failures": list(error.check.failures)},
         ) from error
     if not as_json:
         check = made.check

@@ -146,7 +146,7 @@ def test_gathered_rounding(tmp_path):
 
 def test_too_few_digits_leave_nothing(tmp_path):
     asked = ExportSection(format="xps-pvt", digits=2, segment="5 ms")
-    with pytest.raises(ExportError, match="acceleration") as caught:
+    with pytest.raises(ExportError, match="µm from the design") as caught:
         export_table(asked, task(), tmp_path / "bad.trj")
     assert not caught.value.check.passed
     assert not list(tmp_path.iterdir())
@@ -178,3 +178,11 @@ def test_damaged_binary_files(key, written, tmp_path):
     for damaged in (content[: len(content) // 2], b"", b"no such file" * 20):
         found = checked(made, damaged, tmp_path)
         assert found.failures[0].startswith("the file cannot be read")
+
+
+def test_segments_of_ones_own_keep_the_limits(tmp_path):
+    """A segment time that is given may leave the design, but no limit."""
+    asked = ExportSection(format="xps-pvt", segment="40 ms", tolerance="1 mm")
+    check = export_table(asked, task(), tmp_path / "file.trj").check
+    assert check.deviation.acceleration > 1e-3
+    assert max(limit.violation for limit in check.limits) <= 1e-3
