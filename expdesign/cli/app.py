@@ -16,6 +16,7 @@ import typer
 from expdesign.cli.check import check
 from expdesign.cli.design import design
 from expdesign.cli.estimate import estimate
+from expdesign.cli.export import export
 from expdesign.cli.montecarlo import montecarlo
 from expdesign.cli.noise import noise
 from expdesign.cli.robots import robots
@@ -67,4 +68,5 @@ app.command()(montecarlo)
 app.command()(noise)
 app.command()(estimate)
 app.command()(validate)
+app.command()(export)
 app.command()(run)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from expdesign.cli.design import design_stage
 from expdesign.cli.errors import CommandFailed
 from expdesign.cli.estimate import estimate_stage, folder_recording
+from expdesign.cli.export import export_stage, folder_motion
 from expdesign.cli.folder import OutOption, run_folder
 from expdesign.cli.montecarlo import montecarlo_stage
 from expdesign.cli.output import JsonOption, RunArgument, note, short, warn, warn_all, write_json
@@ -69,6 +70,7 @@ STEPS = {
     "montecarlo": Step(montecarlo_stage, "montecarlo.json", folder_design),
     "estimate": Step(estimate_stage, "estimate.json", folder_recording),
     "validate": Step(validate_stage, "validation.json", folder_estimate),
+    "export": Step(export_stage, "exports/exports.json", folder_motion),
 }
 """The stages of this version by their name in the run file."""
 

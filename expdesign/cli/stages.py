@@ -23,6 +23,11 @@ _SECTIONS: dict[str, dict[str, bool | set[str]]] = {
     "validate": dict.fromkeys(
         ("name", "robot", "trajectory", "experiment", "data", "estimate", "validation"), True
     ),
+    "export": {
+        **dict.fromkeys(("name", "robot", "trajectory", "motion", "export"), True),
+        "design": {"parameters"},
+        "experiment": {"periods", "sampling"},
+    },
 }
 """Sections of the run, or keys of them, that each stage depends on."""
 

@@ -4,6 +4,7 @@ from expdesign.schema.data import DataSection
 from expdesign.schema.design import DesignSection
 from expdesign.schema.estimate import EstimateSection, Prior
 from expdesign.schema.experiment import ExperimentSection
+from expdesign.schema.export import ExportSection
 from expdesign.schema.montecarlo import MonteCarloSection
 from expdesign.schema.motion import MotionSection
 from expdesign.schema.noise import NoiseDescription
@@ -30,6 +31,7 @@ __all__ = [
     "Dimension",
     "EstimateSection",
     "ExperimentSection",
+    "ExportSection",
     "MonteCarloSection",
     "MotionSection",
     "NoiseDescription",

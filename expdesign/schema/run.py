@@ -12,7 +12,7 @@ from expdesign.schema.data import DataSection
 from expdesign.schema.design import DesignSection
 from expdesign.schema.estimate import EstimateSection
 from expdesign.schema.experiment import ExperimentSection
-from expdesign.schema.export import ExportFormats
+from expdesign.schema.export import ExportSections
 from expdesign.schema.failure import refusal, shown
 from expdesign.schema.montecarlo import MonteCarloSection
 from expdesign.schema.motion import MotionSection
@@ -60,8 +60,7 @@ class RunDescription(Section):
     trajectory, design, motion, experiment, data, estimate, montecarlo, report : section
     validation : tuple of ValidationMotion
         The key in the file is ``validate``.
-    export : tuple of str
-        Names of formats.
+    export : tuple of ExportSection
     limits : dict
         As written; they override the robot's key by key.
     noise : NoiseDescription or None
@@ -90,7 +89,7 @@ class RunDescription(Section):
     validation: Annotated[tuple[ValidationMotion, ...], at_least(0, "motions")] = Field(
         default=(), alias="validate"
     )
-    export: ExportFormats = ()
+    export: ExportSections = ()
     report: ReportSection = ReportSection()
     workers: Annotated[int, whole(1, _LARGEST_WORKERS)] | None = None
     scheduler: Annotated[FilledText, AfterValidator(_address)] | None = None

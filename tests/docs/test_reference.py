@@ -15,6 +15,7 @@ from estimation.twin.output import truth_record
 from expdesign.configuration import load_run
 from expdesign.configuration.limits import CHARACTERISTIC_LENGTH
 from expdesign.experiment.tables import TABLES
+from expdesign.export import table_formats
 from expdesign.information.catalogue import criteria_by_key
 from expdesign.library import robot_names, run_names
 from expdesign.recheck import TOLERANCE, grid_points
@@ -27,6 +28,7 @@ from expdesign.schema import (
     DesignSection,
     EstimateSection,
     ExperimentSection,
+    ExportSection,
     MonteCarloSection,
     MotionSection,
     RobotDescription,
@@ -34,6 +36,7 @@ from expdesign.schema import (
     TrajectorySection,
 )
 from expdesign.schema.experiment import Cogging, Outliers, Quantisation, TrackingError
+from expdesign.schema.export import OFFERS
 from expdesign.schema.quantity import unit_dimension, unit_symbols
 from expdesign.schema.validation import ValidationMotion
 from expdesign.trajectory import FourierTrajectory
@@ -44,6 +47,7 @@ from tests.docs.pages import ROOT, codes, parse, table
 DOCS = ROOT / "docs"
 RUN_FILES, ROBOTS, LIMITS = DOCS / "run-files.md", DOCS / "robots.md", DOCS / "limits.md"
 RUN_FOLDER, DATA = DOCS / "run-folder.md", DOCS / "data.md"
+TABLES_PAGE = DOCS / "controller-tables.md"
 
 
 def _fields(model):
@@ -72,6 +76,8 @@ def _required(model):
         return {"amplitude": 12, "pitch": 0.03}
     if model is ValidationMotion:
         return {"motion": "circle"}
+    if model is ExportSection:
+        return {"format": "csv"}
     return {"share": 0.1} if model is Outliers else {}
 
 
@@ -92,6 +98,7 @@ def _required(model):
         (EstimateSection, RUN_FILES, "## estimate"),
         (ValidationMotion, RUN_FILES, "## validate"),
         (DataSection, DATA, "## data"),
+        (ExportSection, TABLES_PAGE, "## Options"),
     ],
     ids=lambda value: value if isinstance(value, str) else getattr(value, "__name__", ""),
 )
@@ -235,6 +242,17 @@ def test_columns_of_the_study():
 def test_figures_of_the_study():
     rows = [codes(row[0])[0] for row in table(RUN_FOLDER, "### Figures of the study")]
     assert rows == [definition.key for definition in STUDY_FIGURES]
+
+
+def test_formats_of_controller_tables():
+    words = {"LINEAR": "straight", "CUBIC": "cubic Hermite", "QUINTIC": "quintic Hermite"}
+    rows = {codes(row[0])[0]: row[2:] for row in table(TABLES_PAGE, "# Controller tables")}
+    assert list(rows) == sorted(table_formats())
+    for name, form in table_formats().items():
+        spaces, steps, between = rows[name]
+        assert tuple(codes(spaces)) == OFFERS[name].spaces
+        assert steps == ("every `segment`" if form.uniform else "at most `segment` apart")
+        assert between == words[form.interpolation.name]
 
 
 def test_figures():

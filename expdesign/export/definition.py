@@ -1,0 +1,158 @@
+"""What a format is, and what one export in it has been asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from expdesign.export.axes import Axes
+from expdesign.export.interpolation import Interpolation
+from expdesign.export.rows import Rows
+from expdesign.motion import ExecutableMotion
+from expdesign.robot import Robot
+from expdesign.schema import ExportSection
+
+Array = NDArray[np.float64]
+
+POSE_AXES = ("X", "Y", "Z", "U", "V", "W")
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """The motion to be exported, and what is measured while a machine executes it.
+
+    Attributes
+    ----------
+    name : str
+        Of the run.
+    robot : Robot
+    motion : ExecutableMotion
+    controller_period : float
+        s.
+    sampling : float
+        Of the measurement, Hz.
+    parameters : tuple of str
+        Names of those that the design judges.
+    force_covariance : (6, 6) or None
+        Σ, N²; without it nothing is said about information.
+    """
+
+    name: str
+    robot: Robot
+    motion: ExecutableMotion
+    controller_period: float
+    sampling: float
+    parameters: tuple[str, ...]
+    force_covariance: Array | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Settings:
+    """One export with every default filled in.
+
+    Attributes
+    ----------
+    section : ExportSection
+    name : str
+        Of the run.
+    axes : Axes
+    digits : int or None
+        After the decimal point; None: all of a double.
+    step : float or None
+        Time between rows, s; None where each row has a time of its own.
+    tolerance : float
+        Largest deviation of a strut's length from the design, m.
+    start : (6,)
+        Position of the axes at home, as it is written.
+    window : (2,)
+        Beginning and end of the measurement window, s.
+    duration : float
+        Of the motion, s.
+    sampling : float
+        Of the measurement, Hz.
+    """
+
+    section: ExportSection
+    name: str
+    axes: Axes
+    digits: int | None
+    step: float | None
+    tolerance: float
+    start: Array
+    window: tuple[float, float]
+    duration: float
+    sampling: float
+
+    @property
+    def half_unit(self) -> float:
+        """Half a unit of the last digit; 0 where all digits are written."""
+        return 0.0 if self.digits is None else 0.5 * 10.0**-self.digits
+
+    def number(self, value: float) -> str:
+        """Return a number with its digits; never "-0"."""
+        if self.digits is None:
+            return repr(float(value))
+        text = f"{value:.{self.digits}f}"
+        return text.removeprefix("-") if not text.strip("-0.") else text
+
+
+def _as_they_are(times: Array) -> Array:
+    return times
+
+
+@dataclass(frozen=True)
+class TableFormat:
+    """A file format for controller tables.
+
+    Attributes
+    ----------
+    name, title : str
+        As in the YAML, and in words.
+    suffix : str
+        Ending of its files.
+    interpolation : Interpolation
+        What the controller does between rows.
+    write : callable
+        Write rows to a path.
+    read : callable
+        Read them back; raises `TableError` for what the controller would not read, or would read
+        otherwise.
+    guide : str
+        How to run the file, in plain words; ``{first_axis}`` and the like are filled in.
+    digits : int or None
+        Default digits after the decimal point, for millimetres.
+    units, angles : str
+        Default units.
+    axes : dict
+        Default names of the axes by space.
+    written_times : callable
+        Times (N,) as the file can state them.
+    uniform : bool
+        Whether all rows have one distance in time.
+    fixed_angles : bool
+        Whether its rotations are roll, pitch and yaw about fixed axes.
+    whole : bool
+        Whether the table also holds pose, struts and forces in SI units.
+    needs : str
+        Extra of the distribution without which it cannot be written, and a module of it.
+    """
+
+    name: str
+    title: str
+    suffix: str
+    interpolation: Interpolation
+    write: Callable[[Path, Rows, Settings], None]
+    read: Callable[[Path, Settings], Rows]
+    guide: str
+    digits: int | None = 6
+    units: str = "mm"
+    angles: str = "deg"
+    axes: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    written_times: Callable[[Array], Array] = _as_they_are
+    uniform: bool = False
+    fixed_angles: bool = False
+    whole: bool = False

@@ -1,0 +1,124 @@
+"""One export: rows, file, check, and only then its final name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+from numpy.typing import NDArray
+
+from expdesign.export import ros_bag
+from expdesign.export.catalogue import table_formats
+from expdesign.export.definition import Settings, Task
+from expdesign.export.read_back import ReadBack, read_back
+from expdesign.export.row_times import chosen_times, ideal_rows
+from expdesign.export.rows import Rows
+from expdesign.export.settling import settled
+from expdesign.export.whole_motion import whole_motion
+from expdesign.schema import ExportSection
+
+Array = NDArray[np.float64]
+
+
+class ExportError(Exception):
+    """A file does not do what the design asks for; it was not kept.
+
+    Attributes
+    ----------
+    check : ReadBack
+    """
+
+    def __init__(self, name: str, check: ReadBack) -> None:
+        self.check = check
+        super().__init__(f"{name}: " + "; ".join(check.failures))
+
+
+@dataclass(frozen=True, eq=False)
+class Export:
+    """A file that was written and checked.
+
+    Attributes
+    ----------
+    path : Path
+    settings : Settings
+    check : ReadBack
+    """
+
+    path: Path
+    settings: Settings
+    check: ReadBack
+
+
+def file_name(section: ExportSection) -> str:
+    """Return the name that a table gets in ``exports/``."""
+    suffix = table_formats()[section.format].suffix
+    return section.stem + (".mcap" if section.encoding == "mcap" else suffix)
+
+
+def refuse_missing_library(section: ExportSection, place: str = "") -> None:
+    """Refuse a table that needs a library which is not installed.
+
+    Raises
+    ------
+    ConfigurationError
+        It tells how to install it.
+    """
+    if section.encoding == "mcap":
+        ros_bag.refuse_without_library(f"{place}.encoding" if place else "encoding")
+
+
+def export_table(
+    section: ExportSection,
+    task: Task,
+    path: Path,
+    place: str = "",
+    write: Callable[[Path, Rows, Settings], None] | None = None,
+) -> Export:
+    """Write a controller table and check it; a file that fails leaves nothing behind.
+
+    Parameters
+    ----------
+    section : ExportSection
+    task : Task
+    path : Path
+        Final name of the file.
+    place : str
+        Where the section stands, for messages.
+    write : callable, optional
+        Instead of the format's own writer.
+
+    Raises
+    ------
+    ConfigurationError
+        An option cannot be kept, or a library is missing.
+    ExportError
+        The file is beyond a tolerance.
+    """
+    form = table_formats()[section.format]
+    refuse_missing_library(section, place)
+    settings = settled(section, task)
+    times = chosen_times(form, task, settings, place)
+    rows = table_rows(task, settings, times)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    # A folder beside it: some libraries go by the file's name.
+    with TemporaryDirectory(prefix=".export-", dir=path.parent) as folder:
+        beside = Path(folder) / file_name(section)
+        (write or form.write)(beside, rows, settings)
+        check = read_back(beside, task, settings)
+        if not check.passed:
+            raise ExportError(path.name, check)
+        beside.replace(path)
+    return Export(path, settings, check)
+
+
+def table_rows(task: Task, settings: Settings, times: Array) -> Rows:
+    """Return the rows of a table at these times, unrounded."""
+    form = table_formats()[settings.section.format]
+    rows = ideal_rows(task, settings, times)
+    if not form.whole:
+        return rows
+    record = whole_motion(task.robot, task.motion, times)
+    return Rows(rows.times, rows.position, rows.rate, rows.acceleration, record)

@@ -1,0 +1,119 @@
+"""LinuxCNC: G-code in the pose of the platform, for machines with genhexkins."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from expdesign.export.definition import Settings, TableFormat
+from expdesign.export.interpolation import Interpolation
+from expdesign.export.rows import Rows, TableError, in_window
+from expdesign.export.text_table import lines, number
+
+Array = NDArray[np.float64]
+
+AXES = ("X", "Y", "Z", "A", "B", "C")
+START_FEED = 6.0
+"""1/min: the move to the start, which is none on a machine that stands there, takes 10 s."""
+
+_FEED_DIGITS = 6
+_BLEND = 1e-5
+_COMMENT = re.compile(r"\([^()]*\)")
+_WORD = re.compile(r"([A-Z])([^A-Z\s]*)")
+_HEADER = {"G21", "G90", "G93", "G64"}
+
+
+def _feeds(times: Array) -> Array:
+    return np.round(60 / np.diff(times), _FEED_DIGITS)
+
+
+def _written_times(times: Array) -> Array:
+    return np.concatenate([[0.0], np.cumsum(60 / _feeds(times))])
+
+
+def _write(path: Path, rows: Rows, settings: Settings) -> None:
+    blend = 1e3 * (settings.section.blend or _BLEND)
+    text = [
+        f"({settings.name}: mm and degrees, A B C are roll, pitch and yaw about fixed axes)",
+        f"G21 G90 G93 G64 P{blend:.6f}",
+        "(start)",
+    ]
+    feeds = [START_FEED, *_feeds(rows.times)]
+    inside = in_window(rows.times, settings.window)
+    for k, feed in enumerate(feeds):
+        if k and inside[k] and not inside[k - 1]:
+            text.append("(measurement window begins)")
+        words = (f"{a}{settings.number(v)}" for a, v in zip(AXES, rows.position[k], strict=True))
+        text.append(f"G1 {' '.join(words)} F{feed:.{_FEED_DIGITS}f}")
+        if inside[k] and (k + 1 == len(feeds) or not inside[k + 1]):
+            text.append("(measurement window ends)")
+    path.write_text("\n".join([*text, "M2", ""]), encoding="ascii")
+
+
+def _read(path: Path, _settings: Settings) -> Rows:
+    positions: list[list[float]] = []
+    feeds: list[float] = []
+    modes: set[str] = set()
+    ended = False
+    for k, line in enumerate(lines(path), start=1):
+        code = _COMMENT.sub("", line).strip()
+        if not code:
+            continue
+        if ended:
+            raise TableError(f"line {k}: there is code after M2")
+        if code == "M2":
+            ended = True
+            continue
+        words = _words(code, k)
+        if words[0] == ("G", "1"):
+            if modes < _HEADER:
+                raise TableError(f"line {k}: a move before {' '.join(sorted(_HEADER))}")
+            letters = tuple(letter for letter, _ in words[1:])
+            if letters != (*AXES, "F"):
+                missing = "F word" if "F" not in letters else "axis"
+                raise TableError(f"line {k}: {missing} missing, wrong or twice in a G93 G1 move")
+            values = [number(value, k, f"word {letter}") for letter, value in words[1:]]
+            positions.append(values[:-1])
+            feeds.append(values[-1])
+        else:
+            modes |= {f"{letter}{value}" for letter, value in words if letter != "P"}
+            if modes - _HEADER:
+                raise TableError(f"line {k}: '{code[:40]}' is none of our codes")
+    if not ended:
+        raise TableError("the program has no M2 at its end")
+    if any(feed <= 0 for feed in feeds):
+        raise TableError("a feed is not positive")
+    times = np.concatenate([[0.0], np.cumsum(60 / np.array(feeds[1:]))])
+    return Rows(times, np.array(positions).reshape(-1, 6)).checked()
+
+
+def _words(code: str, line: int) -> list[tuple[str, str]]:
+    found = _WORD.findall(code)
+    if "".join(letter + value for letter, value in found) != re.sub(r"\s", "", code):
+        raise TableError(f"line {line}: '{code[:40]}' is no G-code")
+    return found
+
+
+FORMAT = TableFormat(
+    name="linuxcnc-gcode",
+    title="LinuxCNC, G-code for genhexkins",
+    suffix=".ngc",
+    interpolation=Interpolation.LINEAR,
+    write=_write,
+    read=_read,
+    guide=(
+        "For a LinuxCNC machine with the kinematics genhexkins whose origin and home are those of "
+        "the robot file. Home the machine, move it to the start below, check that the velocity "
+        "and acceleration limits of joints and axes in the INI file are not below those of the "
+        "design (the planner would stretch the motion in time), load the file and run it. Every "
+        "line is one move with its own duration (G93: F is 1/minutes). A, B and C are roll, pitch "
+        "and yaw about the fixed axes x, y, z: R = Rz(C) Ry(B) Rx(A)."
+    ),
+    axes={"pose": AXES},
+    written_times=_written_times,
+    uniform=True,
+    fixed_angles=True,
+)

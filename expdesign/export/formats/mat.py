@@ -1,0 +1,85 @@
+"""MATLAB: a matrix for From Workspace and a struct with the whole motion."""
+
+from __future__ import annotations
+
+import zlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.io import loadmat, savemat
+from scipy.io.matlab import MatReadError
+
+from expdesign.export.definition import POSE_AXES, Settings, TableFormat
+from expdesign.export.interpolation import Interpolation
+from expdesign.export.rows import Rows, TableError
+from expdesign.export.whole_motion import COLUMNS
+
+_AXES = 6
+
+
+def _write(path: Path, rows: Rows, settings: Settings) -> None:
+    axes = settings.axes
+    data = {
+        "command": np.column_stack([rows.times, rows.position]),
+        "command_axes": np.array(["t", *axes.names], dtype=object),
+        "command_units": np.array(["s", *axes.units], dtype=object),
+        "window": np.array([settings.window]),
+        "motion": {name: values[:, None] for name, values in rows.record.items()},
+        "units": {column.name: column.unit for column in COLUMNS},
+    }
+    savemat(path, data, appendmat=False, oned_as="column")
+
+
+def _read(path: Path, settings: Settings) -> Rows:
+    try:
+        data = loadmat(path, appendmat=False)
+        command, motion = data["command"], data["motion"][0, 0]
+        names, units = _texts(data["command_axes"]), _texts(data["command_units"])
+        record = {c.name: _column(motion[c.name]) for c in COLUMNS}
+    except (
+        MatReadError,
+        zlib.error,
+        OSError,
+        ValueError,
+        TypeError,
+        KeyError,
+        IndexError,
+        NotImplementedError,
+    ) as error:
+        raise TableError(f"no MATLAB file with command and motion: {error}") from error
+    if command.dtype != np.float64 or command.shape[1:] != (_AXES + 1,):
+        raise TableError(f"command is no double matrix of {_AXES + 1} columns")
+    if (names, units) != (["t", *settings.axes.names], ["s", *settings.axes.units]):
+        raise TableError("command_axes and command_units are others than were written")
+    return Rows(command[:, 0], command[:, 1:], record=record).checked()
+
+
+def _texts(cells: Any) -> list[str]:
+    return [str(cell.item()) for cell in cells.ravel()]
+
+
+def _column(values: Any) -> Any:
+    return np.asarray(values, dtype=float)[:, 0]
+
+
+FORMAT = TableFormat(
+    name="mat",
+    title="MATLAB, Simulink and dSPACE",
+    suffix=".mat",
+    interpolation=Interpolation.LINEAR,
+    write=_write,
+    read=_read,
+    guide=(
+        "`load {file}`. `command` is a matrix for the block From Workspace, column 1 the time in "
+        "s, then the axes {axes}, one row every {step}; set the block's sample time to that, "
+        "without interpolation beyond the last row. `command_axes` and `command_units` name its "
+        "columns. The struct `motion` holds the whole motion in SI units and radians (`units`): "
+        "pose, derivatives, strut lengths, expected forces; `motion.window` is 1 in the "
+        "measurement window, `window` its beginning and end in s."
+    ),
+    digits=None,
+    axes={"strut": tuple(f"S{j}" for j in range(1, 7)), "pose": POSE_AXES},
+    uniform=True,
+    whole=True,
+)

@@ -1,0 +1,112 @@
+"""Delta Tau and Omron PMAC: a motion program of PVT moves."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from expdesign.export.definition import Settings, TableFormat
+from expdesign.export.interpolation import Interpolation
+from expdesign.export.rows import Rows, TableError
+from expdesign.export.text_table import lines, number
+
+Array = NDArray[np.float64]
+
+LETTERS = ("X", "Y", "Z", "A", "B", "C")
+LONGEST = 4095.9998
+"""Of a move on a Turbo PMAC, ms."""
+
+_TIME_DIGITS = 7
+_PROGRAM = 10
+_MOVE = re.compile(r"([A-Z])([^:\s]*):(\S*)")
+
+
+def _written_times(times: Array) -> Array:
+    return np.round(times, _TIME_DIGITS)
+
+
+def _write(path: Path, rows: Rows, settings: Settings) -> None:
+    if rows.rate is None:
+        raise ValueError("a PVT table needs velocities")
+    first, last = settings.window
+    begins, ends = (int(np.argmin(np.abs(rows.times - t))) for t in (first, last))
+    axes = settings.axes
+    start = " ".join(
+        f"{a}{settings.number(v)}" for a, v in zip(axes.names, settings.start, strict=True)
+    )
+    units = ", ".join(f"{a} [{u}]" for a, u in zip(axes.names, axes.units, strict=True))
+    text = [
+        f"; {settings.name}: {units}",
+        "; velocities per second: Isx90 = 1000",
+        f"; start: {start}",
+        f"OPEN PROG {_PROGRAM} CLEAR",
+        "ABS",
+    ]
+    for k in range(1, len(rows.times)):
+        milliseconds = 1e3 * (rows.times[k] - rows.times[k - 1])
+        text.append(f"PVT{milliseconds:.{_TIME_DIGITS - 3}f}")
+        text.append(
+            " ".join(
+                f"{a}{settings.number(p)}:{settings.number(v)}"
+                for a, p, v in zip(axes.names, rows.position[k], rows.rate[k], strict=True)
+            )
+        )
+        if k == begins:
+            text.append("; measurement window begins")
+        if k == ends:
+            text.append("; measurement window ends")
+    path.write_text("\n".join([*text, "CLOSE", ""]), encoding="ascii")
+
+
+def _read(path: Path, settings: Settings) -> Rows:
+    code = [
+        (k, bare)
+        for k, line in enumerate(lines(path), start=1)
+        if (bare := line.partition(";")[0].strip())
+    ]
+    words = [bare for _, bare in code]
+    if words[:2] != [f"OPEN PROG {_PROGRAM} CLEAR", "ABS"] or words[-1:] != ["CLOSE"]:
+        raise TableError("no program: it begins with OPEN PROG … CLEAR and ABS and ends with CLOSE")
+    moves = code[2:-1]
+    if not moves or len(moves) % 2:
+        raise TableError("the PVT times and the moves are not as many")
+    times, positions, rates = [0.0], [settings.start], [np.zeros(6)]
+    for (k, time), (m, move) in zip(moves[::2], moves[1::2], strict=True):
+        if not time.startswith("PVT"):
+            raise TableError(f"line {k}: '{time[:40]}' is no PVT time")
+        milliseconds = number(time.removeprefix("PVT"), k, "time")
+        if not 0 < milliseconds <= LONGEST:
+            raise TableError(f"line {k}: {milliseconds:g} ms is not between 0 and {LONGEST} ms")
+        found = [_MOVE.fullmatch(word) for word in move.split()]
+        if tuple(word[1] if word else "" for word in found) != settings.axes.names:
+            raise TableError(f"line {m}: not one word for each of {' '.join(settings.axes.names)}")
+        pairs = [(word[2], word[3]) for word in found if word]
+        times.append(times[-1] + milliseconds / 1e3)
+        positions.append(np.array([number(p, m, "position") for p, _ in pairs]))
+        rates.append(np.array([number(v, m, "velocity") for _, v in pairs]))
+    if np.any(rates[-1] != 0):
+        raise TableError(f"line {moves[-1][0]}: the last velocities are not 0")
+    return Rows(np.round(times, _TIME_DIGITS), np.array(positions), np.array(rates)).checked()
+
+
+FORMAT = TableFormat(
+    name="pmac-pvt",
+    title="Delta Tau and Omron PMAC, PVT motion program",
+    suffix=".pmc",
+    interpolation=Interpolation.CUBIC,
+    write=_write,
+    read=_read,
+    guide=(
+        "Define a coordinate system with the axes {axes}, scaled to the units below, and the time "
+        "unit of one second (Isx90 = 1000) for the velocities. Download the file, move the axes "
+        "to the start below, and run the program (`&1 B10 R`). Every row is a PVT move: its time "
+        "in ms, then position and velocity at its end. Cubic interpolation must not be smoothed "
+        "further (Isx50 as it is). For a table of poses the coordinate system needs your "
+        "kinematic programs."
+    ),
+    axes={"strut": LETTERS, "pose": LETTERS},
+    written_times=_written_times,
+)

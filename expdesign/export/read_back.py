@@ -1,0 +1,266 @@
+"""The check of a file: read again, executed as its controller does, held against the design."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from constraints import Limit
+from expdesign.export.catalogue import table_formats
+from expdesign.export.definition import Settings, Task
+from expdesign.export.deviation import Deviation, blocks, deviation
+from expdesign.export.execution import ExecutedTable
+from expdesign.export.information import InformationChange, information_change
+from expdesign.export.interpolation import Interpolation, refined
+from expdesign.export.row_times import SHARE, ideal_rows
+from expdesign.export.rows import Rows, TableError
+from expdesign.export.whole_motion import whole_motion
+from expdesign.recheck import LimitCheck
+from expdesign.robot import ExactModel, ForwardKinematicsError
+
+Array = NDArray[np.float64]
+
+LIMIT_SHARE = 1e-3
+"""Largest excess over a limit, as a share of its range, that an executed table may have."""
+
+STD_SHARE = 0.01
+"""Largest change of a predicted standard deviation, as a share of it."""
+
+LOG_DET_CHANGE = 0.05
+"""Largest change of log det F."""
+
+FINER = 10
+_FINEST = 1e-3
+_DYNAMIC = frozenset({"strut_acceleration", "actuator_force"})
+_LAST_DIGIT = 1.01
+_DOUBLE = 1e-13
+_COMPUTED = 1e-9
+_DURATION = 1e-6
+_STEP = 1e-9
+
+
+@dataclass(frozen=True)
+class ReadBack:
+    """What a file does when it is executed.
+
+    Attributes
+    ----------
+    rows, points : int
+        Rows of the table; points of the grid on which it was executed.
+    shortest, longest : float
+        Time between two rows, s.
+    duration : float
+        Of the table, s.
+    row_error : float
+        Largest difference between a value in the file and the design at the time that the file
+        states, in half units of the last digit (of a rounding error, where all are written).
+    deviation : Deviation
+    limits : tuple of LimitCheck
+        The worst moment of each limit.
+    information : InformationChange or None
+        None without noise, or where the file could not be executed.
+    failures : tuple of str
+        What is beyond its tolerance; empty when the file is good.
+    """
+
+    rows: int = 0
+    points: int = 0
+    shortest: float = np.nan
+    longest: float = np.nan
+    duration: float = np.nan
+    row_error: float = np.nan
+    deviation: Deviation = field(default_factory=Deviation)
+    limits: tuple[LimitCheck, ...] = ()
+    information: InformationChange | None = None
+    failures: tuple[str, ...] = ()
+
+    @property
+    def passed(self) -> bool:
+        """True when everything is within its tolerance."""
+        return not self.failures
+
+
+def read_back(path: Path, task: Task, settings: Settings) -> ReadBack:
+    """Read a file, execute it as its controller does, and hold it against design and limits.
+
+    Parameters
+    ----------
+    path : Path
+    task : Task
+        The design.
+    settings : Settings
+        With which the file was written.
+    """
+    form = table_formats()[settings.section.format]
+    try:
+        rows = form.read(path, settings)
+    except TableError as error:
+        return ReadBack(failures=(f"the file cannot be read: {error}",))
+    steps = np.diff(rows.times)
+    found = ReadBack(
+        rows=len(rows.times),
+        shortest=float(steps.min()),
+        longest=float(steps.max()),
+        duration=float(rows.times[-1]),
+    )
+    apart, failures = _row_error(rows, task, settings)
+    found = replace(found, row_error=apart)
+    failures += _wrong_times(rows, task, settings)
+    if failures:
+        # Rows of another motion: what a machine would do with them is not worth computing.
+        return replace(found, failures=tuple(failures))
+    table = ExecutedTable(task.robot, task.motion, settings.axes, rows, form.interpolation)
+    try:
+        found = _executed(found, table)
+        failures += _beyond(found, table, settings)
+        found = replace(found, information=information_change(table, task))
+    except (ForwardKinematicsError, np.linalg.LinAlgError) as trouble:
+        failures.append(f"the file cannot be executed: {trouble}")
+    if found.information is not None:
+        failures += _information_lost(found.information)
+    return replace(found, failures=tuple(failures))
+
+
+def _row_error(rows: Rows, task: Task, settings: Settings) -> tuple[float, list[str]]:
+    """Return the largest error of the rows in units of what it may be, and what is wrong."""
+    ideal = ideal_rows(task, settings, rows.times)
+    worst, failures = 0.0, []
+    pairs = [("position", rows.position, ideal.position)]
+    if rows.rate is not None and ideal.rate is not None:
+        pairs.append(("velocity", rows.rate, ideal.rate))
+    if rows.acceleration is not None and ideal.acceleration is not None:
+        pairs.append(("acceleration", rows.acceleration, ideal.acceleration))
+    if rows.record:
+        expected = whole_motion(task.robot, task.motion, rows.times)
+        pairs += [(name, rows.record[name][:, None], v[:, None]) for name, v in expected.items()]
+    for what, written, wanted in pairs:
+        size = np.max(np.abs(wanted), axis=0, initial=1.0)
+        rounding = size * (_DOUBLE if settings.digits is not None else _COMPUTED)
+        share = np.abs(written - wanted) / (settings.half_unit * _LAST_DIGIT + rounding)
+        worst = max(worst, float(share.max()))
+        if share.max() > 1:
+            row, column = np.unravel_index(int(np.argmax(share)), share.shape)
+            unit = "half units of its last digit" if settings.digits is not None else "roundings"
+            failures.append(
+                f"row {row + 1}, {what} {column + 1}: {written[row, column]:.9g} in the file, "
+                f"{wanted[row, column]:.9g} in the design, {share.max():.3g} {unit} apart"
+            )
+    return worst, failures
+
+
+def _wrong_times(rows: Rows, task: Task, settings: Settings) -> list[str]:
+    steps = np.diff(rows.times)
+    end, wanted = rows.times[-1], task.motion.duration
+    failures = []
+    if not wanted - _DURATION <= end <= wanted + steps.max() + _DURATION:
+        failures.append(f"the table lasts {end:.6f} s, the motion {wanted:.6f} s")
+    if settings.step is not None and np.any(np.abs(steps - settings.step) > _STEP):
+        row = int(np.argmax(np.abs(steps - settings.step)))
+        failures.append(
+            f"row {row + 2} follows after {steps[row]:.9g} s where rows are {settings.step:g} s "
+            "apart"
+        )
+    return failures
+
+
+def _executed(found: ReadBack, table: ExecutedTable) -> ReadBack:
+    """Add deviations and limits, on a grid finer than the rows."""
+    linear = table.interpolation is Interpolation.LINEAR
+    points = FINER if linear else max(FINER, int(np.ceil(found.longest / _FINEST)))
+    grid = refined(table.rows.times, points)
+    limits = table.robot.limits
+    quick = tuple(limit for limit in limits if not _DYNAMIC.isdisjoint(limit.definition.requires))
+    rest = tuple(limit for limit in limits if limit not in quick)
+    checks: dict[str, LimitCheck] = {}
+    worst = Deviation()
+    for times in blocks(grid):
+        executed = table.between(times)
+        worst = worst.with_worse(deviation(table, times, executed, forces=not linear))
+        _hold(checks, table, rest if linear else limits, times, executed.states)
+    if linear:
+        for times in blocks(table.rows.times):
+            executed = table.smoothed(times)
+            at_rows = deviation(table, times, executed, forces=True)
+            worst = replace(
+                worst,
+                acceleration=float(np.fmax(worst.acceleration, at_rows.acceleration)),
+                force=float(np.fmax(worst.force, at_rows.force)),
+            )
+            _hold(checks, table, quick, times, executed.states)
+    ordered = tuple(checks[limit.key] for limit in limits)
+    return replace(found, points=len(grid), deviation=worst, limits=ordered)
+
+
+def _hold(
+    checks: dict[str, LimitCheck],
+    table: ExecutedTable,
+    limits: tuple[Limit, ...],
+    times: Array,
+    states: Array,
+) -> None:
+    """Keep the worst moment of every limit."""
+    if not limits:
+        return
+    model = ExactModel(table.robot, limits)
+    values = model.values(states)
+    for limit, columns in zip(limits, model.columns(), strict=True):
+        part = np.nan_to_num(limit.violation(values[:, columns]), nan=np.inf, neginf=-np.inf)
+        moment, row = np.unravel_index(int(np.argmax(part)), part.shape)
+        violation = float(part[moment, row])
+        if limit.key in checks and violation <= checks[limit.key].violation:
+            continue
+        value = float(values[moment, columns.start + row])
+        checks[limit.key] = LimitCheck(
+            key=limit.key,
+            title=limit.definition.title,
+            unit=limit.unit,
+            origin=limit.origin,
+            row=limit.labels[row],
+            value=value,
+            bound=limit.nearest_bound(int(row), value),
+            violation=violation,
+            time=float(times[moment]),
+        )
+
+
+def _beyond(found: ReadBack, table: ExecutedTable, settings: Settings) -> list[str]:
+    failures = []
+    off = found.deviation
+    if not off.position <= settings.tolerance:
+        failures.append(
+            f"a strut is {1e6 * off.position:.3g} µm from the design at {off.position_time:.4f} s, "
+            f"more than the tolerance of {1e6 * settings.tolerance:.3g} µm"
+        )
+    if table.interpolation is not Interpolation.LINEAR and settings.section.segment is None:
+        # Whoever states the segment time has the limits to keep, and nothing to be closer to.
+        failures += [
+            f"the {what} is {100 * share:.2g} % of its limit's range from the design, more than "
+            f"{100 * SHARE:g} %"
+            for what, share in (("acceleration", off.acceleration), ("force", off.force))
+            if share > SHARE
+        ]
+    for check in found.limits:
+        if not check.violation <= LIMIT_SHARE:
+            row = f" of {check.row}" if check.row else ""
+            failures.append(
+                f"{check.title}{row} is {check.value:.6g} {check.unit} at {check.time:.4f} s, "
+                f"beyond {check.bound:.6g} {check.unit}"
+            )
+    return failures
+
+
+def _information_lost(change: InformationChange) -> list[str]:
+    failures = []
+    if not abs(change.log_det_change) <= LOG_DET_CHANGE:
+        failures.append(
+            f"log det F changes by {change.log_det_change:.3g}, more than {LOG_DET_CHANGE:g}"
+        )
+    if not abs(change.std_change) <= STD_SHARE:
+        failures.append(
+            f"the predicted standard deviation of {change.parameter} changes by "
+            f"{100 * change.std_change:.2g} %, more than {100 * STD_SHARE:g} %"
+        )
+    return failures

@@ -1,0 +1,122 @@
+"""At which times a table has its rows."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from expdesign.configuration import ConfigurationError, Problem
+from expdesign.export.definition import Settings, TableFormat, Task
+from expdesign.export.deviation import Deviation, blocks, deviation
+from expdesign.export.execution import ExecutedTable
+from expdesign.export.interpolation import refined
+from expdesign.export.rows import Rows
+from expdesign.motion import ExecutableMotion
+
+Array = NDArray[np.float64]
+
+SHARE = 1e-3
+"""Largest deviation of accelerations and forces, as a share of their limits' range."""
+
+STEPS = (0.1, 0.05, 0.025, 0.02, 0.01, 0.005, 0.004, 0.0025, 0.002, 0.001, 0.0005, 0.00025)
+"""Times between two rows that are tried, s, the longest first."""
+
+_RESERVE = 0.8
+_ROUNDING = 1e-9
+_POINTS = 10
+
+
+def ideal_rows(task: Task, settings: Settings, times: Array) -> Rows:
+    """Return the design at the times (N,), s, in the controller's coordinates, unrounded."""
+    robot, axes = task.robot, settings.axes
+    states = task.motion.sample(times)
+    if axes.space == "pose":
+        return axes.rows(times, states.pose, states.rate, states.acceleration)
+    struts = robot.strut_motion(states.pose, states.rate, states.acceleration)
+    return axes.rows(times, struts.length, struts.length_rate, struts.length_acceleration)
+
+
+def uniform_times(motion: ExecutableMotion, step: float) -> Array:
+    """Return multiples of the step up to the first at which the motion is over."""
+    return step * np.arange(np.ceil(motion.duration / step - _ROUNDING) + 1)
+
+
+def divided_times(motion: ExecutableMotion, longest: Sequence[float]) -> Array:
+    """Return times that divide every part of the motion, and every period, into equal steps.
+
+    Parameters
+    ----------
+    motion : ExecutableMotion
+    longest : sequence of float
+        Longest step in each segment of the motion, s.
+    """
+    parts = [_divided(motion, k, step) for k, step in enumerate(longest)]
+    return np.array([*itertools.chain.from_iterable(part[:-1] for part in parts), motion.duration])
+
+
+def _divided(motion: ExecutableMotion, segment: int, longest: float) -> Array:
+    """Return the times of one segment, its end included."""
+    begin, end = motion.starts[segment : segment + 2]
+    parts = motion.periods if motion.segments[segment].name == "periods" else 1
+    steps = max(1, int(np.ceil((end - begin) / parts / longest - _ROUNDING)))
+    return np.linspace(begin, end, parts * steps + 1)
+
+
+def chosen_times(form: TableFormat, task: Task, settings: Settings, place: str = "") -> Array:
+    """Return the times of the rows, as the file can state them.
+
+    Without a segment time every segment of the motion gets the longest of `STEPS` with which the
+    controller's path keeps to the design there: the struts' lengths within 80 % of the tolerance,
+    their accelerations and forces within 80 % of `SHARE`. The rest is for the rounding of the
+    numbers.
+
+    Raises
+    ------
+    ConfigurationError
+        No step is short enough.
+    """
+    motion = task.motion
+    if settings.step is not None:
+        return form.written_times(uniform_times(motion, settings.step))
+    given = settings.section.segment
+    if given is not None:
+        return form.written_times(divided_times(motion, [given] * len(motion.segments)))
+    steps = [_step(form, task, settings, k, place) for k in range(len(motion.segments))]
+    return form.written_times(divided_times(motion, steps))
+
+
+def _step(form: TableFormat, task: Task, settings: Settings, segment: int, place: str) -> float:
+    motion = task.motion
+    found = Deviation()
+    for step in STEPS:
+        times = _divided(motion, segment, step)
+        if motion.segments[segment].name == "periods":
+            # All periods have the same rows.
+            times = times[: (len(times) - 1) // motion.periods + 1]
+        found = _deviation(form, task, settings, form.written_times(times))
+        shares = (found.position / settings.tolerance, found.acceleration / SHARE)
+        if np.nanmax([*shares, found.force / SHARE]) <= _RESERVE:
+            return step
+    raise ConfigurationError(
+        Problem(
+            f"with rows {1e3 * STEPS[-1]:g} ms apart the controller's path is still "
+            f"{1e6 * found.position:.3g} µm from the design in the {motion.segments[segment].name},"
+            f" its accelerations {100 * found.acceleration:.2g} % of their limits' range",
+            key=f"{place}.tolerance" if place else "tolerance",
+            allowed="a larger tolerance, or a segment: of your own",
+        )
+    )
+
+
+def _deviation(form: TableFormat, task: Task, settings: Settings, times: Array) -> Deviation:
+    rows = ideal_rows(task, settings, times)
+    table = ExecutedTable(task.robot, task.motion, settings.axes, rows, form.interpolation)
+    worst = Deviation()
+    for part in blocks(refined(times, _POINTS)):
+        worst = worst.with_worse(deviation(table, part, table.between(part), forces=True))
+        if worst.position > settings.tolerance or worst.acceleration > SHARE:
+            break
+    return worst

@@ -1,0 +1,203 @@
+"""`expdesign export` and the stage of `run`; the motion is that of the tests of the exports."""
+
+import importlib
+import json
+import shutil
+
+import pytest
+
+from expdesign.configuration import load_run, resolved_yaml
+from expdesign.export import table_formats
+from expdesign.trajectory import FourierTrajectory
+from tests.export.motions import motion_of, task
+
+COARSE = {"segment": "4 ms", "tolerance": "0.2 mm"}
+
+
+@pytest.fixture(autouse=True)
+def analytic_ramps(monkeypatch):
+    """Let the ways from and to rest be analytic: how they are found is another test's."""
+    motion = importlib.import_module("expdesign.motion")
+
+    def ramped(configuration, trajectory):
+        assert isinstance(trajectory, FourierTrajectory)
+        return motion_of(task().robot, trajectory, configuration.run.experiment.periods)
+
+    monkeypatch.setattr(motion, "executable_motion", ramped, raising=False)
+
+
+@pytest.fixture
+def run_file(tmp_path):
+    def write(export):
+        path = tmp_path / "input.yaml"
+        data = {
+            "name": "test",
+            "robot": "palida",
+            "experiment": {"periods": 1, "sampling": 500},
+            "export": export,
+        }
+        path.write_text(json.dumps(data), encoding="utf-8")
+        return path
+
+    return write
+
+
+@pytest.fixture
+def folder(tmp_path, run_file):
+    """Return a run folder with a design and a resolved run that names one export."""
+    out = tmp_path / "run"
+    out.mkdir()
+    made = task().motion.trajectory
+    data = {"harmonics": made.harmonics, "omega": made.omega}
+    data |= {key: getattr(made, key).tolist() for key in ("lambda0", "mu", "nu")}
+    (out / "design.json").write_text(json.dumps(data), encoding="utf-8")
+    configuration = load_run(run_file([{"format": "xps-pvt", "units": "um", "digits": 5}]))
+    (out / "run.yaml").write_text(resolved_yaml(configuration), encoding="utf-8")
+    return out
+
+
+def names(folder):
+    return sorted(path.name for path in folder.iterdir())
+
+
+def test_the_formats_are_listed(expdesign):
+    status, answer, _ = expdesign("export", "--format", "list", "--json")
+    assert status == 0
+    assert [form["name"] for form in json.loads(answer)] == list(table_formats())
+    status, answer, _ = expdesign("export", "--format", "list")
+    assert status == 0
+    assert all(name in answer for name in table_formats())
+
+
+def test_a_table_with_the_runs_options(expdesign, folder):
+    status, answer, messages = expdesign("export", folder, "--format", "xps-pvt")
+    assert status == 0, messages
+    assert "read back" in answer
+    exports = folder / "exports"
+    assert names(exports) == ["README.txt", "exports.json", "xps-pvt.trj"]
+    record = json.loads((exports / "exports.json").read_text())
+    found = record["files"]["xps-pvt.trj"]
+    assert found["axes"][0]["unit"] == "um"
+    assert found["digits"] == 5
+    assert found["read_back"]["position_error"] < 1e-6
+    assert found["read_back"]["limits"]["strut_speed"]["violation"] < 0
+    assert abs(found["read_back"]["information"]["log_det_change"]) < 0.05
+    assert record["motion"]["window"] == list(task().motion.window)
+    text = (exports / "README.txt").read_text()
+    for part in ("1.200000 s", "500 Hz", "R = Rx(phi) Ry(theta) Rz(psi)", "Newport", "q1     um"):
+        assert part in text, part
+
+
+def test_a_second_table_is_added(expdesign, folder):
+    for name, more in (
+        ("xps-pvt", ()),
+        ("pi-wave", ("--segment", "4 ms", "--tolerance", "0.2 mm")),
+    ):
+        status, _, messages = expdesign("export", folder, "--format", name, *more)
+        assert status == 0, messages
+    record = json.loads((folder / "exports/exports.json").read_text())
+    assert set(record["files"]) == {"xps-pvt.trj", "pi-wave.txt"}
+    text = (folder / "exports/README.txt").read_text()
+    assert "xps-pvt.trj" in text
+    assert "pi-wave.txt" in text
+
+
+def test_options_of_the_command_line(expdesign, folder, tmp_path):
+    out = tmp_path / "elsewhere" / "table.pmc"
+    status, answer, messages = expdesign(
+        *("export", folder, "--format", "pmac-pvt", "--out", out, "--axes", "A,B,C,X,Y,Z"),
+        *("--order", "2,1,3,4,5,6", "--sign", "-1", "--offset", "home"),
+        *("--counts-per-metre", "1000000", "--digits", "2", "--segment", "10 ms"),
+        *("--tolerance", "20 um", "--json"),
+    )
+    assert status == 0, (answer, messages)
+    (found,) = json.loads(answer)["files"].values()
+    assert [axis["name"] for axis in found["axes"]] == list("ABCXYZ")
+    assert [axis["moves"] for axis in found["axes"]][:2] == ["q2", "q1"]
+    assert found["axes"][0]["unit"] == "counts"
+    assert found["options"]["sign"] == [-1] * 6
+    assert names(out.parent) == ["table.pmc", "table.pmc.README.txt", "table.pmc.json"]
+    assert not (folder / "exports").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (("--format", "xps"), "'xps' is not a choice"),
+        (("--format", "pi-wave", "--sign", "1"), "pi-wave has no option 'sign'"),
+        (("--format", "xps-pvt", "--segment", "10 mm"), "is a length, not a duration"),
+        (("--format", "xps-pvt", "--order", "1,2"), "2 numbers of struts where 6 are needed"),
+        (("--format", "xps-pvt", "--counts-per-metre", "1,x"), "--counts-per-metre"),
+        (("--format", "pmac-pvt", "--axes", "A,B,C,D,Y,Z"), "'D' is no axis of a PMAC"),
+        (("--format", "ros2", "--encoding", "mcap", "--digits", "3"), "all their digits"),
+    ],
+)
+def test_bad_options(arguments, expected, expdesign, folder):
+    status, _, messages = expdesign("export", folder, *arguments)
+    assert status == 2
+    assert expected in messages
+    assert "Traceback" not in messages
+    assert not (folder / "exports").exists()
+
+
+def test_folders_that_are_none(expdesign, folder, tmp_path):
+    status, _, messages = expdesign("export", tmp_path, "--format", "csv")
+    assert (status, "no run.yaml" in messages) == (2, True)
+    (folder / "design.json").unlink()
+    status, _, messages = expdesign("export", folder, "--format", "csv")
+    assert (status, "design.json" in messages) == (2, True)
+    status, _, messages = expdesign("export", "--format", "csv")
+    assert (status, "no run folder" in messages) == (2, True)
+
+
+def test_a_table_beyond_its_tolerance_is_not_kept(expdesign, folder):
+    status, _, messages = expdesign("export", folder, "--format", "xps-pvt", "--segment", "80 ms")
+    assert status == 1
+    assert "more than the tolerance of 1 µm" in messages
+    assert "was not kept" in messages
+    assert not list((folder / "exports").iterdir())
+
+
+def test_no_way_into_the_motion(expdesign, folder, monkeypatch):
+    def none(_configuration, _trajectory):
+        raise ArithmeticError("no ramp keeps strut_speed")
+
+    monkeypatch.setattr("expdesign.motion.executable_motion", none, raising=False)
+    status, _, messages = expdesign("export", folder, "--format", "csv")
+    assert (status, "no ramp keeps strut_speed" in messages) == (1, True)
+
+
+def test_the_stage_of_run(expdesign, folder, run_file):
+    file = run_file(["xps-pvt", {"format": "linuxcnc-strut", **COARSE}])
+    text = json.loads(file.read_text())
+    del text["experiment"]
+    file.write_text(json.dumps(text | {"experiment": {"periods": 1, "sampling": 500}}))
+    shutil.copy(file, folder / "input.yaml")
+    data = json.loads(file.read_text())
+    measured = folder.parent / "measured.csv"
+    measured.write_text("t\n")
+    data["data"] = {"file": str(measured)}  # so that `experiment` simulates nothing
+    file.write_text(json.dumps(data))
+    status, answer, messages = expdesign("run", file, "--out", folder, "--json")
+    assert status == 0, messages
+    assert json.loads(answer)["stages"]["export"]["resumed"] is False
+    exports = folder / "exports"
+    assert names(exports) == ["README.txt", "exports.json", "linuxcnc-strut.txt", "xps-pvt.trj"]
+    entry = json.loads((folder / "manifest.json").read_text())["stages"]["export"]
+    assert entry["status"] == "done"
+    assert set(entry["files"]) == {f"exports/{name}" for name in names(exports)}
+    status, answer, _ = expdesign("run", file, "--out", folder, "--json")
+    assert json.loads(answer)["resumed"] is True
+    # Another list: what it no longer names goes.
+    data["export"] = ["xps-pvt"]
+    file.write_text(json.dumps(data))
+    status, answer, _ = expdesign("run", file, "--out", folder, "--json")
+    assert json.loads(answer)["resumed"] is False
+    assert names(exports) == ["README.txt", "exports.json", "xps-pvt.trj"]
+
+
+def test_a_bad_option_of_the_run_is_named_with_its_place(expdesign, folder, run_file):
+    file = run_file(["csv", {"format": "pmac-pvt", "axes": ["A", "B", "C", "D", "Y", "Z"]}])
+    status, _, messages = expdesign("run", file, "--out", folder)
+    assert status == 2
+    assert "export[2].axes" in messages

@@ -1,0 +1,194 @@
+"""Every format, two robots, 5 and 12 harmonics: what stands in the file is the design."""
+
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+import pytest
+from ruamel.yaml import YAML
+from scipy.spatial.transform import Rotation
+
+from expdesign.export import export_table, file_name, table_formats
+from expdesign.export.exporting import ExportError
+from expdesign.robot.rotation import rotation_matrix
+from expdesign.schema import ExportSection
+from tests.export import reading
+from tests.export.motions import CASES, task
+
+STEP = 2e-3
+UNIFORM = {"segment": STEP, "tolerance": "50 um"}
+MM, DEG = 1e3, 180 / np.pi
+STRUT_MM = np.full(6, MM)
+POSE_MM = np.repeat([MM, DEG], 3)
+# options, reader, axes' units for m and rad, half a unit of the last digit
+EXPORTS = {
+    "xps-pvt": ({}, reading.xps, STRUT_MM, 0.5e-8),
+    "pmac-pvt": ({}, reading.pmac, STRUT_MM, 0.5e-6),
+    "pmac-pvt pose": ({"space": "pose"}, reading.pmac, POSE_MM, 0.5e-6),
+    "pvt-csv": ({}, reading.zaber, STRUT_MM, 0.5e-6),
+    "linuxcnc-gcode": (UNIFORM, reading.gcode, POSE_MM, 0.5e-6),
+    "linuxcnc-strut": (UNIFORM, reading.rows_alone(STEP), STRUT_MM, 0.5e-6),
+    "pi-wave": (UNIFORM, reading.rows_alone(STEP), POSE_MM, 0.5e-6),
+    "csv": (UNIFORM, reading.csv, np.ones(6), 1e-12),
+    "mat": (UNIFORM, reading.mat, STRUT_MM, 1e-9),
+    "mat pose": (UNIFORM | {"space": "pose"}, reading.mat, POSE_MM, 1e-9),
+    "ros2": ({}, reading.joint_yaml, np.ones(6), 0.5e-9),
+    "ros2 mcap": ({"encoding": "mcap"}, reading.joint_bag, np.ones(6), 1e-12),
+}
+
+
+def section(key, **more):
+    options, *_ = EXPORTS[key]
+    return ExportSection(format=key.split()[0], **(options | more))
+
+
+def fixed_axes(pose):
+    """Roll, pitch and yaw with R = Rz(C) Ry(B) Rx(A), from the robot's own matrix."""
+    angles = ca.SX.sym("angles", 3)
+    matrix = ca.Function("R", [angles], [rotation_matrix(angles)])
+    found = [Rotation.from_matrix(matrix(row[3:]).full()).as_euler("xyz") for row in pose]
+    return np.concatenate([pose[:, :3], np.unwrap(found, axis=0)], axis=1)
+
+
+def designed(key, work, times):
+    states = work.motion.sample(times)
+    if EXPORTS[key][2] is POSE_MM:
+        if key == "linuxcnc-gcode":
+            return fixed_axes(states.pose), None
+        return states.pose, states.rate
+    struts = work.robot.strut_motion(states.pose, states.rate, states.acceleration)
+    return struts.length, struts.length_rate
+
+
+def test_all_formats_are_here():
+    assert {key.split()[0] for key in EXPORTS} == set(table_formats())
+
+
+@pytest.mark.parametrize("case", CASES, ids=str)
+@pytest.mark.parametrize("key", EXPORTS)
+def test_rows_are_the_design_at_the_times_as_written(key, case, tmp_path):
+    work = task(*case)
+    asked = section(key)
+    made = export_table(asked, work, tmp_path / file_name(asked))
+    _, read, unit, half = EXPORTS[key]
+    home, _ = designed(key, work, np.zeros(1))
+    digits = made.settings.digits
+    start = home[0] * unit if digits is None else np.round(home[0] * unit, digits)
+    times, positions, rates = read(made.path, start)
+    wanted, speeds = designed(key, work, times)
+    slack = 1e-11 * np.abs(wanted * unit).max()
+    assert np.abs(positions - wanted * unit).max() <= half + slack
+    if rates is not None:
+        assert np.abs(rates - speeds * unit).max() <= half + 1e-11 * np.abs(speeds * unit).max()
+    # From rest at home to rest at home, all of the motion.
+    assert np.abs(positions[[0, -1]] - home * unit).max() <= half + slack
+    assert 0 <= times[-1] - work.motion.duration + 1e-6 <= STEP
+    assert len(times) == made.check.rows
+    # Nothing lies beside the file.
+    assert [p.name for p in tmp_path.iterdir()] == [made.path.name]
+
+
+@pytest.mark.parametrize("case", CASES, ids=str)
+@pytest.mark.parametrize("key", ["xps-pvt", "ros2", "linuxcnc-gcode"])
+def test_what_the_check_says(key, case, tmp_path):
+    work = task(*case)
+    check = export_table(section(key), work, tmp_path / "file").check
+    assert check.passed
+    assert check.points >= 10 * (check.rows - 1)
+    assert check.row_error <= 1
+    assert {limit.key for limit in check.limits} == {limit.key for limit in work.robot.limits}
+    assert max(limit.violation for limit in check.limits) <= 1e-3
+    if key != "linuxcnc-gcode":
+        assert check.deviation.position < 1e-6
+        assert max(check.deviation.acceleration, check.deviation.force) <= 1e-3
+    assert abs(check.information.log_det_change) < 0.01
+    assert abs(check.information.std_change) < 0.001
+
+
+@pytest.mark.parametrize("encoding", ["yaml", "mcap"])
+@pytest.mark.parametrize("case", CASES[:2], ids=str)
+def test_platform_of_ros2(case, encoding, tmp_path):
+    work = task(*case)
+    asked = ExportSection(format="ros2", space="pose", encoding=encoding)
+    made = export_table(asked, work, tmp_path / file_name(asked))
+    assert made.check.passed
+    if encoding == "mcap":
+        return
+    points = YAML(typ="safe").load(made.path.read_text())["points"]
+    point = points[len(points) // 2]
+    time = point["time_from_start"]["sec"] + 1e-9 * point["time_from_start"]["nanosec"]
+    place, turn = point["transforms"][0].values()
+    states = work.motion.sample([time - 1e-6, time, time + 1e-6])
+    pose = states.pose[1]
+    assert [*place.values()] == pytest.approx(pose[:3], abs=1e-9)
+    matrix = ca.evalf(rotation_matrix(ca.SX(pose[3:]))).full()
+    assert Rotation.from_quat([*turn.values()]).as_matrix() == pytest.approx(matrix, abs=1e-9)
+    # ω × in the base frame is Ṙ Rᵀ.
+    before, after = (ca.evalf(rotation_matrix(ca.SX(states.pose[k, 3:]))).full() for k in (0, 2))
+    spin = (after - before) @ matrix.T / 2e-6
+    twist = point["velocities"][0]
+    assert [*twist["linear"].values()] == pytest.approx(states.rate[1, :3], abs=1e-9)
+    wanted = [spin[2, 1], spin[0, 2], spin[1, 0]]
+    assert [*twist["angular"].values()] == pytest.approx(wanted, abs=1e-7)
+
+
+def test_axes_units_order_signs_and_zeros(tmp_path):
+    work = task()
+    asked = ExportSection(
+        format="xps-pvt",
+        order=[3, 1, 2, 6, 5, 4],
+        sign=[1, -1, 1, 1, -1, 1],
+        offset="home",
+        counts_per_metre=[1e6, 2e6, 1e6, 1e6, 1e6, 1e6],
+    )
+    made = export_table(asked, work, tmp_path / "file.trj")
+    assert made.settings.axes.units == ("counts",) * 6
+    assert made.settings.digits == 3
+    times, positions, _ = reading.xps(made.path, np.zeros(6))
+    lengths = work.robot.inverse_kinematics(work.motion.sample(times).pose)
+    moved = lengths - work.robot.inverse_kinematics(work.robot.home)
+    wanted = 1e6 * np.stack(
+        [moved[:, 2], moved[:, 0], -2 * moved[:, 1], moved[:, 5], -moved[:, 4], moved[:, 3]], axis=1
+    )
+    assert np.abs(positions - wanted).max() <= 0.5e-3 + 1e-8
+
+
+def test_relative_rows_do_not_gather_rounding(tmp_path):
+    work = task("palida", 12)
+    asked = ExportSection(format="xps-pvt", digits=4, segment="4 ms", tolerance="10 um")
+    try:
+        made = export_table(asked, work, tmp_path / "file.trj")
+    except ExportError as error:  # four digits shake the accelerations; the rows are what counts
+        pytest.fail(str(error))
+    home = np.round(1e3 * work.robot.inverse_kinematics(work.robot.home), 4)
+    times, positions, _ = reading.xps(made.path, home)
+    lengths = 1e3 * work.robot.inverse_kinematics(work.motion.sample(times).pose)
+    assert len(times) > 900
+    assert np.abs(positions - lengths).max() <= 0.5e-4 * 1.0001
+
+
+def test_no_jumps_of_a_full_turn(tmp_path):
+    """A home turned by 179° about z has its yaw on both sides of 180°."""
+    work = task()
+    turned = work.motion
+    angle = np.radians(179.5)
+
+    class Turned:
+        segments, starts, duration = turned.segments, turned.starts, turned.duration
+        window, periods, trajectory = turned.window, turned.periods, turned.trajectory
+
+        @staticmethod
+        def sample(times):
+            states = turned.sample(times)
+            return replace(states, pose=states.pose + np.array([0, 0, 0, 0, 0, angle]))
+
+    from expdesign.export.row_times import ideal_rows, uniform_times
+    from expdesign.export.settling import settled
+
+    work = replace(work, motion=Turned)
+    settings = settled(section("linuxcnc-gcode"), work)
+    times = uniform_times(turned, STEP)
+    rows = ideal_rows(work, settings, times)
+    yaw = rows.position[:, 5]
+    assert yaw.min() < 180 < yaw.max()
+    assert np.abs(np.diff(rows.position[:, 3:], axis=0)).max() < 5
