@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -269,13 +268,13 @@ def _task(configuration: RunConfiguration, trajectory: FourierTrajectory) -> Tas
 
 
 def _motion(configuration: RunConfiguration, trajectory: FourierTrajectory) -> ExecutableMotion:
-    motion = import_module("expdesign.motion")
+    from expdesign.motion import NoRampError, executable_motion
+
     note("looking for the ways from rest into the motion and back")
     try:
-        found: ExecutableMotion = motion.executable_motion(configuration, trajectory)
-    except ArithmeticError as error:  # no ramp keeps the limits
+        return executable_motion(configuration, trajectory)
+    except NoRampError as error:
         raise CommandFailed(str(error)) from error
-    return found
 
 
 def _exported(
