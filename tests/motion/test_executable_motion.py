@@ -194,6 +194,20 @@ def test_a_design_at_rest_only_has_to_be_approached():
         np.testing.assert_allclose(found.pose, resting.sample(0.0).pose, atol=1e-12)
 
 
+def test_where_the_optimisation_is_lost_a_guess_within_the_limits_is_taken(
+    monkeypatch, motion, configuration, orbit
+):
+    def lost(problem, guess, width):
+        return ramp_module.RampAttempt(problem.pack(guess), problem, np.inf, "strut_speed", 0)
+
+    monkeypatch.setattr(ramp_module, "shortest", lost)
+    designed = orbit("linuxcnc", 5)
+    calm = FourierTrajectory(designed.omega, designed.lambda0, 0.5 * designed.mu, 0.5 * designed.nu)
+    whole = executable_motion(configuration("linuxcnc", 5), calm)
+    assert check_motion(configuration("linuxcnc", 5), whole).passed
+    whole.steps(STEP)
+
+
 # --- what is refused ------------------------------------------------------------------------------
 
 
