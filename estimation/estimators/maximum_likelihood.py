@@ -74,7 +74,8 @@ def maximum_likelihood(
         # The expected signs follow ξ and the derivatives hold them: what is solved is the score
         # equation, whose root is next to the least cost but not at it. Close to it the cost says
         # nothing, and the next step must be much shorter than this one instead.
-        shorter = following.decrement <= _CONTRACTION**2 * move.decrement
+        close = move.decrement <= len(values)
+        shorter = close and following.decrement <= _CONTRACTION**2 * move.decrement
         if trial_cost <= cost or shorter:
             values, motions, blocks, cost = move.values, move.motions, trial, trial_cost
             damping = damping / 10 if damping > _SMALLEST_DAMPING else 0.0

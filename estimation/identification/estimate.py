@@ -175,12 +175,22 @@ def _prepared(
         raise ConfigurationError(
             Problem(str(error), file=Path(data.source) if data.source else None)
         ) from error
-    noise = choose_noise(configuration, record)
+    noise = choose_noise(configuration, record, data.source)
     if section.differentiation != "fourier":
         cutoff = None
         if section.differentiation == "butterworth":
             highest = configuration.run.trajectory.harmonics if design is None else design.harmonics
             cutoff = section.cutoff or _CUTOFF * highest * omega / (2 * np.pi)
+            if cutoff >= 0.5 / record.step:
+                raise ConfigurationError(
+                    Problem(
+                        f"a cutoff of {cutoff:.4g} Hz is not below half the sampling rate, "
+                        f"{0.5 / record.step:.4g} Hz",
+                        file=configuration.file,
+                        key="estimate.cutoff",
+                        allowed="a lower frequency, or faster sampling",
+                    )
+                )
         motion = pointwise_motion(robot, record, cutoff=cutoff)
         experiment = Experiment.from_points(robot, record, noise, motion)
         return RecordSummary(data.source, experiment, None, None, data.jitter)

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
 from estimation.processing import NoiseModel, Record
 from estimation.processing.noise import scatter_about_series, series_harmonics
 from expdesign.configuration import ConfigurationError, Problem, RunConfiguration
 
+_STILL = 1e-12
+"""Smallest variance, relative to the largest, and eigenvalue of a correlation that is one."""
+
 FEWEST_PERIODS = 3
 """Periods from which on the scatter between them is preferred to what is given."""
 
 
-def choose_noise(configuration: RunConfiguration, record: Record) -> NoiseModel:
+def choose_noise(configuration: RunConfiguration, record: Record, source: str = "") -> NoiseModel:
     """Return Σ and Δ of one sample.
 
     The scatter between periods from three periods on; with fewer what robot or run give; else the
@@ -22,8 +27,37 @@ def choose_noise(configuration: RunConfiguration, record: Record) -> NoiseModel:
     Raises
     ------
     ConfigurationError
-        `estimate.noise` asks for what is not there.
+        `estimate.noise` asks for what is not there, or a channel does not vary.
     """
+    noise = _chosen(configuration, record)
+    _refuse_singular(noise, source)
+    return noise
+
+
+def _refuse_singular(noise: NoiseModel, source: str) -> None:
+    """Refuse channels without noise, or whose noise is another channel's."""
+    for letter, covariance in (("q", noise.length_covariance), ("Q", noise.force_covariance)):
+        variances = np.diag(covariance)
+        largest = float(np.max(variances))
+        still = [f"{letter}{j + 1}" for j in np.flatnonzero(variances <= _STILL * largest)]
+        if not still:
+            std = np.sqrt(variances)
+            alike = np.linalg.eigvalsh(covariance / np.multiply.outer(std, std))[0]
+            if alike > _STILL:
+                continue
+            message = f"the noise of {letter}1 … {letter}6 is not that of six independent sensors"
+        else:
+            message = f"{', '.join(still)}: the recording shows no noise at all in this channel"
+        raise ConfigurationError(
+            Problem(
+                message,
+                file=Path(source) if source else None,
+                allowed="six channels that were measured, or noise: given",
+            )
+        )
+
+
+def _chosen(configuration: RunConfiguration, record: Record) -> NoiseModel:
     wanted = configuration.run.estimate.noise
     noise = configuration.robot.noise
     forces = None if noise is None else noise.force_covariance

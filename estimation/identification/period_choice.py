@@ -20,6 +20,9 @@ from expdesign.trajectory import FourierTrajectory
 _FREQUENCY_REACH = 0.02
 """How far the controller's clock may be off, relative, when the frequency is estimated."""
 
+_FEWEST_MARKED = 3
+"""Numbers that a period column must have: fewer do not mark the two ends of a period."""
+
 _REPEATS = 0.5
 """Largest difference between a sample and the one a period later, rms, as a share of the motion."""
 
@@ -38,7 +41,7 @@ def choose_omega(
     try:
         if design is not None:
             omega, source = design.omega, PeriodSource.DESIGN
-        elif data.period is not None:
+        elif data.period is not None and len(np.unique(data.period)) >= _FEWEST_MARKED:
             omega, source = omega_from_column(data), PeriodSource.COLUMN
         elif low == high:
             omega, source = 2 * np.pi * low, PeriodSource.FREQUENCY

@@ -136,8 +136,10 @@ def start_motion(robot: Robot, record: Record, harmonics: int) -> HarmonicMotion
     MotionFitError
         The forward kinematics found no pose.
     """
-    stride = max(1, record.samples // _START_POINTS)
-    lengths, times = record.lengths[::stride], record.length_times[::stride]
+    # Evenly in phase: a stride through samples that are not averaged could meet a few phases only.
+    order = np.argsort(np.mod(record.omega * record.length_times, 2 * np.pi), kind="stable")
+    rows = order[:: max(1, record.samples // _START_POINTS)]
+    lengths, times = record.lengths[rows], record.length_times[rows]
     try:
         poses = robot.forward_kinematics(lengths)
     except ForwardKinematicsError as error:

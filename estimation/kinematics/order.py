@@ -118,18 +118,21 @@ def _p_values(robot: Robot, record: Record, covariance: Array, fit: MotionFit, m
     stride = max(1, record.samples // _POINTS) if not record.averaged else 1
     white = whitening(covariance)
     motion = fit.motion
-    times = record.length_times[::stride]
+    # Evenly in phase, so that no harmonic is an alias of another.
+    order = np.argsort(np.mod(fit.motion.omega * record.length_times, 2 * np.pi), kind="stable")
+    rows = order[::stride]
+    times = record.length_times[rows]
     phases = motion.omega * times
     poses = PhaseBasis.at(phases, motion.harmonics).value @ motion.table.T
     _, jacobian = length_kernel()(poses, robot.geometry_vector)
-    weight = np.sqrt(record.length_counts[::stride])
+    weight = np.sqrt(record.length_counts[rows])
     slope = np.matmul(white, jacobian) * weight[:, None, None]
-    residual = fit.residuals[::stride] @ white.T * weight[:, None]
+    residual = fit.residuals[rows] @ white.T * weight[:, None]
     score = np.einsum("sri,sr->si", slope, residual)
     curvature = np.einsum("sri,srj->sij", slope, slope)
     values = []
-    for order in range(motion.harmonics + 1, most + 1):
-        sin, cos = np.sin(order * phases), np.cos(order * phases)
+    for harmonic in range(motion.harmonics + 1, most + 1):
+        sin, cos = np.sin(harmonic * phases), np.cos(harmonic * phases)
         right = np.concatenate([sin @ score, cos @ score])
         blocks = [
             np.einsum("s,sij->ij", product, curvature)

@@ -14,6 +14,8 @@ Array = NDArray[np.float64]
 
 _CLEAR_PEAK = 0.5
 _WHOLE_DRIFT = 0.01
+_WHOLE_MARKS = 0.03
+"""Steps by which a marked period may drift over the recording and still be a whole number."""
 _COARSE_HARMONICS = 6
 _SEARCH_HARMONICS = 30
 _ACCURACY = 1e-10
@@ -49,9 +51,15 @@ def omega_from_column(data: Measurement) -> float:
     if np.any(np.diff(data.period)[changes - 1] != 1):
         row = int(changes[np.diff(data.period)[changes - 1] != 1][0])
         raise PeriodError(f"the period column does not count on by one at sample {row + 1}")
-    # Each change is late by up to one step; the slope of a line through all of them is not.
-    slope = np.polyfit(np.arange(len(changes)), data.time[changes], 1)[0]
-    return float(2 * np.pi / slope)
+    # Each change is late by up to one step: the marks give the period to about a step, the lengths
+    # refine it. A whole number of samples that is as good is taken as such.
+    slope = float(np.polyfit(np.arange(len(changes)), data.time[changes], 1)[0])
+    omega = refined_omega(data, 2 * np.pi / slope)
+    if data.stamped:
+        return omega
+    per_period = 2 * np.pi / (omega * data.step)
+    drift = abs(per_period - round(per_period)) * len(data) / per_period
+    return 2 * np.pi / (round(per_period) * data.step) if drift < _WHOLE_MARKS else omega
 
 
 def omega_from_data(data: Measurement) -> float:

@@ -196,7 +196,9 @@ def _single(
     times, lengths, forces = data.time[rows], data.lengths[rows], data.forces[rows]
     count = len(times)
     per_period = 2 * np.pi / (omega * data.step)
-    periods = count / per_period
+    # A last period that lacks less than a sample counts as whole.
+    nearest = round(count / per_period)
+    periods = nearest if abs(count / per_period - nearest) * per_period < 1 else count / per_period
     length_scatter = force_scatter = None
     length_weights = force_weights = np.ones(count)
     if periods >= _REPEATED - 0.5 / per_period:
@@ -215,7 +217,7 @@ def _single(
         force_times=times - data.force_delay,
         forces=forces,
         force_counts=force_weights,
-        periods=periods,
+        periods=float(periods),
         rows=count,
         dropped=len(data) - count,
         force_scatter=force_scatter,

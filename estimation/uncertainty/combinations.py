@@ -30,6 +30,8 @@ class Combination:
         Of the combination, in the unit of other.
     correlation : float
         Of the two estimates.
+    identified : bool
+        Whether the combination is known to half the scale of the other parameter.
     """
 
     weak: str
@@ -38,6 +40,7 @@ class Combination:
     value: float
     std: float
     correlation: float
+    identified: bool = True
 
     @property
     def text(self) -> str:
@@ -45,6 +48,8 @@ class Combination:
         sign = "+" if self.factor >= 0 else "−"
         sum_ = f"{self.other} {sign} {abs(self.factor):.4g}·{self.weak}"
         known = f"{self.value:.6g} ± {self.std:.2g}"
+        if not self.identified:
+            return f"{self.weak} is not identified, nor is it with {self.other}: {sum_} = {known}"
         return f"{self.weak} is not identified; {sum_} is: {known}"
 
 
@@ -65,6 +70,8 @@ def identified_combinations(
         ratio[known] = covariance[k, known] / (std[k] * std[known])
         ratio[k] = 0.0
         j = int(np.argmax(np.abs(ratio)))
+        if ratio[j] == 0:
+            continue  # no other parameter is free, or none has to do with it
         factor = -covariance[k, j] / covariance[k, k]
         variance = covariance[j, j] * (1 - ratio[j] ** 2)
         found.append(
@@ -75,6 +82,7 @@ def identified_combinations(
                 value=float(values[j] + factor * values[k]),
                 std=float(np.sqrt(max(variance, 0.0))),
                 correlation=float(ratio[j]),
+                identified=bool(variance < (IDENTIFIED * scales[j]) ** 2),
             )
         )
     return tuple(found)

@@ -86,6 +86,8 @@ def estimate_stage(
     CommandFailed
         The data have no motion, or do not determine the parameters.
     """
+    from numpy.linalg import LinAlgError
+
     from estimation.data.reading import read_measurement
     from estimation.diagnostics import diagnose
     from estimation.estimators import UnidentifiableError
@@ -105,6 +107,10 @@ def estimate_stage(
             result = compute(configuration, recordings, trajectories)
         except (MotionFitError, UnidentifiableError) as error:
             raise CommandFailed(str(error)) from error
+        except LinAlgError as error:
+            raise CommandFailed(
+                f"the data cannot be estimated from ({error}): is a channel constant?"
+            ) from error
         diagnosis = None
         if result.intervals_cover:
             diagnosis = diagnose(result.robot, result.experiments, result.knowledge, result.best)

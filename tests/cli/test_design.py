@@ -263,7 +263,6 @@ BAD = {
     "empty file": "",
     "binary file": "\x7fELF\0\0",
     "code": PALIDA + "data: !!python/object/apply:os.system [true]",
-    "at rest": PALIDA + "design: {start: rest}",
 }
 
 

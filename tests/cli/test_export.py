@@ -8,6 +8,7 @@ import pytest
 
 from expdesign.configuration import load_run, resolved_yaml
 from expdesign.export import table_formats
+from expdesign.motion import NoRampError
 from expdesign.trajectory import FourierTrajectory
 from tests.export.motions import motion_of, task
 
@@ -160,9 +161,9 @@ def test_a_table_beyond_its_tolerance_is_not_kept(expdesign, folder):
 
 def test_no_way_into_the_motion(expdesign, folder, monkeypatch):
     def none(_configuration, _trajectory):
-        raise ArithmeticError("no ramp keeps strut_speed")
+        raise NoRampError("ramp in", "strut_speed", "no ramp keeps strut_speed")
 
-    monkeypatch.setattr("expdesign.motion.executable_motion", none, raising=False)
+    monkeypatch.setattr("expdesign.motion.executable_motion", none)
     status, _, messages = expdesign("export", folder, "--format", "csv")
     assert (status, "no ramp keeps strut_speed" in messages) == (1, True)
 

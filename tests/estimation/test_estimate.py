@@ -216,3 +216,41 @@ def test_two_recordings_in_one_estimate():
     assert np.sum(pull(both, "ml") ** 2) / 24 < 2.5
     assert np.all(both["ml"].std < one["ml"].std)
     assert len(both["ml"].motions) == 2
+
+
+@pytest.mark.parametrize("kind", ["forces", "lengths"])
+def test_a_dead_channel_is_named(kind):
+    data = measured(MOTION)
+    values = getattr(data, kind).copy()
+    values[:, 5] = values[0, 5]
+    letter = "Q6" if kind == "forces" else "q6"
+    with pytest.raises(ConfigurationError, match=f"{letter}.*no noise at all"):
+        estimate(run(), changed(data, **{kind: values}), MOTION)
+
+
+def test_a_cutoff_beyond_the_sampling_is_refused():
+    settings = {"estimators": ["ls"], "differentiation": "butterworth", "cutoff": "150 Hz"}
+    with pytest.raises(ConfigurationError, match="half the sampling rate"):
+        estimate(run(settings), measured(MOTION), MOTION)
+
+
+def test_a_start_from_single_samples_meets_all_phases():
+    """50 samples and 400 periods: every fiftieth sample has the same phase."""
+    motion = trajectory(50, step=0.02)
+    data = measured(motion, periods=400, step=0.02)
+    result = estimate(run({"estimators": ["gm"], "frequency": "estimated"}), data, motion)
+    assert np.sum(pull(result, "gm") ** 2) / 24 < 2.5
+
+
+def test_a_combination_that_is_not_known_either_is_not_called_identified():
+    data = measured(MOTION, periods=1, force_scale=30)
+    noise = {
+        "force_covariance": (900 * ROBOT.description.noise.force_covariance).tolist(),
+        "length_covariance": ROBOT.description.noise.length_covariance.tolist(),
+    }
+    result = estimate(run({"estimators": ["gm"]}, noise=noise), data, MOTION)
+    texts = [c.text for c in result.combinations["gm"] if not c.identified]
+    assert texts
+    assert all("nor is it with" in text for text in texts)
+    alone = run({"estimators": ["gm"], "fixed": list(ROBOT.parameter_names[1:])}, noise=noise)
+    assert estimate(alone, data, MOTION).combinations["gm"] == ()

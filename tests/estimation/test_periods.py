@@ -111,3 +111,23 @@ def test_whole_means_that_no_sample_moves(samples, off, periods, step):
         assert found == samples
     elif abs(off) * periods > 0.0101:
         assert found is None
+
+
+@pytest.mark.parametrize("samples", [200.5, 200.4, 200 + 1 / 3, 200])
+def test_a_period_column_does_not_round_the_period(samples):
+    """Three marks of whole samples look like a whole number; the lengths know better."""
+    data = measured(trajectory(samples), periods=3)
+    numbers = np.floor(np.arange(len(data)) / samples + 1e-9).astype(int)
+    marked = Measurement(data.time, data.lengths, data.forces, data.step, period=numbers)
+    found = 2 * np.pi / (omega_from_column(marked) * data.step)
+    assert abs(found - samples) < 5e-3
+    if samples == 200:
+        assert found == pytest.approx(200, rel=1e-12)
+
+
+def test_a_last_period_without_its_last_fraction_of_a_sample_is_whole():
+    motion = trajectory(200.37)
+    data = measured(motion, periods=3)
+    record = make_record(data, motion.omega, PeriodSource.DESIGN)
+    assert len(data) == 601
+    assert record.periods == 3
