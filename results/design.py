@@ -27,7 +27,7 @@ def design_figures(folder: Path) -> tuple[Path, ...]:
     Returns
     -------
     tuple of Path
-        Each figure as PNG and SVG. The same folder gives the same bytes. Those of a design that was
+        Each figure in the formats of `report.figures`. The same folder gives the same bytes. Those of a design that was
         interrupted or breaks a limit say so.
 
     Raises
@@ -39,4 +39,5 @@ def design_figures(folder: Path) -> tuple[Path, ...]:
     """
     record = DesignRecord.load(Path(folder))
     note = _NOTES.get(record.summary.status, "")
-    return save_figures(DESIGN_FIGURES, record, record.folder / "figures", note)
+    formats = record.configuration.run.report.figures
+    return save_figures(DESIGN_FIGURES, record, record.folder / "figures", note, formats)

@@ -1,8 +1,8 @@
-"""Figures as files: PNG for the screen, SVG for paper; the same bytes for the same record."""
+"""Figures as files: PNG, SVG and PDF; the same bytes for the same record."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from pathlib import Path
 
 from expdesign.runfolder.atomic import written_beside
@@ -13,13 +13,21 @@ from results.style import ALERT, RESOLUTION, house_style
 _METADATA: dict[str, dict[str, None]] = {
     "png": {"Software": None},
     "svg": {"Date": None, "Creator": None},
+    "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
 }
+
+FORMATS = ("png", "svg")
+"""What is written when nothing else is asked for."""
 
 
 def save_figures(
-    definitions: Iterable[FigureDefinition[Record]], record: Record, folder: Path, note: str = ""
+    definitions: Iterable[FigureDefinition[Record]],
+    record: Record,
+    folder: Path,
+    note: str = "",
+    formats: Collection[str] = FORMATS,
 ) -> tuple[Path, ...]:
-    """Draw figures and write each as PNG and SVG.
+    """Draw figures and write each in the formats wanted.
 
     Parameters
     ----------
@@ -30,6 +38,8 @@ def save_figures(
         Made when it is missing. Every file is complete or absent.
     note : str
         What has to be known of every one of them; it stands below.
+    formats : collection of {"png", "svg", "pdf"}
+        SVG is written whatever they are: reports show it.
 
     Returns
     -------
@@ -43,6 +53,8 @@ def save_figures(
             if note:
                 figure.supxlabel(note, x=0.99, ha="right", fontsize="medium", color=ALERT)
             for ending, metadata in _METADATA.items():
+                if ending not in formats and ending != "svg":
+                    continue
                 path = folder / f"{definition.key}.{ending}"
                 with written_beside(path) as beside:
                     figure.savefig(beside, format=ending, dpi=RESOLUTION, metadata=metadata)

@@ -1,0 +1,192 @@
+"""The report of one run folder: every stage it holds, summary and verdict first."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+
+from expdesign.runfolder.atomic import write_text
+from expdesign.runfolder.manifest import Manifest
+from results.design import design_figures
+from results.report.content import (
+    Block,
+    Fact,
+    Facts,
+    Level,
+    ListingBlock,
+    Page,
+    Section,
+    StageReport,
+    TableBlock,
+    TextBlock,
+    Verdict,
+)
+from results.report.folder import STAGE_FILES, RunFolder
+from results.report.latex import latex_table
+from results.report.numerals import duration
+from results.report.rendering import rendered
+from results.report.stages.design import design_report
+from results.report.stages.estimate import estimate_report
+from results.report.stages.experiment import experiment_report
+from results.report.stages.montecarlo import montecarlo_report
+from results.report.stages.validation import validation_report
+from results.report.table import Column, ReportTable
+from results.report.view import robot_view
+from results.study import study_figures
+
+NAME = "report.html"
+
+_STAGES: dict[str, Callable[[RunFolder], StageReport]] = {
+    "design": design_report,
+    "experiment": experiment_report,
+    "montecarlo": montecarlo_report,
+    "estimate": estimate_report,
+    "validate": validation_report,
+}
+_OWN = "report"
+"""Stage of the manifest that tells of the report itself: a report says nothing of it."""
+LATEX_TABLES = ("limits", "parameters", "estimates", "estimators", "validation", "montecarlo")
+"""Tables that are written as LaTeX too."""
+
+
+def write_report(path: Path) -> list[Path]:
+    """Write `report.html` and `tables/*.tex` into a run folder.
+
+    Parameters
+    ----------
+    path : Path
+        The run folder. The same folder gives the same bytes. Figures of the design and of the
+        study that are missing in a format of `report.figures` are drawn.
+
+    Returns
+    -------
+    list of Path
+        The files written.
+
+    Raises
+    ------
+    ConfigurationError
+        It is no run folder.
+    RunFolderError
+        A file of it is missing or does not hold what it should.
+    """
+    folder = RunFolder.open(path)
+    written = _missing_figures(folder)
+    page = run_page(folder)
+    for table in page.tables:
+        if table.key in LATEX_TABLES and table.rows:
+            file = path / "tables" / f"{table.key}.tex"
+            write_text(file, latex_table(table))
+            written.append(file)
+    write_text(path / NAME, rendered(page))
+    return [*written, path / NAME]
+
+
+def run_page(folder: RunFolder) -> Page:
+    """Return what the report of a folder says."""
+    reports = {key: make(folder) for key, make in _STAGES.items() if folder.has(key)}
+    run = folder.configuration.run
+    view = robot_view(folder)
+    sections = [section for report in reports.values() for section in report.sections]
+    if view is not None:
+        sections.insert(0, Section("motion", "Robot in motion", (view,)))
+    shown = {
+        block.key
+        for section in sections
+        for block in section.blocks
+        if block.kind == "figure" and hasattr(block, "key")
+    }
+    further = folder.other_figures(tuple(shown))
+    if further:
+        sections.append(Section("further", "Further figures", further))
+    sections.append(_provenance(folder))
+    warnings = [*folder.configuration.warnings]
+    warnings += [text for report in reports.values() for text in report.warnings]
+    return Page(
+        title=run.report.title or run.name,
+        subtitle=f"Run {run.name}, robot {folder.configuration.robot.name}",
+        description=run.description,
+        verdicts=tuple(_with_failures(folder, reports)),
+        facts=tuple(fact for report in reports.values() for fact in report.facts),
+        sections=tuple(sections),
+        warnings=tuple(dict.fromkeys(warnings)),
+    )
+
+
+def _with_failures(folder: RunFolder, reports: dict[str, StageReport]) -> list[Verdict]:
+    """Return the stages' verdicts, and what the manifest says of stages that failed."""
+    verdicts = [report.verdict for report in reports.values()]
+    stages = {} if folder.manifest is None else folder.manifest.stages
+    for name, entry in stages.items():
+        if entry.status == "failed" and name != _OWN:
+            sentence = f"The last attempt failed: {entry.message}"
+            if name in reports:
+                sentence += " What is shown here is of an earlier one."
+            verdicts.append(Verdict(f"Stage {name}", Level.BAD, "failed", sentence))
+    return verdicts
+
+
+def _missing_figures(folder: RunFolder) -> list[Path]:
+    """Draw what can be drawn from the folder and is missing in a format that is wanted."""
+    wanted = {*folder.configuration.run.report.figures, "svg"}
+
+    def missing(stem: str) -> bool:
+        place = folder.path / "figures"
+        return any(not (place / f"{stem}.{ending}").is_file() for ending in wanted)
+
+    drawn: list[Path] = []
+    if folder.has("design") and missing("excitation"):
+        drawn += design_figures(folder.path)
+    if folder.has("montecarlo") and missing("montecarlo_bias"):
+        drawn += study_figures(folder.path, tuple(sorted(wanted)))
+    return drawn
+
+
+def _provenance(folder: RunFolder) -> Section:
+    blocks: list[Block] = []
+    manifest = folder.manifest
+    if manifest is None:
+        text = f"The folder has no manifest.json: stages told from {', '.join(STAGE_FILES.values())}."
+        blocks.append(TextBlock((text,), Level.CAUTION))
+    else:
+        stages = {name: entry for name, entry in manifest.stages.items() if name != _OWN}
+        rows = [
+            (name, entry.status, duration(entry.seconds), entry.finished, entry.message)
+            for name, entry in stages.items()
+        ]
+        columns = (
+            Column("stage", kind="text"),
+            Column("status", kind="outcome"),
+            Column("time", kind="text"),
+            Column("finished (UTC)", kind="text"),
+            Column("message", kind="text"),
+        )
+        blocks.append(TableBlock(ReportTable.of("stages", "Stages of the run", columns, rows)))
+        blocks.append(
+            Facts(tuple(Fact(name, str(value)) for name, value in manifest.versions.items()))
+        )
+        seeds = ", ".join(f"{name} {seed}" for name, seed in manifest.seeds.items())
+        blocks.append(TextBlock((f"Seeds: {seeds}. Evaluation: {manifest.evaluation}.",)))
+        files = [
+            (file, name, digest) for name, entry in stages.items() for file, digest in entry.files.items()
+        ]
+        columns = (
+            Column("file", kind="text"),
+            Column("stage", kind="text"),
+            Column("SHA-256", kind="text"),
+        )
+        blocks.append(
+            TableBlock(
+                ReportTable.of("files", "Files of the run folder", columns, files, folded=True)
+            )
+        )
+    blocks.append(ListingBlock("run.yaml: the resolved configuration", folder.run_text()))
+    return Section("provenance", "Configuration and versions", tuple(blocks))
+
+
+def manifest_text(folder: Path) -> str:
+    """Return what a report is made from: the files of all other stages, and the configuration."""
+    found = Manifest.read(folder)
+    stages = {} if found is None else found.stages
+    return repr([(name, asdict(entry)) for name, entry in stages.items() if name != _OWN])
