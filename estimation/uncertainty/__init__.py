@@ -2,6 +2,7 @@
 
 from estimation.uncertainty.bound import cramer_rao_covariance
 from estimation.uncertainty.combinations import Combination, identified_combinations
+from estimation.uncertainty.differences import Differences, hausman_test, tested_difference
 from estimation.uncertainty.intervals import (
     ParameterRow,
     correlation,
@@ -11,10 +12,13 @@ from estimation.uncertainty.intervals import (
 
 __all__ = [
     "Combination",
+    "Differences",
     "ParameterRow",
     "correlation",
     "cramer_rao_covariance",
+    "hausman_test",
     "identified_combinations",
     "interval_width",
     "parameter_rows",
+    "tested_difference",
 ]

@@ -14,9 +14,11 @@ from typing import Annotated
 import typer
 
 from expdesign.cli.check import check
+from expdesign.cli.compare import compare
 from expdesign.cli.design import design
 from expdesign.cli.estimate import estimate
 from expdesign.cli.montecarlo import montecarlo
+from expdesign.cli.report import report
 from expdesign.cli.robots import robots
 from expdesign.cli.run import run
 from expdesign.cli.simulate import simulate
@@ -65,4 +67,6 @@ app.command()(simulate)
 app.command()(montecarlo)
 app.command()(estimate)
 app.command()(validate)
+app.command()(report)
+app.command()(compare)
 app.command()(run)

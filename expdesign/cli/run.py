@@ -13,6 +13,7 @@ from expdesign.cli.estimate import estimate_stage, folder_recording
 from expdesign.cli.folder import OutOption, run_folder
 from expdesign.cli.montecarlo import montecarlo_stage
 from expdesign.cli.output import JsonOption, RunArgument, note, short, warn, warn_all, write_json
+from expdesign.cli.report import folder_stages, report_stage
 from expdesign.cli.simulate import experiment_stage, folder_design
 from expdesign.cli.validate import folder_estimate, validate_stage
 
@@ -69,6 +70,7 @@ STEPS = {
     "montecarlo": Step(montecarlo_stage, "montecarlo.json", folder_design),
     "estimate": Step(estimate_stage, "estimate.json", folder_recording),
     "validate": Step(validate_stage, "validation.json", folder_estimate),
+    "report": Step(report_stage, "report.html", folder_stages),
 }
 """The stages of this version by their name in the run file."""
 

@@ -23,6 +23,7 @@ _SECTIONS: dict[str, dict[str, bool | set[str]]] = {
     "validate": dict.fromkeys(
         ("name", "robot", "trajectory", "experiment", "data", "estimate", "validation"), True
     ),
+    "report": dict.fromkeys(("name", "description", "report"), True),
 }
 """Sections of the run, or keys of them, that each stage depends on."""
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from decimal import Decimal
 
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _FEWEST, _MOST = -4, 6
@@ -30,6 +31,9 @@ def parts(value: float, digits: int) -> tuple[str, int | None]:
         return "0", None
     if number.is_integer() and abs(number) < 10**_MOST:
         return str(int(number)), None
+    # A number that was given with fewer digits is not padded: 0.005, not 0.005000.
+    given = f"{Decimal(repr(number)).normalize():e}".partition("e")[0]
+    digits = min(digits, sum(letter.isdigit() for letter in given))
     scientific = f"{number:.{digits - 1}e}"
     mantissa, exponent = scientific.split("e")
     power = int(exponent)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
+from expdesign.configuration import RunConfiguration
 from expdesign.runfolder.atomic import write_text
 from expdesign.runfolder.manifest import Manifest
 from results.design import design_figures
@@ -50,7 +51,7 @@ LATEX_TABLES = ("limits", "parameters", "estimates", "estimators", "validation",
 """Tables that are written as LaTeX too."""
 
 
-def write_report(path: Path) -> list[Path]:
+def write_report(path: Path, configuration: RunConfiguration | None = None) -> list[Path]:
     """Write `report.html` and `tables/*.tex` into a run folder.
 
     Parameters
@@ -58,6 +59,9 @@ def write_report(path: Path) -> list[Path]:
     path : Path
         The run folder. The same folder gives the same bytes. Figures of the design and of the
         study that are missing in a format of `report.figures` are drawn.
+    configuration : RunConfiguration, optional
+        Whose `report` section counts; the folder's `run.yaml` by default, which the stage that
+        wrote last has left.
 
     Returns
     -------
@@ -72,6 +76,9 @@ def write_report(path: Path) -> list[Path]:
         A file of it is missing or does not hold what it should.
     """
     folder = RunFolder.open(path)
+    if configuration is not None:
+        run = folder.configuration.run.model_copy(update={"report": configuration.run.report})
+        folder = replace(folder, configuration=replace(folder.configuration, run=run))
     written = _missing_figures(folder)
     page = run_page(folder)
     for table in page.tables:
@@ -101,8 +108,7 @@ def run_page(folder: RunFolder) -> Page:
     if further:
         sections.append(Section("further", "Further figures", further))
     sections.append(_provenance(folder))
-    warnings = [*folder.configuration.warnings]
-    warnings += [text for report in reports.values() for text in report.warnings]
+    warnings = [text for report in reports.values() for text in report.warnings]
     return Page(
         title=run.report.title or run.name,
         subtitle=f"Run {run.name}, robot {folder.configuration.robot.name}",
@@ -110,7 +116,7 @@ def run_page(folder: RunFolder) -> Page:
         verdicts=tuple(_with_failures(folder, reports)),
         facts=tuple(fact for report in reports.values() for fact in report.facts),
         sections=tuple(sections),
-        warnings=tuple(dict.fromkeys(warnings)),
+        warnings=tuple(dict.fromkeys(warnings or folder.configuration.warnings)),
     )
 
 
@@ -129,17 +135,17 @@ def _with_failures(folder: RunFolder, reports: dict[str, StageReport]) -> list[V
 
 def _missing_figures(folder: RunFolder) -> list[Path]:
     """Draw what can be drawn from the folder and is missing in a format that is wanted."""
-    wanted = {*folder.configuration.run.report.figures, "svg"}
+    formats = folder.configuration.run.report.figures
 
     def missing(stem: str) -> bool:
         place = folder.path / "figures"
-        return any(not (place / f"{stem}.{ending}").is_file() for ending in wanted)
+        return any(not (place / f"{stem}.{ending}").is_file() for ending in {*formats, "svg"})
 
     drawn: list[Path] = []
     if folder.has("design") and missing("excitation"):
-        drawn += design_figures(folder.path)
+        drawn += design_figures(folder.path, formats)
     if folder.has("montecarlo") and missing("montecarlo_bias"):
-        drawn += study_figures(folder.path, tuple(sorted(wanted)))
+        drawn += study_figures(folder.path, formats)
     return drawn
 
 
@@ -185,7 +191,7 @@ def _provenance(folder: RunFolder) -> Section:
     return Section("provenance", "Configuration and versions", tuple(blocks))
 
 
-def manifest_text(folder: Path) -> str:
+def stages_text(folder: Path) -> str:
     """Return what a report is made from: the files of all other stages, and the configuration."""
     found = Manifest.read(folder)
     stages = {} if found is None else found.stages

@@ -21,9 +21,10 @@ from results.report.content import (
     TextBlock,
     Verdict,
 )
+from results.report.estimates import differences_table, information_sentence, information_test
 from results.report.folder import RunFolder
 from results.report.numerals import readable
-from results.report.stages.findings import findings_table, verdict_level
+from results.report.stages.findings import against, findings_table, verdict_level
 from results.report.table import Column, ReportTable, Value
 
 Array = NDArray[np.float64]
@@ -184,6 +185,15 @@ def _blocks(
     blocks += folder.figures(*FIGURES)
     if len(rows.values) > 1:
         blocks.append(TableBlock(_estimators_table(rows)))
+    test = information_test(document)
+    if test is not None:
+        disturbed = test.differ_jointly or bool(np.any(test.differs))
+        sentence = f"{information_sentence(test)}."
+        blocks.append(TextBlock((sentence,), Level.CAUTION if disturbed else Level.NEUTRAL))
+        caption = "ML − GM against the share of ML's covariance that comes from the motion"
+        blocks.append(
+            TableBlock(differences_table("hausman", caption, rows.parameters, test, folded=True))
+        )
     if "diagnostics" in document:
         found = document.section("diagnostics")
         blocks.append(TableBlock(findings_table("findings", found, "the estimate")))
@@ -240,14 +250,14 @@ def _verdict(document: Document, diagnostics: Document | None, best: str) -> Ver
             reason = str(document.optional("intervals_note") or "its intervals do not cover")
         return Verdict(title, Level.CAUTION, "not judged", f"{begin}; {reason}.", "estimate")
     verdict = diagnostics.section("verdict")
-    summary = verdict.text("summary").partition(": ")[2] or verdict.text("summary")
-    return Verdict(
-        title,
-        verdict_level(diagnostics),
-        verdict.text("status"),
-        f"{begin}: {summary}.",
-        "estimate",
-    )
+    told = against(diagnostics)
+    if told:
+        sentence = f"{begin}. Against the model: {told}."
+    else:
+        summary = verdict.text("summary")
+        sentence = f"{begin}: {summary.partition(': ')[2] or summary}."
+    level = verdict_level(diagnostics)
+    return Verdict(title, level, verdict.text("status"), sentence, "estimate")
 
 
 def _facts(rows: EstimateRows, best: str, truth: Array | None) -> tuple[Fact, ...]:

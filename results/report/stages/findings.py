@@ -31,3 +31,12 @@ def findings_table(key: str, diagnostics: Document, what: str) -> ReportTable:
         Column("what to do", kind="text"),
     )
     return ReportTable.of(key, f"Assumptions of {what} and what became of them", columns, rows)
+
+
+def against(diagnostics: Document) -> str:
+    """Return what speaks against the model, as the diagnostics put it; empty when nothing does."""
+    return "; ".join(
+        finding.text("sentence")
+        for finding in diagnostics.section("verdict").sections("findings")
+        if finding.text("outcome") == "fails" and finding.flag("serious")
+    )

@@ -16,7 +16,7 @@ from results.report.content import (
 )
 from results.report.folder import RunFolder
 from results.report.stages.estimate import NAMES
-from results.report.stages.findings import findings_table, verdict_level
+from results.report.stages.findings import against, findings_table, verdict_level
 from results.report.table import Column, ReportTable
 
 
@@ -30,7 +30,8 @@ def validation_report(folder: RunFolder) -> StageReport:
     blocks: list[Block] = [TableBlock(table)]
     for number, motion in enumerate(motions, start=1):
         diagnostics = motion.section("diagnostics")
-        told = f"{_title(number, motion)}: {diagnostics.section('verdict').text('summary')}."
+        told = against(diagnostics) or diagnostics.section("verdict").text("summary")
+        told = f"{_title(number, motion)}: {told}."
         blocks.append(TextBlock((told,), verdict_level(diagnostics)))
         blocks += folder.figures(f"prediction_{number}")
         blocks.append(
@@ -41,15 +42,20 @@ def validation_report(folder: RunFolder) -> StageReport:
             )
         )
     accepted = document.flag("accepted")
+    names = "; ".join(motion.text("name") for motion in motions)
     failed = [
-        motion.text("name")
-        for motion in motions
+        str(number)
+        for number, motion in enumerate(motions, start=1)
         if verdict_level(motion.section("diagnostics")) is Level.BAD
     ]
-    names = ", ".join(motion.text("name") for motion in motions)
-    sentence = f"{NAMES.get(estimator, estimator)} estimate predicts the forces of {names}: "
-    sentence += f"{passed} of {len(outcomes)} actuator tests pass"
-    sentence += "." if accepted else f"; against the model: {', '.join(failed)}."
+    sentence = (
+        f"The {NAMES.get(estimator, estimator)} estimate predicts the forces of {len(motions)} "
+        f"motion{'s' if len(motions) > 1 else ''} ({names}): {passed} of {len(outcomes)} actuator "
+        "tests pass."
+    )
+    if failed:
+        which = f"motions {', '.join(failed)} speak" if len(failed) > 1 else f"motion {failed[0]} speaks"
+        sentence += f" {which[0].upper()}{which[1:]} against the model."
     verdict = Verdict(
         "Validation",
         Level.GOOD if accepted else Level.BAD,

@@ -57,7 +57,7 @@
         line: {
           color: now.colour, width: 11, colorscale: COLOURS, cmin: -data.largest, cmax: data.largest,
           showscale: true,
-          colorbar: { title: { text: "force [N]", side: "right" }, thickness: 14, len: 0.7, outlinewidth: 0 },
+          colorbar: { title: { text: "force [N]", side: "top" }, thickness: 14, len: 0.7, outlinewidth: 0 },
         },
       },
       polygon(data.joints[0], INK, 5, "platform"),
@@ -108,7 +108,7 @@
     };
   }
 
-  const CAMERA = { eye: { x: 1.15, y: -1.25, z: 0.5 }, center: { x: 0, y: 0, z: -0.08 } };
+  const CAMERA = { eye: { x: 1.06, y: -1.2, z: 0.72 }, center: { x: 0, y: 0, z: -0.1 } };
 
   async function start(figure) {
     const data = JSON.parse(figure.querySelector("script.data").textContent);
