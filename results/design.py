@@ -16,9 +16,7 @@ _NOTES = {
 """What the figures of a design say that did not come to a good end, by its status."""
 
 
-def design_figures(
-    folder: Path, formats: Collection[str] | None = None
-) -> tuple[Path, ...]:
+def design_figures(folder: Path, formats: Collection[str] | None = None) -> tuple[Path, ...]:
     """Draw the figures of a design into ``figures/`` of its run folder.
 
     Parameters
@@ -32,8 +30,8 @@ def design_figures(
     Returns
     -------
     tuple of Path
-        Each figure in every format. The same folder gives the same bytes. Those of a design that was
-        interrupted or breaks a limit say so.
+        Each figure in every format. The same folder gives the same bytes. Those of a design that
+        was interrupted or breaks a limit say so.
 
     Raises
     ------

@@ -24,8 +24,8 @@ def estimate_figures(
     Returns
     -------
     tuple of Path
-        Each figure in the formats of `report.figures`; those of the diagnostics are numbered when there are several
-        recordings.
+        Each figure in the formats of `report.figures`; those of the diagnostics are numbered when
+        there are several recordings.
     """
     place, formats = folder / "figures", result.configuration.run.report.figures
     paths = save_figures(ESTIMATE_FIGURES, result, place, formats=formats)

@@ -27,7 +27,9 @@ PrecisionOption = Annotated[
 ]
 QuickOption = Annotated[
     bool,
-    typer.Option("--quick", help="Leave out what each limit costs, which takes one solve a design."),
+    typer.Option(
+        "--quick", help="Leave out what each limit costs, which takes one solve a design."
+    ),
 ]
 
 _MOST = 1.0

@@ -1,12 +1,13 @@
 """What every limit costs: how much more information a design would have if the limit were wider.
 
-At an optimum the gradient of the cost is balanced by those of the limits that hold it (Karush, Kuhn,
-Tucker): ∇c + Σ λᵢ ∇vᵢ = 0 with multipliers λᵢ ≥ 0, vᵢ the excess over bound i. Each λᵢ is then the
-rate at which the best cost falls when bound i gives way. The finish leaves a design a little inside
-its limits, and its frequency at a whole number of controller steps: the design is first taken to the
-optimum beside it, by one more solve of the smoothed problem. There the multipliers are found by
-nonnegative least squares over the moments at which limits are reached. What the limits' gradients
-leave of ∇c is stated: a motion that is far from an optimum has no multipliers.
+At an optimum the gradient of the cost is balanced by those of the limits that hold it (Karush,
+Kuhn, Tucker): ∇c + Σ λᵢ ∇vᵢ = 0 with multipliers λᵢ ≥ 0, vᵢ the excess over bound i. Each λᵢ is
+then the rate at which the best cost falls when bound i gives way. The finish leaves a design a
+little inside its limits, and its frequency at a whole number of controller steps: the design is
+first taken to the optimum beside it, by one more solve of the smoothed problem. There the
+multipliers are found by nonnegative least squares over the moments at which limits are reached.
+What the limits' gradients leave of ∇c is stated: a motion that is far from an optimum has no
+multipliers.
 """
 
 from __future__ import annotations
@@ -103,9 +104,7 @@ def balance(slope: Array, slopes: Array) -> tuple[Array, float]:
     return multipliers, float(left) / size
 
 
-def _active_rows(
-    problem: DesignProblem, x: Array, width: float
-) -> tuple[list[str], Array, Array]:
+def _active_rows(problem: DesignProblem, x: Array, width: float) -> tuple[list[str], Array, Array]:
     """Return key, gradient and room of every moment at which a limit holds the motion.
 
     The room is how far the row's bound moves, in the unit of its excess, when the limit is wider.

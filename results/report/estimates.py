@@ -69,8 +69,8 @@ def information_sentence(test: Differences) -> str:
     largest = float(np.nanmax(np.abs(test.z))) if np.any(np.isfinite(test.z)) else 0.0
     return (
         f"The information matrix is disturbed: {outcome} (Hausman-type test of ML − GM: "
-        f"χ² = {test.statistic:.4g} with {test.freedom} degrees of freedom, p = {test.p_joint:.2g}; "
-        f"{which} of {test.difference.size} parameters differ at the family level of "
+        f"χ² = {test.statistic:.4g} with {test.freedom} degrees of freedom, "
+        f"p = {test.p_joint:.2g}; {which} of {test.difference.size} parameters differ at the family level of "
         f"{100 * FAMILY_LEVEL:g} %, the largest by {largest:.2g} σ)"
     )
 

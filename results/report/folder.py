@@ -9,7 +9,6 @@ from pathlib import Path
 from expdesign.configuration import ConfigurationError, Problem, RunConfiguration, load_run
 from expdesign.runfolder.manifest import Manifest, StageEntry
 from results.errors import RunFolderError
-from results.figures.definition import FigureDefinition
 from results.figures.design.catalogue import DESIGN_FIGURES
 from results.figures.estimation import prediction
 from results.figures.estimation.catalogue import DIAGNOSTIC_FIGURES, ESTIMATE_FIGURES
@@ -26,14 +25,13 @@ STAGE_FILES = {
 }
 """The file without which a folder does not hold a stage."""
 
-_DEFINITIONS: tuple[FigureDefinition[object], ...] = (  # type: ignore[assignment]
-    *DESIGN_FIGURES,
-    *ESTIMATE_FIGURES,
-    *DIAGNOSTIC_FIGURES,
-    prediction.FIGURE,
-    *STUDY_FIGURES,
-)
-_CAPTIONS = {definition.key: definition.caption for definition in _DEFINITIONS}
+_CAPTIONS = {
+    **{figure.key: figure.caption for figure in DESIGN_FIGURES},
+    **{figure.key: figure.caption for figure in ESTIMATE_FIGURES},
+    **{figure.key: figure.caption for figure in DIAGNOSTIC_FIGURES},
+    prediction.FIGURE.key: prediction.FIGURE.caption,
+    **{figure.key: figure.caption for figure in STUDY_FIGURES},
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +65,7 @@ class RunFolder:
             raise _refused(path, "it is no run folder: it has no run.yaml")
         if not any((path / name).is_file() for name in STAGE_FILES.values()):
             raise _refused(path, f"it has no results: none of {', '.join(STAGE_FILES.values())}")
-        return cls(path, load_run(path / "run.yaml"), Manifest.read(path))
+        return cls(path, load_run(path / "run.yaml"), _usable(Manifest.read(path)))
 
     def has(self, stage: str) -> bool:
         """Tell whether the folder holds what a stage wrote."""
@@ -125,6 +123,23 @@ def embedded(path: Path, caption: str) -> FigureBlock:
     return FigureBlock(path.stem, caption, f"data:image/svg+xml;base64,{text}")
 
 
+def _usable(manifest: Manifest | None) -> Manifest | None:
+    """Return a manifest whose entries are of the kinds that they should be, else None."""
+    if manifest is None:
+        return None
+    mappings = (manifest.versions, manifest.seeds)
+    sound = all(isinstance(part, dict) for part in mappings) and all(
+        isinstance(entry.seconds, int | float)
+        and isinstance(entry.files, dict)
+        and all(isinstance(text, str) for text in (entry.status, entry.message, entry.finished))
+        and all(isinstance(digest, str) for digest in entry.files.values())
+        for entry in manifest.stages.values()
+    )
+    return manifest if sound else None
+
+
 def _refused(path: Path, message: str) -> ConfigurationError:
-    allowed = "a folder that `expdesign run`, design, simulate, estimate, validate or montecarlo wrote"
+    allowed = (
+        "a folder that `expdesign run`, design, simulate, estimate, validate or montecarlo wrote"
+    )
     return ConfigurationError(Problem(message, file=path, allowed=allowed))

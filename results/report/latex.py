@@ -1,4 +1,4 @@
-"""Tables as LaTeX with booktabs: ``\\input`` them inside a table environment."""
+r"""Tables as LaTeX with booktabs: ``\input`` them inside a table environment."""
 
 from __future__ import annotations
 

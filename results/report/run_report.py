@@ -11,28 +11,21 @@ from expdesign.runfolder.atomic import write_text
 from expdesign.runfolder.manifest import Manifest
 from results.design import design_figures
 from results.report.content import (
-    Block,
-    Fact,
-    Facts,
     Level,
-    ListingBlock,
     Page,
     Section,
     StageReport,
-    TableBlock,
-    TextBlock,
     Verdict,
 )
-from results.report.folder import STAGE_FILES, RunFolder
+from results.report.folder import RunFolder
 from results.report.latex import latex_table
-from results.report.numerals import duration
+from results.report.provenance import OWN_STAGE, provenance
 from results.report.rendering import rendered
 from results.report.stages.design import design_report
 from results.report.stages.estimate import estimate_report
 from results.report.stages.experiment import experiment_report
 from results.report.stages.montecarlo import montecarlo_report
 from results.report.stages.validation import validation_report
-from results.report.table import Column, ReportTable
 from results.report.view import robot_view
 from results.study import study_figures
 
@@ -45,8 +38,6 @@ _STAGES: dict[str, Callable[[RunFolder], StageReport]] = {
     "estimate": estimate_report,
     "validate": validation_report,
 }
-_OWN = "report"
-"""Stage of the manifest that tells of the report itself: a report says nothing of it."""
 LATEX_TABLES = ("limits", "parameters", "estimates", "estimators", "validation", "montecarlo")
 """Tables that are written as LaTeX too."""
 
@@ -107,7 +98,7 @@ def run_page(folder: RunFolder) -> Page:
     further = folder.other_figures(tuple(shown))
     if further:
         sections.append(Section("further", "Further figures", further))
-    sections.append(_provenance(folder))
+    sections.append(provenance(folder))
     warnings = [text for report in reports.values() for text in report.warnings]
     return Page(
         title=run.report.title or run.name,
@@ -125,7 +116,7 @@ def _with_failures(folder: RunFolder, reports: dict[str, StageReport]) -> list[V
     verdicts = [report.verdict for report in reports.values()]
     stages = {} if folder.manifest is None else folder.manifest.stages
     for name, entry in stages.items():
-        if entry.status == "failed" and name != _OWN:
+        if entry.status == "failed" and name != OWN_STAGE:
             sentence = f"The last attempt failed: {entry.message}"
             if name in reports:
                 sentence += " What is shown here is of an earlier one."
@@ -149,50 +140,8 @@ def _missing_figures(folder: RunFolder) -> list[Path]:
     return drawn
 
 
-def _provenance(folder: RunFolder) -> Section:
-    blocks: list[Block] = []
-    manifest = folder.manifest
-    if manifest is None:
-        text = f"The folder has no manifest.json: stages told from {', '.join(STAGE_FILES.values())}."
-        blocks.append(TextBlock((text,), Level.CAUTION))
-    else:
-        stages = {name: entry for name, entry in manifest.stages.items() if name != _OWN}
-        rows = [
-            (name, entry.status, duration(entry.seconds), entry.finished, entry.message)
-            for name, entry in stages.items()
-        ]
-        columns = (
-            Column("stage", kind="text"),
-            Column("status", kind="outcome"),
-            Column("time", kind="text"),
-            Column("finished (UTC)", kind="text"),
-            Column("message", kind="text"),
-        )
-        blocks.append(TableBlock(ReportTable.of("stages", "Stages of the run", columns, rows)))
-        blocks.append(
-            Facts(tuple(Fact(name, str(value)) for name, value in manifest.versions.items()))
-        )
-        seeds = ", ".join(f"{name} {seed}" for name, seed in manifest.seeds.items())
-        blocks.append(TextBlock((f"Seeds: {seeds}. Evaluation: {manifest.evaluation}.",)))
-        files = [
-            (file, name, digest) for name, entry in stages.items() for file, digest in entry.files.items()
-        ]
-        columns = (
-            Column("file", kind="text"),
-            Column("stage", kind="text"),
-            Column("SHA-256", kind="text"),
-        )
-        blocks.append(
-            TableBlock(
-                ReportTable.of("files", "Files of the run folder", columns, files, folded=True)
-            )
-        )
-    blocks.append(ListingBlock("run.yaml: the resolved configuration", folder.run_text()))
-    return Section("provenance", "Configuration and versions", tuple(blocks))
-
-
 def stages_text(folder: Path) -> str:
     """Return what a report is made from: the files of all other stages, and the configuration."""
     found = Manifest.read(folder)
     stages = {} if found is None else found.stages
-    return repr([(name, asdict(entry)) for name, entry in stages.items() if name != _OWN])
+    return repr([(name, asdict(entry)) for name, entry in stages.items() if name != OWN_STAGE])

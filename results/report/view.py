@@ -41,9 +41,7 @@ def robot_view(folder: RunFolder) -> ViewBlock | None:
         "The executed motion as it was estimated, over one period, struts coloured by the actuator "
         "force of the estimated model; positive extends. Drag to rotate, scroll to zoom."
     )
-    return _view(
-        folder, table.numbers("t"), table.block(COORDINATES), table.block(forces), caption
-    )
+    return _view(folder, table.numbers("t"), table.block(COORDINATES), table.block(forces), caption)
 
 
 def _estimated_motion(folder: RunFolder) -> Any:

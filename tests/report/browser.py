@@ -6,10 +6,20 @@ import os
 import select
 import shutil
 import subprocess
+import sys
 import time
 from contextlib import contextmanager
 
 _DEADLINE = 60.0
+
+# The browser reads commands from 3 and writes answers to 4; either may be taken already.
+_CONNECT = """
+import fcntl, os, sys
+commands, answers = (fcntl.fcntl(int(end), fcntl.F_DUPFD, 16) for end in sys.argv[1:3])
+os.dup2(commands, 3)
+os.dup2(answers, 4)
+os.execv(sys.argv[3], sys.argv[3:])
+"""
 
 
 class Browser:
@@ -22,7 +32,9 @@ class Browser:
 
     def attach(self):
         target = self.call("Target.createTarget", url="about:blank")["targetId"]
-        self._session = self.call("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
+        self._session = self.call("Target.attachToTarget", targetId=target, flatten=True)[
+            "sessionId"
+        ]
         for domain in ("Page", "Runtime", "Log", "Network"):
             self.call(f"{domain}.enable")
 
@@ -129,18 +141,9 @@ def chromium(folder):
         "about:blank",
     ]
 
-    def connect():
-        # The browser reads commands from 3 and writes answers to 4. Copies first: either end may
-        # have one of these numbers already.
-        source, sink = os.dup(to_browser), os.dup(from_browser)
-        commands, answers = os.dup(source), os.dup(sink)
-        os.dup2(commands, 3)
-        os.dup2(answers, 4)
-
     process = subprocess.Popen(
-        command,
-        preexec_fn=connect,
-        close_fds=False,
+        [sys.executable, "-c", _CONNECT, str(to_browser), str(from_browser), *command],
+        pass_fds=(to_browser, from_browser),
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,

@@ -22,7 +22,7 @@ def draw(record: ParameterSeries) -> Figure:
 
 FIGURE = FigureDefinition(
     key="compared_precision",
-    caption="Predicted standard deviation of every parameter relative to its nominal value, for the "
-    "same measuring time and sampling rate.",
+    caption="Predicted standard deviation of every parameter relative to its nominal value, for "
+    "the same measuring time and sampling rate.",
     draw=draw,
 )

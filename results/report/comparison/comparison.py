@@ -42,7 +42,7 @@ from results.report.content import (
 )
 from results.report.folder import RunFolder, embedded
 from results.report.latex import latex_table
-from results.report.numerals import duration, percent, readable
+from results.report.numerals import counted, duration, percent, readable
 from results.report.rendering import rendered
 from results.report.run_report import NAME
 from results.report.table import ReportTable, Value
@@ -172,7 +172,7 @@ def _designs_report(
     designs = comparison.designs
     blocks: list[Block] = []
     facts: list[Fact] = []
-    sentence = f"{len(designs)} designs."
+    sentence = f"{counted(len(designs), 'design')}."
     if comparison.comparable:
         blocks.append(TableBlock(comparison.criteria_table()))
         figure = precision_figure.FIGURE
@@ -203,7 +203,9 @@ def _designs_report(
             blocks.append(TextBlock((text,), Level.CAUTION))
     seconds = [design.seconds for design in designs if design.seconds is not None]
     if seconds:
-        facts.append(Fact("search", duration(sum(seconds)), f"{len(seconds)} designs together"))
+        facts.append(
+            Fact("search", duration(sum(seconds)), f"{counted(len(seconds), 'design')} together")
+        )
     verdict = Verdict("Designs", Level.NEUTRAL, "compared", sentence, "designs")
     return StageReport(
         verdict,
@@ -239,7 +241,8 @@ def _with_figure(report: StageReport, place: Path) -> StageReport:
 
 def _studies_report(studies: dict[str, RunFolder]) -> StageReport:
     table = achieved_table(studies)
-    sentence = f"{len(studies)} studies: achieved standard deviations beside the bound."
+    number = counted(len(studies), "study", "studies")
+    sentence = f"{number}: achieved standard deviations beside the bound."
     verdict = Verdict("Monte-Carlo studies", Level.NEUTRAL, "compared", sentence, "studies")
     section = Section("studies", "Monte-Carlo studies", (TableBlock(table),))
     return StageReport(verdict, (), (section,))

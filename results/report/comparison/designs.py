@@ -158,8 +158,8 @@ class DesignComparison:
                     )
             if design.record.robot.name != first.record.robot.name:
                 found.append(
-                    f"{design.label} was designed for {design.record.robot.name}, {first.label} for "
-                    f"{first.record.robot.name}."
+                    f"{design.label} was designed for {design.record.robot.name}, {first.label} "
+                    f"for {first.record.robot.name}."
                 )
         return tuple(found)
 
@@ -333,9 +333,7 @@ def gains_table(found: Mapping[str, LimitSensitivity]) -> ReportTable:
             for sensitivity in found.values()
         ]
         rows.append((title, *cells))
-    rows.append(
-        ("unexplained by the limits", *(100 * each.unexplained for each in found.values()))
-    )
+    rows.append(("unexplained by the limits", *(100 * each.unexplained for each in found.values())))
     caption = (
         "What 10 % more of each limit alone would buy, in percent of the D-efficiency (of the "
         "criterion's value for other criteria), to first order from the multipliers of the "

@@ -30,6 +30,7 @@ from results.report.estimates import (
     information_test,
 )
 from results.report.folder import RunFolder
+from results.report.numerals import counted
 from results.report.stages.estimate import NAMES
 from results.report.table import Column, ReportTable, Value
 
@@ -88,18 +89,16 @@ def estimates_report(found: tuple[ComparedEstimate, ...]) -> StageReport:
         different += test.differ_jointly or bool(np.any(test.differs))
         blocks.append(TextBlock((_sentence(title, test),)))
         caption = f"{title}: each parameter against the sum of both covariances"
-        blocks.append(
-            TableBlock(differences_table(f"difference_{number}", caption, names, test))
-        )
+        blocks.append(TableBlock(differences_table(f"difference_{number}", caption, names, test)))
     for each in found:
         test_of_information = information_test(each.folder.document("estimate"))
         if test_of_information is not None:
             text = f"{each.label}. {information_sentence(test_of_information)}."
             blocks.append(TextBlock((text,)))
-    sentence = f"{len(found)} estimates of {len(names)} common parameters."
+    sentence = f"{counted(len(found), 'estimate')} of {len(names)} common parameters."
     if tested:
-        sentence += f" {different} of {tested} pairs differ significantly."
-    else:
+        sentence += f" {different} of {counted(tested, 'independent pair')} differ significantly."
+    elif len(found) > 1:
         sentence += " None of the pairs is independent: no difference could be tested."
     level = Level.CAUTION if different else Level.NEUTRAL
     verdict = Verdict("Estimates", level, "compared", sentence, "estimates")
@@ -158,12 +157,14 @@ def _difference(
     one: ComparedEstimate, other: ComparedEstimate, names: tuple[str, ...]
 ) -> Differences:
     places = [[each.estimate.names.index(name) for name in names] for each in (one, other)]
-    values = [each.estimate.values[at] for each, at in zip((one, other), places, strict=True)]
+    first, second = (
+        each.estimate.values[at] for each, at in zip((one, other), places, strict=True)
+    )
     blocks = [
         each.estimate.covariance[np.ix_(at, at)]
         for each, at in zip((one, other), places, strict=True)
     ]
-    return tested_difference(*values, blocks[0] + blocks[1])
+    return tested_difference(first, second, blocks[0] + blocks[1])
 
 
 def _sentence(title: str, test: Differences) -> str:

@@ -8,7 +8,16 @@ from constraints import limit_definitions
 from expdesign.information.catalogue import criteria_by_key
 from results.reading.table import Table
 from results.record import DesignRecord
-from results.report.content import Fact, Facts, Level, Section, StageReport, TableBlock, Verdict
+from results.report.content import (
+    Block,
+    Fact,
+    Facts,
+    Level,
+    Section,
+    StageReport,
+    TableBlock,
+    Verdict,
+)
 from results.report.folder import RunFolder
 from results.report.numerals import duration, percent, readable
 from results.report.table import Column, ReportTable, Value
@@ -42,7 +51,7 @@ def design_report(folder: RunFolder) -> StageReport:
     """Return what is to be said of the design in a folder."""
     record = DesignRecord.load(folder.path)
     facts = _facts(record)
-    blocks = (
+    blocks: tuple[Block, ...] = (
         Facts(_details(folder, record)),
         TableBlock(limits_table(record)),
         *folder.figures(*FIGURES[:5]),
@@ -98,7 +107,10 @@ def limits_table(record: DesignRecord) -> ReportTable:
         Column("time", "s"),
     )
     return ReportTable.of(
-        "limits", "Worst moment of every limit over the whole period, unsmoothed model", columns, rows
+        "limits",
+        "Worst moment of every limit over the whole period, unsmoothed model",
+        columns,
+        rows,
     )
 
 
@@ -128,8 +140,8 @@ def parameters_table(record: DesignRecord) -> ReportTable:
     )
     summary = record.summary
     caption = (
-        f"Nominal parameters and predicted standard deviations σ: over {summary.samples} samples of "
-        f"one period, and over {readable(summary.experiment_periods)} periods with "
+        f"Nominal parameters and predicted standard deviations σ: over {summary.samples} samples "
+        f"of one period, and over {readable(summary.experiment_periods)} periods with "
         f"{summary.experiment_samples} samples; percent of the nominal value"
     )
     return ReportTable.of("parameters", caption, columns, rows)
@@ -207,7 +219,7 @@ def _facts(record: DesignRecord) -> tuple[Fact, ...]:
             Fact(
                 "parameters identifiable",
                 f"{int(np.sum(relative < _IDENTIFIED))} of {relative.size}",
-                f"predicted σ below half of the value; median σ {readable(np.median(relative), 3)} %",
+                f"predicted σ below half of the value; median {readable(np.median(relative), 3)} %",
             )
         )
     shares = used_shares(record)

@@ -294,7 +294,11 @@ def _details(document: Document) -> tuple[Fact, ...]:
         name = f"recording {number}" if len(recordings) > 1 else "recording"
         samples, periods = recording.integer("rows"), recording.number("periods")
         facts.append(
-            Fact(name, f"{samples} samples", f"{readable(periods)} periods; {recording.text('source')}")
+            Fact(
+                name,
+                f"{samples} samples",
+                f"{readable(periods)} periods; {recording.text('source')}",
+            )
         )
     harmonics = recordings[0].optional("harmonics") if recordings else None
     if harmonics is not None:

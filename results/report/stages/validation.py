@@ -54,7 +54,11 @@ def validation_report(folder: RunFolder) -> StageReport:
         "tests pass."
     )
     if failed:
-        which = f"motions {', '.join(failed)} speak" if len(failed) > 1 else f"motion {failed[0]} speaks"
+        which = (
+            f"motions {', '.join(failed)} speak"
+            if len(failed) > 1
+            else f"motion {failed[0]} speaks"
+        )
         sentence += f" {which[0].upper()}{which[1:]} against the model."
     verdict = Verdict(
         "Validation",

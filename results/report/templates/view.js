@@ -119,7 +119,7 @@
     await Plotly.newPlot(stage, traces(data), layout(data), {
       displayModeBar: false, responsive: true, scrollZoom: true,
     });
-    let shown = 0, wanted = 0, busy = false, running = false, last = 0, time = 0;
+    let shown = 0, wanted = 0, busy = false, running = false, last = null, time = 0;
 
     async function show() {
       if (busy) return;
@@ -149,7 +149,9 @@
 
     function step(stamp) {
       if (!running) return;
-      time = (time + (Number(speed.value) * (stamp - last)) / 1000) % data.period;
+      // The stamp of the first picture may be older than the click that asked for it.
+      const passed = last === null ? 0 : Math.max(stamp - last, 0);
+      time = (time + (Number(speed.value) * passed) / 1000) % data.period;
       last = stamp;
       go(Math.min(Math.floor((time / data.period) * data.time.length), data.time.length - 1));
       requestAnimationFrame(step);
@@ -164,7 +166,7 @@
       running = !running;
       play.textContent = running ? "Pause" : "Play";
       if (!running) { picture(); return; }
-      last = performance.now();
+      last = null;
       time = data.time[wanted];
       requestAnimationFrame(step);
     });
