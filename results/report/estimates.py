@@ -70,8 +70,8 @@ def information_sentence(test: Differences) -> str:
     return (
         f"The information matrix is disturbed: {outcome} (Hausman-type test of ML − GM: "
         f"χ² = {test.statistic:.4g} with {test.freedom} degrees of freedom, "
-        f"p = {test.p_joint:.2g}; {which} of {test.difference.size} parameters differ at the family level of "
-        f"{100 * FAMILY_LEVEL:g} %, the largest by {largest:.2g} σ)"
+        f"p = {test.p_joint:.2g}; {which} of {test.difference.size} parameters differ at the "
+        f"family level of {100 * FAMILY_LEVEL:g} %, the largest by {largest:.2g} σ)"
     )
 
 

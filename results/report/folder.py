@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from expdesign.configuration import ConfigurationError, Problem, RunConfiguration, load_run
 from expdesign.runfolder.manifest import Manifest, StageEntry
@@ -127,13 +128,15 @@ def _usable(manifest: Manifest | None) -> Manifest | None:
     """Return a manifest whose entries are of the kinds that they should be, else None."""
     if manifest is None:
         return None
-    mappings = (manifest.versions, manifest.seeds)
-    sound = all(isinstance(part, dict) for part in mappings) and all(
+    # What a file says may be of any kind, whatever the class declares.
+    parts: tuple[Any, ...] = (manifest.versions, manifest.seeds)
+    entries: tuple[Any, ...] = tuple(manifest.stages.values())
+    sound = all(isinstance(part, dict) for part in parts) and all(
         isinstance(entry.seconds, int | float)
         and isinstance(entry.files, dict)
         and all(isinstance(text, str) for text in (entry.status, entry.message, entry.finished))
         and all(isinstance(digest, str) for digest in entry.files.values())
-        for entry in manifest.stages.values()
+        for entry in entries
     )
     return manifest if sound else None
 
