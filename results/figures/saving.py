@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable
 from pathlib import Path
 
+from matplotlib.figure import Figure
+
 from expdesign.runfolder.atomic import written_beside
 from results.figures.definition import FigureDefinition, Record
 from results.style import ALERT, RESOLUTION, house_style
@@ -52,6 +54,7 @@ def save_figures(
             figure = definition.draw(record)
             if note:
                 figure.supxlabel(note, x=0.99, ha="right", fontsize="medium", color=ALERT)
+            _lay_out(figure)
             for ending, metadata in _METADATA.items():
                 if ending not in formats and ending != "svg":
                     continue
@@ -59,6 +62,12 @@ def save_figures(
                 with written_beside(path) as beside:
                     figure.savefig(beside, format=ending, dpi=RESOLUTION, metadata=metadata)
                 paths.append(path)
-                # Laid out by now: the next file has the same layout, and is written sooner.
-                figure.set_layout_engine("none")
     return tuple(paths)
+
+
+def _lay_out(figure: Figure) -> None:
+    """Lay a figure out once: all its files look alike, whichever of them are written."""
+    engine = figure.get_layout_engine()
+    if engine is not None:
+        engine.execute(figure)
+        figure.set_layout_engine("none")

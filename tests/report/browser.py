@@ -39,6 +39,7 @@ class Browser:
             self.call(f"{domain}.enable")
 
     def open(self, path, width=1360, height=900):
+        """Show a file in a window of this size."""
         self.call(
             "Emulation.setDeviceMetricsOverride",
             width=width,
@@ -67,7 +68,7 @@ class Browser:
         options = {"format": "png"}
         if selector:
             box = self.run(
-                f"(() => {{ const e = document.querySelector({selector!r}); e.scrollIntoView();"
+                f"(() => {{ const e = document.querySelector({selector!r}); e.scrollIntoView({{behavior: 'instant'}});"
                 " const r = e.getBoundingClientRect(); return {x: r.x + scrollX, y: r.y + scrollY,"
                 " width: r.width, height: r.height, scale: 1}; })()"
             )

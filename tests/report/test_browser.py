@@ -75,8 +75,9 @@ def test_the_slider_sets_the_moment(opened):
 
 
 def test_the_view_is_rotated_by_the_mouse(opened):
-    opened.run(f"{VIEW}.scrollIntoView()")
-    camera = f"JSON.stringify({VIEW}.querySelector('.stage')._fullLayout.scene.camera.eye)"
+    opened.run(f"{VIEW}.scrollIntoView({{behavior: 'instant'}})")
+    scene = f"{VIEW}.querySelector('.stage')._fullLayout.scene._scene"
+    camera = f"JSON.stringify({scene}.getCamera().eye)"
     before = opened.run(camera)
     box = opened.run(f"(r => [r.x + r.width / 2, r.y + 150])({VIEW}.getBoundingClientRect())")
     x, y = box
@@ -152,15 +153,10 @@ def test_it_prints(opened):
 
 
 @pytest.mark.parametrize("width", [1360, 420])
-def test_nothing_sticks_out(opened, width):
-    opened.call(
-        "Emulation.setDeviceMetricsOverride",
-        width=width,
-        height=900,
-        deviceScaleFactor=1,
-        mobile=False,
-    )
-    assert opened.run("document.documentElement.scrollWidth") <= width
+def test_nothing_sticks_out(browser, whole, width):
+    browser.open(whole / "report.html", width=width)
+    browser.wait(f"{VIEW}.dataset.ready !== undefined")
+    assert browser.run("document.documentElement.scrollWidth") <= width
 
 
 def test_without_webgl_the_rest_is_there(browser, folder):

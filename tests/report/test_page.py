@@ -124,13 +124,18 @@ def test_figures_are_drawn_in_the_formats_that_are_wanted(folder):
     text = run.read_text(encoding="utf-8")
     assert 'figures: ["svg"]' in text or "figures: [svg]" in text
     run.write_text(re.sub(r"figures: \[.*\]", "figures: [svg, pdf]", text), encoding="utf-8")
+    (folder / "design.json").unlink()
+    drawn = folder / "figures" / "montecarlo_bias.svg"
+    svg = drawn.read_bytes()
     write_report(folder)
-    first = (folder / "figures" / "struts.pdf").read_bytes()
-    assert first.startswith(b"%PDF")
-    assert not (folder / "figures" / "struts.png").exists()
-    (folder / "figures" / "excitation.pdf").unlink()
+    pdf = drawn.with_suffix(".pdf").read_bytes()
+    assert pdf.startswith(b"%PDF")
+    assert not drawn.with_suffix(".png").exists()
+    drawn.with_suffix(".pdf").unlink()
     write_report(folder)
-    assert (folder / "figures" / "struts.pdf").read_bytes() == first
+    assert drawn.with_suffix(".pdf").read_bytes() == pdf
+    # How a figure is laid out does not depend on the formats.
+    assert drawn.read_bytes() == svg
 
 
 def test_figures_that_nobody_knows_are_shown_too(folder):
@@ -181,8 +186,6 @@ def test_what_is_no_run_folder(tmp_path, folder, expdesign_says):
     for place, reason in ((tmp_path / "none", "no such folder"), (tmp_path / "empty", "run.yaml")):
         with pytest.raises(ConfigurationError, match=reason):
             write_report(place)
-        status, output, _ = expdesign_says("report", place)
-        assert status == 1 or status == 2
     for file in folder.glob("*.json"):
         file.unlink()
     (folder / "report.html").unlink()
@@ -242,13 +245,10 @@ def test_the_view_of_an_estimate_is_its_motion(folder):
 
 
 def test_the_stage_of_run_is_kept_and_done_anew(folder, tmp_path, expdesign_says):
-    run = tmp_path / "again.yaml"
-    run.write_text(
-        (folder / "run.yaml").read_text(encoding="utf-8").partition("\ndesign:")[0], encoding="utf-8"
-    )
     only = tmp_path / "only.yaml"
     only.write_text(
-        "name: tiny\nrobot: palida\nreport: {title: Another title}\n", encoding="utf-8"
+        "name: tiny\nrobot: palida\nreport: {title: Another title, figures: [svg]}\n",
+        encoding="utf-8",
     )
     status, output, error = expdesign_says("run", only, "--out", folder, "--json")
     assert status == 0, (output, error)
