@@ -2,7 +2,7 @@
 
 from estimation.uncertainty.bound import cramer_rao_covariance
 from estimation.uncertainty.combinations import Combination, identified_combinations
-from estimation.uncertainty.differences import Differences, hausman_test, tested_difference
+from estimation.uncertainty.differences import Differences, difference_test, hausman_test
 from estimation.uncertainty.intervals import (
     ParameterRow,
     correlation,
@@ -20,5 +20,5 @@ __all__ = [
     "identified_combinations",
     "interval_width",
     "parameter_rows",
-    "tested_difference",
+    "difference_test",
 ]

@@ -58,7 +58,7 @@ class Differences:
         return bool(self.freedom and self.p_joint < FAMILY_LEVEL)
 
 
-def tested_difference(first: Array, second: Array, covariance: Array) -> Differences:
+def difference_test(first: Array, second: Array, covariance: Array) -> Differences:
     """Test whether two estimates are of the same parameters.
 
     Parameters
@@ -104,7 +104,7 @@ def hausman_test(efficient: Array, robust: Array, excess: Array) -> Differences:
     excess : (m, m)
         Share of the maximum-likelihood estimate's covariance that comes from the motion.
     """
-    return tested_difference(efficient, robust, excess)
+    return difference_test(efficient, robust, excess)
 
 
 def holm(p_values: Array) -> Array:

@@ -28,6 +28,7 @@ from expdesign.schema import (
     EstimateSection,
     ExperimentSection,
     MonteCarloSection,
+    ReportSection,
     RobotDescription,
     RunDescription,
     TrajectorySection,
@@ -90,6 +91,7 @@ def _required(model):
         (EstimateSection, RUN_FILES, "## estimate"),
         (ValidationMotion, RUN_FILES, "## validate"),
         (DataSection, DATA, "## data"),
+        (ReportSection, DOCS / "reports.md", "## report"),
     ],
     ids=lambda value: value if isinstance(value, str) else getattr(value, "__name__", ""),
 )

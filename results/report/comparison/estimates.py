@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.uncertainty.differences import Differences, tested_difference
+from estimation.uncertainty.differences import Differences, difference_test
 from expdesign.robot.graph import parameter_unit
 from expdesign.runfolder.manifest import file_hash
 from results.figures.comparison.series import ParameterSeries, Series
@@ -164,7 +164,7 @@ def _difference(
         each.estimate.covariance[np.ix_(at, at)]
         for each, at in zip((one, other), places, strict=True)
     ]
-    return tested_difference(first, second, blocks[0] + blocks[1])
+    return difference_test(first, second, blocks[0] + blocks[1])
 
 
 def _sentence(title: str, test: Differences) -> str:
