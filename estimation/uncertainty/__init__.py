@@ -16,9 +16,9 @@ __all__ = [
     "ParameterRow",
     "correlation",
     "cramer_rao_covariance",
+    "difference_test",
     "hausman_test",
     "identified_combinations",
     "interval_width",
     "parameter_rows",
-    "difference_test",
 ]

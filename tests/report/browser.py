@@ -68,7 +68,8 @@ class Browser:
         options = {"format": "png"}
         if selector:
             box = self.run(
-                f"(() => {{ const e = document.querySelector({selector!r}); e.scrollIntoView({{behavior: 'instant'}});"
+                f"(() => {{ const e = document.querySelector({selector!r});"
+                " e.scrollIntoView({behavior: 'instant'});"
                 " const r = e.getBoundingClientRect(); return {x: r.x + scrollX, y: r.y + scrollY,"
                 " width: r.width, height: r.height, scale: 1}; })()"
             )
