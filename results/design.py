@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from pathlib import Path
 
 from results.figures.design.catalogue import DESIGN_FIGURES
@@ -15,7 +16,7 @@ _NOTES = {
 """What the figures of a design say that did not come to a good end, by its status."""
 
 
-def design_figures(folder: Path) -> tuple[Path, ...]:
+def design_figures(folder: Path, formats: Collection[str] | None = None) -> tuple[Path, ...]:
     """Draw the figures of a design into ``figures/`` of its run folder.
 
     Parameters
@@ -23,12 +24,14 @@ def design_figures(folder: Path) -> tuple[Path, ...]:
     folder : Path
         A run folder with `run.yaml`, `design.json`, `trajectory.csv` and the tables
         `convergence`, `limits`, `parameters` and `eigenvalues`. Nothing else is read.
+    formats : collection of {"png", "svg", "pdf"}, optional
+        `report.figures` of its `run.yaml` by default.
 
     Returns
     -------
     tuple of Path
-        Each figure as PNG and SVG. The same folder gives the same bytes. Those of a design that was
-        interrupted or breaks a limit say so.
+        Each figure in every format. The same folder gives the same bytes. Those of a design that
+        was interrupted or breaks a limit say so.
 
     Raises
     ------
@@ -39,4 +42,5 @@ def design_figures(folder: Path) -> tuple[Path, ...]:
     """
     record = DesignRecord.load(Path(folder))
     note = _NOTES.get(record.summary.status, "")
-    return save_figures(DESIGN_FIGURES, record, record.folder / "figures", note)
+    wanted = record.configuration.run.report.figures if formats is None else formats
+    return save_figures(DESIGN_FIGURES, record, record.folder / "figures", note, wanted)

@@ -28,11 +28,11 @@ def estimate_figures(
     Returns
     -------
     tuple of Path
-        Each figure as PNG and SVG; those of the diagnostics are numbered when there are several
-        recordings.
+        Each figure in the formats of `report.figures`; those of the diagnostics are numbered when
+        there are several recordings.
     """
-    place = folder / "figures"
-    paths = save_figures(ESTIMATE_FIGURES, result, place)
+    place, formats = folder / "figures", result.configuration.run.report.figures
+    paths = save_figures(ESTIMATE_FIGURES, result, place, formats=formats)
     if diagnosis is None:
         return paths
     several = len(diagnosis.experiments) > 1
@@ -40,7 +40,7 @@ def estimate_figures(
         figures = DIAGNOSTIC_FIGURES
         if several:
             figures = tuple(replace(f, key=f"{f.key}_{number}") for f in figures)
-        paths += save_figures(figures, experiment, place)
+        paths += save_figures(figures, experiment, place, formats=formats)
     return paths
 
 

@@ -89,6 +89,7 @@ STYLE: dict[str, Any] = {
     # Text as paths looks the same without the font; a fixed salt gives the same ids every time.
     "svg.fonttype": "path",
     "svg.hashsalt": "expdesign",
+    "pdf.fonttype": 42,  # TrueType: letters that can be selected, and that publishers take
 }
 
 

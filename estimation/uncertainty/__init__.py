@@ -2,6 +2,7 @@
 
 from estimation.uncertainty.bound import cramer_rao_covariance
 from estimation.uncertainty.combinations import Combination, identified_combinations
+from estimation.uncertainty.differences import Differences, difference_test, hausman_test
 from estimation.uncertainty.intervals import (
     ParameterRow,
     correlation,
@@ -11,9 +12,12 @@ from estimation.uncertainty.intervals import (
 
 __all__ = [
     "Combination",
+    "Differences",
     "ParameterRow",
     "correlation",
     "cramer_rao_covariance",
+    "difference_test",
+    "hausman_test",
     "identified_combinations",
     "interval_width",
     "parameter_rows",

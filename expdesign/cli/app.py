@@ -14,11 +14,13 @@ from typing import Annotated
 import typer
 
 from expdesign.cli.check import check
+from expdesign.cli.compare import compare
 from expdesign.cli.design import design
 from expdesign.cli.estimate import estimate
 from expdesign.cli.export import export
 from expdesign.cli.montecarlo import montecarlo
 from expdesign.cli.noise import noise
+from expdesign.cli.report import report
 from expdesign.cli.robots import robots
 from expdesign.cli.run import run
 from expdesign.cli.simulate import simulate
@@ -69,4 +71,6 @@ app.command()(noise)
 app.command()(estimate)
 app.command()(validate)
 app.command()(export)
+app.command()(report)
+app.command()(compare)
 app.command()(run)

@@ -101,7 +101,10 @@ def montecarlo_stage(
             raise CommandFailed("interrupted before the first repetition was done")
         if not any(study.estimated(name) for name in study.estimators):
             raise CommandFailed(f"no repetition could be estimated: {_reasons(study)}")
-        stage.files = [*write_study(study, folder), *study_figures(folder)]
+        stage.files = [
+            *write_study(study, folder),
+            *study_figures(folder, configuration.run.report.figures),
+        ]
         stage.status = "interrupted" if study.interrupted else "done"
         count = f"{len(study.repetitions)} of {study.wanted} repetitions"
         stage.message = f"interrupted after {count}" if study.interrupted else count

@@ -14,6 +14,7 @@ from expdesign.cli.export import export_stage, folder_motion
 from expdesign.cli.folder import OutOption, run_folder
 from expdesign.cli.montecarlo import montecarlo_stage
 from expdesign.cli.output import JsonOption, RunArgument, note, short, warn, warn_all, write_json
+from expdesign.cli.report import folder_stages, report_stage
 from expdesign.cli.simulate import experiment_stage, folder_design
 from expdesign.cli.validate import folder_estimate, validate_stage
 
@@ -71,6 +72,7 @@ STEPS = {
     "estimate": Step(estimate_stage, "estimate.json", folder_recording),
     "validate": Step(validate_stage, "validation.json", folder_estimate),
     "export": Step(export_stage, "exports/exports.json", folder_motion),
+    "report": Step(report_stage, "report.html", folder_stages),
 }
 """The stages of this version by their name in the run file."""
 

@@ -28,6 +28,7 @@ _SECTIONS: dict[str, dict[str, bool | set[str]]] = {
         "design": {"parameters"},
         "experiment": {"periods", "sampling"},
     },
+    "report": dict.fromkeys(("name", "description", "report"), True),
 }
 """Sections of the run, or keys of them, that each stage depends on."""
 

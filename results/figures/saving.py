@@ -1,9 +1,11 @@
-"""Figures as files: PNG for the screen, SVG for paper; the same bytes for the same record."""
+"""Figures as files: PNG, SVG and PDF; the same bytes for the same record."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from pathlib import Path
+
+from matplotlib.figure import Figure
 
 from expdesign.runfolder.atomic import written_beside
 from results.figures.definition import FigureDefinition, Record
@@ -13,13 +15,21 @@ from results.style import ALERT, RESOLUTION, house_style
 _METADATA: dict[str, dict[str, None]] = {
     "png": {"Software": None},
     "svg": {"Date": None, "Creator": None},
+    "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
 }
+
+FORMATS = ("png", "svg")
+"""What is written when nothing else is asked for."""
 
 
 def save_figures(
-    definitions: Iterable[FigureDefinition[Record]], record: Record, folder: Path, note: str = ""
+    definitions: Iterable[FigureDefinition[Record]],
+    record: Record,
+    folder: Path,
+    note: str = "",
+    formats: Collection[str] = FORMATS,
 ) -> tuple[Path, ...]:
-    """Draw figures and write each as PNG and SVG.
+    """Draw figures and write each in the formats wanted.
 
     Parameters
     ----------
@@ -30,6 +40,8 @@ def save_figures(
         Made when it is missing. Every file is complete or absent.
     note : str
         What has to be known of every one of them; it stands below.
+    formats : collection of {"png", "svg", "pdf"}
+        SVG is written whatever they are: reports show it.
 
     Returns
     -------
@@ -42,11 +54,20 @@ def save_figures(
             figure = definition.draw(record)
             if note:
                 figure.supxlabel(note, x=0.99, ha="right", fontsize="medium", color=ALERT)
+            _lay_out(figure)
             for ending, metadata in _METADATA.items():
+                if ending not in formats and ending != "svg":
+                    continue
                 path = folder / f"{definition.key}.{ending}"
                 with written_beside(path) as beside:
                     figure.savefig(beside, format=ending, dpi=RESOLUTION, metadata=metadata)
                 paths.append(path)
-                # Laid out by now: the next file has the same layout, and is written sooner.
-                figure.set_layout_engine("none")
     return tuple(paths)
+
+
+def _lay_out(figure: Figure) -> None:
+    """Lay a figure out once: all its files look alike, whichever of them are written."""
+    engine = figure.get_layout_engine()
+    if engine is not None:
+        engine.execute(figure)
+        figure.set_layout_engine("none")

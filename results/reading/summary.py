@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from results.errors import MissingFileError, RunFolderError
+from results.reading.document import Document
 
 Array = NDArray[np.float64]
 
@@ -70,13 +67,7 @@ class DesignSummary:
         RunFolderError
             It is missing, no JSON, or a key is missing or of the wrong kind.
         """
-        if not path.is_file():
-            raise MissingFileError(path)
-        try:
-            document = json.loads(path.read_text(encoding="utf-8"))
-        except (OSError, ValueError) as error:
-            raise RunFolderError(path, f"not JSON that can be read: {error}") from error
-        top = _Section(path, "", document)
+        top = Document.read(path)
         experiment = top.section("predicted_std").section("experiment")
         harmonics = top.integer("harmonics")
         best = top.section("solver").optional("best_start")
@@ -98,67 +89,3 @@ class DesignSummary:
             best_start=None if best is None else int(best),
             warnings=tuple(str(warning) for warning in top.optional("warnings") or ()),
         )
-
-
-class _Section:
-    """A mapping of the document that says where it stands when something is wrong."""
-
-    def __init__(self, path: Path, key: str, data: object) -> None:
-        self._path, self._key = path, key
-        if not isinstance(data, dict):
-            raise RunFolderError(path, f"{key or 'the document'}: expected a mapping")
-        self._data: Mapping[str, Any] = data
-
-    def optional(self, key: str) -> Any:
-        return self._data.get(key)
-
-    def section(self, key: str) -> _Section:
-        return _Section(self._path, self._name(key), self._get(key))
-
-    def text(self, key: str) -> str:
-        value = self._get(key)
-        if not isinstance(value, str):
-            raise self._wrong(key, "a text", value)
-        return value
-
-    def integer(self, key: str) -> int:
-        value = self._get(key)
-        if isinstance(value, bool) or not isinstance(value, int):
-            raise self._wrong(key, "a whole number", value)
-        return value
-
-    def number(self, key: str) -> float:
-        value = self._get(key)
-        if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
-            raise self._wrong(key, "a finite number", value)
-        return float(value)
-
-    def number_or_none(self, key: str) -> float | None:
-        return None if self._get(key) is None else self.number(key)
-
-    def array(self, key: str, shape: tuple[int, ...]) -> Array:
-        value = self._get(key)
-        expected = f"{' × '.join(map(str, shape))} finite numbers"
-        try:
-            array = np.array(value, dtype=np.float64)
-        except (TypeError, ValueError):
-            raise self._wrong(key, expected, value) from None
-        if array.shape != shape or not np.all(np.isfinite(array)):
-            raise self._wrong(key, expected, value)
-        return array
-
-    def _get(self, key: str) -> Any:
-        if key not in self._data:
-            raise RunFolderError(self._path, f"the key {self._name(key)} is missing")
-        return self._data[key]
-
-    def _name(self, key: str) -> str:
-        return f"{self._key}.{key}" if self._key else key
-
-    def _wrong(self, key: str, expected: str, value: object) -> RunFolderError:
-        shown = repr(value)
-        shown = shown if len(shown) <= _LONGEST else f"{shown[:_LONGEST]}…"
-        return RunFolderError(self._path, f"{self._name(key)}: expected {expected}, not {shown}")
-
-
-_LONGEST = 60

@@ -31,6 +31,7 @@ from expdesign.schema import (
     ExportSection,
     MonteCarloSection,
     MotionSection,
+    ReportSection,
     RobotDescription,
     RunDescription,
     TrajectorySection,
@@ -99,6 +100,7 @@ def _required(model):
         (ValidationMotion, RUN_FILES, "## validate"),
         (DataSection, DATA, "## data"),
         (ExportSection, TABLES_PAGE, "## Options"),
+        (ReportSection, DOCS / "reports.md", "## report"),
     ],
     ids=lambda value: value if isinstance(value, str) else getattr(value, "__name__", ""),
 )

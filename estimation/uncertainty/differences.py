@@ -1,0 +1,117 @@
+"""Whether two estimates differ by more than chance, parameter by parameter and jointly."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+Array = NDArray[np.float64]
+
+FAMILY_LEVEL = 0.01
+"""Probability that any parameter is called different when none is (Holm's correction)."""
+
+_RANK = 1e-10
+"""Eigenvalues of the difference's correlation below this share of the largest do not count."""
+
+
+@dataclass(frozen=True, eq=False)
+class Differences:
+    """The test of a difference against its covariance.
+
+    Attributes
+    ----------
+    difference : (m,)
+        Second estimate minus first.
+    std : (m,)
+        Standard deviation of the difference; NaN where it has none.
+    z : (m,)
+        Their ratio; NaN where it cannot be judged.
+    p_values : (m,)
+        Two-sided, each corrected for the family (Holm); NaN where not judged.
+    statistic : float
+        Wald statistic of all parameters together.
+    freedom : int
+        Its degrees of freedom; 0 where nothing can be judged.
+    p_joint : float
+        Its p-value; NaN where nothing can be judged.
+    """
+
+    difference: Array
+    std: Array
+    z: Array
+    p_values: Array
+    statistic: float
+    freedom: int
+    p_joint: float
+
+    @property
+    def differs(self) -> NDArray[np.bool_]:
+        """Parameters whose difference is significant at the family level, (m,)."""
+        return np.nan_to_num(self.p_values, nan=1.0) < FAMILY_LEVEL
+
+    @property
+    def differ_jointly(self) -> bool:
+        """True when the parameters as a whole differ at the family level."""
+        return bool(self.freedom and self.p_joint < FAMILY_LEVEL)
+
+
+def difference_test(first: Array, second: Array, covariance: Array) -> Differences:
+    """Test whether two estimates are of the same parameters.
+
+    Parameters
+    ----------
+    first, second : (m,)
+    covariance : (m, m)
+        Of second − first when both estimate the same: the sum of their covariances for estimates
+        from independent data. Rows of zeros belong to fixed parameters, which are not judged.
+    """
+    difference = np.asarray(second, dtype=np.float64) - np.asarray(first, dtype=np.float64)
+    variance = np.diag(covariance)
+    judged = np.isfinite(variance) & (variance > 0)
+    std = np.sqrt(np.where(judged, variance, np.nan))
+    z = difference / std
+    p_values = np.full(difference.size, np.nan)
+    p_values[judged] = holm(2 * stats.norm.sf(np.abs(z[judged])))
+    statistic, freedom = 0.0, 0
+    if np.any(judged):
+        block = covariance[np.ix_(judged, judged)] / np.multiply.outer(std[judged], std[judged])
+        values, vectors = np.linalg.eigh((block + block.T) / 2)
+        kept = values > _RANK * values[-1]
+        along = vectors[:, kept].T @ z[judged]
+        statistic = float(np.sum(along**2 / values[kept]))
+        freedom = int(np.count_nonzero(kept))
+    p_joint = float(stats.chi2.sf(statistic, freedom)) if freedom else float("nan")
+    return Differences(difference, std, z, p_values, statistic, freedom, p_joint)
+
+
+def hausman_test(efficient: Array, robust: Array, excess: Array) -> Differences:
+    """Test whether the information matrix is disturbed: GM against ML, after Hausman (1978).
+
+    While the motion enters the regressor without error, the Gauss–Markov estimate is efficient
+    with the covariance F⁻¹, and what the maximum-likelihood estimate has more, by estimating the
+    motion too, is the covariance of their difference. A larger difference means that errors of the
+    motion bias the Gauss–Markov estimate.
+
+    Parameters
+    ----------
+    efficient : (m,)
+        Gauss–Markov.
+    robust : (m,)
+        Maximum likelihood.
+    excess : (m, m)
+        Share of the maximum-likelihood estimate's covariance that comes from the motion.
+    """
+    return difference_test(efficient, robust, excess)
+
+
+def holm(p_values: Array) -> Array:
+    """Return p-values corrected for their number after Holm (1979)."""
+    count = p_values.size
+    order = np.argsort(p_values)
+    raised = np.maximum.accumulate(p_values[order] * np.arange(count, 0, -1))
+    corrected = np.empty(count)
+    corrected[order] = np.minimum(raised, 1.0)
+    return corrected

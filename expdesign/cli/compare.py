@@ -1,0 +1,97 @@
+"""`expdesign compare`: designs, estimates and studies of several run folders side by side."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from expdesign.cli.folder import refuse_unwritable
+from expdesign.cli.output import JsonOption, note, results, short, write_json
+from expdesign.cli.report import bad_folders
+
+FoldersArgument = Annotated[
+    list[Path], typer.Argument(metavar="DIR DIR …", help="Run folders.", show_default=False)
+]
+OutOption = Annotated[
+    Path, typer.Option("--out", metavar="DIR", help="Folder of the comparison.", show_default=False)
+]
+PrecisionOption = Annotated[
+    str,
+    typer.Option(
+        "--precision",
+        metavar="P",
+        help="Relative standard deviation for which the periods are counted.",
+    ),
+]
+QuickOption = Annotated[
+    bool,
+    typer.Option(
+        "--quick", help="Leave out what each limit costs, which takes one solve a design."
+    ),
+]
+
+_MOST = 1.0
+_PERCENT = "%"
+
+
+def compare(
+    folders: FoldersArgument,
+    out: OutOption,
+    precision: PrecisionOption = "5 %",
+    quick: QuickOption = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Compare run folders and write report.html, tables and figures into a folder.
+
+    Designs: criteria in common scalings, precision, limits, effort. Estimates: parameters with
+    intervals, and whether they differ. Studies: achieved standard deviations.
+    """
+    from results.report.comparison.comparison import write_comparison
+
+    share = precision_share(precision)
+    place = out.absolute()
+    refuse_unwritable(place)
+    paths = [folder.absolute() for folder in folders]
+    if not quick and not as_json and any((path / "design.json").is_file() for path in paths):
+        note("one solve per design for what each limit costs (--quick leaves it out) …")
+    with bad_folders():
+        written = write_comparison(paths, place, precision=share, with_sensitivity=not quick)
+    if as_json:
+        write_json(
+            {
+                "status": 0,
+                "folder": str(place),
+                "report": str(place / "report.html"),
+                "files": [str(path.relative_to(place)) for path in written],
+            }
+        )
+    else:
+        results().print(f"comparison: {short(place / 'report.html')}", soft_wrap=True)
+
+
+def precision_share(text: str) -> float:
+    """Return a relative precision: ``"1 %"`` or ``"0.01"`` → 0.01.
+
+    Raises
+    ------
+    ConfigurationError
+        It is no number above 0 and at most 1.
+    """
+    from expdesign.configuration import ConfigurationError, Problem
+
+    number = text.strip().removesuffix(_PERCENT)
+    try:
+        share = float(number) / (100 if text.strip().endswith(_PERCENT) else 1)
+    except ValueError:
+        share = float("nan")
+    if not 0 < share <= _MOST:
+        raise ConfigurationError(
+            Problem(
+                f"'{text}' is no relative precision",
+                key="--precision",
+                allowed="above 0 and at most 100 %, e.g. 1% or 0.01",
+            )
+        )
+    return share

@@ -1,0 +1,163 @@
+"""What every limit costs: how much more information a design would have if the limit were wider.
+
+At an optimum the gradient of the cost is balanced by those of the limits that hold it (Karush,
+Kuhn, Tucker): ∇c + Σ λᵢ ∇vᵢ = 0 with multipliers λᵢ ≥ 0, vᵢ the excess over bound i. Each λᵢ is
+then the rate at which the best cost falls when bound i gives way. The finish leaves a design a
+little inside its limits, and its frequency at a whole number of controller steps: the design is
+first taken to the optimum beside it, by one more solve of the smoothed problem. There the
+multipliers are found by nonnegative least squares over the moments at which limits are reached.
+What the limits' gradients leave of ∇c is stated: a motion that is far from an optimum has no
+multipliers.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import nnls
+
+from expdesign.configuration import RunConfiguration
+from expdesign.experiment.design import build_workshop
+from expdesign.problem import DesignProblem
+from expdesign.solver.continuation import finish_stage
+from expdesign.solver.stage import run_stage
+from expdesign.trajectory import FourierTrajectory
+
+Array = NDArray[np.float64]
+
+FREQUENCY = "frequency"
+"""Key of the bounds on the base frequency, which hold the motion as the limits do."""
+WIDER = 0.1
+"""Share by which a limit is widened: of its range, or of its bound where it has only one."""
+
+_POINTS = 4000
+_NEAR = 5e-3
+"""Excess below which a limit, as a share of its range, does not hold the motion."""
+_STEP = 1e-4
+_RADIUS = 0.3
+"""Half-width of the box about the design in which the optimum beside it is sought."""
+
+
+@dataclass(frozen=True)
+class LimitSensitivity:
+    """What the limits of a design cost.
+
+    Attributes
+    ----------
+    gains : dict of str to float
+        By limit: share by which the design's criterion would improve, to first order, if the limit
+        alone were 10 % wider: of the D-efficiency for log det F, of the criterion's value
+        otherwise. Zero for a limit that does not hold the motion.
+    unexplained : float
+        What the limits' gradients leave of the cost's, as a share of its norm; 0 at an exact
+        optimum, 1 where no limit holds the motion back.
+    """
+
+    gains: dict[str, float]
+    unexplained: float
+
+
+def limit_sensitivity(
+    configuration: RunConfiguration, trajectory: FourierTrajectory
+) -> LimitSensitivity:
+    """Return what every limit costs a design of this run.
+
+    Raises
+    ------
+    ConfigurationError
+        The run cannot be designed for.
+    """
+    shop = build_workshop(configuration)
+    problem, plan = shop.problem, shop.plan
+    stage = replace(finish_stage(problem, plan.widths, plan.iterations), radius=_RADIUS)
+    x, _ = run_stage(problem, stage, problem.variables.pack(trajectory), lambda *_: True)
+    width, level = plan.widths[-1], problem.criterion.levels[-1]
+    _, slope = problem.cost.gradient(x, width, level)
+    keys, slopes, room = _active_rows(problem, x, width)
+    multipliers, unexplained = balance(slope, slopes)
+    gains = dict.fromkeys((*(limit.key for limit in problem.limits), FREQUENCY), 0.0)
+    for key, multiplier, gives in zip(keys, multipliers, room, strict=True):
+        gains[key] += float(multiplier * gives)
+    return LimitSensitivity(
+        {key: float(np.expm1(gain)) for key, gain in gains.items()}, unexplained
+    )
+
+
+def balance(slope: Array, slopes: Array) -> tuple[Array, float]:
+    """Return multipliers λ ≥ 0 that minimise ‖∇c + Σ λᵢ ∇vᵢ‖, and what is left of ‖∇c‖ as a share.
+
+    Parameters
+    ----------
+    slope : (z,)
+        ∇c.
+    slopes : (r, z)
+        ∇vᵢ in rows.
+    """
+    size = float(np.linalg.norm(slope))
+    if size == 0:
+        return np.zeros(len(slopes)), 0.0
+    if not len(slopes):
+        return np.zeros(0), 1.0
+    multipliers, left = nnls(slopes.T, -slope)
+    return multipliers, float(left) / size
+
+
+def _active_rows(problem: DesignProblem, x: Array, width: float) -> tuple[list[str], Array, Array]:
+    """Return key, gradient and room of every moment at which a limit holds the motion.
+
+    The room is how far the row's bound moves, in the unit of its excess, when the limit is wider.
+    """
+    phases = 2 * np.pi * np.arange(_POINTS) / _POINTS
+    excess = problem.smooth_violations(x, phases, width)
+    peaks = (excess >= np.roll(excess, 1, axis=0)) & (excess >= np.roll(excess, -1, axis=0))
+    mask = peaks & (excess > -_NEAR)
+    rows = problem.rows(phases, mask)
+    values, slopes = problem.evaluator.jacobian(x, rows, width)
+    _, columns = np.nonzero(rows.mask)
+    lower, upper = rows.bounds()
+    scale = problem.row_scale()[columns]
+    above = values - upper > lower - values
+    owner = np.concatenate(
+        [np.full(part.stop - part.start, k) for k, part in enumerate(problem.exact.columns())]
+        or [np.empty(0)]
+    ).astype(int)
+    keys = [problem.limits[owner[column]].key for column in columns]
+    sign = np.where(above, 1.0, -1.0)
+    room = np.where(above, _room(problem)[1][columns], _room(problem)[0][columns])
+    slopes = sign[:, None] * slopes / scale[:, None]
+    bounds = _frequency_rows(problem, x)
+    return (
+        [*keys, *[FREQUENCY] * len(bounds)],
+        np.concatenate([slopes, bounds]),
+        np.concatenate([room, np.full(len(bounds), WIDER)]),
+    )
+
+
+def _room(problem: DesignProblem) -> tuple[Array, Array]:
+    """Return how far lower and upper smooth bounds move when each limit is wider, (R,) each."""
+    lower, upper = problem.smooth_bounds()
+    two_sided = np.concatenate(
+        [np.isfinite(limit.lower) & np.isfinite(limit.upper) for limit in problem.limits]
+    )
+    # Both ends of a range share what it is widened by.
+    share = np.where(two_sided, WIDER / 2, WIDER)
+    wider_lower, wider_upper = problem.smooth_bounds(-_STEP * share)
+    with np.errstate(invalid="ignore"):
+        moved = (lower - wider_lower, wider_upper - upper)
+    below, above = (np.nan_to_num(side / _STEP / problem.row_scale()) for side in moved)
+    return below, above
+
+
+def _frequency_rows(problem: DesignProblem, x: Array) -> Array:
+    """Return the gradients of ω's bounds that hold the motion, each as a share of its bound."""
+    variables = problem.variables
+    rows = []
+    for bound, sign in zip(variables.omega_bounds, (-1.0, 1.0), strict=True):
+        scaled = bound / variables.omega_scale
+        if sign * (x[-1] - scaled) / scaled > -_NEAR:
+            row = np.zeros(x.size)
+            row[-1] = sign / scaled
+            rows.append(row)
+    return np.array(rows).reshape(-1, x.size)

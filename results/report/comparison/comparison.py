@@ -1,0 +1,248 @@
+"""The comparison of several run folders: a page, tables and figures."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+from expdesign.configuration import ConfigurationError, Problem
+from expdesign.experiment.sensitivity import LimitSensitivity, limit_sensitivity
+from expdesign.runfolder.atomic import write_text
+from expdesign.trajectory import read_design_file
+from results.figures.comparison import estimates as estimates_figure
+from results.figures.comparison import precision as precision_figure
+from results.figures.saving import save_figures
+from results.report.comparison.designs import (
+    EXPLAINED,
+    ComparedDesign,
+    DesignComparison,
+    gains_table,
+    limits_table,
+)
+from results.report.comparison.estimates import (
+    ComparedEstimate,
+    estimates_report,
+    estimates_series,
+)
+from results.report.comparison.sources import open_folders, sources_section
+from results.report.comparison.studies import achieved_table
+from results.report.content import (
+    Block,
+    Fact,
+    Level,
+    Page,
+    Section,
+    StageReport,
+    TableBlock,
+    TextBlock,
+    Verdict,
+)
+from results.report.folder import RunFolder, embedded
+from results.report.latex import latex_table
+from results.report.numerals import counted, duration, percent, readable
+from results.report.rendering import rendered
+from results.report.run_report import NAME
+from results.report.table import ReportTable, Value
+
+_FORMATS = ("png", "svg", "pdf")
+
+
+def write_comparison(
+    paths: Sequence[Path], out: Path, *, precision: float, with_sensitivity: bool = True
+) -> list[Path]:
+    """Compare run folders and write `report.html`, `tables/` and `figures/`.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+        Two or more run folders.
+    out : Path
+        Where to write; none of the folders that are compared.
+    precision : float
+        Relative standard deviation for which periods are counted.
+    with_sensitivity : bool
+        True to say what every limit costs: one local solve per design.
+
+    Returns
+    -------
+    list of Path
+        The files written.
+
+    Raises
+    ------
+    ConfigurationError
+        Folders that cannot be compared.
+    RunFolderError
+        A file of one is missing or does not hold what it should.
+    """
+    folders = open_folders(paths)
+    if out.resolve() in {path.resolve() for path in paths}:
+        raise ConfigurationError(
+            Problem(
+                "the comparison would overwrite the report of a folder that it compares",
+                file=out,
+                key="--out",
+                allowed="another folder",
+            )
+        )
+    page, written = _page(folders, out, precision, with_sensitivity=with_sensitivity)
+    for table in page.tables:
+        for ending, text in ((".csv", csv_table(table)), (".tex", latex_table(table))):
+            file = out / "tables" / f"{table.key}{ending}"
+            write_text(file, text)
+            written.append(file)
+    write_text(out / NAME, rendered(page))
+    return [*written, out / NAME]
+
+
+def csv_table(table: ReportTable) -> str:
+    """Return a table as CSV, with all digits; empty where there is nothing."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow([column.heading for column in table.columns])
+    writer.writerows([[_plain(value) for value in row] for row in table.rows])
+    return text.getvalue()
+
+
+def _plain(value: Value) -> str:
+    if value is None or (isinstance(value, float) and math.isnan(value)):
+        return ""
+    return repr(value) if isinstance(value, float) else str(value)
+
+
+def _page(
+    folders: dict[str, RunFolder], out: Path, precision: float, *, with_sensitivity: bool
+) -> tuple[Page, list[Path]]:
+    reports: list[StageReport] = []
+    written: list[Path] = []
+    place = out / "figures"
+    designs = tuple(
+        ComparedDesign.read(label, folder)
+        for label, folder in folders.items()
+        if folder.has("design")
+    )
+    if designs:
+        found = {}
+        if with_sensitivity:
+            found = {
+                design.label: limit_sensitivity(
+                    design.record.configuration, read_design_file(design.record.folder).trajectory
+                )
+                for design in designs
+            }
+        comparison = DesignComparison(designs, precision)
+        if comparison.comparable:
+            series = comparison.precision_series()
+            written += save_figures((precision_figure.FIGURE,), series, place, formats=_FORMATS)
+        reports.append(_designs_report(comparison, found, place))
+    estimates = tuple(
+        ComparedEstimate.read(label, folder)
+        for label, folder in folders.items()
+        if folder.has("estimate")
+    )
+    if estimates:
+        drawn = estimates_series(estimates)
+        written += save_figures((estimates_figure.FIGURE,), drawn, place, formats=_FORMATS)
+        reports.append(_with_figure(estimates_report(estimates), place))
+    studies = {label: folder for label, folder in folders.items() if folder.has("montecarlo")}
+    if studies:
+        reports.append(_studies_report(studies))
+    sections = [section for report in reports for section in report.sections]
+    page = Page(
+        title=" · ".join(folders) if len(folders) <= _MOST_NAMED else f"{len(folders)} runs",
+        subtitle="Comparison",
+        description="",
+        verdicts=tuple(report.verdict for report in reports),
+        facts=tuple(fact for report in reports for fact in report.facts),
+        sections=(*sections, sources_section(folders)),
+        warnings=tuple(warning for report in reports for warning in report.warnings),
+    )
+    return page, written
+
+
+_MOST_NAMED = 4
+
+
+def _designs_report(
+    comparison: DesignComparison, found: dict[str, LimitSensitivity], place: Path
+) -> StageReport:
+    designs = comparison.designs
+    blocks: list[Block] = []
+    facts: list[Fact] = []
+    sentence = f"{counted(len(designs), 'design')}."
+    if comparison.comparable:
+        blocks.append(TableBlock(comparison.criteria_table()))
+        figure = precision_figure.FIGURE
+        blocks.append(embedded(place / f"{figure.key}.svg", figure.caption))
+        blocks += [
+            TableBlock(comparison.effort_table()),
+            TableBlock(comparison.precision_table()),
+        ]
+        efficiencies = {k: v for k, v in comparison.efficiencies().items() if v is not None}
+        if efficiencies:
+            best = max(efficiencies, key=lambda label: efficiencies[label])
+            told = ", ".join(
+                f"{label} has {percent(value)} of its information per parameter"
+                for label, value in efficiencies.items()
+                if label != best
+            )
+            sentence += f" {best} has the largest log det F{f'; {told}' if told else ''}."
+            facts.append(Fact("largest log det F", best, f"for {comparison.samples} samples"))
+    blocks.append(TableBlock(limits_table(designs)))
+    if found:
+        blocks.append(TableBlock(gains_table(found)))
+        facts += _gain_facts(found)
+        if any(each.unexplained > EXPLAINED for each in found.values()):
+            text = (
+                "Where the limits leave more than 10 % of the cost's gradient unexplained, the "
+                "design is not near an optimum, and what its limits cost is not shown."
+            )
+            blocks.append(TextBlock((text,), Level.CAUTION))
+    seconds = [design.seconds for design in designs if design.seconds is not None]
+    if seconds:
+        facts.append(
+            Fact("search", duration(sum(seconds)), f"{counted(len(seconds), 'design')} together")
+        )
+    verdict = Verdict("Designs", Level.NEUTRAL, "compared", sentence, "designs")
+    return StageReport(
+        verdict,
+        tuple(facts),
+        (Section("designs", "Designs", tuple(blocks)),),
+        comparison.differences(),
+    )
+
+
+def _gain_facts(found: dict[str, LimitSensitivity]) -> list[Fact]:
+    facts = []
+    for label, sensitivity in found.items():
+        if sensitivity.unexplained > EXPLAINED or not sensitivity.gains:
+            continue
+        key = max(sensitivity.gains, key=lambda name: sensitivity.gains[name])
+        gain = f"+{readable(100 * sensitivity.gains[key], 2)} %"
+        facts.append(Fact("costliest limit", gain, f"{label}: 10 % more {key.replace('_', ' ')}"))
+    return facts
+
+
+def _with_figure(report: StageReport, place: Path) -> StageReport:
+    figure = estimates_figure.FIGURE
+    (section,) = report.sections
+    first, *rest = section.blocks
+    shown = embedded(place / f"{figure.key}.svg", figure.caption)
+    return StageReport(
+        report.verdict,
+        report.facts,
+        (Section(section.key, section.title, (first, shown, *rest)),),
+        report.warnings,
+    )
+
+
+def _studies_report(studies: dict[str, RunFolder]) -> StageReport:
+    table = achieved_table(studies)
+    number = counted(len(studies), "study", "studies")
+    sentence = f"{number}: achieved standard deviations beside the bound."
+    verdict = Verdict("Monte-Carlo studies", Level.NEUTRAL, "compared", sentence, "studies")
+    section = Section("studies", "Monte-Carlo studies", (TableBlock(table),))
+    return StageReport(verdict, (), (section,))

@@ -1,0 +1,203 @@
+"""Estimates side by side: parameters with intervals, and whether they differ."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.uncertainty.differences import Differences, difference_test
+from expdesign.robot.graph import parameter_unit
+from expdesign.runfolder.manifest import file_hash
+from results.figures.comparison.series import ParameterSeries, Series
+from results.report.content import (
+    Block,
+    Fact,
+    Level,
+    Section,
+    StageReport,
+    TableBlock,
+    TextBlock,
+    Verdict,
+)
+from results.report.estimates import (
+    EstimatedParameters,
+    differences_table,
+    information_sentence,
+    information_test,
+)
+from results.report.folder import RunFolder
+from results.report.numerals import counted
+from results.report.stages.estimate import NAMES
+from results.report.table import Column, ReportTable, Value
+
+Array = NDArray[np.float64]
+
+_TWO_SIDED = 1.959963984540054
+"""Half-width of a 95 % interval in standard deviations."""
+
+
+@dataclass(frozen=True, eq=False)
+class ComparedEstimate:
+    """The best estimate of one folder.
+
+    Attributes
+    ----------
+    label : str
+    folder : RunFolder
+    estimate : EstimatedParameters
+    """
+
+    label: str
+    folder: RunFolder
+    estimate: EstimatedParameters
+
+    @classmethod
+    def read(cls, label: str, folder: RunFolder) -> ComparedEstimate:
+        """Read the best estimate of a folder."""
+        document = folder.document("estimate")
+        return cls(label, folder, EstimatedParameters.read(document, document.text("best")))
+
+    @property
+    def std(self) -> Array:
+        """Standard deviations, (m,); NaN for fixed parameters."""
+        variance = np.diag(self.estimate.covariance)
+        return np.sqrt(np.where(variance > 0, variance, np.nan))
+
+
+def estimates_report(found: tuple[ComparedEstimate, ...]) -> StageReport:
+    """Return what is to be said of estimates side by side."""
+    names = tuple(
+        name
+        for name in found[0].estimate.names
+        if all(name in other.estimate.names for other in found)
+    )
+    blocks: list[Block] = [TableBlock(_values_table(found, names))]
+    different, tested = 0, 0
+    for number, (one, other) in enumerate(combinations(found, 2), start=1):
+        title = f"{other.label} − {one.label}"
+        reason = not_independent(one, other)
+        if reason:
+            text = f"{title}: not tested. {reason}"
+            blocks.append(TextBlock((text,), Level.CAUTION))
+            continue
+        test = _difference(one, other, names)
+        tested += 1
+        different += test.differ_jointly or bool(np.any(test.differs))
+        blocks.append(TextBlock((_sentence(title, test),)))
+        caption = f"{title}: each parameter against the sum of both covariances"
+        blocks.append(TableBlock(differences_table(f"difference_{number}", caption, names, test)))
+    for each in found:
+        test_of_information = information_test(each.folder.document("estimate"))
+        if test_of_information is not None:
+            text = f"{each.label}. {information_sentence(test_of_information)}."
+            blocks.append(TextBlock((text,)))
+    sentence = f"{counted(len(found), 'estimate')} of {len(names)} common parameters."
+    if tested:
+        sentence += f" {different} of {counted(tested, 'independent pair')} differ significantly."
+    elif len(found) > 1:
+        sentence += " None of the pairs is independent: no difference could be tested."
+    level = Level.CAUTION if different else Level.NEUTRAL
+    verdict = Verdict("Estimates", level, "compared", sentence, "estimates")
+    facts = (Fact("pairs that differ", f"{different} of {tested}", "independent data only"),)
+    return StageReport(
+        verdict, facts if tested else (), (Section("estimates", "Estimates", tuple(blocks)),)
+    )
+
+
+def estimates_series(found: tuple[ComparedEstimate, ...]) -> ParameterSeries:
+    """Return what the figure of the estimates is drawn from."""
+    names = tuple(
+        name
+        for name in found[0].estimate.names
+        if all(name in other.estimate.names for other in found)
+    )
+    first, std = _chosen(found[0], names)
+    series = []
+    for each in found:
+        values, own = _chosen(each, names)
+        series.append(Series(each.label, (values - first) / std, _TWO_SIDED * own / std))
+    return ParameterSeries(names, tuple(series))
+
+
+def not_independent(one: ComparedEstimate, other: ComparedEstimate) -> str:
+    """Return why two estimates are not from independent data; empty when nothing tells so."""
+    if _recordings(one) & _recordings(other):
+        return (
+            "Both come from the same data, so that their errors are not independent and the sum "
+            "of their covariances is not that of the difference."
+        )
+    if one.folder.has("experiment") and other.folder.has("experiment"):
+        first, second = (
+            each.folder.document("experiment").section("seeds") for each in (one, other)
+        )
+        if first.optional("repetitions") == second.optional("repetitions"):
+            return (
+                "Both experiments were simulated with the same seed, so that their noise may be "
+                "the same; simulate one of them with another experiment.seed."
+            )
+    return ""
+
+
+def _recordings(each: ComparedEstimate) -> set[str]:
+    """Return what identifies the data of an estimate: contents where they are there, else names."""
+    found = set()
+    for recording in each.folder.document("estimate").sections("recordings"):
+        source = Path(recording.text("source"))
+        own = each.folder.path / source.name
+        file = source if source.is_file() else own
+        found.add(file_hash(file) if file.is_file() else str(source))
+    return found
+
+
+def _difference(
+    one: ComparedEstimate, other: ComparedEstimate, names: tuple[str, ...]
+) -> Differences:
+    places = [[each.estimate.names.index(name) for name in names] for each in (one, other)]
+    first, second = (
+        each.estimate.values[at] for each, at in zip((one, other), places, strict=True)
+    )
+    blocks = [
+        each.estimate.covariance[np.ix_(at, at)]
+        for each, at in zip((one, other), places, strict=True)
+    ]
+    return difference_test(first, second, blocks[0] + blocks[1])
+
+
+def _sentence(title: str, test: Differences) -> str:
+    which = int(np.sum(test.differs))
+    outcome = "differ" if test.differ_jointly or which else "agree"
+    return (
+        f"{title}: the estimates {outcome} (jointly χ² = {test.statistic:.4g} with {test.freedom} "
+        f"degrees of freedom, p = {test.p_joint:.2g}; {which} of {test.difference.size} parameters "
+        "differ by themselves)."
+    )
+
+
+def _chosen(each: ComparedEstimate, names: tuple[str, ...]) -> tuple[Array, Array]:
+    at = [each.estimate.names.index(name) for name in names]
+    return each.estimate.values[at], each.std[at]
+
+
+def _values_table(found: tuple[ComparedEstimate, ...], names: tuple[str, ...]) -> ReportTable:
+    columns = [Column("parameter", kind="parameter"), Column("unit", kind="text")]
+    for each in found:
+        estimator = NAMES.get(each.estimate.estimator, each.estimate.estimator)
+        columns += [
+            Column(f"{each.label}, {estimator}", digits=5),
+            Column("from", digits=5),
+            Column("to", digits=5),
+        ]
+    chosen = [_chosen(each, names) for each in found]
+    rows: list[tuple[Value, ...]] = []
+    for k, name in enumerate(names):
+        row: tuple[Value, ...] = (name, parameter_unit(name))
+        for values, std in chosen:
+            half = _TWO_SIDED * float(std[k])
+            row += (float(values[k]), float(values[k]) - half, float(values[k]) + half)
+        rows.append(row)
+    caption = "Best estimate of every folder with its 95 % interval, SI units"
+    return ReportTable.of("compared_estimates", caption, columns, rows)

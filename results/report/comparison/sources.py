@@ -1,0 +1,90 @@
+"""The folders of a comparison, each with a name of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from expdesign.configuration import ConfigurationError, Problem
+from expdesign.runfolder.manifest import file_hash
+from results.report.content import Section, TableBlock
+from results.report.folder import STAGE_FILES, RunFolder
+from results.report.table import Column, ReportTable
+
+_FEWEST = 2
+COMPARED = ("design", "estimate", "montecarlo")
+"""Stages that can be compared."""
+
+
+def open_folders(paths: Sequence[Path]) -> dict[str, RunFolder]:
+    """Open run folders; the keys are the shortest ends of their paths that tell them apart.
+
+    Raises
+    ------
+    ConfigurationError
+        There are fewer than two, one is named twice, one is no run folder, or has nothing that
+        could be compared.
+    """
+    problems = []
+    if len(paths) < _FEWEST:
+        problems.append(
+            Problem("a comparison needs two run folders", key="DIR", allowed="two or more folders")
+        )
+    resolved = [path.resolve() for path in paths]
+    problems += [
+        Problem("the folder is named twice", file=path, key="DIR")
+        for position, path in enumerate(paths)
+        if resolved[position] in resolved[:position]
+    ]
+    if problems:
+        raise ConfigurationError(problems)
+    folders = dict(zip(_labels(resolved), (RunFolder.open(path) for path in paths), strict=True))
+    problems += [
+        Problem(
+            "it has nothing that could be compared",
+            file=folder.path,
+            key="DIR",
+            allowed=f"folders with {', '.join(STAGE_FILES[stage] for stage in COMPARED)}",
+        )
+        for folder in folders.values()
+        if not any(folder.has(stage) for stage in COMPARED)
+    ]
+    if problems:
+        raise ConfigurationError(problems)
+    return folders
+
+
+def sources_section(folders: dict[str, RunFolder]) -> Section:
+    """Return what was compared: folders, versions and the hashes of their files."""
+    rows = []
+    for label, folder in folders.items():
+        versions = {} if folder.manifest is None else folder.manifest.versions
+        rows += [
+            (
+                label,
+                stage,
+                str(folder.path),
+                versions.get("expdesign", ""),
+                file_hash(folder.path / STAGE_FILES[stage]),
+            )
+            for stage in COMPARED
+            if folder.has(stage)
+        ]
+    columns = (
+        Column("name", kind="text"),
+        Column("stage", kind="text"),
+        Column("folder", kind="text"),
+        Column("expdesign", kind="text"),
+        Column("SHA-256 of the result", kind="text"),
+    )
+    table = ReportTable.of("sources", "What was compared", columns, rows)
+    return Section("sources", "Sources", (TableBlock(table),))
+
+
+def _labels(paths: list[Path]) -> list[str]:
+    longest = max(len(path.parts) for path in paths)
+    for depth in range(1, longest + 1):
+        labels = ["/".join(path.parts[-depth:]) for path in paths]
+        if len(set(labels)) == len(labels):
+            return labels
+    return [str(path) for path in paths]

@@ -1,0 +1,103 @@
+"""Estimates of a run folder with their covariances, and the tests between them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.uncertainty.differences import FAMILY_LEVEL, Differences, hausman_test
+from results.reading.document import Document
+from results.report.table import Column, ReportTable, Value
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class EstimatedParameters:
+    """One estimator of `estimate.json`.
+
+    Attributes
+    ----------
+    estimator : str
+    names : tuple of str
+    values : (m,)
+    covariance : (m, m)
+    kinematic : (m, m) or None
+        The share of the covariance that comes from the motion; None where it is not known.
+    """
+
+    estimator: str
+    names: tuple[str, ...]
+    values: Array
+    covariance: Array
+    kinematic: Array | None
+
+    @classmethod
+    def read(cls, document: Document, estimator: str) -> EstimatedParameters:
+        """Read one estimator."""
+        names = document.texts("parameters")
+        entry = document.section("estimators").section(estimator)
+        values, shape = entry.section("values"), (len(names), len(names))
+        return cls(
+            estimator,
+            names,
+            np.array([values.number(name) for name in names]),
+            entry.array("covariance", shape),
+            entry.array("covariance_kinematics", shape)
+            if "covariance_kinematics" in entry
+            else None,
+        )
+
+
+def information_test(document: Document) -> Differences | None:
+    """Return the Hausman-type test of ML − GM; None where the folder has not both."""
+    estimators = document.section("estimators").keys()
+    if not {"gm", "ml"} <= set(estimators):
+        return None
+    efficient, robust = (EstimatedParameters.read(document, name) for name in ("gm", "ml"))
+    if robust.kinematic is None:
+        return None
+    return hausman_test(efficient.values, robust.values, robust.kinematic)
+
+
+def information_sentence(test: Differences) -> str:
+    """Return what the test of ML − GM says, in words."""
+    which = int(np.sum(test.differs))
+    outcome = "yes" if test.differ_jointly or which else "no"
+    largest = float(np.nanmax(np.abs(test.z))) if np.any(np.isfinite(test.z)) else 0.0
+    return (
+        f"The information matrix is disturbed: {outcome} (Hausman-type test of ML − GM: "
+        f"χ² = {test.statistic:.4g} with {test.freedom} degrees of freedom, "
+        f"p = {test.p_joint:.2g}; {which} of {test.difference.size} parameters differ at the "
+        f"family level of {100 * FAMILY_LEVEL:g} %, the largest by {largest:.2g} σ)"
+    )
+
+
+def differences_table(
+    key: str, caption: str, names: tuple[str, ...], test: Differences, *, folded: bool = False
+) -> ReportTable:
+    """Return a test parameter by parameter."""
+    rows: list[tuple[Value, ...]] = []
+    for k, name in enumerate(names):
+        judged = bool(np.isfinite(test.z[k]))
+        rows.append(
+            (
+                name,
+                float(test.difference[k]),
+                float(test.std[k]),
+                float(test.z[k]),
+                float(test.p_values[k]),
+                ("differs" if test.differs[k] else "agrees") if judged else "not tested",
+            )
+        )
+    columns = (
+        Column("parameter", kind="parameter"),
+        Column("difference"),
+        Column("σ of difference", digits=3),
+        Column("z", digits=3),
+        Column("p (Holm)", digits=2),
+        Column("outcome", kind="outcome"),
+    )
+    return ReportTable.of(key, caption, columns, rows, folded=folded)

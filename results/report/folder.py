@@ -1,0 +1,148 @@
+"""A run folder as a report reads it: which stages it holds, and what describes it."""
+
+from __future__ import annotations
+
+import base64
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from expdesign.configuration import ConfigurationError, Problem, RunConfiguration, load_run
+from expdesign.runfolder.manifest import Manifest, StageEntry
+from results.errors import RunFolderError
+from results.figures.design.catalogue import DESIGN_FIGURES
+from results.figures.estimation import prediction
+from results.figures.estimation.catalogue import DIAGNOSTIC_FIGURES, ESTIMATE_FIGURES
+from results.figures.montecarlo.catalogue import STUDY_FIGURES
+from results.reading.document import Document
+from results.report.content import FigureBlock
+
+STAGE_FILES = {
+    "design": "design.json",
+    "experiment": "truth.json",
+    "montecarlo": "montecarlo.json",
+    "estimate": "estimate.json",
+    "validate": "validation.json",
+}
+"""The file without which a folder does not hold a stage."""
+
+_CAPTIONS = {
+    **{figure.key: figure.caption for figure in DESIGN_FIGURES},
+    **{figure.key: figure.caption for figure in ESTIMATE_FIGURES},
+    **{figure.key: figure.caption for figure in DIAGNOSTIC_FIGURES},
+    prediction.FIGURE.key: prediction.FIGURE.caption,
+    **{figure.key: figure.caption for figure in STUDY_FIGURES},
+}
+
+
+@dataclass(frozen=True, eq=False)
+class RunFolder:
+    """A folder that stages wrote to.
+
+    Attributes
+    ----------
+    path : Path
+    configuration : RunConfiguration
+    manifest : Manifest or None
+        None when it is missing or cannot be used.
+    """
+
+    path: Path
+    configuration: RunConfiguration
+    manifest: Manifest | None
+
+    @classmethod
+    def open(cls, path: Path) -> RunFolder:
+        """Open a run folder.
+
+        Raises
+        ------
+        ConfigurationError
+            It is none, or its `run.yaml` is not a valid run.
+        """
+        if not path.is_dir():
+            raise _refused(path, "there is no such folder")
+        if not (path / "run.yaml").is_file():
+            raise _refused(path, "it is no run folder: it has no run.yaml")
+        if not any((path / name).is_file() for name in STAGE_FILES.values()):
+            raise _refused(path, f"it has no results: none of {', '.join(STAGE_FILES.values())}")
+        return cls(path, load_run(path / "run.yaml"), _usable(Manifest.read(path)))
+
+    def has(self, stage: str) -> bool:
+        """Tell whether the folder holds what a stage wrote."""
+        return (self.path / STAGE_FILES[stage]).is_file()
+
+    def document(self, stage: str) -> Document:
+        """Read the JSON file of a stage."""
+        return Document.read(self.path / STAGE_FILES[stage])
+
+    def entry(self, stage: str) -> StageEntry | None:
+        """Return what the manifest says of a stage, None when it says nothing."""
+        return None if self.manifest is None else self.manifest.stages.get(stage)
+
+    def table_file(self, name: str) -> Path:
+        """Return the place of a table."""
+        return self.path / "tables" / f"{name}.csv"
+
+    def run_text(self) -> str:
+        """Return `run.yaml` as it stands there."""
+        try:
+            return (self.path / "run.yaml").read_text(encoding="utf-8")
+        except ValueError as error:
+            raise RunFolderError(self.path / "run.yaml", f"no text: {error}") from error
+
+    def figures(self, *stems: str) -> tuple[FigureBlock, ...]:
+        """Return the figures of these names that the folder has, numbered ones in their order."""
+        found: list[FigureBlock] = []
+        for stem in stems:
+            for path in self._figure_files(stem):
+                number = path.stem.removeprefix(stem).lstrip("_")
+                caption = _CAPTIONS.get(stem, stem.replace("_", " "))
+                found.append(embedded(path, f"{number}. {caption}" if number else caption))
+        return tuple(found)
+
+    def other_figures(self, known: tuple[str, ...]) -> tuple[FigureBlock, ...]:
+        """Return the figures of the folder that are not among those shown already."""
+        place = self.path / "figures"
+        files = sorted(place.glob("*.svg")) if place.is_dir() else []
+        return tuple(embedded(p, p.stem.replace("_", " ")) for p in files if p.stem not in known)
+
+    def _figure_files(self, stem: str) -> list[Path]:
+        place = self.path / "figures"
+        single = place / f"{stem}.svg"
+        if single.is_file():
+            return [single]
+        numbered = [
+            path for path in place.glob(f"{stem}_*.svg") if path.stem[len(stem) + 1 :].isdigit()
+        ]
+        return sorted(numbered, key=lambda path: int(path.stem[len(stem) + 1 :]))
+
+
+def embedded(path: Path, caption: str) -> FigureBlock:
+    """Return a figure with its SVG inside."""
+    text = base64.b64encode(path.read_bytes()).decode("ascii")
+    return FigureBlock(path.stem, caption, f"data:image/svg+xml;base64,{text}")
+
+
+def _usable(manifest: Manifest | None) -> Manifest | None:
+    """Return a manifest whose entries are of the kinds that they should be, else None."""
+    if manifest is None:
+        return None
+    # What a file says may be of any kind, whatever the class declares.
+    parts: tuple[Any, ...] = (manifest.versions, manifest.seeds)
+    entries: tuple[Any, ...] = tuple(manifest.stages.values())
+    sound = all(isinstance(part, dict) for part in parts) and all(
+        isinstance(entry.seconds, int | float)
+        and isinstance(entry.files, dict)
+        and all(isinstance(text, str) for text in (entry.status, entry.message, entry.finished))
+        and all(isinstance(digest, str) for digest in entry.files.values())
+        for entry in entries
+    )
+    return manifest if sound else None
+
+
+def _refused(path: Path, message: str) -> ConfigurationError:
+    allowed = (
+        "a folder that `expdesign run`, design, simulate, estimate, validate or montecarlo wrote"
+    )
+    return ConfigurationError(Problem(message, file=path, allowed=allowed))

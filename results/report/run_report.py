@@ -1,0 +1,147 @@
+"""The report of one run folder: every stage it holds, summary and verdict first."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, replace
+from pathlib import Path
+
+from expdesign.configuration import RunConfiguration
+from expdesign.runfolder.atomic import write_text
+from expdesign.runfolder.manifest import Manifest
+from results.design import design_figures
+from results.report.content import (
+    Level,
+    Page,
+    Section,
+    StageReport,
+    Verdict,
+)
+from results.report.folder import RunFolder
+from results.report.latex import latex_table
+from results.report.provenance import OWN_STAGE, provenance
+from results.report.rendering import rendered
+from results.report.stages.design import design_report
+from results.report.stages.estimate import estimate_report
+from results.report.stages.experiment import experiment_report
+from results.report.stages.montecarlo import montecarlo_report
+from results.report.stages.validation import validation_report
+from results.report.view import robot_view
+from results.study import study_figures
+
+NAME = "report.html"
+
+_STAGES: dict[str, Callable[[RunFolder], StageReport]] = {
+    "design": design_report,
+    "experiment": experiment_report,
+    "montecarlo": montecarlo_report,
+    "estimate": estimate_report,
+    "validate": validation_report,
+}
+LATEX_TABLES = ("limits", "parameters", "estimates", "estimators", "validation", "montecarlo")
+"""Tables that are written as LaTeX too."""
+
+
+def write_report(path: Path, configuration: RunConfiguration | None = None) -> list[Path]:
+    """Write `report.html` and `tables/*.tex` into a run folder.
+
+    Parameters
+    ----------
+    path : Path
+        The run folder. The same folder gives the same bytes. Figures of the design and of the
+        study that are missing in a format of `report.figures` are drawn.
+    configuration : RunConfiguration, optional
+        Whose `report` section counts; the folder's `run.yaml` by default, which the stage that
+        wrote last has left.
+
+    Returns
+    -------
+    list of Path
+        The files written.
+
+    Raises
+    ------
+    ConfigurationError
+        It is no run folder.
+    RunFolderError
+        A file of it is missing or does not hold what it should.
+    """
+    folder = RunFolder.open(path)
+    if configuration is not None:
+        run = folder.configuration.run.model_copy(update={"report": configuration.run.report})
+        folder = replace(folder, configuration=replace(folder.configuration, run=run))
+    written = _missing_figures(folder)
+    page = run_page(folder)
+    for table in page.tables:
+        if table.key in LATEX_TABLES and table.rows:
+            file = path / "tables" / f"{table.key}.tex"
+            write_text(file, latex_table(table))
+            written.append(file)
+    write_text(path / NAME, rendered(page))
+    return [*written, path / NAME]
+
+
+def run_page(folder: RunFolder) -> Page:
+    """Return what the report of a folder says."""
+    reports = {key: make(folder) for key, make in _STAGES.items() if folder.has(key)}
+    run = folder.configuration.run
+    view = robot_view(folder)
+    sections = [section for report in reports.values() for section in report.sections]
+    if view is not None:
+        sections.insert(0, Section("motion", "Robot in motion", (view,)))
+    shown = {
+        block.key
+        for section in sections
+        for block in section.blocks
+        if block.kind == "figure" and hasattr(block, "key")
+    }
+    further = folder.other_figures(tuple(shown))
+    if further:
+        sections.append(Section("further", "Further figures", further))
+    sections.append(provenance(folder))
+    warnings = [text for report in reports.values() for text in report.warnings]
+    return Page(
+        title=run.report.title or run.name,
+        subtitle=f"Run {run.name}, robot {folder.configuration.robot.name}",
+        description=run.description,
+        verdicts=tuple(_with_failures(folder, reports)),
+        facts=tuple(fact for report in reports.values() for fact in report.facts),
+        sections=tuple(sections),
+        warnings=tuple(dict.fromkeys(warnings or folder.configuration.warnings)),
+    )
+
+
+def _with_failures(folder: RunFolder, reports: dict[str, StageReport]) -> list[Verdict]:
+    """Return the stages' verdicts, and what the manifest says of stages that failed."""
+    verdicts = [report.verdict for report in reports.values()]
+    stages = {} if folder.manifest is None else folder.manifest.stages
+    for name, entry in stages.items():
+        if entry.status == "failed" and name != OWN_STAGE:
+            sentence = f"The last attempt failed: {entry.message}"
+            if name in reports:
+                sentence += " What is shown here is of an earlier one."
+            verdicts.append(Verdict(f"Stage {name}", Level.BAD, "failed", sentence))
+    return verdicts
+
+
+def _missing_figures(folder: RunFolder) -> list[Path]:
+    """Draw what can be drawn from the folder and is missing in a format that is wanted."""
+    formats = folder.configuration.run.report.figures
+
+    def missing(stem: str) -> bool:
+        place = folder.path / "figures"
+        return any(not (place / f"{stem}.{ending}").is_file() for ending in {*formats, "svg"})
+
+    drawn: list[Path] = []
+    if folder.has("design") and missing("excitation"):
+        drawn += design_figures(folder.path, formats)
+    if folder.has("montecarlo") and missing("montecarlo_bias"):
+        drawn += study_figures(folder.path, formats)
+    return drawn
+
+
+def stages_text(folder: Path) -> str:
+    """Return what a report is made from: the files of all other stages, and the configuration."""
+    found = Manifest.read(folder)
+    stages = {} if found is None else found.stages
+    return repr([(name, asdict(entry)) for name, entry in stages.items() if name != OWN_STAGE])

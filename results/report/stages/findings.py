@@ -1,0 +1,42 @@
+"""The findings of the diagnostics as a table, and the level of a verdict."""
+
+from __future__ import annotations
+
+from results.reading.document import Document
+from results.report.content import Level
+from results.report.table import Column, ReportTable
+
+
+def verdict_level(diagnostics: Document) -> Level:
+    """Return how a verdict is to be taken."""
+    status = diagnostics.section("verdict").text("status")
+    return {"accepted": Level.GOOD, "doubtful": Level.BAD}.get(status, Level.CAUTION)
+
+
+def findings_table(key: str, diagnostics: Document, what: str) -> ReportTable:
+    """Return every assumption with what became of it."""
+    rows = [
+        (
+            finding.text("assumption"),
+            finding.text("outcome"),
+            finding.text("sentence"),
+            finding.text("advice"),
+        )
+        for finding in diagnostics.section("verdict").sections("findings")
+    ]
+    columns = (
+        Column("assumption", kind="text"),
+        Column("outcome", kind="outcome"),
+        Column("what was seen", kind="text"),
+        Column("what to do", kind="text"),
+    )
+    return ReportTable.of(key, f"Assumptions of {what} and what became of them", columns, rows)
+
+
+def against(diagnostics: Document) -> str:
+    """Return what speaks against the model, as the diagnostics put it; empty when nothing does."""
+    return "; ".join(
+        finding.text("sentence")
+        for finding in diagnostics.section("verdict").sections("findings")
+        if finding.text("outcome") == "fails" and finding.flag("serious")
+    )

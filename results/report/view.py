@@ -1,0 +1,83 @@
+"""The robot in motion: where its joints are over one period, and the forces of its struts."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from expdesign.configuration import ResolvedRobot
+from expdesign.configuration.geometry import rotation_matrix
+from results.reading.motion import COORDINATES, Motion
+from results.reading.table import Table
+from results.report.content import ViewBlock
+from results.report.folder import RunFolder
+
+Array = NDArray[np.float64]
+
+_FRAMES = 240
+"""Most instants of one period in the view: finer than the eye at the speed of the machine."""
+_STRUTS = range(1, 7)
+
+
+def robot_view(folder: RunFolder) -> ViewBlock | None:
+    """Return the motion of a folder: of its design, else of its estimate; None without either."""
+    if folder.has("design"):
+        motion = Motion.read(folder.path / "trajectory.csv")
+        caption = (
+            "The designed trajectory over one period, struts coloured by the actuator force at the "
+            "nominal parameters; positive extends. Drag to rotate, scroll to zoom."
+        )
+        return _view(folder, motion.time, motion.pose, motion.force, caption)
+    path = _estimated_motion(folder)
+    if path is None:
+        return None
+    forces = [f"Q{j}_model" for j in _STRUTS]
+    table = Table.read(path, ["t", *COORDINATES, *forces])
+    if len(table) < 2:  # noqa: PLR2004 - a motion has a beginning and an end
+        return None
+    caption = (
+        "The executed motion as it was estimated, over one period, struts coloured by the actuator "
+        "force of the estimated model; positive extends. Drag to rotate, scroll to zoom."
+    )
+    return _view(folder, table.numbers("t"), table.block(COORDINATES), table.block(forces), caption)
+
+
+def _estimated_motion(folder: RunFolder) -> Any:
+    if not folder.has("estimate"):
+        return None
+    places = (folder.table_file(name) for name in ("estimated_motion", "estimated_motion_1"))
+    return next((path for path in places if path.is_file()), None)
+
+
+def _view(folder: RunFolder, time: Array, pose: Array, force: Array, caption: str) -> ViewBlock:
+    robot = folder.configuration.robot
+    period = float(time[-1] - time[0]) * time.size / (time.size - 1)
+    chosen = np.unique(np.linspace(0, time.size, _FRAMES, endpoint=False).astype(int))
+    largest = float(np.max(np.abs(force)))
+    data = {
+        "period": round(period, 9),
+        "time": _rounded(time[chosen] - time[0], 5),
+        "base": _rounded(1e3 * robot.base_joints, 2),
+        "joints": _rounded(1e3 * joint_positions(robot, pose[chosen]), 2),
+        "tool": _rounded(1e3 * pose[chosen, :3], 2),
+        "force": _rounded(force[chosen], 2),
+        "largest": largest if largest > 0 else 1.0,
+    }
+    return ViewBlock("robot", caption, data)
+
+
+def joint_positions(robot: ResolvedRobot, pose: Array) -> Array:
+    """Return the platform joints at poses (N, 6), base frame, m, (N, 6, 3)."""
+    return np.stack(
+        [
+            place[:3] + robot.platform_joints @ rotation_matrix(*place[3:]).T
+            for place in np.asarray(pose, dtype=np.float64)
+        ]
+    )
+
+
+def _rounded(values: Array, digits: int) -> Any:
+    # Adding zero turns −0.0 into 0.0.
+    return (np.round(values, digits) + 0.0).tolist()

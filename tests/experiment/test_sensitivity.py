@@ -1,0 +1,78 @@
+"""What limits cost: multipliers of problems whose multipliers are known, and of a design."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from expdesign.configuration import load_run
+from expdesign.experiment.design import build_workshop
+from expdesign.experiment.sensitivity import FREQUENCY, WIDER, balance, limit_sensitivity
+from expdesign.solver.continuation import finish_stage
+from expdesign.solver.stage import run_stage
+
+
+def test_multipliers_of_a_known_optimum():
+    # min ‖x − a‖² with x₁ ≤ 1, x₂ ≤ 2, x₃ ≤ 9 has its optimum at (1, 2, a₃).
+    a, x = np.array([3.0, 5.0, 4.0]), np.array([1.0, 2.0, 4.0])
+    multipliers, left = balance(2 * (x - a), np.eye(3))
+    assert multipliers == pytest.approx([4, 6, 0])
+    assert left == pytest.approx(0, abs=1e-12)
+
+
+def test_what_no_limit_explains_is_left():
+    slope = np.array([-3.0, -4.0])
+    multipliers, left = balance(slope, np.array([[1.0, 0.0]]))
+    assert multipliers == pytest.approx([3])
+    assert left == pytest.approx(0.8)
+    # A limit on the other side holds nothing back.
+    assert balance(slope, np.array([[-1.0, 0.0]]))[1] == pytest.approx(1)
+    assert balance(slope, np.empty((0, 2)))[1] == 1
+    assert balance(np.zeros(2), np.eye(2))[1] == 0
+
+
+@pytest.fixture(scope="module")
+def run():
+    """Return a small problem that few limits hold."""
+    return load_run(
+        {
+            "name": "small",
+            "robot": "palida",
+            "trajectory": {"harmonics": 2, "frequency": [0.2, 0.6], "samples": 24},
+            "design": {"starts": 1, "smoothing": [0.4, 0.2]},
+            "experiment": {"sampling": 100},
+            "workers": 1,
+        }
+    )
+
+
+@pytest.mark.slow
+def test_gains_are_those_of_solving_again_with_wider_limits(run):
+    shop = build_workshop(run)
+    problem = shop.problem
+    stage = replace(finish_stage(problem, shop.plan.widths, 400), radius=None)
+    x = 0.1 * np.random.default_rng(0).normal(size=problem.variables.size)
+    x[-1] = 0.8
+    costs = [np.inf, 1e9]
+    while costs[-2] - costs[-1] > 1e-6:
+        x, record = run_stage(problem, stage, x, lambda *_: True)
+        costs.append(record.objective)
+    found = limit_sensitivity(run, problem.variables.trajectory(x))
+    assert found.unexplained < 0.05
+    holding = [key for key, gain in found.gains.items() if gain > 0.01 and key != FREQUENCY]
+    assert len(holding) > 2
+    step = 0.01
+    for key in holding:
+        limits = tuple(
+            limit if limit.key != key else _wider(limit, step) for limit in problem.limits
+        )
+        wider = replace(problem, exact=replace(problem.exact, limits=limits))
+        _, record = run_stage(wider, stage, x, lambda *_: True)
+        gain = np.expm1((costs[-1] - record.objective) * WIDER / step)
+        assert gain == pytest.approx(found.gains[key], rel=0.1, abs=0.01), key
+
+
+def _wider(limit, share):
+    two_sided = np.isfinite(limit.lower) & np.isfinite(limit.upper)
+    move = np.where(two_sided, share / 2, share) * limit.range
+    return replace(limit, lower=limit.lower - move, upper=limit.upper + move)

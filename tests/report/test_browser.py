@@ -1,0 +1,177 @@
+"""Reports in a real browser: no errors, nothing loaded, the view moves, tables sort, it prints."""
+
+import re
+import time
+
+import pytest
+
+from results.report.run_report import write_report
+from tests.report.browser import chromium
+
+pytestmark = pytest.mark.system("chromium")
+
+VIEW = "document.querySelector('figure.view')"
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory):
+    with chromium(tmp_path_factory.mktemp("browser")) as found:
+        yield found
+
+
+@pytest.fixture
+def opened(browser, whole):
+    browser.console.clear()
+    browser.requests.clear()
+    browser.open(whole / "report.html")
+    browser.wait(f"{VIEW}.dataset.ready !== undefined")
+    return browser
+
+
+def errors(browser):
+    # The plotting library's hint about its own speed is a warning, and no error.
+    return [entry for entry in browser.console if "willReadFrequently" not in str(entry)]
+
+
+def test_no_error_and_nothing_is_loaded(opened):
+    assert opened.run(f"{VIEW}.dataset.ready") == "yes"
+    assert errors(opened) == []
+    assert {url.partition(":")[0] for url in opened.requests} <= {"file", "data", "blob"}
+    assert sum(url.startswith("file:") for url in opened.requests) == 1
+
+
+def test_the_network_is_forbidden(opened):
+    failed = opened.run("fetch('https://example.com').then(() => false, () => true)")
+    assert failed
+    loaded = opened.run(
+        "new Promise(done => { const i = new Image(); i.onload = () => done(true);"
+        " i.onerror = () => done(false); i.src = 'https://example.com/a.png'; })"
+    )
+    assert not loaded
+
+
+def test_the_view_moves(opened):
+    before = opened.screenshot("figure.view .stage")
+    opened.run(f"{VIEW}.querySelector('.play').click()")
+    opened.wait(f"Number({VIEW}.dataset.frame) > 3")
+    assert opened.run(f"{VIEW}.querySelector('.play').textContent") == "Pause"
+    opened.run(f"{VIEW}.querySelector('.play').click()")
+    time.sleep(0.5)
+    frame = opened.run(f"{VIEW}.dataset.frame")
+    after = opened.screenshot("figure.view .stage")
+    assert before != after
+    time.sleep(0.5)
+    assert opened.run(f"{VIEW}.dataset.frame") == frame
+    assert errors(opened) == []
+
+
+def test_the_slider_sets_the_moment(opened):
+    opened.run(
+        f"(() => {{ const s = {VIEW}.querySelector('.position'); s.value = 7;"
+        " s.dispatchEvent(new Event('input')); })()"
+    )
+    opened.wait(f"{VIEW}.dataset.frame === '7'")
+    assert re.fullmatch(r"t = \d\.\d{3} s", opened.run(f"{VIEW}.querySelector('.clock').value"))
+
+
+def test_the_view_is_rotated_by_the_mouse(opened):
+    opened.run(f"{VIEW}.scrollIntoView({{behavior: 'instant'}})")
+    scene = f"{VIEW}.querySelector('.stage')._fullLayout.scene._scene"
+    camera = f"JSON.stringify({scene}.getCamera().eye)"
+    before = opened.run(camera)
+    box = opened.run(f"(r => [r.x + r.width / 2, r.y + 150])({VIEW}.getBoundingClientRect())")
+    x, y = box
+    press = {"button": "left", "clickCount": 1}
+    opened.call("Input.dispatchMouseEvent", type="mouseMoved", x=x, y=y)
+    opened.call("Input.dispatchMouseEvent", type="mousePressed", x=x, y=y, **press)
+    for step in range(1, 8):
+        opened.call(
+            "Input.dispatchMouseEvent", type="mouseMoved", x=x + 15 * step, y=y, buttons=1, **press
+        )
+        time.sleep(0.05)
+    opened.call("Input.dispatchMouseEvent", type="mouseReleased", x=x + 105, y=y, **press)
+    opened.wait(f"{camera} !== {before!r}")
+    opened.run(f"{VIEW}.querySelector('.home').click()")
+    assert errors(opened) == []
+
+
+COLUMN = """
+[...document.querySelectorAll('#table-parameters tbody tr')]
+  .map(row => row.cells[%d].dataset.sort ?? row.cells[%d].dataset.text)
+"""
+
+
+def test_tables_sort_by_number_and_by_word(opened):
+    def column(k):
+        return opened.run(COLUMN % (k, k))
+
+    def click(k):
+        opened.run(f"document.querySelectorAll('#table-parameters th')[{k}].click()")
+
+    names, original = column(0), [float(cell) for cell in column(2)]
+    click(2)
+    assert [float(cell) for cell in column(2)] == sorted(original)
+    assert column(0) != names
+    click(2)
+    assert [float(cell) for cell in column(2)] == sorted(original, reverse=True)
+    click(0)
+    expected = [f"p{k}" for k in range(1, 11)]
+    assert [name for name in column(0) if name in expected] == expected
+    sort = "document.querySelectorAll('#table-parameters th')[0].getAttribute('aria-sort')"
+    assert opened.run(sort) == "ascending"
+
+
+def test_tables_are_copied_with_all_digits(opened, whole):
+    opened.run(
+        "Object.defineProperty(navigator, 'clipboard', {configurable: true, value:"
+        " {writeText: text => { window.copied = text; return Promise.resolve(); }}})"
+    )
+    opened.run("document.querySelector('#table-parameters button.copy').click()")
+    opened.wait("window.copied !== undefined")
+    lines = [line.split("\t") for line in opened.run("window.copied").splitlines()]
+    assert lines[0][:3] == ["parameter", "unit", "nominal"]
+    table = (whole / "tables" / "parameters.csv").read_text(encoding="utf-8").splitlines()
+    assert {(line[0], line[3]) for line in lines[1:]} == {
+        (row.split(",")[0], row.split(",")[3]) for row in table[1:]
+    }
+
+
+def test_it_prints(opened):
+    pdf = opened.pdf()
+    assert pdf.startswith(b"%PDF")
+    pages = len(re.findall(rb"/Type\s*/Page\b", pdf))
+    assert 4 <= pages <= 30
+    opened.call("Emulation.setEmulatedMedia", media="print")
+    try:
+        shown = "getComputedStyle(document.querySelector('%s')).display"
+        assert opened.run(shown % "figure.view .snapshot") == "block"
+        assert opened.run(f"{VIEW}.querySelector('.snapshot').naturalWidth") > 500
+        for hidden in ("nav.contents", "figure.view .stage", ".controls", "button.copy"):
+            assert opened.run(shown % hidden) == "none"
+    finally:
+        opened.call("Emulation.setEmulatedMedia", media="")
+
+
+@pytest.mark.parametrize("width", [1360, 420])
+def test_nothing_sticks_out(browser, whole, width):
+    browser.open(whole / "report.html", width=width)
+    browser.wait(f"{VIEW}.dataset.ready !== undefined")
+    assert browser.run("document.documentElement.scrollWidth") <= width
+
+
+def test_without_webgl_the_rest_is_there(browser, folder):
+    write_report(folder)
+    page = folder / "report.html"
+    text = page.read_text(encoding="utf-8")
+    broken = (
+        "<script>HTMLCanvasElement.prototype.getContext = () => null;"
+        " window.DecompressionStream = undefined;</script>"
+    )
+    page.write_text(text.replace("<body>", f"<body>{broken}"), encoding="utf-8")
+    browser.open(page)
+    browser.wait(f"{VIEW}.dataset.ready !== undefined")
+    assert browser.run(f"{VIEW}.dataset.ready") == "no"
+    assert browser.run(f"{VIEW}.querySelector('.unavailable').hidden") is False
+    browser.run("document.querySelectorAll('#table-parameters th')[2].click()")
+    sort = "document.querySelectorAll('#table-parameters th')[2].getAttribute('aria-sort')"
+    assert browser.run(sort) == "ascending"

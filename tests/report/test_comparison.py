@@ -1,0 +1,248 @@
+"""The comparison of run folders: numbers against their definitions, and what is not compared."""
+
+import csv
+import json
+import re
+import shutil
+
+import numpy as np
+import pytest
+
+from expdesign.configuration import ConfigurationError
+from results.report.comparison.comparison import write_comparison
+from tests.report.html import Page
+
+
+@pytest.fixture
+def twin(folder):
+    """Return a second folder with half the noise in the forces' information."""
+    other = folder.parent / "other"
+    shutil.copytree(folder, other)
+    return other
+
+
+def rows(path):
+    with path.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def double_information(folder, factor=2.0):
+    path = folder / "tables" / "information.csv"
+    table = rows(path)
+    for row in table:
+        for name in list(row)[1:]:
+            row[name] = repr(factor * float(row[name]))
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, list(table[0]), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(table)
+
+
+def change(path, edit):
+    document = json.loads(path.read_text(encoding="utf-8"))
+    edit(document)
+    path.write_text(json.dumps(document), encoding="utf-8")
+
+
+def compare(folders, out, **options):
+    given = {"precision": 0.05, "with_sensitivity": False} | options
+    write_comparison(folders, out, **given)
+    return (out / "report.html").read_text(encoding="utf-8")
+
+
+def information(folder):
+    table = rows(folder / "tables" / "information.csv")
+    return np.array([[float(cell) for cell in list(row.values())[1:]] for row in table])
+
+
+def test_criteria_by_their_definitions(folder, twin, tmp_path):
+    double_information(twin)
+    compare([folder, twin], tmp_path / "out")
+    one, two = rows(tmp_path / "out" / "tables" / "criteria.csv")
+    design = json.loads((folder / "design.json").read_text(encoding="utf-8"))
+    assert float(one["log det F"]) == pytest.approx(design["log_det_information"], rel=1e-9)
+    m = len(design["parameters"])
+    assert float(two["log det F"]) - float(one["log det F"]) == pytest.approx(m * np.log(2))
+    assert float(one["D-efficiency [%]"]) == pytest.approx(50)
+    assert float(two["D-efficiency [%]"]) == pytest.approx(100)
+    F = information(folder)
+    scale = 1 / np.sqrt(np.diag(F))
+    inverse = np.linalg.inv(F * np.outer(scale, scale)) * np.outer(scale, scale)
+    assert float(one["trace F⁻¹, SI"]) == pytest.approx(np.trace(inverse), rel=1e-6)
+    smallest = 1 / np.linalg.eigvalsh(inverse)[-1]
+    assert float(one["smallest eigenvalue, SI"]) == pytest.approx(smallest, rel=1e-6)
+    largest = np.linalg.eigvalsh(F)[-1]
+    assert float(one["condition, SI"]) == pytest.approx(largest / smallest, rel=1e-6)
+    assert float(two["condition, nominal"]) == pytest.approx(
+        float(one["condition, nominal"]), rel=1e-6
+    )
+
+
+def test_precision_and_the_periods_that_it_needs(folder, twin, tmp_path):
+    double_information(twin)
+    compare([folder, twin], tmp_path / "out", precision=0.02)
+    design = json.loads((folder / "design.json").read_text(encoding="utf-8"))
+    samples = design["predicted_std"]["experiment"]["samples"]
+    scaled = information(folder) * samples / design["samples"]
+    scale = 1 / np.sqrt(np.diag(scaled))
+    std = scale * np.sqrt(np.diag(np.linalg.inv(scaled * np.outer(scale, scale))))
+    for k, row in enumerate(rows(tmp_path / "out" / "tables" / "compared_parameters.csv")):
+        nominal = abs(float(row["nominal"]))
+        share = float(row["σ, tiny [%]"]) / 100
+        assert share == pytest.approx(std[k] / nominal, rel=1e-6)
+        assert share == pytest.approx(np.sqrt(2) * float(row["σ, other [%]"]) / 100, rel=1e-6)
+        per_period = share * np.sqrt(samples / (design["period"] * 100))
+        needed = float(row["periods, tiny"])
+        assert per_period / np.sqrt(needed) <= 0.02 * (1 + 1e-6)
+        assert needed == 1 or per_period / np.sqrt(needed - 1) > 0.02 * (1 - 1e-6)
+
+
+def test_other_parameters_are_not_compared(folder, twin, tmp_path):
+    design = twin / "design.json"
+    change(design, lambda document: document["parameters"].pop())
+    path = twin / "tables" / "information.csv"
+    table = rows(path)[:-1]
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, list(table[0])[:-1], extrasaction="ignore")
+        writer.writeheader()
+        writer.writerows(table)
+    text = compare([folder, twin], tmp_path / "out")
+    assert "judge different parameters" in text
+    assert not (tmp_path / "out" / "tables" / "criteria.csv").exists()
+    assert (tmp_path / "out" / "tables" / "compared_limits.csv").exists()
+
+
+def test_estimates_of_the_same_data_are_not_tested(folder, twin, tmp_path):
+    text = compare([folder, twin], tmp_path / "out")
+    assert "Both come from the same data" in text
+    assert not list((tmp_path / "out" / "tables").glob("difference_*"))
+
+
+def test_estimates_of_the_same_noise_are_not_tested(folder, twin, tmp_path):
+    (twin / "measurement.csv").write_text("other\n", encoding="utf-8")
+    change(twin / "estimate.json", _measured_by_itself(twin))
+    assert "the same seed" in compare([folder, twin], tmp_path / "out")
+
+
+def _measured_by_itself(place):
+    def edit(document):
+        document["recordings"][0]["source"] = str(place / "measurement.csv")
+
+    return edit
+
+
+@pytest.fixture
+def independent(twin):
+    (twin / "measurement.csv").write_text("other\n", encoding="utf-8")
+    change(twin / "truth.json", lambda document: document["seeds"].update(repetitions=99))
+    change(twin / "estimate.json", _measured_by_itself(twin))
+    return twin
+
+
+def test_a_difference_is_found(folder, independent, tmp_path):
+    def shift(document):
+        entry = document["estimators"]["ml"]
+        k = document["parameters"].index("r3")
+        entry["values"]["r3"] += 12 * entry["covariance"][k][k] ** 0.5
+
+    text = compare([folder, independent], tmp_path / "first")
+    assert "0 of 1 independent pair differ" in Page(text).text
+    change(independent / "estimate.json", shift)
+    text = compare([folder, independent], tmp_path / "out")
+    assert "1 of 1 independent pair differ" in Page(text).text
+    found = {row["parameter"]: row for row in rows(tmp_path / "out/tables/difference_1.csv")}
+    assert float(found["r3"]["z"]) == pytest.approx(12 / np.sqrt(2))
+    assert [name for name, row in found.items() if row["outcome"] == "differs"] == ["r3"]
+
+
+def test_the_information_matrix_is_judged(folder, twin, tmp_path):
+    text = Page(compare([folder, twin], tmp_path / "out")).text
+    assert text.count("The information matrix is disturbed: no") == 2
+
+    def disturb(document):
+        gm, ml = (document["estimators"][name] for name in ("gm", "ml"))
+        k = document["parameters"].index("p10")
+        gm["values"]["p10"] = ml["values"]["p10"] + 20 * ml["covariance_kinematics"][k][k] ** 0.5
+
+    change(twin / "estimate.json", disturb)
+    text = Page(compare([folder, twin], tmp_path / "out")).text
+    assert text.count("The information matrix is disturbed: no") == 1
+    assert text.count("The information matrix is disturbed: yes") == 1
+
+
+def test_studies_are_set_beside_their_bounds(folder, twin, tmp_path):
+    compare([folder, twin], tmp_path / "out")
+    table = {row["parameter"]: row for row in rows(folder / "tables" / "montecarlo.csv")}
+    for row in rows(tmp_path / "out" / "tables" / "achieved.csv"):
+        for name in ("tiny", "other"):
+            assert row[f"LS, {name}"] == table[row["parameter"]]["spread"]
+            assert row[f"bound, {name}"] == table[row["parameter"]]["bound"]
+
+
+def test_names_of_folders_are_told_apart_and_harmless(folder, tmp_path):
+    hostile = tmp_path / "b" / "<script>alert(1)<" / "tiny"
+    hostile.parent.mkdir(parents=True)
+    shutil.copytree(folder, hostile)
+    text = compare([folder, hostile], tmp_path / "out")
+    assert "<script>alert" not in text
+    assert "<script>alert(1)</tiny" in Page(text).text
+    for figure in (tmp_path / "out" / "figures").glob("*.svg"):
+        assert "<script" not in figure.read_text(encoding="utf-8")
+
+
+def test_the_same_folders_give_the_same_bytes(folder, twin, tmp_path):
+    def written(name):
+        compare([folder, twin], tmp_path / name)
+        place = tmp_path / name
+        return {p.relative_to(place): p.read_bytes() for p in place.rglob("*") if p.is_file()}
+
+    assert written("one") == written("two")
+
+
+def test_what_limits_cost_is_part_of_it(folder, twin, tmp_path):
+    text = compare([folder, twin], tmp_path / "out", with_sensitivity=True)
+    table = {row["limit"]: row for row in rows(tmp_path / "out" / "tables" / "limit_gains.csv")}
+    assert "base frequency" in table
+    left = float(table["unexplained by the limits"]["tiny [%]"])
+    assert 0 <= left <= 100
+    # A design that was stopped early is near no optimum, and nothing is claimed of it.
+    if left > 10:
+        assert table["actuator force"]["tiny [%]"] == ""
+        assert "not near an optimum" in text
+
+
+def test_what_cannot_be_compared(folder, twin, tmp_path, expdesign_says):
+    for folders, reason in (
+        ([folder], "two run folders"),
+        ([folder, folder], "named twice"),
+        ([folder, tmp_path], "no run folder"),
+    ):
+        with pytest.raises(ConfigurationError, match=reason):
+            compare(folders, tmp_path / "out")
+    with pytest.raises(ConfigurationError, match="overwrite"):
+        compare([folder, twin], twin)
+    for stage in ("design", "estimate", "montecarlo"):
+        (twin / f"{stage}.json").unlink()
+    with pytest.raises(ConfigurationError, match="nothing that could be compared"):
+        compare([folder, twin], tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("text", ["0", "-1%", "200 %", "one", "nan", "inf", ""])
+def test_precisions_that_are_none(folder, twin, tmp_path, text, expdesign_says):
+    _, _, error = expdesign_says(
+        "compare", folder, twin, "--out", tmp_path / "out", f"--precision={text}"
+    )
+    assert isinstance(error, ConfigurationError)
+    assert error.problems[0].key == "--precision"
+
+
+def test_comparison_by_command(folder, twin, tmp_path, expdesign_says):
+    status, output, error = expdesign_says(
+        "compare", folder, twin, "--out", tmp_path / "out", "--quick", "--precision", "1%", "--json"
+    )
+    assert status == 0, (output, error)
+    assert "report.html" in json.loads(output)["files"]
+    effort = (tmp_path / "out" / "tables" / "effort.tex").read_text(encoding="utf-8")
+    assert re.search(r"\\toprule", effort)
+    assert "σ = 1 %" in effort

@@ -1,0 +1,116 @@
+"""Numbers and tables as text: on pages, in LaTeX and as CSV."""
+
+import math
+
+import pytest
+
+from results.report.comparison.comparison import csv_table
+from results.report.latex import escaped, latex_table
+from results.report.numerals import duration, readable
+from results.report.rendering import symbol_html, unit_html
+from results.report.table import Column, ReportTable, cell_text, sort_key
+
+
+@pytest.mark.parametrize(
+    ("value", "digits", "text"),
+    [
+        (0.005, 4, "0.005"),
+        (-1.299, 4, "−1.299"),
+        (0.0066421, 4, "0.006642"),
+        (6.703943e-07, 4, "6.704·10⁻⁷"),
+        (-3.2e10, 3, "−3.2·10¹⁰"),
+        (1667.0, 3, "1667"),
+        (123456.789, 3, "123457"),
+        (103.28528, 6, "103.285"),
+        (9.9999, 3, "10.0"),
+        (0.0, 3, "0"),
+        (-0.0, 3, "0"),
+        (math.inf, 3, "∞"),
+        (-math.inf, 3, "−∞"),
+        (math.nan, 3, "–"),
+    ],
+)
+def test_readable(value, digits, text):
+    assert readable(value, digits) == text
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"), [(0.25, "0.25 s"), (160, "2 min 40 s"), (7500, "2 h 5 min")]
+)
+def test_duration(seconds, text):
+    assert duration(seconds) == text
+
+
+def table():
+    columns = (
+        Column("parameter", kind="parameter"),
+        Column("unit", kind="text"),
+        Column("share", "%"),
+        Column("a & b", kind="text"),
+        Column("ok", kind="outcome"),
+    )
+    rows = [
+        ("r_alpha", "kg m^2", 6.7e-9, "100 % of $x_1$ \\ {~^}", True),
+        ("odd name", "N s/m", None, "≤ 5", False),
+    ]
+    return ReportTable.of("t", "All of it", columns, rows)
+
+
+def test_latex():
+    text = latex_table(table())
+    lines = text.splitlines()
+    assert r"\begin{tabular}{llrll}" in lines
+    assert lines[4] == r"parameter & unit & share [\%] & a \& b & ok \\"
+    assert lines[6] == (
+        r"$r_{\alpha}$ & kg m$^{2}$ & $6.7 \cdot 10^{-9}$ & "
+        r"100 \% of \$x\_1\$ \textbackslash{} \{\textasciitilde{}\textasciicircum{}\} & yes \\"
+    )
+    assert lines[7] == r"odd name & N s/m & -- & $\leq$ 5 & no \\"
+    assert [line for line in lines if line.startswith("\\")][-1] == r"\end{tabular}"
+    assert text.count("{") == text.count("}")
+
+
+def test_latex_of_hostile_text_stays_on_its_line():
+    assert escaped("a\n\\end{tabular}\r%") == r"a \textbackslash{}end\{tabular\} \%"
+
+
+def test_csv_has_all_digits():
+    assert csv_table(table()).splitlines() == [
+        "parameter,unit,share [%],a & b,ok",
+        "r_alpha,kg m^2,6.7e-09,100 % of $x_1$ \\ {~^},True",
+        "odd name,N s/m,,≤ 5,False",
+    ]
+
+
+def test_rows_have_a_value_for_every_column():
+    with pytest.raises(ValueError, match="2 values"):
+        ReportTable.of("t", "", (Column("a"), Column("b")), [(1.0,)])
+
+
+def test_what_cells_are_sorted_by():
+    assert [sort_key(value) for value in (0.1, 3, True, None, math.nan)] == [
+        "0.1",
+        "3",
+        "1",
+        "",
+        "",
+    ]
+    assert cell_text(Column("a"), None) == "–"
+
+
+@pytest.mark.parametrize(
+    ("name", "html"),
+    [
+        ("r_alpha", "<i>r</i><sub>α</sub>"),
+        ("p10", "<i>p</i><sub>10</sub>"),
+        ("Ixy", "<i>I</i><sub>xy</sub>"),
+        ("<b>", "&lt;b&gt;"),
+    ],
+)
+def test_symbols(name, html):
+    assert str(symbol_html(name)) == html
+
+
+def test_units():
+    assert str(unit_html("kg m^2")) == "kg m<sup>2</sup>"
+    assert str(unit_html("<i>^-1")) == "&lt;i&gt;<sup>−1</sup>"
