@@ -31,7 +31,7 @@ def test_every_stage_is_told(whole):
     for version in manifest["versions"].values():
         assert version in page.text
     design = json.loads((whole / "design.json").read_text(encoding="utf-8"))
-    assert f"{design['log_det_information']:.3f}"[:6] in page.text
+    assert f"{design['log_det_information']:.6g}".replace("-", "−") in page.text
     for warning in design["warnings"]:
         assert warning in page.text
     assert "simulated" in page.text
