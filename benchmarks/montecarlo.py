@@ -15,11 +15,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from estimation.identification.estimate import (
-    parameter_knowledge,
-    prepare_experiment,
-    run_estimators,
-)
+from estimation.identification.estimate import parameter_knowledge, run_estimators
+from estimation.identification.recording import prepare_experiment
 from estimation.montecarlo import Study, run_study
 from estimation.montecarlo.journal import NAME as JOURNAL
 from estimation.montecarlo.output import write_study

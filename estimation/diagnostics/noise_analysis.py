@@ -92,6 +92,7 @@ def analyse_noise(record: Record) -> NoiseAnalysis:
         record.force_scatter.covariance,
         record.length_scatter.covariance,
         "estimated",
+        "estimated",
         record.force_scatter.freedom,
         record.length_scatter.freedom,
     )

@@ -73,14 +73,17 @@ def linear_estimate(
     for experiment in experiments:
         weights = weighting(experiment.noise.force_covariance)
         regressors = experiment.regressors(robot)
-        rest = experiment.forces - regressors @ start
-        columns = regressors[:, :, free] * experiment.counts[:, None, None]
-        weighted = np.matmul(weights, columns).reshape(-1, columns.shape[2])
-        flat = regressors[:, :, free].reshape(-1, columns.shape[2])
-        information = information + flat.T @ weighted
-        gradient = gradient + weighted.T @ rest.ravel()
         mixed = weights @ experiment.noise.force_covariance @ weights
-        spread = spread + flat.T @ np.matmul(mixed, columns).reshape(-1, columns.shape[2])
+        for first in range(0, len(regressors), CHUNK):
+            part = slice(first, first + CHUNK)
+            rest = experiment.forces[part] - regressors[part] @ start
+            own = regressors[part][:, :, free]
+            columns = own * experiment.counts[part][:, None, None]
+            weighted = np.matmul(weights, columns).reshape(-1, columns.shape[2])
+            flat = own.reshape(-1, columns.shape[2])
+            information = information + flat.T @ weighted
+            gradient = gradient + weighted.T @ rest.ravel()
+            spread = spread + flat.T @ np.matmul(mixed, columns).reshape(-1, columns.shape[2])
     values = start.copy()
     values[free] += knowledge.best_step(information, gradient, start)
     inverse = knowledge.inverse(information)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from os import PathLike
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,13 +21,9 @@ from estimation.estimators import (
     least_squares,
     maximum_likelihood,
 )
-from estimation.identification.noise_choice import choose_noise, residual_noise
-from estimation.identification.period_choice import choose_omega
+from estimation.identification.noise_choice import residual_force_noise
+from estimation.identification.recording import prepare_recording
 from estimation.identification.result import EstimationResult, RecordSummary
-from estimation.kinematics import choose_harmonics, fit_motion, pointwise_motion
-from estimation.kinematics.fourier_fit import MotionFitError, start_motion
-from estimation.measurement_model import HarmonicMotion
-from estimation.processing import PeriodError, Record, make_record
 from estimation.uncertainty import (
     cramer_rao_covariance,
     identified_combinations,
@@ -42,8 +38,6 @@ Array = NDArray[np.float64]
 ConfigurationLike = str | PathLike[str] | Mapping[str, Any] | RunConfiguration
 
 _RESIDUAL_ROUNDS = 2
-_CUTOFF = 3.0
-"""Cutoff of the Butterworth filter in units of the highest frequency of the motion."""
 
 
 def estimate(
@@ -92,15 +86,15 @@ def _estimate(
     _refuse_ml_without_fit(configuration)
     designs = _one_each(design, len(recordings))
     records = tuple(
-        _prepared(configuration, robot, recording, trajectory)
+        prepare_recording(configuration, robot, recording, trajectory)
         for recording, trajectory in zip(recordings, designs, strict=True)
     )
     experiments = [record.experiment for record in records]
-    if any(experiment.noise.includes_model_error for experiment in experiments):
-        experiments = _with_residual_noise(robot, experiments, knowledge)
+    if any(experiment.noise.forces_include_model_error for experiment in experiments):
+        experiments = _with_residual_force_noise(robot, experiments, knowledge)
         records = tuple(
-            RecordSummary(r.source, e, r.harmonics, r.choice, r.jitter)
-            for r, e in zip(records, experiments, strict=True)
+            replace(summary, experiment=experiment)
+            for summary, experiment in zip(records, experiments, strict=True)
         )
     estimates = run_estimators(robot, experiments, knowledge, configuration.run.estimate.estimators)
     freedom = min(experiment.noise.force_freedom for experiment in experiments)
@@ -150,83 +144,7 @@ def run_estimators(
     return results
 
 
-def prepare_experiment(
-    configuration: RunConfiguration,
-    robot: Robot,
-    data: Measurement,
-    design: FourierTrajectory | None,
-) -> Experiment:
-    """Return one recording with its noise and motion, ready for the estimators."""
-    return _prepared(configuration, robot, data, design).experiment
-
-
-def _prepared(
-    configuration: RunConfiguration,
-    robot: Robot,
-    data: Measurement,
-    design: FourierTrajectory | None,
-) -> RecordSummary:
-    section = configuration.run.estimate
-    omega, source = choose_omega(configuration, data, design)
-    free = section.frequency == "estimated"
-    try:
-        record = make_record(data, omega, source, average=not free, robust=section.loss == "huber")
-    except PeriodError as error:
-        raise ConfigurationError(
-            Problem(str(error), file=Path(data.source) if data.source else None)
-        ) from error
-    noise = choose_noise(configuration, record, data.source)
-    if section.differentiation != "fourier":
-        cutoff = None
-        if section.differentiation == "butterworth":
-            highest = configuration.run.trajectory.harmonics if design is None else design.harmonics
-            cutoff = section.cutoff or _CUTOFF * highest * omega / (2 * np.pi)
-            if cutoff >= 0.5 / record.step:
-                raise ConfigurationError(
-                    Problem(
-                        f"a cutoff of {cutoff:.4g} Hz is not below half the sampling rate, "
-                        f"{0.5 / record.step:.4g} Hz",
-                        file=configuration.file,
-                        key="estimate.cutoff",
-                        allowed="a lower frequency, or faster sampling",
-                    )
-                )
-        motion = pointwise_motion(robot, record, cutoff=cutoff)
-        experiment = Experiment.from_points(robot, record, noise, motion)
-        return RecordSummary(data.source, experiment, None, None, data.jitter)
-    start = _start(robot, record, design)
-    if section.harmonics is None:
-        least = 1 if design is None else design.harmonics
-        choice = choose_harmonics(
-            robot, record, noise.length_covariance, least, start=start, free_frequency=free
-        )
-        fit = choice.fit
-    else:
-        choice = None
-        fit = fit_motion(
-            robot,
-            record,
-            noise.length_covariance,
-            section.harmonics,
-            start=start,
-            free_frequency=free,
-        )
-    experiment = Experiment.from_fit(robot, record, noise, fit)
-    return RecordSummary(data.source, experiment, fit.motion.harmonics, choice, data.jitter)
-
-
-def _start(robot: Robot, record: Record, design: FourierTrajectory | None) -> HarmonicMotion:
-    harmonics = 5 if design is None else design.harmonics
-    try:
-        return start_motion(robot, record, harmonics)
-    except MotionFitError:
-        if design is None:
-            raise
-        # Lengths this noisy may have no pose one by one; the designed motion is near.
-        return HarmonicMotion.of(design)
-
-
-def _with_residual_noise(
+def _with_residual_force_noise(
     robot: Robot, experiments: Sequence[Experiment], knowledge: Knowledge
 ) -> list[Experiment]:
     """Take Σ from the residuals of Gauss–Markov estimates, which are then made anew."""
@@ -236,14 +154,14 @@ def _with_residual_noise(
         values = gauss_markov(robot, present, knowledge).values
         present = [
             experiment.with_noise(
-                residual_noise(
+                residual_force_noise(
                     experiment.record,
                     experiment.noise,
                     experiment.forces - experiment.regressors(robot) @ values,
                     used // len(present),
                 )
             )
-            if experiment.noise.includes_model_error
+            if experiment.noise.forces_include_model_error
             else experiment
             for experiment in present
         ]
@@ -329,11 +247,18 @@ def _warnings(
         dropped = record.experiment.record.dropped
         if dropped:
             found.append(f"{where}{dropped} rows of incomplete periods were left out")
-        if record.experiment.noise.includes_model_error:
+        noise = record.experiment.noise
+        if noise.forces_include_model_error:
             found.append(
                 f"{where}too few periods to tell noise from model error, and none is given: Σ "
                 "comes from the residuals and includes the model's error"
             )
+        if noise.lengths_include_model_error:
+            found.append(
+                f"{where}too few periods to tell noise from model error, and none is given: Δ "
+                "comes from what the fitted motion leaves of the lengths"
+            )
+        found += [where + warning for warning in record.warnings]
         if record.experiment.fit is None:
             found.append(
                 f"{where}pointwise differentiation: the errors of rates and accelerations are in "

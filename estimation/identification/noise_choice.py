@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
-from estimation.processing import NoiseModel, Record
+from estimation.identification.unsuitable import UnsuitableDataError
+from estimation.kinematics import MotionFit
+from estimation.processing import NoiseEstimate, NoiseModel, Record
 from estimation.processing.noise import scatter_about_series, series_harmonics
 from expdesign.configuration import ConfigurationError, Problem, RunConfiguration
 
+Array = NDArray[np.float64]
+
 _STILL = 1e-12
 """Smallest variance, relative to the largest, and eigenvalue of a correlation that is one."""
+
+_PART_OF_A_PERIOD = 1e-6
 
 FEWEST_PERIODS = 3
 """Periods from which on the scatter between them is preferred to what is given."""
@@ -21,13 +29,16 @@ def choose_noise(configuration: RunConfiguration, record: Record, source: str = 
     """Return Σ and Δ of one sample.
 
     The scatter between periods from three periods on; with fewer what robot or run give; else the
-    residuals, in which case the covariance of the forces is a first one only and comes anew from
-    the residuals of the fit (`residual_noise`).
+    residuals, in which case the covariances are first ones only and come anew from the residuals
+    of the fits (`residual_force_noise`, `residual_length_noise`). Forces and lengths are chosen
+    each for itself.
 
     Raises
     ------
     ConfigurationError
-        `estimate.noise` asks for what is not there, or a channel does not vary.
+        `estimate.noise` asks for what is not there.
+    UnsuitableDataError
+        A channel does not vary.
     """
     noise = _chosen(configuration, record)
     _refuse_singular(noise, source)
@@ -48,7 +59,7 @@ def _refuse_singular(noise: NoiseModel, source: str) -> None:
             message = f"the noise of {letter}1 … {letter}6 is not that of six independent sensors"
         else:
             message = f"{', '.join(still)}: the recording shows no noise at all in this channel"
-        raise ConfigurationError(
+        raise UnsuitableDataError(
             Problem(
                 message,
                 file=Path(source) if source else None,
@@ -60,35 +71,23 @@ def _refuse_singular(noise: NoiseModel, source: str) -> None:
 def _chosen(configuration: RunConfiguration, record: Record) -> NoiseModel:
     wanted = configuration.run.estimate.noise
     noise = configuration.robot.noise
-    forces = None if noise is None else noise.force_covariance
-    lengths = None if noise is None else noise.length_covariance
-    if wanted == "given":
-        if forces is None or lengths is None:
-            raise ConfigurationError(
-                Problem(
-                    "estimate.noise is 'given', but robot and run do not state the noise of "
-                    + ("the forces" if forces is None else "the lengths"),
-                    file=configuration.file,
-                    key="noise",
-                    allowed="force_std and length_std, or force_covariance and length_covariance",
-                )
+    given = {
+        "forces": None if noise is None else noise.force_covariance,
+        "lengths": None if noise is None else noise.length_covariance,
+    }
+    scatter = {"forces": record.force_scatter, "lengths": record.length_scatter}
+    missing = [name for name, covariance in given.items() if covariance is None]
+    if wanted == "given" and missing:
+        raise ConfigurationError(
+            Problem(
+                "estimate.noise is 'given', but robot and run do not state the noise of "
+                f"the {missing[0]}",
+                file=configuration.file,
+                key="noise",
+                allowed="force_std and length_std, or force_covariance and length_covariance",
             )
-        return NoiseModel(forces, lengths, "given")
-    repeated = record.force_scatter is not None and record.length_scatter is not None
-    enough = record.periods >= FEWEST_PERIODS - 1e-6
-    if (
-        record.force_scatter is not None
-        and record.length_scatter is not None
-        and (enough or wanted == "estimated")
-    ):
-        return NoiseModel(
-            record.force_scatter.covariance,
-            record.length_scatter.covariance,
-            "estimated",
-            record.force_scatter.freedom,
-            record.length_scatter.freedom,
         )
-    if wanted == "estimated" and not repeated:
+    if wanted == "estimated" and None in scatter.values():
         raise ConfigurationError(
             Problem(
                 f"estimate.noise is 'estimated', but {record.periods:.3g} periods do not show the "
@@ -98,33 +97,55 @@ def _chosen(configuration: RunConfiguration, record: Record) -> NoiseModel:
                 allowed="at least 2 periods (3 are better), or noise: given",
             )
         )
-    if forces is not None and lengths is not None:
-        return NoiseModel(forces, lengths, "given")
-    return _first_noise(record)
+    enough = wanted == "estimated" or (
+        wanted == "auto" and record.periods >= FEWEST_PERIODS - _PART_OF_A_PERIOD
+    )
+    found: dict[str, tuple[Array, str, float]] = {}
+    for name in ("forces", "lengths"):
+        repeated, stated = scatter[name], given[name]
+        if enough and repeated is not None:
+            found[name] = (repeated.covariance, "estimated", repeated.freedom)
+        elif stated is not None:
+            found[name] = (stated, "given", np.inf)
+        else:
+            first = _first_noise(record, name)
+            found[name] = (first.covariance, "residuals", first.freedom)
+    (forces, force_source, force_freedom), (lengths, length_source, length_freedom) = (
+        found["forces"],
+        found["lengths"],
+    )
+    return NoiseModel(forces, lengths, force_source, length_source, force_freedom, length_freedom)
 
 
-def _first_noise(record: Record) -> NoiseModel:
-    """Return covariances of the scatter about a long Fourier series of what was recorded."""
+def _first_noise(record: Record, name: str) -> NoiseEstimate:
+    """Return the covariance of the scatter about a long Fourier series of what was recorded."""
     per_period = record.samples if record.averaged else record.period / record.step
     harmonics = series_harmonics(record.samples, per_period)
-    forces, _ = scatter_about_series(record.force_times, record.forces, record.omega, harmonics)
-    lengths, _ = scatter_about_series(record.length_times, record.lengths, record.omega, harmonics)
-    # Means over periods scatter less than the single samples that a covariance is stated for.
-    return NoiseModel(
-        forces.covariance * float(np.mean(record.force_counts)),
-        lengths.covariance * float(np.mean(record.length_counts)),
-        "residuals",
-        forces.freedom,
-        lengths.freedom,
+    times, values, counts = (
+        (record.force_times, record.forces, record.force_counts)
+        if name == "forces"
+        else (record.length_times, record.lengths, record.length_counts)
     )
+    found, _ = scatter_about_series(times, values, record.omega, harmonics)
+    # Means over periods scatter less than the single samples that a covariance is stated for.
+    return NoiseEstimate(found.covariance * float(np.mean(counts)), found.freedom)
 
 
-def residual_noise(
-    record: Record, noise: NoiseModel, residuals: np.ndarray, used: int
+def residual_force_noise(
+    record: Record, noise: NoiseModel, residuals: Array, used: int
 ) -> NoiseModel:
     """Return the noise with Σ from the residuals of a fit, (R, 6), that used so many parameters."""
+    found = _of_residuals(residuals, record.force_counts, used)
+    return replace(noise, force_covariance=found.covariance, force_freedom=found.freedom)
+
+
+def residual_length_noise(record: Record, noise: NoiseModel, fit: MotionFit) -> NoiseModel:
+    """Return the noise with Δ from what the fitted motion leaves of the lengths."""
+    found = _of_residuals(fit.residuals, record.length_counts, len(fit.covariance))
+    return replace(noise, length_covariance=found.covariance, length_freedom=found.freedom)
+
+
+def _of_residuals(residuals: Array, counts: Array, used: int) -> NoiseEstimate:
     freedom = max(len(residuals) - used / residuals.shape[1], 1.0)
-    covariance = residuals.T @ residuals / freedom * float(np.mean(record.force_counts))
-    return NoiseModel(
-        covariance, noise.length_covariance, "residuals", freedom, noise.length_freedom
-    )
+    weights = counts if len(counts) == len(residuals) else np.full(len(residuals), np.mean(counts))
+    return NoiseEstimate((residuals * weights[:, None]).T @ residuals / freedom, freedom)

@@ -147,7 +147,7 @@ def motion_table(result: EstimationResult, number: int) -> pd.DataFrame:
     state = basis.state(motion.table)
     predicted = experiment.regressors(result.robot, motion) @ best.values
     blocks = [
-        record.force_times[:, None],
+        record.force_times[:, None] + record.origin,
         state,
         record.lengths,
         result.robot.inverse_kinematics(
@@ -214,7 +214,9 @@ def _recording(summary: RecordSummary) -> dict[str, Any]:
         else summary.choice.design_harmonics,
         "noise": {
             "source": noise.source,
-            "includes_model_error": noise.includes_model_error,
+            "force_source": noise.force_source,
+            "length_source": noise.length_source,
+            "includes_model_error": noise.forces_include_model_error,
             "force_covariance": noise.force_covariance,
             "length_covariance": noise.length_covariance,
             "force_freedom": noise.force_freedom,
@@ -238,7 +240,10 @@ def _estimator(result: EstimationResult, estimate: ParameterEstimate) -> dict[st
             {**asdict(combination), "text": combination.text}
             for combination in result.combinations[estimate.estimator]
         ],
-        "motions": [_motion(motion) for motion in estimate.motions],
+        "motions": [
+            _motion(motion.delayed(record.experiment.record.origin))
+            for motion, record in zip(estimate.motions, result.records, strict=False)
+        ],
     }
 
 

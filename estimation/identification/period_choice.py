@@ -5,8 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimation.data.measurement import Measurement
+from estimation.identification.unsuitable import UnsuitableDataError
+from estimation.kinematics import clock_error
+from estimation.measurement_model import HarmonicMotion
+from estimation.processing import Record
 from estimation.processing.period import (
     PeriodError,
     PeriodSource,
@@ -14,11 +19,20 @@ from estimation.processing.period import (
     omega_from_data,
     refined_omega,
 )
-from expdesign.configuration import ConfigurationError, Problem, RunConfiguration
+from expdesign.configuration import Problem, RunConfiguration
+from expdesign.robot import Robot
 from expdesign.trajectory import FourierTrajectory
+
+Array = NDArray[np.float64]
 
 _FREQUENCY_REACH = 0.02
 """How far the controller's clock may be off, relative, when the frequency is estimated."""
+
+_CLEARLY_OFF = 5.0
+"""Standard errors by which a clock must be off before it is looked at."""
+
+_LOOK = 0.05
+"""How far off it is looked for, relative."""
 
 _FEWEST_MARKED = 3
 """Numbers that a period column must have: fewer do not mark the two ends of a period."""
@@ -34,7 +48,7 @@ def choose_omega(
 
     Raises
     ------
-    ConfigurationError
+    UnsuitableDataError
         No period is known and none is found, or the data do not repeat with it.
     """
     low, high = configuration.run.trajectory.frequency
@@ -80,8 +94,43 @@ def _refuse_other_period(data: Measurement, omega: float, source: PeriodSource) 
     )
 
 
-def _refused(data: Measurement, message: str) -> ConfigurationError:
-    return ConfigurationError(
+def period_warning(
+    robot: Robot, data: Measurement, record: Record, motion: HarmonicMotion, covariance: Array
+) -> str:
+    """Return what is to be said of a period that was taken from the design or from the run.
+
+    Parameters
+    ----------
+    motion : HarmonicMotion
+        As fitted with that period.
+    covariance : (6, 6)
+        Δ of one sample, m².
+
+    Raises
+    ------
+    UnsuitableDataError
+        No clock is that far off: it is another period.
+    """
+    if record.source not in (PeriodSource.DESIGN, PeriodSource.FREQUENCY):
+        return ""
+    error, std = clock_error(robot, record, motion, covariance)
+    duration = record.periods * record.period
+    if abs(error) < _CLEARLY_OFF * std or abs(error) * duration < record.step:
+        return ""
+    off = refined_omega(data, record.omega, _LOOK) / record.omega - 1
+    if abs(off) * duration < record.step:
+        return ""
+    seen = (
+        f"the lengths repeat after {record.period / (1 + off):.7g} s, the {record.source.value}'s "
+        f"period is {record.period:.7g} s"
+    )
+    if abs(off) > _FREQUENCY_REACH:
+        raise _refused(data, seen)
+    return f"{seen} ({100 * off:+.3g} % in frequency): use `estimate.frequency: estimated`"
+
+
+def _refused(data: Measurement, message: str) -> UnsuitableDataError:
+    return UnsuitableDataError(
         Problem(
             message,
             file=Path(data.source) if data.source else None,

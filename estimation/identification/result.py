@@ -31,6 +31,8 @@ class RecordSummary:
         How the harmonics were chosen, when they were.
     jitter : float
         Of the time stamps, as a share of a step.
+    warnings : tuple of str
+        What is to be said of it.
     """
 
     source: str
@@ -38,6 +40,7 @@ class RecordSummary:
     harmonics: int | None
     choice: HarmonicChoice | None
     jitter: float
+    warnings: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

@@ -104,6 +104,15 @@ class HarmonicMotion:
         table[:, harmonics + 1 : harmonics + 1 + few] = self.table[:, old + 1 : old + 1 + few]
         return HarmonicMotion(table, self.omega)
 
+    def delayed(self, time: float) -> HarmonicMotion:
+        """Return the motion that does at t what this one does at t − time, s."""
+        h = self.harmonics
+        phases = self.omega * time * np.arange(1, h + 1)
+        cos, sin = np.cos(phases), np.sin(phases)
+        sines, cosines = self.table[:, 1 : h + 1], self.table[:, h + 1 :]
+        parts = [self.table[:, :1], sines * cos + cosines * sin, cosines * cos - sines * sin]
+        return HarmonicMotion(np.concatenate(parts, axis=1), self.omega)
+
     def basis(self, times: Array) -> MotionBasis:
         """Return the basis at the times given, s."""
         return MotionBasis.at(times, self.omega, self.harmonics)

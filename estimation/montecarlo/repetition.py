@@ -9,11 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.estimators import Experiment, Knowledge, ParameterEstimate
-from estimation.identification.estimate import (
-    parameter_knowledge,
-    prepare_experiment,
-    run_estimators,
-)
+from estimation.identification.estimate import parameter_knowledge, run_estimators
+from estimation.identification.recording import prepare_experiment
+from estimation.identification.unsuitable import UnsuitableDataError
 from estimation.twin import Twin
 from expdesign.configuration import RunConfiguration
 from expdesign.robot import Robot, robot_from
@@ -23,6 +21,9 @@ Array = NDArray[np.float64]
 
 NUMERICAL_FAILURES = (ArithmeticError, np.linalg.LinAlgError)
 """What noise can do to an estimate: no pose, no motion, a singular information matrix."""
+
+FAILURES = (*NUMERICAL_FAILURES, UnsuitableDataError)
+"""What noise can do to one recording and not to the next."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +98,7 @@ class Workbench:
             experiment = prepare_experiment(
                 self.configuration, self.robot, self.twin.measurement(number), self.design
             )
-        except NUMERICAL_FAILURES as error:
+        except FAILURES as error:
             failed = Outcome(error=_reason(error))
             return Repetition(number, None, np.inf, dict.fromkeys(wanted, failed))
         return Repetition(

@@ -55,7 +55,7 @@ def bound_at_truth(bench: Workbench) -> Array:
         iterations=0,
         free_frequency=free_frequency,
     )
-    noise = NoiseModel(truth.force_covariance, truth.length_covariance, "given")
+    noise = NoiseModel(truth.force_covariance, truth.length_covariance, "given", "given")
     experiment = Experiment.along(
         bench.robot, record, noise, known, np.zeros((record.samples, _SIGNED))
     )

@@ -40,7 +40,7 @@ class NoiseModel:
     ----------
     force_covariance, length_covariance : (6, 6)
         Σ, N², and Δ, m², of one sample.
-    source : str
+    force_source, length_source : str
         ``"estimated"`` (scatter between periods), ``"given"`` (robot or run file) or
         ``"residuals"`` (of the fit itself: it includes the error of the model).
     force_freedom, length_freedom : float
@@ -49,14 +49,27 @@ class NoiseModel:
 
     force_covariance: Array
     length_covariance: Array
-    source: str
+    force_source: str
+    length_source: str
     force_freedom: float = np.inf
     length_freedom: float = np.inf
 
     @property
-    def includes_model_error(self) -> bool:
-        """True when the covariances come from the residuals of the model itself."""
-        return self.source == "residuals"
+    def source(self) -> str:
+        """Where both come from."""
+        if self.force_source == self.length_source:
+            return self.force_source
+        return f"forces {self.force_source}, lengths {self.length_source}"
+
+    @property
+    def forces_include_model_error(self) -> bool:
+        """True when Σ comes from the residuals of the model of the forces itself."""
+        return self.force_source == "residuals"
+
+    @property
+    def lengths_include_model_error(self) -> bool:
+        """True when Δ comes from the residuals of the fitted motion itself."""
+        return self.length_source == "residuals"
 
 
 def scatter_between_periods(values: Array, weights: Array | None = None) -> NoiseEstimate:
@@ -71,28 +84,37 @@ def scatter_between_periods(values: Array, weights: Array | None = None) -> Nois
 
     Notes
     -----
-    With (M − 1) N degrees of freedom for full weights.
+    With (M − 1) N degrees of freedom for full weights. Squares count with the square of their
+    weight: what is far off enough to lose weight is no noise.
     """
     w = np.ones(values.shape[:2]) if weights is None else weights
     total = w.sum(axis=0)
     mean = np.einsum("mn,mnj->nj", w, values) / total[:, None]
-    residuals = (values - mean) * np.sqrt(w)[:, :, None]
+    residuals = (values - mean) * w[:, :, None]
     flat = residuals.reshape(-1, values.shape[2])
-    freedom = float(np.sum(w) - np.count_nonzero(total > 0))
+    freedom = float(np.sum(w**2) - np.count_nonzero(total > 0))
     return NoiseEstimate(flat.T @ flat / freedom, freedom)
 
 
 def scatter_about_series(
-    times: Array, values: Array, omega: float, harmonics: int
+    times: Array, values: Array, omega: float, harmonics: int, weights: Array | None = None
 ) -> tuple[NoiseEstimate, Array]:
     """Return the covariance of the scatter about a Fourier series, and the residuals (T, 6).
 
+    Parameters
+    ----------
+    weights : (T,), optional
+        Between 0 and 1; samples that count less.
+
+    Notes
+    -----
     For periods that are not a whole number of samples, or stamps that jitter: there are no equal
     phases whose scatter could be taken. The series is long enough to follow the jumps of dry
     friction to well below the noise.
     """
     orders = np.arange(1, harmonics + 1)
     size = 2 * harmonics + 1
+    w = np.ones(len(times)) if weights is None else weights
     chunk = max(1, 2_000_000 // size)
     normal, right = np.zeros((size, size)), np.zeros((size, values.shape[1]))
 
@@ -104,12 +126,14 @@ def scatter_about_series(
     parts = [slice(first, first + chunk) for first in range(0, len(times), chunk)]
     for part in parts:
         rows = basis(part)
-        normal += rows.T @ rows
-        right += rows.T @ values[part]
+        weighted = rows * w[part][:, None]
+        normal += weighted.T @ rows
+        right += weighted.T @ values[part]
     coefficients = np.linalg.solve(normal, right)
     residuals = np.concatenate([values[part] - basis(part) @ coefficients for part in parts])
-    freedom = float(len(times) - size)
-    return NoiseEstimate(residuals.T @ residuals / freedom, freedom), residuals
+    freedom = float(np.sum(w**2) - size)
+    weighted = residuals * w[:, None]
+    return NoiseEstimate(weighted.T @ weighted / freedom, freedom), residuals
 
 
 def series_harmonics(rows: int, rows_per_period: float) -> int:

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from itertools import combinations
+
 import numpy as np
 from numpy.typing import NDArray
+
+from estimation.processing.noise import NoiseEstimate, scatter_about_series
 
 Array = NDArray[np.float64]
 
@@ -14,26 +18,69 @@ _CUT = 4.0
 """Normalised distance up to which a sample has its full weight: one in 16 000 normal ones is
 beyond it in one channel, so that clean data keep their efficiency and their covariance."""
 
+FEWEST_PERIODS = 3
+"""Periods from which on the median over them tells which sample is the odd one."""
+
+_MOST_PAIRS = 20
+_ROUNDS = 3
+
 
 def huber_weights(values: Array) -> Array:
-    """Return a weight in (0, 1] for every sample, (M, N).
+    """Return a weight in (0, 1] for every sample, (M, N), from its distance to its fellows.
 
     Parameters
     ----------
     values : (M, N, 6)
-        M periods; with M ≥ 3 distances are taken from the median over the periods, else from
-        zero, as befits residuals.
+        M ≥ 3 periods.
 
     Notes
     -----
-    The weight is min(1, (4/d)²) with d the largest distance among the six channels in robust
-    standard deviations: the square bounds an outlier's influence on means and on covariances.
+    The weight is min(1, (4/d)²) with d the largest distance among the six channels from the median
+    over the periods, in robust standard deviations: the square bounds an outlier's influence on
+    means and on covariances. The scale comes from differences of periods, which hold twice the
+    variance whatever M is; a median of few periods follows them, and its distances are too small.
+
+    Raises
+    ------
+    ValueError
+        Fewer than three periods: their median does not tell which sample is the odd one.
     """
-    centred = values - np.median(values, axis=0) if len(values) > 2 else values  # noqa: PLR2004
-    scale = np.median(np.abs(centred), axis=(0, 1)) / _NORMAL_MEDIAN
-    if len(values) > 2:  # noqa: PLR2004
-        # The median follows the samples: their deviations from it are too small.
-        scale = scale * np.sqrt(len(values) / (len(values) - 1))
+    periods = len(values)
+    if periods < FEWEST_PERIODS:
+        raise ValueError(f"distances from a median need {FEWEST_PERIODS} periods, not {periods}")
+    pairs = list(combinations(range(periods), 2))[
+        :: max(1, periods * (periods - 1) // 2 // _MOST_PAIRS)
+    ]
+    differences = np.concatenate([values[i] - values[j] for i, j in pairs])
+    scale = np.median(np.abs(differences), axis=0) / (_NORMAL_MEDIAN * np.sqrt(2))
+    # A sample's distance from the mean of all others has this much more than its own variance.
+    return _weights(values - np.median(values, axis=0), scale * np.sqrt(periods / (periods - 1)))
+
+
+def series_weights(
+    times: Array, values: Array, omega: float, harmonics: int
+) -> tuple[NoiseEstimate, Array]:
+    """Return the covariance about a Fourier series and a weight for every sample, (T,).
+
+    Parameters
+    ----------
+    times : (T,)
+        s.
+    values : (T, 6)
+
+    Notes
+    -----
+    As `huber_weights`, with distances from the series, which is fitted again with the weights.
+    """
+    weights = np.ones(len(times))
+    scatter, residuals = scatter_about_series(times, values, omega, harmonics)
+    for _ in range(_ROUNDS):
+        weights = _weights(residuals, np.median(np.abs(residuals), axis=0) / _NORMAL_MEDIAN)
+        scatter, residuals = scatter_about_series(times, values, omega, harmonics, weights)
+    return scatter, weights
+
+
+def _weights(distances: Array, scale: Array) -> Array:
     scale = np.where(scale > 0, scale, np.inf)
-    distance = np.max(np.abs(centred) / scale, axis=2)
+    distance = np.max(np.abs(distances) / scale, axis=-1)
     return np.minimum(1.0, (_CUT / np.maximum(distance, _CUT)) ** 2)

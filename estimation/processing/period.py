@@ -20,6 +20,9 @@ _COARSE_HARMONICS = 6
 _SEARCH_HARMONICS = 30
 _ACCURACY = 1e-10
 _FEWEST_PERIODS = 1.5
+_MULTIPLES = (2, 3)
+_MUCH_BETTER = 4.0
+"""How much less the lengths must change over a multiple of a period for that to be the period."""
 
 
 class PeriodSource(Enum):
@@ -101,7 +104,34 @@ def omega_from_data(data: Measurement) -> float:
     )
     peaks = peaks[peaks + 1 > below[0]] + 1
     lag = int(peaks[0]) if len(peaks) else int(below[0] + np.argmax(after))
-    return refined_omega(data, 2 * np.pi / (lag * data.step))
+    return _fundamental(data, refined_omega(data, 2 * np.pi / (lag * data.step)))
+
+
+def _fundamental(data: Measurement, omega: float) -> float:
+    """Return ω, or its half or third if the lengths repeat much better two or three periods later.
+
+    A second harmonic much larger than the first makes halves of a period look alike.
+    """
+    period = 2 * np.pi / omega
+    shares = {1: _change_after(data, period)}
+    for count in _MULTIPLES:
+        if count * period * _FEWEST_PERIODS <= data.time[-1] - data.time[0]:
+            shares[count] = _change_after(data, count * period)
+    best = min(shares, key=shares.__getitem__)
+    if best == 1 or shares[1] < _MUCH_BETTER * shares[best]:
+        return omega
+    return refined_omega(data, omega / best)
+
+
+def _change_after(data: Measurement, period: float) -> float:
+    """Return the mean square of how much the lengths change over a period, drift left out."""
+    later = data.time + period
+    inside = later <= data.time[-1]
+    shifted = np.stack(
+        [np.interp(later[inside], data.time, column) for column in data.lengths.T], axis=1
+    )
+    change = shifted - data.lengths[inside]
+    return float(np.mean((change - change.mean(axis=0)) ** 2))
 
 
 def refined_omega(data: Measurement, omega: float, spread: float | None = None) -> float:

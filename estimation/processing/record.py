@@ -19,7 +19,7 @@ from estimation.processing.noise import (
     scatter_between_periods,
     series_harmonics,
 )
-from estimation.processing.outliers import huber_weights
+from estimation.processing.outliers import FEWEST_PERIODS, huber_weights, series_weights
 from estimation.processing.period import PeriodError, PeriodSource, whole_samples
 
 Array = NDArray[np.float64]
@@ -56,6 +56,9 @@ class Record:
     step : float
         Between two rows of the recording, s.
     stamped : bool
+    origin : float
+        What was taken off the recording's times, s: whole periods, so that phases are those of the
+        recording. Far from the origin phases and ω could not be told from each other.
     """
 
     omega: float
@@ -75,6 +78,7 @@ class Record:
     force_periods: Array | None
     step: float
     stamped: bool
+    origin: float = 0.0
 
     @property
     def samples(self) -> int:
@@ -161,8 +165,10 @@ def _averaged(
     rows = slice(start, start + periods * samples)
     lengths = data.lengths[rows].reshape(periods, samples, -1)
     forces = data.forces[rows].reshape(periods, samples, -1)
-    length_weights = huber_weights(lengths) if robust else np.ones(shape)
-    force_weights = huber_weights(forces) if robust else np.ones(shape)
+    length_weights = force_weights = np.ones(shape)
+    if robust:
+        length_weights = _fellow_weights(data.time[rows], lengths, omega)
+        force_weights = _fellow_weights(data.time[rows], forces, omega)
     times = data.time[start : start + samples]
     repeated = periods >= _REPEATED
     return Record(
@@ -186,6 +192,15 @@ def _averaged(
     )
 
 
+def _fellow_weights(times: Array, values: Array, omega: float) -> Array:
+    periods, samples, channels = values.shape
+    if periods >= FEWEST_PERIODS:
+        return huber_weights(values)
+    harmonics = series_harmonics(periods * samples, samples)
+    _, weights = series_weights(times, values.reshape(-1, channels), omega, harmonics)
+    return weights.reshape(periods, samples)
+
+
 def _weighted_mean(values: Array, weights: Array) -> Array:
     return np.einsum("mn,mnj->nj", weights, values) / weights.sum(axis=0)[:, None]
 
@@ -193,21 +208,26 @@ def _weighted_mean(values: Array, weights: Array) -> Array:
 def _single(
     data: Measurement, omega: float, source: PeriodSource, rows: slice, *, robust: bool
 ) -> Record:
-    times, lengths, forces = data.time[rows], data.lengths[rows], data.forces[rows]
-    count = len(times)
+    lengths, forces = data.lengths[rows], data.forces[rows]
+    count = len(lengths)
+    period = 2 * np.pi / omega
+    middle = 0.5 * (data.time[rows][0] + data.time[rows][-1])
+    origin = float(np.floor(middle / period) * period)
+    times = data.time[rows] - origin
     per_period = 2 * np.pi / (omega * data.step)
     # A last period that lacks less than a sample counts as whole.
     nearest = round(count / per_period)
     periods = nearest if abs(count / per_period - nearest) * per_period < 1 else count / per_period
     length_scatter = force_scatter = None
     length_weights = force_weights = np.ones(count)
-    if periods >= _REPEATED - 0.5 / per_period:
-        harmonics = series_harmonics(count, per_period)
-        length_scatter, length_rest = scatter_about_series(times, lengths, omega, harmonics)
-        force_scatter, force_rest = scatter_about_series(times, forces, omega, harmonics)
-        if robust:
-            length_weights = huber_weights(length_rest[None])[0]
-            force_weights = huber_weights(force_rest[None])[0]
+    harmonics = series_harmonics(count, per_period)
+    repeated = periods >= _REPEATED - 0.5 / per_period
+    if robust:
+        length_scatter, length_weights = series_weights(times, lengths, omega, harmonics)
+        force_scatter, force_weights = series_weights(times, forces, omega, harmonics)
+    elif repeated:
+        length_scatter, _ = scatter_about_series(times, lengths, omega, harmonics)
+        force_scatter, _ = scatter_about_series(times, forces, omega, harmonics)
     return Record(
         omega=omega,
         source=source,
@@ -220,10 +240,11 @@ def _single(
         periods=float(periods),
         rows=count,
         dropped=len(data) - count,
-        force_scatter=force_scatter,
-        length_scatter=length_scatter,
+        force_scatter=force_scatter if repeated else None,
+        length_scatter=length_scatter if repeated else None,
         length_periods=None,
         force_periods=None,
         step=data.step,
         stamped=data.stamped,
+        origin=origin,
     )

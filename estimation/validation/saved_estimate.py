@@ -80,6 +80,12 @@ def _saved(path: Path, data: Any, robot: Robot, estimator: str | None) -> SavedE
             f"its parameters are not those of the robot {robot.name}",
             ", ".join(robot.parameter_names),
         )
+    if data["robot"] != robot.name:
+        raise _refused(
+            path,
+            f"it is an estimate of the robot {data['robot']!r}, not of {robot.name!r}",
+            robot.name,
+        )
     key = data["best"] if estimator is None else estimator
     if key not in data["estimators"]:
         raise _refused(path, f"it has no estimator '{key}'", ", ".join(data["estimators"]))

@@ -117,7 +117,7 @@ def validate(configuration: RunConfiguration, saved: SavedEstimate) -> Validatio
         saved,
         motions,
         time.perf_counter() - began,
-        (*configuration.warnings, *_warnings(motions)),
+        (*configuration.warnings, *_warnings(saved, motions)),
     )
 
 
@@ -160,8 +160,13 @@ def _simulated(
     return Twin.of(changed, trajectory).measurement(FIRST_REPETITION + number)
 
 
-def _warnings(motions: Sequence[MotionValidation]) -> list[str]:
+def _warnings(saved: SavedEstimate, motions: Sequence[MotionValidation]) -> list[str]:
     found = []
+    if saved.estimate.kinematic_share is None:
+        found.append(
+            "the estimate comes from pointwise differentiation: it is biased and its covariance "
+            "too small, so that the tests may fail for the estimate's sake"
+        )
     for motion in motions:
         if motion.check is not None and not motion.check.passed:
             worst = max(motion.check.limits, key=lambda limit: limit.violation)

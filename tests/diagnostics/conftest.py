@@ -60,7 +60,7 @@ class Laboratory:
     def noise(self):
         given = self.robot.description.noise
         return NoiseModel(
-            given.force_covariance, given.length_covariance * self.length_scale**2, "given"
+            given.force_covariance, given.length_covariance * self.length_scale**2, "given", "given"
         )
 
     def measure(self, seed, *, cogging=None, delay=0.0, parameters=None, samples=None):
@@ -105,7 +105,12 @@ class Laboratory:
 def estimated(record):
     forces, lengths = record.force_scatter, record.length_scatter
     return NoiseModel(
-        forces.covariance, lengths.covariance, "estimated", forces.freedom, lengths.freedom
+        forces.covariance,
+        lengths.covariance,
+        "estimated",
+        "estimated",
+        forces.freedom,
+        lengths.freedom,
     )
 
 

@@ -97,7 +97,7 @@ def test_two_experiments_share_the_levels_and_the_parameters(laboratory, estimat
 
 def test_noise_from_residuals_refuses_the_bias_test(laboratory, sound):
     experiment, estimate = sound
-    own = replace(experiment.noise, source="residuals")
+    own = replace(experiment.noise, force_source="residuals")
     result = _diagnose(laboratory, [experiment.with_noise(own)], estimate)
     assert _outcomes(result)["the model explains the forces"] is Outcome.NOT_TESTED
     refused = result.as_dict()["experiments"][0]["lack_of_fit"]
@@ -127,6 +127,7 @@ def test_noise_that_was_given_too_large_or_too_small(laboratory, sound):
         noise = NoiseModel(
             factor * laboratory.noise.force_covariance,
             laboratory.noise.length_covariance,
+            "given",
             "given",
         )
         result = _diagnose(laboratory, [experiment.with_noise(noise)], estimate)

@@ -1,10 +1,16 @@
+import json
+import re
+
 import numpy as np
+import pandas as pd
 import pytest
 
 from estimation.data.measurement import Measurement
 from estimation.identification import estimate
+from estimation.identification.output import write_estimate
 from expdesign.configuration import ConfigurationError, load_run
 from expdesign.robot import robot_from
+from expdesign.trajectory import FourierTrajectory
 from tests.estimation.cases import PERIODS, ROBOT, STEP, measured, run, trajectory
 
 MOTION = trajectory()
@@ -21,6 +27,14 @@ def same(one, other, rtol=1e-7):
             one[name].values, other[name].values, rtol=rtol, atol=rtol * one[name].std.max()
         )
         np.testing.assert_allclose(one[name].std, other[name].std, rtol=1e-4)
+
+
+def without_noise(**noise):
+    """Return a run with a robot that states no noise, or only what is given."""
+    bare = load_run({"name": "case", "robot": "palida", "estimate": {}})
+    description = bare.run.robot.model_dump(by_alias=True, exclude_none=True)
+    description.pop("noise")
+    return load_run({"name": "case", "robot": description, **({"noise": noise} if noise else {})})
 
 
 def pull(result, name):
@@ -91,6 +105,87 @@ def test_an_estimated_frequency():
     assert error / MOTION.omega < 1e-5
 
 
+@pytest.mark.parametrize("since", [1e5, 1.7e9])
+def test_time_stamps_far_from_zero_change_nothing(since, tmp_path):
+    """The clock of a controller that counts from its start, or from 1970."""
+    config = run({"estimators": ["gm", "ml"], "frequency": "estimated"})
+    data = measured(MOTION)
+    near = estimate(config, data, MOTION)
+    # Whole periods later: the same phases.
+    later = changed(data, time=data.time + since)
+    far = estimate(config, later, MOTION)
+    for name in near.estimates:
+        close = (far[name].values - near[name].values) / near[name].std
+        assert np.max(np.abs(close)) < 0.02
+    write_estimate(far, tmp_path)
+    table = pd.read_csv(tmp_path / "tables" / "estimated_motion.csv")
+    assert table["t"].iloc[0] == pytest.approx(since, abs=1e-6)
+    record = json.loads((tmp_path / "estimate.json").read_text())
+    written = record["estimators"]["ml"]["motions"][0]
+    motion = FourierTrajectory(
+        written["omega"], *(np.array(written[key]) for key in ("lambda0", "mu", "nu"))
+    )
+    # With the frequency as found, the motion runs at the file's own times.
+    np.testing.assert_allclose(
+        motion.sample(later.time[:200]).pose,
+        table[["x", "y", "z", "phi", "theta", "psi"]].to_numpy()[:200],
+        atol=1e-5,
+    )
+
+
+@pytest.mark.parametrize("off", [3e-4, 2e-3, 0.015, -0.015])
+@pytest.mark.parametrize("periods", [3, 5])
+def test_a_clock_that_is_off_is_told(off, periods):
+    data = measured(MOTION, periods=periods)
+    other = changed(data, time=data.time / (1 + off), step=data.step / (1 + off))
+    if abs(off) * (periods - 1) * 200 < 1.1:
+        pytest.skip("less than a sample in all")
+    result = estimate(run({"estimators": ["gm"]}), other, MOTION)
+    told = [warning for warning in result.warnings if "frequency: estimated" in warning]
+    assert len(told) == 1
+    stated = float(re.search(r"\(([+-][\d.e-]+) %", told[0]).group(1)) / 100
+    assert stated == pytest.approx(off, rel=0.02)
+
+
+@pytest.mark.parametrize("off", [0.03, -0.04])
+def test_another_period_is_refused_though_it_is_near(off):
+    data = measured(MOTION)
+    other = changed(data, time=data.time / (1 + off), step=data.step / (1 + off))
+    with pytest.raises(ConfigurationError, match="the lengths repeat after"):
+        estimate(run({"estimators": ["gm"]}), other, MOTION)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_clock_that_is_right_is_not_doubted(seed):
+    result = estimate(run({"estimators": ["gm"]}), measured(MOTION, seed), MOTION)
+    assert not [warning for warning in result.warnings if "repeat" in warning]
+
+
+@pytest.mark.parametrize(("periods", "samples"), [(1, 100), (2, 100), (1, 200)])
+def test_lengths_of_unknown_noise_have_the_covariance_of_what_the_motion_leaves(periods, samples):
+    motion = trajectory(samples, 1.0 / samples)
+    config = without_noise()
+    ratios = []
+    for seed in range(8):
+        data = measured(motion, seed, periods=periods, step=1.0 / samples)
+        result = estimate(config, data, motion)
+        noise = result.records[0].experiment.noise
+        assert noise.lengths_include_model_error
+        true = ROBOT.description.noise.length_covariance
+        ratios.append(np.diag(noise.length_covariance) / np.diag(true))
+        assert any("what the fitted motion leaves" in warning for warning in result.warnings)
+    # 8 × (100 or more) samples less 5 coefficients each: 5 % of the variance is one sigma.
+    assert np.all(np.abs(np.mean(ratios, axis=0) - 1) < 0.2)
+
+
+def test_the_noise_of_the_forces_alone_is_not_thrown_away():
+    config = without_noise(force_std=["25 N"] * 6)
+    noise = estimate(config, measured(MOTION, periods=1), MOTION).records[0].experiment.noise
+    assert (noise.force_source, noise.length_source) == ("given", "residuals")
+    assert noise.source == "forces given, lengths residuals"
+    np.testing.assert_allclose(noise.force_covariance, 625.0 * np.eye(6))
+
+
 def test_struts_in_another_order_give_the_same_estimate():
     order = np.array([3, 0, 5, 1, 4, 2])
     description = ROBOT.description.description.model_dump(by_alias=True, exclude_none=True)
@@ -144,13 +239,9 @@ def test_one_period_of_few_samples_does_not_identify_p1():
 
 
 def test_without_periods_and_noise_the_residuals_serve_and_it_is_said():
-    bare = load_run({"name": "case", "robot": "palida", "estimate": {}})
-    description = bare.run.robot.model_dump(by_alias=True, exclude_none=True)
-    description.pop("noise")
-    config = load_run({"name": "case", "robot": description})
-    result = estimate(config, measured(MOTION, periods=2), MOTION)
+    result = estimate(without_noise(), measured(MOTION, periods=2), MOTION)
     noise = result.records[0].experiment.noise
-    assert noise.includes_model_error
+    assert noise.forces_include_model_error
     assert any("includes the model's error" in warning for warning in result.warnings)
     ratio = np.diag(noise.force_covariance) / np.diag(ROBOT.description.noise.force_covariance)
     assert np.all((ratio > 0.6) & (ratio < 1.5))

@@ -21,7 +21,7 @@ from expdesign.schema import EstimateSection
 from tests.estimation.cases import ROBOT, measured, trajectory
 
 NOISE = ROBOT.description.noise
-GIVEN = NoiseModel(NOISE.force_covariance, NOISE.length_covariance, "given")
+GIVEN = NoiseModel(NOISE.force_covariance, NOISE.length_covariance, "given", "given")
 MOTION = trajectory()
 
 
@@ -205,7 +205,7 @@ def test_estimates_spread_as_they_say_and_cover():
     for seed in range(40):
         case = experiment(seed, length_scale=5)
         case = case.with_noise(
-            NoiseModel(NOISE.force_covariance, 25 * NOISE.length_covariance, "given")
+            NoiseModel(NOISE.force_covariance, 25 * NOISE.length_covariance, "given", "given")
         )
         fit = fit_motion(ROBOT, case.record, 25 * NOISE.length_covariance, 2, start=case.fit.motion)
         case = Experiment.from_fit(ROBOT, case.record, case.noise, fit)

@@ -3,6 +3,7 @@ import pytest
 
 from estimation.processing import PeriodSource, make_record
 from estimation.processing.noise import NoiseEstimate
+from estimation.processing.outliers import huber_weights
 from tests.estimation.cases import ROBOT, measured, trajectory
 
 NOISE = ROBOT.description.noise
@@ -46,8 +47,47 @@ def test_an_outlier_hardly_touches_robust_means_and_covariances():
     assert np.all(np.diag(plain.force_scatter.covariance) > 5 * np.diag(NOISE.force_covariance))
 
 
-def test_robust_weights_leave_clean_data_alone():
+def dirty(motion, periods, seed=0):
+    data = measured(motion, seed, periods=periods)
+    data.forces[::53, 2] += 800.0
+    data.lengths[::71, 4] += 0.01
+    return data
+
+
+@pytest.mark.parametrize("periods", [1, 2, 3, 8])
+@pytest.mark.parametrize("samples", [200, 200.4])
+def test_a_robust_record_has_the_covariance_of_clean_data(samples, periods):
+    motion = trajectory(samples)
+    clean = make_record(measured(motion, periods=periods), motion.omega, PeriodSource.DESIGN)
+    record = make_record(dirty(motion, periods), motion.omega, PeriodSource.DESIGN, robust=True)
+    lost = len(record.forces) * (periods if record.averaged else 1) / 53
+    assert record.force_counts.sum() < clean.force_counts.sum() - 0.9 * lost
+    if clean.force_scatter is not None:
+        for found, true in (
+            (record.force_scatter, NOISE.force_covariance),
+            (record.length_scatter, NOISE.length_covariance),
+        ):
+            ratio = np.diag(found.covariance) / np.diag(true)
+            assert np.all((ratio > 0.75) & (ratio < 1.3))
+
+
+@pytest.mark.parametrize("periods", [1, 2, 3, 4, 8])
+def test_robust_weights_leave_clean_data_alone_whatever_the_number_of_periods(periods):
     motion = trajectory()
-    data = measured(motion, periods=8)
-    record = make_record(data, motion.omega, PeriodSource.DESIGN, robust=True)
-    assert record.force_counts.mean() > 0.998 * 8
+    kept = [
+        make_record(
+            measured(motion, seed, periods=periods),
+            motion.omega,
+            PeriodSource.DESIGN,
+            robust=True,
+        )
+        for seed in range(10)
+    ]
+    for counts in ("force_counts", "length_counts"):
+        share = np.mean([getattr(record, counts) for record in kept]) / periods
+        assert share > 0.998
+
+
+def test_two_periods_have_no_median():
+    with pytest.raises(ValueError, match="3 periods, not 2"):
+        huber_weights(np.zeros((2, 10, 6)))

@@ -11,6 +11,7 @@ from estimation.processing.period import (
     refined_omega,
     whole_samples,
 )
+from expdesign.trajectory import FourierTrajectory
 from tests.estimation.cases import STEP, measured, trajectory
 
 
@@ -25,6 +26,28 @@ def test_the_period_is_found_in_the_data_alone(samples):
     found = omega_from_data(measured(motion, seed=1))
     # A thousandth of a step per period.
     assert abs(found / motion.omega - 1) < 1e-3 / samples
+
+
+@pytest.mark.parametrize("strong", [2, 3])
+def test_a_strong_higher_harmonic_does_not_divide_the_period(strong):
+    """The first harmonic moves a tenth of what the strong one does."""
+    plain = trajectory(240, harmonics=3)
+    scale = np.full(3, 0.03)
+    scale[strong - 1], scale[0] = 1.0, 0.1
+    motion = FourierTrajectory.from_displacements(
+        plain.omega, plain.lambda0, plain.sine[:, :1] * scale, plain.cosine[:, :1] * scale
+    )
+    found = omega_from_data(measured(motion, seed=1))
+    assert abs(found / motion.omega - 1) < 1e-4
+
+
+@pytest.mark.parametrize("rate", [0.0, 1e-3, 5e-3])
+def test_drift_does_not_multiply_the_period(rate):
+    motion = trajectory()
+    data = measured(motion, seed=3)
+    slope = rate * data.time / data.time[-1]
+    drifting = Measurement(data.time, data.lengths + slope[:, None], data.forces, data.step)
+    assert abs(omega_from_data(drifting) / motion.omega - 1) < 1e-4
 
 
 def test_a_clock_that_is_off_is_found():

@@ -135,3 +135,18 @@ def test_what_is_no_estimate_is_refused(tmp_path, content):
 def test_a_run_without_motions_is_refused(folder):
     with pytest.raises(ConfigurationError, match="names no motion"):
         validate(run(), read_estimate(folder, ROBOT))
+
+
+def test_an_estimate_of_another_robot_is_refused(folder, tmp_path):
+    record = json.loads((folder / "estimate.json").read_text())
+    record["robot"] = "rubin"
+    (tmp_path / "estimate.json").write_text(json.dumps(record))
+    with pytest.raises(ConfigurationError, match="of the robot 'rubin', not of 'palida'"):
+        read_estimate(tmp_path, ROBOT)
+
+
+def test_a_pointwise_estimate_warns(tmp_path):
+    config = run({"estimators": ["gm"], "differentiation": "central"})
+    write_estimate(estimate(config, measured(MOTION), MOTION), tmp_path)
+    warnings = validate(case(), read_estimate(tmp_path, ROBOT)).warnings
+    assert any("pointwise differentiation" in warning for warning in warnings)

@@ -1,0 +1,148 @@
+"""One recording made ready for the estimators: its period, means, noise and motion."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from estimation.data.measurement import Measurement
+from estimation.estimators import Experiment
+from estimation.identification.noise_choice import choose_noise, residual_length_noise
+from estimation.identification.period_choice import choose_omega, period_warning
+from estimation.identification.result import RecordSummary
+from estimation.identification.unsuitable import UnsuitableDataError
+from estimation.kinematics import MotionFit, choose_harmonics, fit_motion, pointwise_motion
+from estimation.kinematics.fourier_fit import MotionFitError, start_motion
+from estimation.kinematics.order import HarmonicChoice
+from estimation.measurement_model import HarmonicMotion
+from estimation.processing import NoiseModel, PeriodError, Record, make_record
+from expdesign.configuration import ConfigurationError, Problem, RunConfiguration
+from expdesign.robot import Robot
+from expdesign.trajectory import FourierTrajectory
+
+_CUTOFF = 3.0
+"""Cutoff of the Butterworth filter in units of the highest frequency of the motion."""
+
+_RESIDUAL_ROUNDS = 3
+
+
+def prepare_experiment(
+    configuration: RunConfiguration,
+    robot: Robot,
+    data: Measurement,
+    design: FourierTrajectory | None,
+) -> Experiment:
+    """Return one recording with its noise and motion, ready for the estimators."""
+    return prepare_recording(configuration, robot, data, design).experiment
+
+
+def prepare_recording(
+    configuration: RunConfiguration,
+    robot: Robot,
+    data: Measurement,
+    design: FourierTrajectory | None,
+) -> RecordSummary:
+    """Return one recording ready for the estimators, and how it was made so.
+
+    Raises
+    ------
+    ConfigurationError
+        The configuration does not fit the recording.
+    UnsuitableDataError
+        The recording cannot be used: no period, a dead channel.
+    MotionFitError
+        No motion has the measured lengths.
+    """
+    section = configuration.run.estimate
+    omega, source = choose_omega(configuration, data, design)
+    free = section.frequency == "estimated"
+    try:
+        record = make_record(data, omega, source, average=not free, robust=section.loss == "huber")
+    except PeriodError as error:
+        raise UnsuitableDataError(
+            Problem(str(error), file=Path(data.source) if data.source else None)
+        ) from error
+    noise = choose_noise(configuration, record, data.source)
+    if section.differentiation != "fourier":
+        motion = pointwise_motion(robot, record, cutoff=_cutoff(configuration, record, design))
+        experiment = Experiment.from_points(robot, record, noise, motion)
+        return RecordSummary(data.source, experiment, None, None, data.jitter)
+    noise, fit, choice = _fitted(configuration, robot, record, noise, design)
+    warning = (
+        "" if free else period_warning(robot, data, record, fit.motion, noise.length_covariance)
+    )
+    return RecordSummary(
+        data.source,
+        Experiment.from_fit(robot, record, noise, fit),
+        fit.motion.harmonics,
+        choice,
+        data.jitter,
+        (warning,) if warning else (),
+    )
+
+
+def _cutoff(
+    configuration: RunConfiguration, record: Record, design: FourierTrajectory | None
+) -> float | None:
+    section = configuration.run.estimate
+    if section.differentiation != "butterworth":
+        return None
+    highest = configuration.run.trajectory.harmonics if design is None else design.harmonics
+    cutoff = section.cutoff or _CUTOFF * highest / record.period
+    if cutoff >= 0.5 / record.step:
+        raise ConfigurationError(
+            Problem(
+                f"a cutoff of {cutoff:.4g} Hz is not below half the sampling rate, "
+                f"{0.5 / record.step:.4g} Hz",
+                file=configuration.file,
+                key="estimate.cutoff",
+                allowed="a lower frequency, or faster sampling",
+            )
+        )
+    return cutoff
+
+
+def _fitted(
+    configuration: RunConfiguration,
+    robot: Robot,
+    record: Record,
+    noise: NoiseModel,
+    design: FourierTrajectory | None,
+) -> tuple[NoiseModel, MotionFit, HarmonicChoice | None]:
+    section = configuration.run.estimate
+    free = section.frequency == "estimated"
+    least = 1 if design is None else design.harmonics
+    start = _start(robot, record, design)
+    # A Δ that nobody knows comes from the fit that it weights: a few rounds settle both.
+    rounds = _RESIDUAL_ROUNDS if noise.lengths_include_model_error else 1
+    choice: HarmonicChoice | None = None
+    for remaining in reversed(range(rounds)):
+        if section.harmonics is None:
+            choice = choose_harmonics(
+                robot, record, noise.length_covariance, least, start=start, free_frequency=free
+            )
+            fit = choice.fit
+        else:
+            fit = fit_motion(
+                robot,
+                record,
+                noise.length_covariance,
+                section.harmonics,
+                start=start,
+                free_frequency=free,
+            )
+        if noise.lengths_include_model_error:
+            noise = residual_length_noise(record, noise, fit)
+        if remaining:
+            start = fit.motion
+    return noise, fit, choice
+
+
+def _start(robot: Robot, record: Record, design: FourierTrajectory | None) -> HarmonicMotion:
+    harmonics = 5 if design is None else design.harmonics
+    try:
+        return start_motion(robot, record, harmonics)
+    except MotionFitError:
+        if design is None:
+            raise
+        # Lengths this noisy may have no pose one by one; the designed motion is near.
+        return HarmonicMotion.of(design)

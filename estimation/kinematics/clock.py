@@ -1,0 +1,55 @@
+"""Whether the recording repeats as fast as it is said to.
+
+With a frequency that is off by the share ε the periods move against each other: at time t the
+lengths are l(t) + ε t l̇(t). The slope of what a motion leaves of the lengths along t l̇ tells ε,
+from the single periods or samples themselves.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.measurement_model import HarmonicMotion
+from estimation.processing import Record
+from expdesign.robot import Robot
+from expdesign.robot.kernels import length_kernel
+
+Array = NDArray[np.float64]
+
+
+def clock_error(
+    robot: Robot, record: Record, motion: HarmonicMotion, covariance: Array
+) -> tuple[float, float]:
+    """Return how much faster the recording runs than `motion`, relative, and its std.
+
+    Parameters
+    ----------
+    motion : HarmonicMotion
+        Fitted with the frequency in question.
+    covariance : (6, 6)
+        Δ of one sample, m².
+
+    Notes
+    -----
+    To first order: right while the periods move by a small part of a period. Less than two periods
+    tell little: the std is then inf.
+    """
+    state = motion.basis(record.length_times).state(motion.table)
+    lengths, jacobian = length_kernel()(state[:, :6], robot.geometry_vector)
+    speeds = np.einsum("sij,sj->si", jacobian, state[:, 6:12])
+    weighted = speeds @ np.linalg.inv(covariance)
+    if record.length_periods is not None:
+        count = len(record.length_periods)
+        late = (np.arange(count) - (count - 1) / 2) * record.period
+        moved = np.tensordot(late, record.length_periods, axes=1)
+        known = float(np.sum(late**2) * np.sum(speeds * weighted))
+        right = float(np.sum(moved * weighted))
+    else:
+        late = record.length_times - np.average(record.length_times, weights=record.length_counts)
+        counted = late * record.length_counts
+        known = float(np.sum((counted * late)[:, None] * speeds * weighted))
+        right = float(np.sum(counted[:, None] * (record.lengths - lengths) * weighted))
+    if record.periods < 2 or known <= 0:  # noqa: PLR2004
+        return 0.0, np.inf
+    return right / known, float(1 / np.sqrt(known))
