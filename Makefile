@@ -13,7 +13,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help venv test lint format run bench lock wheel clean
+.PHONY: help venv test lint format run paper bench lock wheel clean
 
 help: ## Show this list
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-8s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -47,6 +47,13 @@ format: venv ## Format the code and sort its imports
 
 run: venv ## Design the example experiment: palida, into runs/palida
 	$(BIN)/expdesign run palida $(ARGS)
+
+paper: venv ## Repeat the paper's three studies and compare: runs/paper/report.html
+	$(BIN)/expdesign run paper_design
+	$(BIN)/expdesign run paper_identification
+	$(BIN)/expdesign run paper_validation
+	$(BIN)/expdesign compare runs/paper_design/designs/1-d runs/paper_design/designs/1-condition \
+	  runs/paper_identification runs/paper_validation --out runs/paper
 
 bench: venv ## Run the benchmarks
 	$(BIN)/python benchmarks/run.py $(ARGS)

@@ -1,5 +1,6 @@
 """What is shown of a run: tables, figures and reports. Computes nothing that a run decides."""
 
+from results.comparison_study import comparison_study_figures
 from results.design import design_figures
 from results.errors import MissingFileError, RunFolderError
 from results.estimate import estimate_figures, noise_figures
@@ -13,6 +14,7 @@ __all__ = [
     "MissingFileError",
     "RunFolderError",
     "StudyRecord",
+    "comparison_study_figures",
     "design_figures",
     "estimate_figures",
     "noise_figures",

@@ -95,8 +95,8 @@ def _display(configuration: RunConfiguration) -> Any:
 
     section = configuration.run.design
     criterion = criteria_by_key()[section.criterion]
-    # The blunt stage of a criterion that depends on the scaling is that of log det F.
-    blunt = criterion if criterion.invariant else criteria_by_key()["d"]
+    # The blunt stage of a criterion that is flat far off is that of log det F.
+    blunt = criteria_by_key()["d"] if criterion.flat else criterion
     total = section.starts + (section.hops if section.search == "hopping" else 0)
     objective = Objective(criterion.title, blunt.title, criterion.larger_is_better)
     return SearchDisplay(messages(), objective, total)

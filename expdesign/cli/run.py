@@ -16,6 +16,7 @@ from expdesign.cli.montecarlo import montecarlo_stage
 from expdesign.cli.output import JsonOption, RunArgument, note, short, warn, warn_all, write_json
 from expdesign.cli.report import folder_stages, report_stage
 from expdesign.cli.simulate import experiment_stage, folder_design
+from expdesign.cli.study import study_design, study_stage
 from expdesign.cli.validate import folder_estimate, validate_stage
 
 if TYPE_CHECKING:
@@ -42,6 +43,15 @@ def _needed(_configuration: RunConfiguration) -> str:
 def _data_is_given(configuration: RunConfiguration) -> str:
     file = configuration.run.data.file
     return "" if file is None else f"the data is measured: {short(Path(file))}"
+
+
+def _study_does_it(stage: str, configuration: RunConfiguration) -> str:
+    """Tell that a study of designs has designs and experiments of its own."""
+    section = configuration.run.study
+    own = ("design", "experiment", "montecarlo", "estimate")
+    if section is None or section.kind != "design" or stage not in own:
+        return ""
+    return "the study does it for each of its designs"
 
 
 @dataclass(frozen=True)
@@ -71,6 +81,7 @@ STEPS = {
     "montecarlo": Step(montecarlo_stage, "montecarlo.json", folder_design),
     "estimate": Step(estimate_stage, "estimate.json", folder_recording),
     "validate": Step(validate_stage, "validation.json", folder_estimate),
+    "study": Step(study_stage, "study.json", study_design),
     "export": Step(export_stage, "exports/exports.json", folder_motion),
     "report": Step(report_stage, "report.html", folder_stages),
 }
@@ -94,7 +105,7 @@ def run(run: RunArgument, out: OutOption = None, as_json: JsonOption = False) ->
         step = STEPS.get(stage)
         if step is None:
             warn(f"the stage '{stage}' is not part of this version and is left out")
-        elif reason := step.left_out(configuration):
+        elif reason := step.left_out(configuration) or _study_does_it(stage, configuration):
             note(f"{stage}: left out, {reason}")
         else:
             done[stage] = _done(stage, step, configuration, folder, as_json=as_json)

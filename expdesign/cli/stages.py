@@ -23,6 +23,19 @@ _SECTIONS: dict[str, dict[str, bool | set[str]]] = {
     "validate": dict.fromkeys(
         ("name", "robot", "trajectory", "experiment", "data", "estimate", "validation"), True
     ),
+    "study": dict.fromkeys(
+        (
+            "name",
+            "robot",
+            "trajectory",
+            "design",
+            "experiment",
+            "estimate",
+            "montecarlo",
+            "study",
+        ),
+        True,
+    ),
     "export": {
         **dict.fromkeys(("name", "robot", "trajectory", "motion", "export"), True),
         "design": {"parameters"},

@@ -25,6 +25,9 @@ class Criterion(Protocol):
     larger_is_better: bool
     invariant: bool
     """True when a rescaling of the parameters only shifts the cost."""
+    flat: bool
+    """True when the cost hardly changes where a parameter is hardly excited: the search then
+    begins on log det F."""
     levels: tuple[float, ...]
     """Sharpness of a smooth surrogate, continued from blunt to sharp; (0.0,) if it is exact."""
 

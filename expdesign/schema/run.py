@@ -20,6 +20,7 @@ from expdesign.schema.noise import NoiseDescription
 from expdesign.schema.report import ReportSection
 from expdesign.schema.robot import RawMapping, RobotDescription
 from expdesign.schema.scalars import FilledText, Name, Text, at_least, whole
+from expdesign.schema.study import StudySection
 from expdesign.schema.trajectory import TrajectorySection
 from expdesign.schema.validation import ValidationMotion
 
@@ -27,11 +28,25 @@ _DEFAULT_WORKERS = 2
 _LARGEST_WORKERS = 1024
 _ADDRESS = re.compile(r"(?:tcp|tls|ucx|ws|wss)://[A-Za-z0-9._\[\]:-]{1,250}:\d{1,5}")
 
-STAGES = ("design", "experiment", "montecarlo", "estimate", "validate", "export", "report")
+STAGES = (
+    "design",
+    "experiment",
+    "montecarlo",
+    "estimate",
+    "validate",
+    "study",
+    "export",
+    "report",
+)
 """Sections that name a stage of the run, in the order in which they are done."""
 
 _LISTS = ("validate", "export")
-_SECTIONS = ("trajectory", "motion", "data", *(stage for stage in STAGES if stage not in _LISTS))
+_SECTIONS = (
+    "trajectory",
+    "motion",
+    "data",
+    *(stage for stage in STAGES if stage not in (*_LISTS, "study")),
+)
 
 
 def _address(value: str) -> str:
@@ -60,6 +75,7 @@ class RunDescription(Section):
     trajectory, design, motion, experiment, data, estimate, montecarlo, report : section
     validation : tuple of ValidationMotion
         The key in the file is ``validate``.
+    study : StudySection or None
     export : tuple of ExportSection
     limits : dict
         As written; they override the robot's key by key.
@@ -89,6 +105,7 @@ class RunDescription(Section):
     validation: Annotated[tuple[ValidationMotion, ...], at_least(0, "motions")] = Field(
         default=(), alias="validate"
     )
+    study: StudySection | None = None
     export: ExportSections = ()
     report: ReportSection = ReportSection()
     workers: Annotated[int, whole(1, _LARGEST_WORKERS)] | None = None
@@ -123,4 +140,5 @@ class RunDescription(Section):
         named = {"validate" if key == "validation" else key for key in self.model_fields_set}
         empty = {"validate"} if not self.validation else set()
         empty |= {"export"} if not self.export else set()
+        empty |= {"study"} if self.study is None else set()
         return tuple(stage for stage in STAGES if stage in named - empty)

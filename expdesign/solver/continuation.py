@@ -41,9 +41,10 @@ def continuation_stages(
     active limits decide, and they converge where the cost's curvature alone does not (measured).
     With many harmonics the first stage has only some of them; the others start from zero, and the
     next stage holds every limit too: the others move far before any of them is near its bound.
-    A criterion that depends on the scaling of the parameters has flat regions where one of them
-    is hardly excited: its first stage maximises log det F instead. A criterion with a surrogate
-    is sharpened over the others; its last levels follow at the last width.
+    The first stage of a criterion that is flat where a parameter is hardly excited maximises
+    log det F instead; from there the condition number's optimum is out of reach (measured). A
+    criterion with a surrogate is sharpened over the others; its last levels follow at the last
+    width.
 
     Parameters
     ----------
@@ -57,8 +58,9 @@ def continuation_stages(
     few = min(n, MOST_BLUNT_HARMONICS)
     levels = problem.criterion.levels
     coarse, fine = coarse_points(n), fine_points(n)
-    invariant = problem.criterion.invariant
-    levels = levels if invariant else (levels[0], *levels)
+    flat = problem.criterion.flat
+    # Criteria that depend on the scaling have a long way to go: one more stage on the first level.
+    levels = levels if problem.criterion.invariant else (levels[0], *levels)
     count = max(len(widths), len(levels))
     stages = [
         Stage(
@@ -70,7 +72,7 @@ def continuation_stages(
             near=_EVERYTHING,
             radius=None,
             iterations=iterations,
-            criterion=None if invariant else criteria_by_key()["d"],
+            criterion=criteria_by_key()["d"] if flat else None,
             harmonics=few if few < n else None,
         )
     ]

@@ -14,6 +14,11 @@ from results.figures.design.catalogue import DESIGN_FIGURES
 from results.figures.estimation import prediction
 from results.figures.estimation.catalogue import DIAGNOSTIC_FIGURES, ESTIMATE_FIGURES
 from results.figures.montecarlo.catalogue import STUDY_FIGURES
+from results.figures.studies.catalogue import (
+    DESIGN_STUDY_FIGURES,
+    IDENTIFICATION_STUDY_FIGURES,
+    VALIDATION_STUDY_FIGURES,
+)
 from results.reading.document import Document
 from results.report.content import FigureBlock
 
@@ -23,6 +28,7 @@ STAGE_FILES = {
     "montecarlo": "montecarlo.json",
     "estimate": "estimate.json",
     "validate": "validation.json",
+    "study": "study.json",
 }
 """The file without which a folder does not hold a stage."""
 
@@ -32,6 +38,9 @@ _CAPTIONS = {
     **{figure.key: figure.caption for figure in DIAGNOSTIC_FIGURES},
     prediction.FIGURE.key: prediction.FIGURE.caption,
     **{figure.key: figure.caption for figure in STUDY_FIGURES},
+    **{figure.key: figure.caption for figure in DESIGN_STUDY_FIGURES},
+    **{figure.key: figure.caption for figure in IDENTIFICATION_STUDY_FIGURES},
+    **{figure.key: figure.caption for figure in VALIDATION_STUDY_FIGURES},
 }
 
 

@@ -25,6 +25,7 @@ from results.report.stages.design import design_report
 from results.report.stages.estimate import estimate_report
 from results.report.stages.experiment import experiment_report
 from results.report.stages.montecarlo import montecarlo_report
+from results.report.stages.study import study_report
 from results.report.stages.validation import validation_report
 from results.report.view import robot_view
 from results.study import study_figures
@@ -37,8 +38,17 @@ _STAGES: dict[str, Callable[[RunFolder], StageReport]] = {
     "montecarlo": montecarlo_report,
     "estimate": estimate_report,
     "validate": validation_report,
+    "study": study_report,
 }
-LATEX_TABLES = ("limits", "parameters", "estimates", "estimators", "validation", "montecarlo")
+LATEX_TABLES = (
+    "limits",
+    "parameters",
+    "estimates",
+    "estimators",
+    "validation",
+    "montecarlo",
+    "study_claims",
+)
 """Tables that are written as LaTeX too."""
 
 

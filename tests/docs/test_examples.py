@@ -229,7 +229,17 @@ def test_the_criterion_of_the_docs_lies_between_a_and_e(phi2):
 def test_the_criterion_of_the_docs_keeps_the_protocol(phi2):
     for other, name in itertools.product(
         criteria_by_key().values(),
-        ("key", "title", "larger_is_better", "invariant", "levels", "value", "cost", "from_cost"),
+        (
+            "key",
+            "title",
+            "larger_is_better",
+            "invariant",
+            "flat",
+            "levels",
+            "value",
+            "cost",
+            "from_cost",
+        ),
     ):
         assert hasattr(phi2, name)
         assert hasattr(other, name)

@@ -39,6 +39,7 @@ from expdesign.schema import (
 from expdesign.schema.experiment import Cogging, Outliers, Quantisation, TrackingError
 from expdesign.schema.export import OFFERS
 from expdesign.schema.quantity import unit_dimension, unit_symbols
+from expdesign.schema.study import StudySection
 from expdesign.schema.validation import ValidationMotion
 from expdesign.trajectory import FourierTrajectory
 from results.figures.design.catalogue import DESIGN_FIGURES
@@ -73,13 +74,14 @@ def _required(model):
             "parameters": dict.fromkeys(GENERAL_PARAMETERS[:10], 1)
             | dict.fromkeys(GENERAL_PARAMETERS[15:], 1),
         }
-    if model is Cogging:
-        return {"amplitude": 12, "pitch": 0.03}
-    if model is ValidationMotion:
-        return {"motion": "circle"}
-    if model is ExportSection:
-        return {"format": "csv"}
-    return {"share": 0.1} if model is Outliers else {}
+    small = {
+        Cogging: {"amplitude": 12, "pitch": 0.03},
+        ValidationMotion: {"motion": "circle"},
+        StudySection: {"kind": "design"},
+        ExportSection: {"format": "csv"},
+        Outliers: {"share": 0.1},
+    }
+    return small.get(model, {})
 
 
 @pytest.mark.parametrize(
@@ -100,6 +102,7 @@ def _required(model):
         (ValidationMotion, RUN_FILES, "## validate"),
         (DataSection, DATA, "## data"),
         (ExportSection, TABLES_PAGE, "## Options"),
+        (StudySection, RUN_FILES, "## study"),
         (ReportSection, DOCS / "reports.md", "## report"),
     ],
     ids=lambda value: value if isinstance(value, str) else getattr(value, "__name__", ""),

@@ -53,6 +53,7 @@ def test_protocol(criterion):
     assert criterion.title
     assert isinstance(criterion.larger_is_better, bool)
     assert isinstance(criterion.invariant, bool)
+    assert isinstance(criterion.flat, bool)
     assert criterion.levels
     assert list(criterion.levels) == sorted(criterion.levels)
     logs = np.linspace(-1, 1, 5)
@@ -73,6 +74,7 @@ class T:
     title = "trace of F"
     larger_is_better = True
     invariant = False
+    flat = False
     levels = (0.0,)
 
 CRITERION = T()

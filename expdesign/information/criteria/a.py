@@ -17,6 +17,7 @@ class AOptimality:
     title = "trace of F⁻¹"
     larger_is_better = False
     invariant = False
+    flat = True
     levels = (1.0,)
 
     def value(self, eigenvalues: Array) -> float:

@@ -17,6 +17,7 @@ class ConditionNumber:
     title = "condition number of F"
     larger_is_better = False
     invariant = False
+    flat = False
     levels = (1.0, 4.0, 16.0)
 
     def value(self, eigenvalues: Array) -> float:

@@ -15,6 +15,7 @@ class DOptimality:
     title = "log det F"
     larger_is_better = True
     invariant = True
+    flat = False
     levels = (0.0,)
 
     def value(self, eigenvalues: Array) -> float:

@@ -17,6 +17,7 @@ class EOptimality:
     title = "smallest eigenvalue of F"
     larger_is_better = True
     invariant = False
+    flat = True
     levels = (1.0, 4.0, 16.0)
 
     def value(self, eigenvalues: Array) -> float:

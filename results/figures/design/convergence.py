@@ -74,7 +74,7 @@ def draw(record: DesignRecord) -> Figure:
 def _iteration_label(record: DesignRecord) -> str:
     criterion = criteria_by_key().get(record.summary.criterion)
     stages = {stage for trace in record.traces for stage in trace.stages}
-    if not record.traces or "blunt" in stages or criterion is None or criterion.invariant:
+    if not record.traces or "blunt" in stages or criterion is None or not criterion.flat:
         return "Iteration of the start"
     return "Iteration of the start (the blunt stage before is on log det F)"
 

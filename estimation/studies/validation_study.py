@@ -1,0 +1,322 @@
+"""How surely the validation tells a right model from a wrong one, on many simulated experiments.
+
+The paper's Fig. 7: a model is identified on the designed motion and predicts the benchmark. It is
+right, or the machine has a cogging force that the model does not know, or one of its parameters is
+wrong on purpose.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.diagnostics import Diagnosis, diagnose
+from estimation.estimators import Experiment, ParameterEstimate
+from estimation.identification import prepare_experiment, run_estimators
+from estimation.identification.estimate import parameter_knowledge
+from estimation.montecarlo import StudyMonitor
+from estimation.montecarlo.statistics import share_interval
+from estimation.studies.design_study import study_section
+from estimation.studies.variants import with_section
+from estimation.studies.workers import results_of
+from estimation.twin import Twin
+from estimation.validation.motions import benchmark_motion
+from expdesign.configuration import ConfigurationError, Problem, RunConfiguration
+from expdesign.experiment.design import controller_period
+from expdesign.robot import Robot, robot_from
+from expdesign.schema.validation import ValidationMotion
+from expdesign.solver.pool import Job
+from expdesign.solver.progress import Monitor
+from expdesign.trajectory import FourierTrajectory
+
+Array = NDArray[np.float64]
+
+SITUATIONS = ("without", "unknown", "known")
+"""Cogging in neither experiment; in the validation alone; in the identification too."""
+
+_FIRST_MOTION = 100_001
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """One motion, predicted by one model.
+
+    Attributes
+    ----------
+    failed : (6,) of bool
+        Actuators that fail the lack-of-fit test.
+    variance_model_error, variance_measurement_error : (6,)
+        Of single samples about the prediction, and of their noise, N².
+    against : tuple of str
+        Assumptions that fail and matter.
+    """
+
+    failed: NDArray[np.bool_]
+    variance_model_error: Array
+    variance_measurement_error: Array
+    against: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class ValidationRun:
+    """One identification and what its model predicts.
+
+    Attributes
+    ----------
+    situations : dict of tuple of Prediction
+        By situation, one per motion.
+    wrong : dict of tuple of Prediction
+        By the parameter that is wrong, one per motion.
+    """
+
+    situations: dict[str, tuple[Prediction, ...]]
+    wrong: dict[str, tuple[Prediction, ...]]
+
+
+@dataclass(frozen=True)
+class Share:
+    """How often something was seen.
+
+    Attributes
+    ----------
+    hits, trials : int
+    low, high : float
+        95 % interval of the probability.
+    """
+
+    hits: int
+    trials: int
+    low: float
+    high: float
+
+    @classmethod
+    def of(cls, outcomes: Sequence[bool]) -> Share:
+        """Count."""
+        hits, trials = sum(outcomes), len(outcomes)
+        return cls(hits, trials, *share_interval(hits / trials, trials))
+
+
+@dataclass(frozen=True, eq=False)
+class ValidationStudy:
+    """All runs.
+
+    Attributes
+    ----------
+    configuration : RunConfiguration
+    robot : Robot
+    motions : tuple of str
+        Names.
+    runs : tuple of ValidationRun
+    first : dict of tuple of (Experiment, Diagnosis)
+        The first run's motions by situation, to be drawn.
+    seconds : float
+    """
+
+    configuration: RunConfiguration
+    robot: Robot
+    motions: tuple[str, ...]
+    runs: tuple[ValidationRun, ...]
+    first: dict[str, tuple[tuple[Experiment, Diagnosis], ...]]
+    seconds: float
+
+    def expected(self, situation: str) -> NDArray[np.bool_]:
+        """Return which actuators should fail, (6,)."""
+        amplitudes = np.broadcast_to(study_section(self.configuration).cogging.amplitude, 6)
+        return np.asarray(amplitudes > 0) if situation == "unknown" else np.zeros(6, dtype=bool)
+
+    def as_expected(self, situation: str, motion: int) -> Share:
+        """Return how often exactly the right actuators fail on one motion, counted from 0."""
+        wanted = self.expected(situation)
+        return Share.of(
+            [bool(np.all(run.situations[situation][motion].failed == wanted)) for run in self.runs]
+        )
+
+    def everywhere_as_expected(self, situation: str) -> Share:
+        """Return how often exactly the right actuators fail on all motions."""
+        wanted = self.expected(situation)
+        return Share.of(
+            [
+                all(bool(np.all(one.failed == wanted)) for one in run.situations[situation])
+                for run in self.runs
+            ]
+        )
+
+    def power(self, parameter: str) -> Share:
+        """Return how often a wrong parameter is seen on any motion."""
+        return Share.of([any(one.against for one in run.wrong[parameter]) for run in self.runs])
+
+    def tests_against(self, parameter: str) -> list[tuple[str, int]]:
+        """Return which tests saw a wrong parameter, and in how many runs, most often first."""
+        seen: Counter[str] = Counter()
+        for run in self.runs:
+            seen.update({name for one in run.wrong[parameter] for name in one.against})
+        return sorted(seen.items(), key=lambda item: (-item[1], item[0]))
+
+
+def run_validation_study(
+    configuration: RunConfiguration,
+    design: FourierTrajectory,
+    monitor: StudyMonitor | None = None,
+) -> ValidationStudy:
+    """Identify, predict and test many times.
+
+    Raises
+    ------
+    ConfigurationError
+        The run cannot be simulated or estimated, or a motion cannot be made.
+    UnidentifiableError, MotionFitError
+        An experiment cannot be estimated.
+    StudyInterruptedError
+        A stop was requested.
+    """
+    began = time.perf_counter()
+    section = study_section(configuration)
+    build = partial(ValidationBench, configuration, design)
+    bench = build()
+    jobs = [Job(_validated, (number,)) for number in range(1, section.repetitions + 1)]
+    runs = tuple(results_of(configuration, build, jobs, monitor, (0, len(jobs))))
+    return ValidationStudy(
+        configuration,
+        bench.robot,
+        tuple(_motion_name(motion) for motion in section.motions),
+        runs,
+        bench.predicted(1),
+        time.perf_counter() - began,
+    )
+
+
+def _motion_name(motion: ValidationMotion) -> str:
+    return motion.motion + ("" if motion.mirror == "none" else f", mirrored {motion.mirror}")
+
+
+class ValidationBench:
+    """What all runs share: robot, twins and motions, built once per process.
+
+    Parameters
+    ----------
+    configuration : RunConfiguration
+    design : FourierTrajectory
+    """
+
+    def __init__(self, configuration: RunConfiguration, design: FourierTrajectory) -> None:
+        section = study_section(configuration)
+        self.configuration = configuration
+        self.design = design
+        self.robot: Robot = robot_from(configuration.robot)
+        self.knowledge = parameter_knowledge(configuration, self.robot)
+        self.wrong = _known_parameters(configuration, self.robot, section.wrong)
+        self.trajectories = tuple(
+            self._trajectory(number, motion) for number, motion in enumerate(section.motions)
+        )
+        clean = with_section(configuration, "experiment", cogging=None)
+        cogging = with_section(configuration, "experiment", cogging=section.cogging)
+        seed = configuration.run.montecarlo.seed
+        self.identified = {
+            key: Twin.of(made, design, seed) for key, made in (("no", clean), ("yes", cogging))
+        }
+        self.predicted_on = {
+            key: tuple(
+                Twin.of(with_section(made, "experiment", periods=motion.periods), trajectory, seed)
+                for motion, trajectory in zip(section.motions, self.trajectories, strict=True)
+            )
+            for key, made in (("no", clean), ("yes", cogging))
+        }
+
+    def _trajectory(self, number: int, motion: ValidationMotion) -> FourierTrajectory:
+        key = f"study.motions[{number + 1}]"
+        if motion.motion == "file":
+            raise ConfigurationError(
+                Problem(
+                    "a recorded motion cannot be repeated on the digital twin",
+                    file=self.configuration.file,
+                    key=key,
+                    allowed="circle | line | spline",
+                )
+            )
+        try:
+            return benchmark_motion(motion, self.robot.home, controller_period(self.configuration))
+        except ValueError as error:
+            raise ConfigurationError(
+                Problem(str(error), file=self.configuration.file, key=key)
+            ) from error
+
+    def validate(self, number: int) -> ValidationRun:
+        """Return run `number`, counted from 1."""
+        predicted = self.predicted(number)
+        estimate = self._estimate("no", number)
+        experiments = [experiment for experiment, _ in predicted["without"]]
+        wrong = {}
+        for name, factor in self.wrong.items():
+            values = estimate.values.copy()
+            values[self.robot.parameter_names.index(name)] *= factor
+            model = replace(estimate, values=values)
+            wrong[name] = tuple(_judged(self._diagnosis(e, model)) for e in experiments)
+        return ValidationRun(
+            {key: tuple(_judged(d) for _, d in pairs) for key, pairs in predicted.items()}, wrong
+        )
+
+    def predicted(self, number: int) -> dict[str, tuple[tuple[Experiment, Diagnosis], ...]]:
+        """Return every motion of one run with its diagnosis, by situation."""
+        estimates = {key: self._estimate(key, number) for key in ("no", "yes")}
+        measured = {
+            key: tuple(
+                prepare_experiment(
+                    self.configuration,
+                    self.robot,
+                    twin.measurement(_FIRST_MOTION * (k + 1) + number),
+                    self.trajectories[k],
+                )
+                for k, twin in enumerate(twins)
+            )
+            for key, twins in self.predicted_on.items()
+        }
+        made = {"without": ("no", "no"), "unknown": ("no", "yes"), "known": ("yes", "yes")}
+        return {
+            situation: tuple((e, self._diagnosis(e, estimates[own])) for e in measured[on])
+            for situation, (own, on) in made.items()
+        }
+
+    def _estimate(self, cogging: str, number: int) -> ParameterEstimate:
+        data = self.identified[cogging].measurement(number)
+        experiment = prepare_experiment(self.configuration, self.robot, data, self.design)
+        return run_estimators(self.robot, [experiment], self.knowledge, ("ml",))["ml"]
+
+    def _diagnosis(self, experiment: Experiment, estimate: ParameterEstimate) -> Diagnosis:
+        return diagnose(self.robot, [experiment], self.knowledge, estimate, held_out=True)
+
+
+def _known_parameters(
+    configuration: RunConfiguration, robot: Robot, wrong: dict[str, float]
+) -> dict[str, float]:
+    for name in wrong:
+        if name not in robot.parameter_names:
+            raise ConfigurationError(
+                Problem(
+                    f"the robot {robot.name} has no parameter '{name}'",
+                    file=configuration.file,
+                    key=f"study.wrong.{name}",
+                    allowed=", ".join(robot.parameter_names),
+                )
+            )
+    return wrong
+
+
+def _judged(diagnosis: Diagnosis) -> Prediction:
+    one = diagnosis.experiments[0]
+    failed = one.lack_of_fit.failed
+    return Prediction(
+        failed=np.zeros(6, dtype=bool) if one.lack_of_fit.refused else np.asarray(failed),
+        variance_model_error=np.asarray(one.variances.model_error),
+        variance_measurement_error=np.asarray(one.variances.measurement_error),
+        against=tuple(f.assumption for f in diagnosis.verdict.failed if f.serious),
+    )
+
+
+def _validated(bench: ValidationBench, _monitor: Monitor, number: int) -> ValidationRun:
+    return bench.validate(number)

@@ -1,0 +1,87 @@
+"""`study:`, a question that takes many simulated experiments: which design, estimator, test."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, Field
+
+from expdesign.schema.base import Section
+from expdesign.schema.design import CRITERIA
+from expdesign.schema.experiment import Cogging, TrackingError
+from expdesign.schema.failure import refusal
+from expdesign.schema.parameters import ParameterName
+from expdesign.schema.quantity import Number
+from expdesign.schema.scalars import Distinct, at_least, exactly, one_of, whole
+from expdesign.schema.validation import ValidationMotion
+
+StudyKind = Literal["design", "identification", "validation"]
+Kinematics = Literal["exact", "fourier", "central"]
+
+_LARGEST_COUNT = 100_000
+_MOST_SETS = 1000
+_FEWEST = 2
+_FRICTION = (*(f"r{j}" for j in range(1, 7)), *(f"v{j}" for j in range(1, 7)))
+
+
+def _factor(value: float) -> float:
+    if not 0 <= value < math.inf or value == 1:
+        raise refusal(f"{value:g} makes no wrong parameter", "a factor other than 1, at least 0")
+    return value
+
+
+class StudySection(Section):
+    """A comparison on the digital twin; each kind takes the keys named for it.
+
+    Attributes
+    ----------
+    kind : {"design", "identification", "validation"}
+    repetitions : int
+        Simulated experiments: of every design, of every estimator, or identifications with the
+        validation that follows.
+    sets : int
+        Kind design: sets of initial parameters; set k searches from `design.seed` + k − 1.
+    criteria : (2,)
+        Kind design: the criteria that are compared.
+    kinematics : tuple of {"exact", "fourier", "central"}
+        Kind design: without noise of the lengths, or with it and one of the differentiations.
+    shown : tuple of str
+        Kind design: parameters whose distributions are drawn.
+    tracking_error : TrackingError
+        Kind identification: of the disturbed experiments.
+    cogging : Cogging
+        Kind validation: what the model does not know.
+    motions : tuple of ValidationMotion
+        Kind validation: motions that are predicted.
+    wrong : dict of float
+        Kind validation: factors of parameters, each wrong in turn.
+    """
+
+    kind: Annotated[StudyKind, one_of(StudyKind)]
+    repetitions: Annotated[int, whole(_FEWEST, _LARGEST_COUNT)] = 100
+    sets: Annotated[int, whole(1, _MOST_SETS)] = 5
+    criteria: Annotated[
+        tuple[Annotated[str, one_of(CRITERIA)], ...], exactly(2, "criteria"), Distinct
+    ] = ("d", "condition")
+    kinematics: Annotated[
+        tuple[Annotated[Kinematics, one_of(Kinematics)], ...], at_least(1, "kinds"), Distinct
+    ] = ("exact", "fourier", "central")
+    shown: Annotated[tuple[ParameterName, ...], at_least(1, "parameters"), Distinct] = (
+        "p10",
+        "r1",
+        "v1",
+    )
+    tracking_error: TrackingError = TrackingError(position=0.001, angle=math.radians(0.1))
+    cogging: Cogging = Cogging(
+        amplitude=(0.0, 0.0, 14.8, 21.1, 0.0, 0.0),
+        pitch=(0.03,) * 6,
+        phase=(0.0, 0.0, 0.3, 1.1, 0.0, 0.0),
+    )
+    motions: Annotated[tuple[ValidationMotion, ...], at_least(1, "motions")] = (
+        ValidationMotion(motion="circle"),
+        ValidationMotion(motion="circle", mirror="xz"),
+    )
+    wrong: dict[ParameterName, Annotated[Number, AfterValidator(_factor)]] = Field(
+        default_factory=lambda: {"p10": 1.2, **dict.fromkeys(_FRICTION, 0.5)}
+    )

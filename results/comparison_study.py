@@ -1,0 +1,50 @@
+"""The figures of a comparison on the digital twin, in its run folder."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import replace
+from pathlib import Path
+
+from estimation.studies import DesignStudy, IdentificationStudy, ValidationStudy
+from estimation.studies.output import AnyStudy
+from estimation.validation import MotionValidation
+from results.figures.estimation import prediction
+from results.figures.saving import FORMATS, save_figures
+from results.figures.studies.catalogue import (
+    DESIGN_STUDY_FIGURES,
+    IDENTIFICATION_STUDY_FIGURES,
+    VALIDATION_STUDY_FIGURES,
+)
+
+_SITUATIONS = {
+    "without": "no cogging",
+    "unknown": "cogging unknown to the model",
+    "known": "cogging in the identification too",
+}
+
+
+def comparison_study_figures(
+    study: AnyStudy, folder: Path, formats: Collection[str] = FORMATS
+) -> tuple[Path, ...]:
+    """Draw the figures of a study into ``figures/``; return the files."""
+    place = folder / "figures"
+    if isinstance(study, DesignStudy):
+        return save_figures(DESIGN_STUDY_FIGURES, study, place, formats=formats)
+    if isinstance(study, IdentificationStudy):
+        return save_figures(IDENTIFICATION_STUDY_FIGURES, study, place, formats=formats)
+    paths = save_figures(VALIDATION_STUDY_FIGURES, study, place, formats=formats)
+    return paths + _predictions(study, place, formats)
+
+
+def _predictions(study: ValidationStudy, place: Path, formats: Collection[str]) -> tuple[Path, ...]:
+    paths: tuple[Path, ...] = ()
+    number = 0
+    for situation, motions in study.first.items():
+        for motion, (experiment, diagnosis) in zip(study.motions, motions, strict=True):
+            number += 1
+            name = f"{motion}: {_SITUATIONS[situation]}"
+            record = MotionValidation(name, True, None, None, experiment, diagnosis)
+            figure = replace(prediction.FIGURE, key=f"{prediction.FIGURE.key}_study_{number}")
+            paths += save_figures((figure,), record, place, formats=formats)
+    return paths

@@ -1,0 +1,1 @@
+"""Figures of comparisons on the digital twin: designs, estimators, validations."""

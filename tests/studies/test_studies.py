@@ -1,0 +1,192 @@
+"""The three studies, small: from the run file to what they show."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from estimation.montecarlo.repetition import Recipe
+from estimation.studies import (
+    run_design_study,
+    run_identification_study,
+    run_validation_study,
+)
+from estimation.studies.design_output import rigid_body
+from estimation.studies.design_study import Agreement, Trial
+from estimation.studies.linear_prediction import linear_covariances
+from estimation.studies.output import claims
+from estimation.studies.variants import with_exact_lengths, with_section
+from estimation.studies.workers import StudyInterruptedError
+from estimation.twin import Twin
+from expdesign.configuration import ConfigurationError, load_run
+from tests.estimation.cases import ROBOT, STEP, trajectory
+
+MOTION = trajectory(harmonics=2, seed=2)
+SAMPLING = f"{1 / STEP} Hz"
+
+
+def case(study, **sections):
+    return load_run(
+        {
+            "name": "case",
+            "robot": "palida",
+            "experiment": {"periods": 10, "sampling": SAMPLING},
+            "study": study,
+            "workers": 1,
+            **sections,
+        }
+    )
+
+
+class Stop:
+    def __init__(self, after):
+        self.after, self.seen = after, []
+
+    def advanced(self, done, total):
+        self.seen.append((done, total))
+
+    def stop_requested(self):
+        return len(self.seen) >= self.after
+
+
+def test_linear_covariances_equal_plain_sums():
+    twin = Twin.of(case({"kind": "identification"}), MOTION)
+    found = linear_covariances(ROBOT, twin)
+    times = np.arange(twin.grid.count) * STEP
+    states = MOTION.sample(times)
+    sigma = ROBOT.description.noise.force_covariance
+    normal, middle, full = np.zeros((24, 24)), np.zeros((24, 24)), np.zeros((24, 24))
+    for pose, rate, acceleration in zip(states.pose, states.rate, states.acceleration, strict=True):
+        a = ROBOT.regressor(pose, rate, acceleration)
+        normal += a.T @ a
+        middle += a.T @ sigma @ a
+        full += a.T @ np.linalg.solve(sigma, a)
+    inverse = np.linalg.inv(normal)
+    np.testing.assert_allclose(found["ls"], inverse @ middle @ inverse, rtol=1e-7)
+    np.testing.assert_allclose(found["gm"], np.linalg.inv(full), rtol=1e-7)
+    # Gauss and Markov: nothing linear is better.
+    gap = found["ls"] - found["gm"]
+    assert np.linalg.eigvalsh(gap / np.sqrt(np.outer(np.diag(gap), np.diag(gap))))[0] > -1e-9
+
+
+def test_what_is_achieved_agrees_with_what_is_predicted():
+    config = with_section(case({"kind": "design"}), "montecarlo", estimators=("ls", "gm"))
+    bench = Recipe(with_exact_lengths(config), MOTION)()
+    outcomes = [bench.repeat(number).outcomes for number in range(1, 61)]
+    trial = Trial(
+        1,
+        "d",
+        None,
+        linear_covariances(ROBOT, bench.twin),
+        {"exact": {n: np.array([o[n].values for o in outcomes]) for n in ("ls", "gm")}},
+        {"exact": 0},
+    )
+    for name in ("ls", "gm"):
+        agreement = trial.agreement("exact", name)
+        assert abs(agreement.z) < 4
+        assert agreement.std_error < 0.1
+    off = {name: 1.5 * covariance for name, covariance in trial.predicted.items()}
+    wrong = replace(trial, predicted=off)
+    assert wrong.agreement("exact", "gm").z < -4
+    assert Agreement(1.2, 0.1).z == pytest.approx(2)
+
+
+def test_rigid_bodies_and_friction_are_told_apart():
+    assert rigid_body(ROBOT).sum() == 10
+
+
+@pytest.fixture(scope="module")
+def identification():
+    return run_identification_study(case({"kind": "identification", "repetitions": 12}), MOTION)
+
+
+def test_only_ml_stays_at_the_truth_when_the_information_is_disturbed(identification):
+    by_key = {result.case.key: result for result in identification.cases}
+    assert list(by_key) == ["undisturbed", "pointwise", "tracking"]
+    which = identification.identified
+    assert which.sum() > 15
+
+    def worst(key, name):
+        bias, error = by_key[key].bias(name)
+        return np.max(np.abs(bias / error)[which])
+
+    for key in by_key:
+        # The largest of two dozen t values with 11 degrees of freedom.
+        assert worst(key, "ml") < 6
+    for key in ("pointwise", "tracking"):
+        assert worst(key, "gm") > 10
+        assert worst(key, "ls") > 10
+
+
+def test_the_hausman_test_tells_a_disturbed_information_matrix(identification):
+    said = {result.case.key: result.disturbed for result in identification.cases}
+    assert said == {"undisturbed": 0, "pointwise": 12, "tracking": 12}
+    harmonics = [e.harmonics for e in identification.cases[2].experiments]
+    assert min(harmonics) > MOTION.harmonics
+
+
+def test_claims_of_the_identification(identification):
+    found = claims(identification)
+    judged = [claim for claim in found if claim.holds is not None]
+    assert len(judged) > 8
+    broken = [claim for claim in judged if not claim.holds]
+    # Three standard errors of few repetitions: one in a while is outside by chance.
+    assert all("ML: the mean" in claim.statement for claim in broken)
+
+
+def test_the_validation_names_the_struts_with_cogging_and_wrong_parameters():
+    config = case(
+        {
+            "kind": "validation",
+            "repetitions": 3,
+            "cogging": {"amplitude": [0, 0, 40, 50, 0, 0], "pitch": 0.03},
+            "motions": [{"motion": "circle", "speed": 0.5, "radius": 0.1}],
+            "wrong": {"p10": 1.2, "r_alpha": 0.99},
+        }
+    )
+    study = run_validation_study(config, MOTION)
+    assert study.as_expected("without", 0).hits == 3
+    assert study.everywhere_as_expected("unknown").hits == 3
+    assert study.power("p10").hits == 3
+    assert study.power("r_alpha").hits < 3
+    assert study.tests_against("p10")
+    sentences = {claim.statement: claim.value for claim in claims(study)}
+    assert "power is below 80 %" in sentences["r_alpha wrong by the factor 0.99 fails a test"]
+    assert "power is below" not in sentences["p10 wrong by the factor 1.2 fails a test"]
+
+
+def test_a_parameter_or_motion_that_cannot_be_is_refused():
+    general = {"kind": "validation", "repetitions": 2, "wrong": {"sx": 2}}
+    with pytest.raises(ConfigurationError, match="no parameter 'sx'"):
+        run_validation_study(case(general), MOTION)
+    recorded = {"kind": "validation", "motions": [{"motion": "file", "file": "x.csv"}]}
+    with pytest.raises(ConfigurationError, match="cannot be repeated"):
+        run_validation_study(case(recorded), MOTION)
+
+
+def test_a_study_that_is_stopped_says_how_far_it_was():
+    stop = Stop(after=2)
+    config = case({"kind": "identification", "repetitions": 5})
+    with pytest.raises(StudyInterruptedError, match="2 of 5"):
+        run_identification_study(config, MOTION, stop)
+    assert stop.seen == [(1, 5), (2, 5)]
+
+
+def test_designs_from_the_same_initial_parameters():
+    config = case(
+        {"kind": "design", "sets": 1, "repetitions": 30, "kinematics": ["exact", "central"]},
+        experiment={"periods": 5, "sampling": "50 Hz"},
+        trajectory={"harmonics": 2, "samples": 40, "controller_period": "20 ms"},
+        design={"starts": 1, "max_iterations": 12},
+    )
+    study = run_design_study(config)
+    first, second = study.sets[0]
+    assert (first.criterion, second.criterion) == ("d", "condition")
+    assert first.design.passed
+    assert second.design.passed
+    assert first.design.log_det_information > second.design.log_det_information
+    condition = [np.linalg.cond(trial.design.information) for trial in (first, second)]
+    assert condition[1] < condition[0]
+    compared = study.determinant((first, second), "exact", "ls")
+    assert compared.ratio > 4
+    assert study.means((first, second), "exact", "ls").p_joint > 1e-3
