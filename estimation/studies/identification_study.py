@@ -253,13 +253,28 @@ class IdentificationBench:
 
     def identify(self, number: int) -> dict[str, Identification | None]:
         """Return experiment `number` of every case; None where noise let an estimate fail."""
-        return {case.key: self._case(case, number) for case in CASES}
+        found: dict[str, Identification | None] = dict.fromkeys(case.key for case in CASES)
+        for tracking, twin in self.twins.items():
+            data = twin.measurement(number)
+            try:
+                fitted = prepare_experiment(self.configuration, self.robot, data, self.design)
+                own = run_estimators(self.robot, [fitted], self.knowledge, ESTIMATORS)
+            except FAILURES:
+                continue
+            for case in CASES:
+                if case.tracking_error is tracking:
+                    found[case.key] = self._case(case, data, fitted, own)
+        return found
 
-    def _case(self, case: Case, number: int) -> Identification | None:
-        data = self.twins[case.tracking_error].measurement(number)
+    def _case(
+        self,
+        case: Case,
+        data: Measurement,
+        fitted: Experiment,
+        own: dict[str, ParameterEstimate],
+    ) -> Identification | None:
         try:
-            fitted = prepare_experiment(self.configuration, self.robot, data, self.design)
-            estimates = self._estimates(case, data, fitted)
+            estimates = {**own, **self._disturbed(case, data)}
         except FAILURES:
             return None
         ml, gm = estimates["ml"], estimates["gm"]
@@ -274,11 +289,10 @@ class IdentificationBench:
             fitted.fit.motion.harmonics,
         )
 
-    def _estimates(
-        self, case: Case, data: Measurement, fitted: Experiment
-    ) -> dict[str, ParameterEstimate]:
+    def _disturbed(self, case: Case, data: Measurement) -> dict[str, ParameterEstimate]:
+        """Return LS and GM with the motion that the case gives them."""
         if not case.disturbed:
-            return run_estimators(self.robot, [fitted], self.knowledge, ESTIMATORS)
+            return {}
         changes = (
             {"differentiation": "central"}
             if case.pointwise
@@ -286,10 +300,7 @@ class IdentificationBench:
         )
         configuration = with_section(self.configuration, "estimate", **changes)
         disturbed = prepare_experiment(configuration, self.robot, data, self.design)
-        return {
-            **run_estimators(self.robot, [disturbed], self.knowledge, ("ls", "gm")),
-            **run_estimators(self.robot, [fitted], self.knowledge, ("ml",)),
-        }
+        return run_estimators(self.robot, [disturbed], self.knowledge, ("ls", "gm"))
 
 
 def _identified(

@@ -71,12 +71,12 @@ class ValidationRun:
     ----------
     situations : dict of tuple of Prediction
         By situation, one per motion.
-    wrong : dict of tuple of Prediction
-        By the parameter that is wrong, one per motion.
+    wrong : dict of Prediction
+        By the parameter that is wrong, of the first motion.
     """
 
     situations: dict[str, tuple[Prediction, ...]]
-    wrong: dict[str, tuple[Prediction, ...]]
+    wrong: dict[str, Prediction]
 
 
 @dataclass(frozen=True)
@@ -148,14 +148,14 @@ class ValidationStudy:
         )
 
     def power(self, parameter: str) -> Share:
-        """Return how often a wrong parameter is seen on any motion."""
-        return Share.of([any(one.against for one in run.wrong[parameter]) for run in self.runs])
+        """Return how often a wrong parameter is seen on the first motion."""
+        return Share.of([bool(run.wrong[parameter].against) for run in self.runs])
 
     def tests_against(self, parameter: str) -> list[tuple[str, int]]:
         """Return which tests saw a wrong parameter, and in how many runs, most often first."""
         seen: Counter[str] = Counter()
         for run in self.runs:
-            seen.update({name for one in run.wrong[parameter] for name in one.against})
+            seen.update(set(run.wrong[parameter].against))
         return sorted(seen.items(), key=lambda item: (-item[1], item[0]))
 
 
@@ -248,22 +248,27 @@ class ValidationBench:
 
     def validate(self, number: int) -> ValidationRun:
         """Return run `number`, counted from 1."""
-        predicted = self.predicted(number)
-        estimate = self._estimate("no", number)
-        experiments = [experiment for experiment, _ in predicted["without"]]
-        wrong = {}
+        estimates = self._estimates(number)
+        predicted = self._predicted(number, estimates)
+        estimate = estimates["no"]
+        experiment, _ = predicted["without"][0]
+        wrong: dict[str, Prediction] = {}
         for name, factor in self.wrong.items():
             values = estimate.values.copy()
             values[self.robot.parameter_names.index(name)] *= factor
             model = replace(estimate, values=values)
-            wrong[name] = tuple(_judged(self._diagnosis(e, model)) for e in experiments)
+            wrong[name] = _judged(self._diagnosis(experiment, model))
         return ValidationRun(
             {key: tuple(_judged(d) for _, d in pairs) for key, pairs in predicted.items()}, wrong
         )
 
     def predicted(self, number: int) -> dict[str, tuple[tuple[Experiment, Diagnosis], ...]]:
         """Return every motion of one run with its diagnosis, by situation."""
-        estimates = {key: self._estimate(key, number) for key in ("no", "yes")}
+        return self._predicted(number, self._estimates(number))
+
+    def _predicted(
+        self, number: int, estimates: dict[str, ParameterEstimate]
+    ) -> dict[str, tuple[tuple[Experiment, Diagnosis], ...]]:
         measured = {
             key: tuple(
                 prepare_experiment(
@@ -281,6 +286,10 @@ class ValidationBench:
             situation: tuple((e, self._diagnosis(e, estimates[own])) for e in measured[on])
             for situation, (own, on) in made.items()
         }
+
+    def _estimates(self, number: int) -> dict[str, ParameterEstimate]:
+        """Return the models of one run, identified without cogging and with it."""
+        return {key: self._estimate(key, number) for key in self.identified}
 
     def _estimate(self, cogging: str, number: int) -> ParameterEstimate:
         data = self.identified[cogging].measurement(number)
