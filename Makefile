@@ -53,7 +53,7 @@ paper: venv ## Repeat the paper's three studies and compare: runs/paper/report.h
 	$(BIN)/expdesign run paper_identification
 	$(BIN)/expdesign run paper_validation
 	$(BIN)/expdesign compare runs/paper_design/designs/1-d runs/paper_design/designs/1-condition \
-	  runs/paper_identification runs/paper_validation --out runs/paper
+	  runs/paper_design runs/paper_identification runs/paper_validation --out runs/paper
 
 bench: venv ## Run the benchmarks
 	$(BIN)/python benchmarks/run.py $(ARGS)

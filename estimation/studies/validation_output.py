@@ -59,7 +59,7 @@ def validation_claims(study: ValidationStudy) -> list[Claim]:
                 _PAPER if list(struts) == [2, 3] else "",
             )
         )
-    return [*found, *_power_claims(study)]
+    return [*found, _power_claim(study)]
 
 
 def _verdict_claim(study: ValidationStudy, situation: str, number: int) -> Claim:
@@ -89,18 +89,23 @@ def _verdict_claim(study: ValidationStudy, situation: str, number: int) -> Claim
     )
 
 
-def _power_claims(study: ValidationStudy) -> Iterator[Claim]:
-    for name, factor in study_section(study.configuration).wrong.items():
-        share = study.power(name)
-        tests = study.tests_against(name)
-        named = "; ".join(f"'{test}' ({count})" for test, count in tests[:3])
-        weak = share.hits < _POWER * share.trials
-        yield Claim(
-            f"{name} wrong by the factor {factor:g} fails a test",
-            _of(share)
-            + (f": {named}" if named else "")
-            + (f"; the power is below {100 * _POWER:.0f} %" if weak else ""),
-        )
+def _power_claim(study: ValidationStudy) -> Claim:
+    wrong = study_section(study.configuration).wrong
+    shares = {name: study.power(name) for name in wrong}
+    weak = [name for name, share in shares.items() if share.hits < _POWER * share.trials]
+    seen = {test for name in wrong for test, _ in study.tests_against(name)}
+    value = f"{len(wrong) - len(weak)} of {len(wrong)} parameters"
+    if seen:
+        value += "; tests that fail: " + ", ".join(f"'{test}'" for test in sorted(seen))
+    if weak:
+        told = ", ".join(f"{name} ({_of(shares[name])})" for name in weak)
+        value += f"; the power is below {100 * _POWER:.0f} % for {told}"
+    factors = ", ".join(f"{name} by {factor:g}" for name, factor in wrong.items())
+    return Claim(
+        f"a parameter that is wrong on purpose ({factors}; one at a time) fails a test in at least "
+        f"{100 * _POWER:.0f} % of the runs",
+        value,
+    )
 
 
 def _of(share: Share) -> str:

@@ -15,6 +15,7 @@ from expdesign.trajectory import read_design_file
 from results.figures.comparison import estimates as estimates_figure
 from results.figures.comparison import precision as precision_figure
 from results.figures.saving import save_figures
+from results.report.comparison.claims import claims_report
 from results.report.comparison.designs import (
     EXPLAINED,
     ComparedDesign,
@@ -150,6 +151,9 @@ def _page(
     studies = {label: folder for label, folder in folders.items() if folder.has("montecarlo")}
     if studies:
         reports.append(_studies_report(studies))
+    asked = {label: folder for label, folder in folders.items() if folder.has("study")}
+    if asked:
+        reports.insert(0, claims_report(asked))
     sections = [section for report in reports for section in report.sections]
     page = Page(
         title=" · ".join(folders) if len(folders) <= _MOST_NAMED else f"{len(folders)} runs",

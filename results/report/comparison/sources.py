@@ -12,7 +12,7 @@ from results.report.folder import STAGE_FILES, RunFolder
 from results.report.table import Column, ReportTable
 
 _FEWEST = 2
-COMPARED = ("design", "estimate", "montecarlo")
+COMPARED = ("design", "estimate", "montecarlo", "study")
 """Stages that can be compared."""
 
 

@@ -31,7 +31,7 @@ _FIGURES = {
     "identification": ("study_bias",),
     "validation": ("study_variances",),
 }
-_SIMULATED = (
+SIMULATED = (
     "All numbers come from the digital twin: they are simulated. The paper's values are of a real "
     "machine whose geometry and noise are not public; what can be compared is the pattern."
 )
@@ -54,7 +54,7 @@ def study_report(folder: RunFolder) -> StageReport:
         sentence,
         "study",
     )
-    blocks: list[Block] = [TextBlock((_SIMULATED,)), TableBlock(_claims_table(claims))]
+    blocks: list[Block] = [TextBlock((SIMULATED,)), TableBlock(_claims_table(claims))]
     blocks += folder.figures(*_FIGURES[kind])
     if kind == "validation":
         blocks += folder.figures(*_predictions(folder))
@@ -71,24 +71,29 @@ def _predictions(folder: RunFolder) -> tuple[str, ...]:
 
 
 def _claims_table(claims: Sequence[Document]) -> ReportTable:
-    rows: list[tuple[Value, ...]] = []
-    for claim in claims:
-        holds = claim.optional("holds")
-        rows.append(
-            (
-                claim.text("statement"),
-                claim.text("value"),
-                claim.text("paper"),
-                "" if holds is None else "holds" if holds else "fails",
-            )
-        )
-    columns = (
+    rows = [claim_row(claim) for claim in claims]
+    return ReportTable.of("study_claims", "What the study shows", claim_columns(), rows)
+
+
+def claim_columns() -> tuple[Column, ...]:
+    """Return the columns of a table of claims."""
+    return (
         Column("what", kind="text"),
         Column("found (simulated)", kind="text"),
         Column("the paper", kind="text"),
         Column("verdict", kind="outcome"),
     )
-    return ReportTable.of("study_claims", "What the study shows", columns, rows)
+
+
+def claim_row(claim: Document) -> tuple[Value, ...]:
+    """Return a claim's cells."""
+    holds = claim.optional("holds")
+    return (
+        claim.text("statement"),
+        claim.text("value"),
+        claim.text("paper"),
+        "" if holds is None else "holds" if holds else "fails",
+    )
 
 
 def _designs(folder: RunFolder) -> ReportTable:
