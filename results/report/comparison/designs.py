@@ -280,7 +280,6 @@ class DesignComparison:
                     float(needed[worst]) if known else None,
                     design.names[worst] if known else "–",
                     float(needed[worst]) * design.period if known else None,
-                    design.seconds,
                 )
             )
         columns = (
@@ -293,7 +292,6 @@ class DesignComparison:
             Column("periods, all parameters"),
             Column("decided by", kind="parameter"),
             Column("measuring time", "s"),
-            Column("search", "s"),
         )
         caption = (
             f"Periods and time that each design needs for σ = {100 * self.precision:g} % of the "
