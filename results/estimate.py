@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from results.figures.estimation.catalogue import (
     ESTIMATE_FIGURES,
     NOISE_FIGURES,
 )
-from results.figures.saving import save_figures
+from results.figures.saving import FORMATS, save_figures
 
 
 def estimate_figures(
@@ -44,6 +45,8 @@ def estimate_figures(
     return paths
 
 
-def noise_figures(analysis: NoiseAnalysis, folder: Path) -> tuple[Path, ...]:
+def noise_figures(
+    analysis: NoiseAnalysis, folder: Path, formats: Collection[str] = FORMATS
+) -> tuple[Path, ...]:
     """Draw the figures of a noise analysis into ``figures/``; return the files."""
-    return save_figures(NOISE_FIGURES, analysis, folder / "figures")
+    return save_figures(NOISE_FIGURES, analysis, folder / "figures", formats=formats)

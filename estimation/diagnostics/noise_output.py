@@ -11,7 +11,8 @@ import pandas as pd
 from estimation.diagnostics.json_form import plain
 from estimation.diagnostics.noise_analysis import NoiseAnalysis
 from estimation.processing.noise import NoiseEstimate
-from expdesign.runfolder.atomic import write_csv, write_json
+from expdesign.configuration import RunConfiguration, resolved_yaml
+from expdesign.runfolder.atomic import write_csv, write_json, write_text
 from expdesign.runfolder.columns import Column, add_columns
 
 NOISE_COVARIANCE = (
@@ -25,13 +26,21 @@ NOISE_COVARIANCE = (
 """Columns of `tables/noise_covariance.csv`."""
 
 
-def write_noise(analysis: NoiseAnalysis, source: str, folder: Path) -> list[Path]:
-    """Write `noise.json` and `tables/noise_covariance.csv`; return the files."""
+def write_noise(
+    analysis: NoiseAnalysis, source: str, configuration: RunConfiguration, folder: Path
+) -> list[Path]:
+    """Write `noise.json`, `tables/noise_covariance.csv` and what describes them; return the files.
+
+    `run.yaml` is written where there is none.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     table = folder / "tables" / "noise_covariance.csv"
     write_csv(table, covariance_table(analysis))
     record = folder / "noise.json"
     write_json(record, noise_record(analysis, source))
+    run = folder / "run.yaml"
+    if not run.is_file():
+        write_text(run, resolved_yaml(configuration))
     return [table, add_columns(folder, {f"tables/{table.name}": NOISE_COVARIANCE}), record]
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from expdesign.cli.estimate import DesignsOption, data_files, recorded_designs
+from expdesign.cli.estimate import DesignsOption, data_files, made_from, recorded_designs
 from expdesign.cli.folder import OutOption, refuse_unwritable, run_folder
 from expdesign.cli.output import (
     JsonOption,
@@ -21,6 +21,8 @@ from expdesign.cli.output import (
 
 if TYPE_CHECKING:
     from estimation.diagnostics import NoiseAnalysis
+
+STAGE = "noise"
 
 RecordingOption = Annotated[
     Path | None,
@@ -50,6 +52,7 @@ def noise(
     from estimation.diagnostics.noise_output import noise_record, write_noise
     from estimation.identification.period_choice import choose_omega
     from estimation.processing import PeriodError, make_record
+    from expdesign.cli.stages import record_stage
     from expdesign.configuration import ConfigurationError, Problem, load_run
     from results import noise_figures
 
@@ -59,17 +62,20 @@ def noise(
     (file,) = data_files(configuration, folder, [] if data is None else [data])
     (trajectory,) = recorded_designs(folder, design or (), 1)
     refuse_unwritable(folder)
-    recording = read_measurement(file, configuration.run.data, configuration.robot)
-    warn_all(recording.warnings)
-    omega, source = choose_omega(configuration, recording, trajectory)
-    try:
-        analysis = analyse_noise(make_record(recording, omega, source))
-    except (PeriodError, ValueError) as error:
-        raise ConfigurationError(
-            Problem(str(error), file=file, key="--data", allowed="two periods or more")
-        ) from error
-    write_noise(analysis, str(file), folder)
-    noise_figures(analysis, folder)
+    inputs = made_from([file], design or (), folder)
+    with record_stage(STAGE, configuration, folder, inputs) as stage:
+        recording = read_measurement(file, configuration.run.data, configuration.robot)
+        warn_all(recording.warnings)
+        omega, source = choose_omega(configuration, recording, trajectory)
+        try:
+            analysis = analyse_noise(make_record(recording, omega, source))
+        except (PeriodError, ValueError) as error:
+            raise ConfigurationError(
+                Problem(str(error), file=file, key="--data", allowed="two periods or more")
+            ) from error
+        stage.files = write_noise(analysis, str(file), configuration, folder)
+        stage.files += noise_figures(analysis, folder, configuration.run.report.figures)
+        stage.status = "done"
     if as_json:
         write_json({"status": 0, "folder": str(folder), **noise_record(analysis, str(file))})
         return

@@ -18,6 +18,7 @@ _SECTIONS: dict[str, dict[str, bool | set[str]]] = {
         "experiment": {"periods", "sampling"},
     },
     "experiment": dict.fromkeys(("name", "robot", "experiment"), True),
+    "noise": dict.fromkeys(("name", "robot", "trajectory", "data"), True),
     "montecarlo": dict.fromkeys(("name", "robot", "experiment", "estimate", "montecarlo"), True),
     "estimate": dict.fromkeys(("name", "robot", "trajectory", "data", "estimate"), True),
     "validate": dict.fromkeys(

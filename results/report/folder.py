@@ -24,7 +24,9 @@ from results.report.content import FigureBlock
 
 STAGE_FILES = {
     "design": "design.json",
+    "export": "exports/exports.json",
     "experiment": "truth.json",
+    "noise": "noise.json",
     "montecarlo": "montecarlo.json",
     "estimate": "estimate.json",
     "validate": "validation.json",
@@ -79,11 +81,15 @@ class RunFolder:
 
     def has(self, stage: str) -> bool:
         """Tell whether the folder holds what a stage wrote."""
-        return (self.path / STAGE_FILES[stage]).is_file()
+        return self.stage_file(stage).is_file()
+
+    def stage_file(self, stage: str) -> Path:
+        """Return the place of the file without which the folder does not hold a stage."""
+        return self.path / STAGE_FILES[stage]
 
     def document(self, stage: str) -> Document:
         """Read the JSON file of a stage."""
-        return Document.read(self.path / STAGE_FILES[stage])
+        return Document.read(self.stage_file(stage))
 
     def entry(self, stage: str) -> StageEntry | None:
         """Return what the manifest says of a stage, None when it says nothing."""
@@ -95,10 +101,20 @@ class RunFolder:
 
     def run_text(self) -> str:
         """Return `run.yaml` as it stands there."""
+        return self.text(self.path / "run.yaml")
+
+    def text(self, path: Path) -> str:
+        """Return a file as it stands there.
+
+        Raises
+        ------
+        RunFolderError
+            It is no text.
+        """
         try:
-            return (self.path / "run.yaml").read_text(encoding="utf-8")
+            return path.read_text(encoding="utf-8")
         except ValueError as error:
-            raise RunFolderError(self.path / "run.yaml", f"no text: {error}") from error
+            raise RunFolderError(path, f"no text: {error}") from error
 
     def figures(self, *stems: str) -> tuple[FigureBlock, ...]:
         """Return the figures of these names that the folder has, numbered ones in their order."""
@@ -152,6 +168,7 @@ def _usable(manifest: Manifest | None) -> Manifest | None:
 
 def _refused(path: Path, message: str) -> ConfigurationError:
     allowed = (
-        "a folder that `expdesign run`, design, simulate, estimate, validate or montecarlo wrote"
+        "a folder that `expdesign run`, design, export, simulate, noise, estimate, validate or "
+        "montecarlo wrote"
     )
     return ConfigurationError(Problem(message, file=path, allowed=allowed))

@@ -24,7 +24,9 @@ from results.report.rendering import rendered
 from results.report.stages.design import design_report
 from results.report.stages.estimate import estimate_report
 from results.report.stages.experiment import experiment_report
+from results.report.stages.export import export_report
 from results.report.stages.montecarlo import montecarlo_report
+from results.report.stages.noise import noise_report
 from results.report.stages.study import study_report
 from results.report.stages.validation import validation_report
 from results.report.view import robot_view
@@ -34,7 +36,9 @@ NAME = "report.html"
 
 _STAGES: dict[str, Callable[[RunFolder], StageReport]] = {
     "design": design_report,
+    "export": export_report,
     "experiment": experiment_report,
+    "noise": noise_report,
     "montecarlo": montecarlo_report,
     "estimate": estimate_report,
     "validate": validation_report,

@@ -74,3 +74,19 @@ def test_one_period_has_no_scatter(folder, expdesign):
     assert status == 2
     assert "two periods or more" in error
     assert not (folder / "out").exists()
+
+
+def test_it_is_a_stage_of_the_run_folder(folder, expdesign):
+    write(folder, periods=8)
+    (folder / "run.yaml").write_text("name: lab\nrobot: palida\nreport: {figures: [svg]}\n")
+    status, _, error = expdesign(*arguments(folder))
+    assert status == 0, error
+    out = folder / "out"
+    stage = json.loads((out / "manifest.json").read_text())["stages"]["noise"]
+    assert stage["status"] == "done"
+    assert {"noise.json", "tables/noise_covariance.csv", "columns.json"} <= set(stage["files"])
+    assert {path.suffix for path in (out / "figures").iterdir()} == {".svg"}
+    assert all((out / file).is_file() for file in stage["files"])
+    status, _, error = expdesign("report", out)
+    assert status == 0, error
+    assert 'id="noise"' in (out / "report.html").read_text(encoding="utf-8")

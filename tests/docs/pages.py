@@ -29,13 +29,16 @@ class Block:
     text: str
 
 
-def blocks(language):
+def fences(page):
+    """Return the fenced blocks of a page in their order."""
     return [
         Block(page, found["file"], found["language"], found["text"])
-        for page in FILES
         for found in _FENCE.finditer(page.read_text(encoding="utf-8"))
-        if found["language"] == language
     ]
+
+
+def blocks(language):
+    return [block for page in FILES for block in fences(page) if block.language == language]
 
 
 def prose(page):

@@ -1,15 +1,23 @@
 """What limits cost: multipliers of problems whose multipliers are known, and of a design."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from expdesign.configuration import load_run
 from expdesign.experiment.design import build_workshop
-from expdesign.experiment.sensitivity import FREQUENCY, WIDER, balance, limit_sensitivity
+from expdesign.experiment.sensitivity import (
+    FREQUENCY,
+    WIDER,
+    balance,
+    limit_sensitivity,
+    sensitivity_at_design,
+)
 from expdesign.solver.continuation import finish_stage
 from expdesign.solver.stage import run_stage
+from expdesign.trajectory import read_design_file
 
 
 def test_multipliers_of_a_known_optimum():
@@ -78,3 +86,15 @@ def _wider(limit, share):
     two_sided = np.isfinite(limit.lower) & np.isfinite(limit.upper)
     move = np.where(two_sided, share / 2, share) * limit.range
     return replace(limit, lower=limit.lower - move, upper=limit.upper + move)
+
+
+@pytest.mark.slow
+def test_gains_at_a_design_are_about_those_at_the_optimum_beside_it():
+    run = load_run("palida")
+    file = Path(__file__).parents[2] / "benchmarks" / "designs" / "palida.json"
+    trajectory = read_design_file(file).trajectory
+    exact = limit_sensitivity(run, trajectory)
+    rough = sensitivity_at_design(build_workshop(run), trajectory)
+    assert rough.unexplained < 0.03
+    assert rough.gains == pytest.approx(exact.gains, abs=0.015)
+    assert max(rough.gains.values()) > 0.03

@@ -246,3 +246,19 @@ def test_comparison_by_command(folder, twin, tmp_path, expdesign_says):
     effort = (tmp_path / "out" / "tables" / "effort.tex").read_text(encoding="utf-8")
     assert re.search(r"\\toprule", effort)
     assert "σ = 1 %" in effort
+
+
+def test_how_long_a_search_took_is_in_no_table(folder, twin, tmp_path):
+    text = compare([folder, twin], tmp_path / "out")
+    tables = {path.name: path.read_bytes() for path in (tmp_path / "out" / "tables").iterdir()}
+
+    def slower(document):
+        document["solver"]["seconds"] = 7200.0
+
+    change(twin / "design.json", slower)
+    later = compare([folder, twin], tmp_path / "out")
+    assert tables == {
+        path.name: path.read_bytes() for path in (tmp_path / "out" / "tables").iterdir()
+    }
+    assert "2 h 0 min" not in text
+    assert "other: 2 h 0 min" in later

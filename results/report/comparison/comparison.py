@@ -16,18 +16,15 @@ from results.figures.comparison import estimates as estimates_figure
 from results.figures.comparison import precision as precision_figure
 from results.figures.saving import save_figures
 from results.report.comparison.claims import claims_report
-from results.report.comparison.designs import (
-    EXPLAINED,
-    ComparedDesign,
-    DesignComparison,
-    gains_table,
-    limits_table,
-)
+from results.report.comparison.criteria import criteria_table, efficiencies
+from results.report.comparison.designs import ComparedDesign, DesignComparison
 from results.report.comparison.estimates import (
     ComparedEstimate,
     estimates_report,
     estimates_series,
 )
+from results.report.comparison.limits import limits_table
+from results.report.comparison.precision import effort_table, precision_series, precision_table
 from results.report.comparison.sources import open_folders, sources_section
 from results.report.comparison.studies import achieved_table
 from results.report.content import (
@@ -43,6 +40,7 @@ from results.report.content import (
 )
 from results.report.folder import RunFolder, embedded
 from results.report.latex import latex_table
+from results.report.limit_gains import EXPLAINED, costliest, gains_table, limit_title
 from results.report.numerals import counted, duration, percent, readable
 from results.report.rendering import rendered
 from results.report.run_report import NAME
@@ -136,7 +134,7 @@ def _page(
             }
         comparison = DesignComparison(designs, precision)
         if comparison.comparable:
-            series = comparison.precision_series()
+            series = precision_series(comparison)
             written += save_figures((precision_figure.FIGURE,), series, place, formats=_FORMATS)
         reports.append(_designs_report(comparison, found, place))
     estimates = tuple(
@@ -178,26 +176,26 @@ def _designs_report(
     facts: list[Fact] = []
     sentence = f"{counted(len(designs), 'design')}."
     if comparison.comparable:
-        blocks.append(TableBlock(comparison.criteria_table()))
+        blocks.append(TableBlock(criteria_table(comparison)))
         figure = precision_figure.FIGURE
         blocks.append(embedded(place / f"{figure.key}.svg", figure.caption))
         blocks += [
-            TableBlock(comparison.effort_table()),
-            TableBlock(comparison.precision_table()),
+            TableBlock(effort_table(comparison)),
+            TableBlock(precision_table(comparison)),
         ]
-        efficiencies = {k: v for k, v in comparison.efficiencies().items() if v is not None}
-        if efficiencies:
-            best = max(efficiencies, key=lambda label: efficiencies[label])
+        shares = {k: v for k, v in efficiencies(comparison).items() if v is not None}
+        if shares:
+            best = max(shares, key=lambda label: shares[label])
             told = ", ".join(
                 f"{label} has {percent(value)} of its information per parameter"
-                for label, value in efficiencies.items()
+                for label, value in shares.items()
                 if label != best
             )
             sentence += f" {best} has the largest log det F{f'; {told}' if told else ''}."
             facts.append(Fact("largest log det F", best, f"for {comparison.samples} samples"))
     blocks.append(TableBlock(limits_table(designs)))
     if found:
-        blocks.append(TableBlock(gains_table(found)))
+        blocks.append(TableBlock(gains_table(found, "the optimum beside the design")))
         facts += _gain_facts(found)
         if any(each.unexplained > EXPLAINED for each in found.values()):
             text = (
@@ -205,11 +203,11 @@ def _designs_report(
                 "design is not near an optimum, and what its limits cost is not shown."
             )
             blocks.append(TextBlock((text,), Level.CAUTION))
-    seconds = [design.seconds for design in designs if design.seconds is not None]
+    # No column of a table: tables are the same bytes whenever the same seeds were used.
+    seconds = {design.label: design.seconds for design in designs if design.seconds is not None}
     if seconds:
-        facts.append(
-            Fact("search", duration(sum(seconds)), f"{counted(len(seconds), 'design')} together")
-        )
+        each = ", ".join(f"{label}: {duration(value)}" for label, value in seconds.items())
+        facts.append(Fact("search", duration(sum(seconds.values())), each))
     verdict = Verdict("Designs", Level.NEUTRAL, "compared", sentence, "designs")
     return StageReport(
         verdict,
@@ -222,11 +220,10 @@ def _designs_report(
 def _gain_facts(found: dict[str, LimitSensitivity]) -> list[Fact]:
     facts = []
     for label, sensitivity in found.items():
-        if sensitivity.unexplained > EXPLAINED or not sensitivity.gains:
-            continue
-        key = max(sensitivity.gains, key=lambda name: sensitivity.gains[name])
-        gain = f"+{readable(100 * sensitivity.gains[key], 2)} %"
-        facts.append(Fact("costliest limit", gain, f"{label}: 10 % more {key.replace('_', ' ')}"))
+        key = costliest(sensitivity)
+        if key is not None:
+            gain = f"+{readable(100 * sensitivity.gains[key], 2)} %"
+            facts.append(Fact("costliest limit", gain, f"{label}: 10 % more {limit_title(key)}"))
     return facts
 
 

@@ -12,8 +12,14 @@ from results.report.folder import STAGE_FILES, RunFolder
 from results.report.table import Column, ReportTable
 
 _FEWEST = 2
-COMPARED = ("design", "estimate", "montecarlo", "study")
-"""Stages that can be compared."""
+COMPARED = {
+    "design": "trajectory.csv",
+    "estimate": "estimates.csv",
+    "montecarlo": "tables/montecarlo.csv",
+    "study": "study.json",
+}
+"""Stages that can be compared, and the table that is the result of each: the same seeds give the
+same bytes, while the documents beside them hold times."""
 
 
 def open_folders(paths: Sequence[Path]) -> dict[str, RunFolder]:
@@ -65,9 +71,9 @@ def sources_section(folders: dict[str, RunFolder]) -> Section:
                 stage,
                 str(folder.path),
                 versions.get("expdesign", ""),
-                file_hash(folder.path / STAGE_FILES[stage]),
+                file_hash(folder.path / table) if (folder.path / table).is_file() else None,
             )
-            for stage in COMPARED
+            for stage, table in COMPARED.items()
             if folder.has(stage)
         ]
     columns = (

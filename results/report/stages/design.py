@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from constraints import limit_definitions
+from expdesign.experiment.sensitivity import LimitSensitivity
 from expdesign.information.catalogue import criteria_by_key
 from results.reading.table import Table
 from results.record import DesignRecord
@@ -16,9 +17,17 @@ from results.report.content import (
     Section,
     StageReport,
     TableBlock,
+    TextBlock,
     Verdict,
 )
 from results.report.folder import RunFolder
+from results.report.limit_gains import (
+    EXPLAINED,
+    costliest,
+    design_sensitivity,
+    gains_table,
+    limit_title,
+)
 from results.report.numerals import duration, percent, readable
 from results.report.table import Column, ReportTable, Value
 from results.units import handy_unit
@@ -51,9 +60,11 @@ def design_report(folder: RunFolder) -> StageReport:
     """Return what is to be said of the design in a folder."""
     record = DesignRecord.load(folder.path)
     facts = _facts(record)
+    sensitivity = design_sensitivity(record)
     blocks: tuple[Block, ...] = (
-        Facts(_details(folder, record)),
+        Facts((*_details(folder, record), *_costliest(sensitivity))),
         TableBlock(limits_table(record)),
+        *_gains(sensitivity),
         *folder.figures(*FIGURES[:5]),
         TableBlock(parameters_table(record)),
         *folder.figures("precision", "eigenvalues"),
@@ -248,3 +259,23 @@ def _details(folder: RunFolder, record: DesignRecord) -> tuple[Fact, ...]:
     if isinstance(seconds, int | float) and isinstance(iterations, int):
         facts.append(Fact("search", duration(seconds), f"{iterations} iterations"))
     return tuple(facts)
+
+
+def _costliest(sensitivity: LimitSensitivity | None) -> tuple[Fact, ...]:
+    key = None if sensitivity is None else costliest(sensitivity)
+    if sensitivity is None or key is None:
+        return ()
+    gain = f"+{readable(100 * sensitivity.gains[key], 2)} %"
+    return (Fact("costliest limit", gain, f"10 % more {limit_title(key)}"),)
+
+
+def _gains(sensitivity: LimitSensitivity | None) -> tuple[Block, ...]:
+    if sensitivity is None:
+        return ()
+    if sensitivity.unexplained > EXPLAINED:
+        text = (
+            f"The limits leave {percent(sensitivity.unexplained)} of the cost's gradient: the "
+            "design is not near an optimum, and what each limit costs is not told."
+        )
+        return (TextBlock((text,)),)
+    return (TableBlock(gains_table({"gain": sensitivity}, "the design itself")),)

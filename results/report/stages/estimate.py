@@ -24,20 +24,20 @@ from results.report.content import (
 from results.report.estimates import differences_table, information_sentence, information_test
 from results.report.folder import RunFolder
 from results.report.numerals import readable
-from results.report.stages.findings import against, findings_table, verdict_level
+from results.report.stages.findings import (
+    against,
+    findings_table,
+    model_findings,
+    verdict_level,
+)
+from results.report.stages.noise import FIGURES as NOISE_FIGURES
+from results.report.stages.noise import shows_noise
 from results.report.table import Column, ReportTable, Value
 
 Array = NDArray[np.float64]
 
 FIGURES = ("estimates", "correlation")
-DIAGNOSTIC_FIGURES = (
-    "residuals",
-    "residual_dependence",
-    "position_periodic",
-    "noise_distribution",
-    "noise_quantiles",
-    "noise_covariance",
-)
+DIAGNOSTIC_FIGURES = ("residuals", "residual_dependence", "position_periodic")
 NAMES = {"ls": "LS", "gm": "GM", "ml": "ML"}
 
 
@@ -195,9 +195,11 @@ def _blocks(
             TableBlock(differences_table("hausman", caption, rows.parameters, test, folded=True))
         )
     if "diagnostics" in document:
-        found = document.section("diagnostics")
+        found = model_findings(document.section("diagnostics"))
         blocks.append(TableBlock(findings_table("findings", found, "the estimate")))
     blocks += folder.figures(*DIAGNOSTIC_FIGURES)
+    if not shows_noise(folder):
+        blocks += folder.figures(*NOISE_FIGURES)
     blocks.append(TableBlock(_noise_table(document)))
     return tuple(blocks)
 

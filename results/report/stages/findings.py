@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from results.reading.document import Document
 from results.report.content import Level
 from results.report.table import Column, ReportTable
@@ -13,7 +15,12 @@ def verdict_level(diagnostics: Document) -> Level:
     return {"accepted": Level.GOOD, "doubtful": Level.BAD}.get(status, Level.CAUTION)
 
 
-def findings_table(key: str, diagnostics: Document, what: str) -> ReportTable:
+def model_findings(diagnostics: Document) -> tuple[Document, ...]:
+    """Return the findings of the diagnostics of an estimate or a prediction."""
+    return diagnostics.section("verdict").sections("findings")
+
+
+def findings_table(key: str, findings: Sequence[Document], what: str) -> ReportTable:
     """Return every assumption with what became of it."""
     rows = [
         (
@@ -22,7 +29,7 @@ def findings_table(key: str, diagnostics: Document, what: str) -> ReportTable:
             finding.text("sentence"),
             finding.text("advice"),
         )
-        for finding in diagnostics.section("verdict").sections("findings")
+        for finding in findings
     ]
     columns = (
         Column("assumption", kind="text"),
@@ -36,7 +43,10 @@ def findings_table(key: str, diagnostics: Document, what: str) -> ReportTable:
 def against(diagnostics: Document) -> str:
     """Return what speaks against the model, as the diagnostics put it; empty when nothing does."""
     return "; ".join(
-        finding.text("sentence")
-        for finding in diagnostics.section("verdict").sections("findings")
-        if finding.text("outcome") == "fails" and finding.flag("serious")
+        failures([f for f in model_findings(diagnostics) if f.flag("serious")]),
     )
+
+
+def failures(findings: Sequence[Document]) -> tuple[str, ...]:
+    """Return what was seen where an assumption fails."""
+    return tuple(f.text("sentence") for f in findings if f.text("outcome") == "fails")

@@ -16,7 +16,12 @@ from results.report.content import (
 )
 from results.report.folder import RunFolder
 from results.report.stages.estimate import NAMES
-from results.report.stages.findings import against, findings_table, verdict_level
+from results.report.stages.findings import (
+    against,
+    findings_table,
+    model_findings,
+    verdict_level,
+)
 from results.report.table import Column, ReportTable
 
 
@@ -37,7 +42,9 @@ def validation_report(folder: RunFolder) -> StageReport:
         blocks.append(
             TableBlock(
                 findings_table(
-                    f"findings_{number}", diagnostics, f"the prediction of motion {number}"
+                    f"findings_{number}",
+                    model_findings(diagnostics),
+                    f"the prediction of motion {number}",
                 )
             )
         )

@@ -1,0 +1,72 @@
+"""Criteria of several designs in a common scaling, and their efficiencies."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from expdesign.experiment.scaling import parameter_scaling
+from results.report.comparison.designs import DesignComparison
+from results.report.table import Column, ReportTable, Value
+
+Array = NDArray[np.float64]
+
+
+def efficiencies(comparison: DesignComparison) -> dict[str, float | None]:
+    """Return the D-efficiency of each design relative to the best."""
+    values = {design.label: design.log_det(comparison.samples) for design in comparison.designs}
+    best = max((value for value in values.values() if value is not None), default=None)
+    count = len(comparison.designs[0].names)
+    return {
+        label: None if value is None or best is None else float(np.exp((value - best) / count))
+        for label, value in values.items()
+    }
+
+
+def criteria_table(comparison: DesignComparison) -> ReportTable:
+    """Return all criteria in both scalings, one row per design."""
+    shares = efficiencies(comparison)
+    robot = comparison.designs[0].record.robot
+    every = parameter_scaling(robot, "nominal")
+    places = [robot.parameter_names.index(name) for name in comparison.designs[0].names]
+    scale = every[places]
+    rows: list[tuple[Value, ...]] = []
+    for design in comparison.designs:
+        covariance = design.covariance(comparison.samples)
+        cells: list[Value] = []
+        for scaling in (np.ones_like(scale), scale):
+            cells += _spectrum(design.information * comparison.samples, covariance, scaling)
+        efficiency = shares[design.label]
+        rows.append(
+            (
+                design.label,
+                design.log_det(comparison.samples),
+                None if efficiency is None else 100 * efficiency,
+                *cells,
+            )
+        )
+    columns = [Column("design", kind="text"), Column("log det F", digits=6)]
+    columns.append(Column("D-efficiency", "%"))
+    for scaling_name in ("SI", "nominal"):
+        columns += [
+            Column(f"trace F⁻¹, {scaling_name}"),
+            Column(f"smallest eigenvalue, {scaling_name}"),
+            Column(f"condition, {scaling_name}"),
+        ]
+    caption = (
+        f"Criteria of every design for {comparison.samples} samples, in SI units and in units of "
+        f"the nominal values of {comparison.designs[0].label}; D-efficiency relative to the best"
+    )
+    return ReportTable.of("criteria", caption, columns, rows)
+
+
+def _spectrum(information: Array, covariance: Array | None, scale: Array) -> list[Value]:
+    """Return trace of F⁻¹, smallest eigenvalue and condition number in a scaling."""
+    if covariance is None:
+        return [None, None, None]
+    scaled = information * np.multiply.outer(scale, scale)
+    inverse = covariance / np.multiply.outer(scale, scale)
+    # The small eigenvalues come from the inverse, where they keep their digits.
+    smallest = 1 / float(np.linalg.eigvalsh(inverse)[-1])
+    largest = float(np.linalg.eigvalsh(scaled)[-1])
+    return [float(np.trace(inverse)), smallest, largest / smallest]

@@ -1,0 +1,110 @@
+"""What every limit costs a design, as reports tell it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from constraints import limit_definitions
+from expdesign.configuration import ConfigurationError
+from expdesign.experiment.design import build_workshop
+from expdesign.experiment.sensitivity import FREQUENCY, LimitSensitivity, sensitivity_at_design
+from expdesign.information.fisher import SingularInformationError
+from expdesign.recheck.information import Judge
+from expdesign.solver import InfeasibleLimitsError
+from expdesign.trajectory import FourierTrajectory
+from results.record import DesignRecord
+from results.report.table import Column, ReportTable, Value
+
+EXPLAINED = 0.1
+"""Largest share of the cost's gradient that the limits may leave for multipliers to be shown."""
+
+_SAME = 1e-6
+"""Relative difference up to which a number computed again is the same."""
+
+
+def design_sensitivity(record: DesignRecord) -> LimitSensitivity | None:
+    """Return about what every limit costs the design of a folder.
+
+    None where `run.yaml` is no longer of this design: stages that came later leave their own.
+    """
+    summary, run = record.summary, record.configuration.run
+    if (summary.criterion, summary.scaling, summary.harmonics, summary.samples) != (
+        run.design.criterion,
+        run.design.scaling,
+        run.trajectory.harmonics,
+        run.trajectory.samples,
+    ):
+        return None
+    trajectory = FourierTrajectory(summary.omega, summary.lambda0, summary.mu, summary.nu)
+    try:
+        shop = build_workshop(record.configuration)
+        if not (_same_limits(record) and _same_criterion(record, shop.judge, trajectory)):
+            return None
+        return sensitivity_at_design(shop, trajectory)
+    except (ConfigurationError, InfeasibleLimitsError, SingularInformationError):
+        return None
+
+
+def costliest(sensitivity: LimitSensitivity) -> str | None:
+    """Return the key of the limit that costs most, None where none is known to cost anything."""
+    if sensitivity.unexplained > EXPLAINED or not sensitivity.gains:
+        return None
+    key = max(sensitivity.gains, key=lambda name: sensitivity.gains[name])
+    return key if sensitivity.gains[key] > 0 else None
+
+
+def limit_title(key: str) -> str:
+    """Return what a limit, or the bounds of the base frequency, are called."""
+    return "base frequency" if key == FREQUENCY else limit_definitions()[key].title
+
+
+def gains_table(found: Mapping[str, LimitSensitivity], where: str) -> ReportTable:
+    """Return what every limit costs, one column per design.
+
+    Parameters
+    ----------
+    found : dict of str to LimitSensitivity
+        By the head of the column.
+    where : str
+        What the multipliers are those of.
+    """
+    keys = dict.fromkeys(key for sensitivity in found.values() for key in sensitivity.gains)
+    columns = [Column("limit", kind="text")]
+    columns += [Column(label, "%", digits=3) for label in found]
+    rows: list[tuple[Value, ...]] = []
+    for key in keys:
+        cells = [
+            100 * sensitivity.gains[key]
+            if key in sensitivity.gains and sensitivity.unexplained <= EXPLAINED
+            else None
+            for sensitivity in found.values()
+        ]
+        rows.append((limit_title(key), *cells))
+    rows.append(("unexplained by the limits", *(100 * each.unexplained for each in found.values())))
+    caption = (
+        "What 10 % more of each limit alone would buy, in percent of the D-efficiency (of the "
+        f"criterion's value for other criteria), to first order from the multipliers of {where}"
+    )
+    return ReportTable.of("limit_gains", caption, columns, rows)
+
+
+def _same_limits(record: DesignRecord) -> bool:
+    checked = {check.key: check.bound for check in record.checks}
+    limits = {limit.key: (*limit.lower, *limit.upper) for limit in record.robot.limits}
+    return checked.keys() == limits.keys() and all(
+        bool(np.any(np.isclose(limits[key], bound, rtol=_SAME, atol=0)))
+        for key, bound in checked.items()
+    )
+
+
+def _same_criterion(record: DesignRecord, judge: Judge, trajectory: FourierTrajectory) -> bool:
+    summary = record.summary
+    if summary.log_det_information is None or summary.criterion_value is None:
+        return False
+    information = judge.information(trajectory, summary.samples)
+    return bool(
+        np.isclose(judge.log_det(information), summary.log_det_information, rtol=_SAME, atol=0)
+        and np.isclose(judge.value(information), summary.criterion_value, rtol=_SAME, atol=0)
+    )

@@ -1,0 +1,181 @@
+"""What a report says of the controller tables of a folder."""
+
+from __future__ import annotations
+
+from constraints import limit_definitions
+from results.reading.document import Document
+from results.report.content import (
+    Block,
+    Fact,
+    Facts,
+    Level,
+    ListingBlock,
+    Section,
+    StageReport,
+    TableBlock,
+    Verdict,
+)
+from results.report.folder import RunFolder
+from results.report.numerals import counted, percent, readable
+from results.report.table import Column, ReportTable, Value
+
+
+def export_report(folder: RunFolder) -> StageReport:
+    """Return what is to be said of the controller tables in a folder."""
+    document = folder.document("export")
+    motion, files = document.section("motion"), dict(document.section("files").items())
+    place = folder.stage_file("export").parent
+    missing = [name for name in files if not (place / name).is_file()]
+    begin, end = (float(value) for value in motion.array("window", (2,)))
+    duration = f"{readable(motion.number('duration'))} s"
+    sentence = (
+        f"{counted(len(files), 'table')} of a motion of {duration} from rest to rest. Each was "
+        "read again, executed as its controller would, and kept every limit and tolerance."
+    )
+    if missing:
+        sentence += f" No longer in the folder: {', '.join(missing)}."
+    verdict = Verdict(
+        "Controller tables",
+        Level.BAD if missing else Level.GOOD,
+        "missing" if missing else "checked",
+        sentence,
+        "export",
+    )
+    details = Facts(
+        (
+            Fact("whole motion", duration, "from rest to rest"),
+            Fact(
+                "measurement window",
+                f"{begin:.6g} to {end:.6g} s",
+                f"{motion.integer('periods')} periods of {readable(motion.number('period'))} s",
+            ),
+            Fact("record at", f"{readable(motion.number('sampling'))} Hz"),
+        )
+    )
+    blocks: list[Block] = [
+        details,
+        TableBlock(_files_table(files)),
+        TableBlock(_read_back_table(files)),
+        TableBlock(_axes_table(files)),
+    ]
+    readme = place / "README.txt"
+    if readme.is_file():
+        title = "README.txt: how to run each table, and what to record"
+        blocks.append(ListingBlock(title, folder.text(readme)))
+    return StageReport(verdict, (), (Section("export", "Controller tables", tuple(blocks)),))
+
+
+def _files_table(files: dict[str, Document]) -> ReportTable:
+    rows: list[tuple[Value, ...]] = [
+        (
+            name,
+            entry.text("title"),
+            entry.integer("rows"),
+            1e3 * entry.number("shortest_step"),
+            1e3 * entry.number("longest_step"),
+            entry.text("interpolation"),
+            entry.optional("digits"),
+        )
+        for name, entry in files.items()
+    ]
+    columns = (
+        Column("file", kind="text"),
+        Column("format", kind="text"),
+        Column("rows"),
+        Column("shortest step", "ms"),
+        Column("longest step", "ms"),
+        Column("between rows", kind="text"),
+        Column("decimals"),
+    )
+    return ReportTable.of("exports", "Files in exports/", columns, rows)
+
+
+def _read_back_table(files: dict[str, Document]) -> ReportTable:
+    rows: list[tuple[Value, ...]] = []
+    for name, entry in files.items():
+        found = entry.section("read_back")
+        tolerance = found.section("tolerances").number("position")
+        tightest, share = _tightest(found)
+        cells: tuple[Value, ...] = (None, None, "–")
+        if "information" in found:
+            change = found.section("information")
+            cells = (
+                change.number("log_det_change"),
+                100 * change.number("std_change"),
+                change.text("parameter"),
+            )
+        rows.append(
+            (
+                name,
+                1e6 * found.number("position_error"),
+                1e6 * tolerance,
+                1e3 * found.number("velocity_error"),
+                _percent(found, "acceleration_error_share"),
+                _percent(found, "force_error_share"),
+                "–" if share is None else f"{tightest}, {percent(share, 4)}",
+                *cells,
+            )
+        )
+    columns = (
+        Column("file", kind="text"),
+        Column("struts off by", "µm", digits=3),
+        Column("allowed", "µm", digits=3),
+        Column("speed off by", "mm/s", digits=3),
+        Column("acceleration off by", "%", digits=2),
+        Column("force off by", "%", digits=2),
+        Column("tightest limit, used", kind="text"),
+        Column("change of log det F", digits=2),
+        Column("change of σ", "%", digits=2),
+        Column("largest for", kind="parameter"),
+    )
+    caption = (
+        "What the files do when they are executed, against the design: largest deviations "
+        "(acceleration and force in percent of their limits' range), tightest limit, and what "
+        "resampling and rounding change in log det F and in the predicted standard deviations σ "
+        "over the measurement window"
+    )
+    return ReportTable.of("read_back", caption, columns, rows)
+
+
+def _percent(found: Document, key: str) -> float | None:
+    value = found.number_or_none(key)
+    return None if value is None else 100 * value
+
+
+def _tightest(found: Document) -> tuple[str, float | None]:
+    """Return the title of the limit that is used most, and its share, 1 at the bound."""
+    definitions = limit_definitions()
+    shares = {
+        definitions[key].title: definitions[key].share_used(
+            entry.number("value"), entry.number("bound"), entry.number("violation")
+        )
+        for key, entry in found.section("limits").items()
+        if key in definitions
+    }
+    if not shares:
+        return "", None
+    title = max(shares, key=lambda name: shares[name])
+    return title, shares[title]
+
+
+def _axes_table(files: dict[str, Document]) -> ReportTable:
+    rows = [
+        (
+            name,
+            axis.text("name"),
+            axis.text("moves"),
+            axis.text("unit"),
+            axis.number("start"),
+        )
+        for name, entry in files.items()
+        for axis in entry.sections("axes")
+    ]
+    columns = (
+        Column("file", kind="text"),
+        Column("axis", kind="text"),
+        Column("moves", kind="text"),
+        Column("unit", kind="text"),
+        Column("start", digits=9),
+    )
+    caption = "Axes of every file, and where they stand at the start"
+    return ReportTable.of("export_axes", caption, columns, rows, folded=True)

@@ -1,0 +1,197 @@
+"""What a report says of the noise of a recording and of controller tables."""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+
+from expdesign.export import export_table
+from expdesign.export.readme import file_record, motion_record, readme
+from expdesign.runfolder.atomic import write_json, write_text
+from expdesign.schema import ExportSection
+from results import RunFolderError
+from results.report.folder import RunFolder
+from results.report.run_report import run_page, write_report
+from tests.export.motions import task
+from tests.report.html import Page
+
+NOISE_FIGURES = {"noise_distribution", "noise_quantiles", "noise_covariance"}
+
+
+def section(folder, key):
+    (found,) = (s for s in run_page(RunFolder.open(folder)).sections if s.key == key)
+    return found
+
+
+def figures(found):
+    return {block.key for block in found.blocks if block.kind == "figure"}
+
+
+def tables(found):
+    return {block.table.key: block.table for block in found.blocks if block.kind == "table"}
+
+
+def verdict(folder, title):
+    (found,) = (v for v in run_page(RunFolder.open(folder)).verdicts if v.title == title)
+    return found
+
+
+def change(path, edit):
+    document = json.loads(path.read_text(encoding="utf-8"))
+    edit(document)
+    path.write_text(json.dumps(document), encoding="utf-8")
+
+
+@pytest.fixture
+def noisy(folder, expdesign_says):
+    """Return a run folder whose own recording's noise was analysed."""
+    status, output, error = expdesign_says("noise", folder / "run.yaml", "--out", folder)
+    assert status == 0, (output, error)
+    # The estimate was made from the same recording, before the folder was copied.
+    change(
+        folder / "estimate.json",
+        lambda d: d["recordings"][0].update(source=str(folder / "measurement.csv")),
+    )
+    return folder
+
+
+@pytest.fixture(scope="module")
+def exported(tmp_path_factory):
+    """Return a folder of two controller tables, of a motion that is known."""
+    place = tmp_path_factory.mktemp("exports")
+    made = {}
+    for name in ("xps-pvt.trj", "pvt-csv.csv"):
+        options = ExportSection(format=name.partition(".")[0])
+        made[name] = file_record(export_table(options, task(), place / name))
+    motion = motion_record(task())
+    write_json(place / "exports.json", {"motion": motion, "files": made})
+    write_text(place / "README.txt", readme(motion, made))
+    return place
+
+
+@pytest.fixture
+def with_tables(folder, exported):
+    shutil.copytree(exported, folder / "exports")
+    return folder
+
+
+def test_the_noise_is_told(noisy):
+    record = json.loads((noisy / "noise.json").read_text(encoding="utf-8"))
+    found = tables(section(noisy, "noise"))
+    forces, lengths = found["noise_forces"].rows, found["noise_lengths"].rows
+    assert [row[1] for row in forces] == pytest.approx(record["force_std"])
+    assert [row[1] for row in lengths] == pytest.approx(1e3 * np.array(record["length_std"]))
+    assert [row[2] for row in forces] == record["normality"]["forces"]["skewness"]
+    memory = np.array(record["whiteness"]["length_noise"]["autocorrelation"])
+    assert [abs(row[5]) for row in lengths] == np.abs(memory).max(axis=1).tolist()
+    assert [row[1] for row in found["noise_findings"].rows] == [
+        finding["outcome"] for finding in record["findings"]
+    ]
+    assert len(found["noise_covariance"].rows) == 72
+    assert found["noise_covariance"].folded
+    assert verdict(noisy, "Noise").word == "as assumed"
+
+
+def test_noise_figures_are_shown_once(noisy):
+    assert figures(section(noisy, "noise")) == NOISE_FIGURES
+    assert not NOISE_FIGURES & figures(section(noisy, "estimate"))
+    # Of another recording: the figures are those of the estimate, which drew them last.
+    change(noisy / "noise.json", lambda d: d.update(recording="another.csv"))
+    assert not figures(section(noisy, "noise"))
+    assert figures(section(noisy, "estimate")) >= NOISE_FIGURES
+
+
+def test_noise_against_what_is_assumed(noisy):
+    def fail(place, serious):
+        def edit(document):
+            document["findings"][place] |= {
+                "outcome": "fails",
+                "sentence": f"seen {place}",
+                "serious": serious,
+            }
+
+        change(noisy / "noise.json", edit)
+
+    fail(2, serious=False)
+    found = verdict(noisy, "Noise")
+    assert (found.level.value, found.word) == ("caution", "conspicuous")
+    fail(0, serious=True)
+    found = verdict(noisy, "Noise")
+    assert (found.level.value, found.word) == ("bad", "doubtful")
+    assert "seen 0; seen 2" in found.sentence
+
+
+def test_noise_without_whole_periods(noisy):
+    def edit(document):
+        document["averaged"] = False
+        document["whiteness"] = {"force_noise": None, "length_noise": None}
+
+    change(noisy / "noise.json", edit)
+    found = section(noisy, "noise")
+    assert all(row[5] is None for row in tables(found)["noise_forces"].rows)
+    assert any(b.kind == "text" and "Fourier series" in b.paragraphs[0] for b in found.blocks)
+
+
+def test_noise_alone_makes_a_report(noisy, tmp_path):
+    alone = tmp_path / "alone"
+    for name in ("run.yaml", "noise.json", "tables/noise_covariance.csv", "figures"):
+        (alone / name).parent.mkdir(parents=True, exist_ok=True)
+        if (noisy / name).is_dir():
+            shutil.copytree(noisy / name, alone / name)
+        else:
+            shutil.copy(noisy / name, alone / name)
+    assert figures(section(alone, "noise")) == NOISE_FIGURES
+
+
+def test_tables_are_told_with_what_they_do(with_tables):
+    record = json.loads((with_tables / "exports/exports.json").read_text(encoding="utf-8"))
+    found = tables(section(with_tables, "export"))
+    assert [row[0] for row in found["exports"].rows] == list(record["files"])
+    for row in found["read_back"].rows:
+        check = record["files"][row[0]]["read_back"]
+        assert row[1] == pytest.approx(1e6 * check["position_error"])
+        assert row[2] == pytest.approx(1e6 * check["tolerances"]["position"])
+        assert row[4] == pytest.approx(100 * check["acceleration_error_share"])
+        assert row[7:] == (
+            check["information"]["log_det_change"],
+            pytest.approx(100 * check["information"]["std_change"]),
+            check["information"]["parameter"],
+        )
+        # The motion of the tests keeps two percent of every limit's range.
+        title, _, share = row[6].rpartition(", ")
+        assert title
+        assert 90 < float(share.removesuffix(" %")) <= 98.5
+    assert len(found["export_axes"].rows) == 12
+    assert verdict(with_tables, "Controller tables").word == "checked"
+    write_report(with_tables)
+    page = Page((with_tables / "report.html").read_text(encoding="utf-8"))
+    assert "Before the first run" in page.text
+    assert "export" in page.ids
+
+
+def test_a_table_that_is_gone_is_named(with_tables):
+    (with_tables / "exports/xps-pvt.trj").unlink()
+    found = verdict(with_tables, "Controller tables")
+    assert found.level.value == "bad"
+    assert "xps-pvt.trj" in found.sentence
+
+
+def test_tables_without_noise_and_without_limits_of_force(with_tables):
+    def edit(document):
+        check = document["files"]["xps-pvt.trj"]["read_back"]
+        check |= {"information": None, "force_error_share": None, "limits": {}}
+
+    change(with_tables / "exports/exports.json", edit)
+    row = tables(section(with_tables, "export"))["read_back"].rows[0]
+    assert row[5] is None
+    assert row[6:] == ("–", None, None, "–")
+    write_report(with_tables)
+
+
+@pytest.mark.parametrize("name", ["noise.json", "exports/exports.json"])
+def test_files_of_something_else_are_named(noisy, exported, name):
+    shutil.copytree(exported, noisy / "exports")
+    (noisy / name).write_text('{"motion": 3, "rows": "many"}', encoding="utf-8")
+    with pytest.raises(RunFolderError, match=name.rpartition("/")[2]):
+        write_report(noisy)
