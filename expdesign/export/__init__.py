@@ -11,12 +11,16 @@ from expdesign.export.exporting import (
 )
 from expdesign.export.read_back import ReadBack, read_back
 from expdesign.export.readme import file_record, motion_record, readme
+from expdesign.export.rows import TableError
+from expdesign.export.table_file import TableFile, read_table_file
 
 __all__ = [
     "Export",
     "ExportError",
     "ReadBack",
     "Settings",
+    "TableError",
+    "TableFile",
     "TableFormat",
     "Task",
     "export_table",
@@ -24,6 +28,7 @@ __all__ = [
     "file_record",
     "motion_record",
     "read_back",
+    "read_table_file",
     "readme",
     "refuse_missing_library",
     "table_formats",
