@@ -7,12 +7,15 @@ import numpy as np
 
 from expdesign.export.definition import Task
 from expdesign.motion import ExecutableMotion
+from expdesign.motion.periods import Periods as RealPeriods
+from expdesign.motion.spline import MotionState, SplineRamp, end_coefficients, reversed_in_time
 from expdesign.robot import ExactModel, load_robot
 from expdesign.trajectory import FourierTrajectory, PoseSamples
 
 # w(s) of s = 0 … 1 with w(0) = 0, w(1) = 1 and three vanishing derivatives at both ends.
 BLEND = np.polynomial.Polynomial([0, 0, 0, 0, 35, -84, 70, -20])
 RAMP = 1.2
+SHORT_RAMP = 0.4
 RESERVE = 0.02
 PERIODS = 1
 FREQUENCY = {("palida", 5): 0.6, ("palida", 12): 0.4, ("linuxcnc", 5): 0.5, ("linuxcnc", 12): 0.35}
@@ -104,4 +107,26 @@ def task(name="palida", harmonics=5):
         sampling=500.0,
         parameters=robot.parameter_names,
         force_covariance=robot.description.noise.force_covariance,
+    )
+
+
+def _quintic(name, start, end):
+    """Return the polynomial of fifth order between two states as a ramp of one piece."""
+    first, _ = end_coefficients(1, SHORT_RAMP, start)
+    last, _ = end_coefficients(1, SHORT_RAMP, reversed_in_time(end))
+    return SplineRamp(name, SHORT_RAMP, np.concatenate([first, last[::-1]]))
+
+
+def spline_motion_of(robot, trajectory, periods=PERIODS, phase=0.0):
+    """Return the motion with ramps of the kind that the search finds."""
+    home, orbit = MotionState.at_rest(robot.home), MotionState.of(trajectory.sample(phase))
+    return ExecutableMotion(
+        (
+            _quintic("ramp in", home, orbit),
+            RealPeriods(trajectory, periods, phase),
+            _quintic("ramp out", orbit, home),
+        ),
+        trajectory,
+        periods,
+        phase,
     )
