@@ -42,7 +42,8 @@ def readme(motion: Mapping[str, Any], files: Mapping[str, Mapping[str, Any]]) ->
             f"six actuator forces (or motor currents) at {motion['sampling']:g} Hz, every sample "
             "with its time from the start of the table or triggered by it, with forces and "
             "lengths of the same instants. Keep the raw, unfiltered values. The way to the window "
-            f"and from it does not count: give data.start: {first:.6f} s to `expdesign estimate`."
+            f"and from it does not count: in the run file of `expdesign estimate`, data: {{start: "
+            f"{first:.6f} s, end: {last:.6f} s}} leaves it out of such a recording."
         ),
         _heading("Convention", "-"),
         _paragraph(_CONVENTION),
