@@ -5,9 +5,10 @@ import json
 import numpy as np
 import pytest
 
-from expdesign.motion import motion_from_record, motion_to_record
+from expdesign.configuration import load_run
+from expdesign.motion import check_motion, motion_from_record, motion_to_record
 from tests.estimation.cases import ROBOT, trajectory
-from tests.export.motions import motion_of, spline_motion_of
+from tests.export.motions import DESIGNED, motion_of, spline_motion_of, task
 
 
 def test_it_is_the_same_motion_to_the_last_digit():
@@ -54,3 +55,15 @@ def test_what_is_no_record(change):
     change(record)
     with pytest.raises(ValueError, match=r"."):
         motion_from_record(record, trajectory())
+
+
+def test_the_motion_of_a_real_design_keeps_every_limit():
+    """Of LinuxCNC's robot with 12 harmonics: the tests of the exports run it."""
+    configuration = load_run({"name": "designed", "robot": "linuxcnc"})
+    motion = task(*DESIGNED).motion
+    check = check_motion(configuration, motion)
+    assert check.passed
+    # It is a design and no timid orbit: a limit is used up.
+    assert check.worst > -1e-3
+    assert motion.trajectory.harmonics == 12
+    motion.steps(1e-3)
