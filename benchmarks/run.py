@@ -22,7 +22,7 @@ import pandas as pd
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-NAMES = ("design_seeds", "condition", "hopping", "harmonics", "montecarlo")
+NAMES = ("design_seeds", "condition", "hopping", "harmonics", "montecarlo", "roundtrip")
 
 
 def main() -> None:

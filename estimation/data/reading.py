@@ -50,7 +50,7 @@ def read_measurement(
     """
     description = robot.description if isinstance(robot, Robot) else robot
     table, notes = in_si(_raw_table(Path(path), section), section)
-    table = _from_start(table, section)
+    table = _within(table, section)
     refuse_few_rows(table, len(description.parameter_names))
     refuse_cells(table, tuple(table.values), section.decimal)
     refuse_periods(table)
@@ -81,20 +81,32 @@ def _raw_table(path: Path, section: DataSection) -> RawTable:
     return load_table(file_format, path, section)
 
 
-def _from_start(table: RawTable, section: DataSection) -> RawTable:
-    """Return the table without the rows before the trigger, in which anything may stand."""
+def _within(table: RawTable, section: DataSection) -> RawTable:
+    """Return the table without the rows before the trigger and from the end on.
+
+    In these anything may stand.
+    """
     time = table.values["t"]
     finite = time[np.isfinite(time)]
-    if section.start is None or len(finite) == 0:
+    if (section.start is None and section.end is None) or len(finite) == 0:
         return table
-    # A stamp that jitters just below the trigger is the first one after it.
+    # A stamp that jitters just below a limit is the first one after it.
     slack = section.time_tolerance * float(np.median(np.diff(finite))) if len(finite) > 1 else 0.0
-    after = np.flatnonzero(time >= section.start - slack)
-    if len(after) == 0:
-        message = f"no rows at or after data.start, {section.start:g} s"
-        span = f"the file has {finite.min():g} to {finite.max():g} s"
-        raise ConfigurationError(table.problem(message, "t", allowed=span))
-    return table.from_row(int(after[0]))
+    span = f"the file has {finite.min():g} to {finite.max():g} s"
+    first, end = 0, len(table)
+    if section.start is not None:
+        after = np.flatnonzero(time >= section.start - slack)
+        if len(after) == 0:
+            message = f"no rows at or after data.start, {section.start:g} s"
+            raise ConfigurationError(table.problem(message, "t", allowed=span))
+        first = int(after[0])
+    if section.end is not None:
+        beyond = first + np.flatnonzero(time[first:] >= section.end - slack)
+        end = int(beyond[0]) if len(beyond) else end
+        if end == first:
+            message = f"no rows before data.end, {section.end:g} s"
+            raise ConfigurationError(table.problem(message, "t", allowed=span))
+    return table.part(first, end)
 
 
 def _time_base(table: RawTable, section: DataSection) -> TimeBase:

@@ -80,20 +80,20 @@ class RawTable:
         line = HEADER_LINE if self.row_noun == "line" else None
         return Problem(message, self.file, line, self.column_name(channel), allowed)
 
-    def from_row(self, first: int) -> RawTable:
-        """Return the table without the rows before `first`."""
-        if first == 0:
+    def part(self, first: int, end: int) -> RawTable:
+        """Return the rows from `first` on and before `end`."""
+        if first == 0 and end == len(self):
             return self
         return RawTable(
             self.file,
-            {channel: values[first:] for channel, values in self.values.items()},
+            {channel: values[first:end] for channel, values in self.values.items()},
             self.columns,
             self.row_noun,
             self.first_row + first,
-            None if self.rows is None else self.rows[first:],
+            None if self.rows is None else self.rows[first:end],
             {
                 (channel, row - first): text
                 for (channel, row), text in self.texts.items()
-                if row >= first
+                if first <= row < end
             },
         )

@@ -16,8 +16,11 @@ from estimation.twin.execution import executed_motion
 from estimation.twin.noise import SensorNoise
 from estimation.twin.sampling import SampleGrid
 from estimation.twin.streams import Repeated, Shared, experiment_stream, repetition_stream
-from estimation.twin.truth import Truth
+from estimation.twin.table_motion import TableMotion, refuse_short_window, window_error
+from estimation.twin.truth import ExecutedTableTruth, Truth
 from expdesign.configuration import ConfigurationError, Problem, RunConfiguration
+from expdesign.export import TableFile
+from expdesign.recheck import Motion
 from expdesign.robot import Robot, robot_from
 from expdesign.trajectory import FourierTrajectory
 
@@ -54,7 +57,10 @@ class Twin:
 
     @classmethod
     def of(
-        cls, configuration: RunConfiguration, design: FourierTrajectory, seed: int | None = None
+        cls,
+        configuration: RunConfiguration,
+        commanded: FourierTrajectory | TableFile,
+        seed: int | None = None,
     ) -> Twin:
         """Build the twin of a run.
 
@@ -62,8 +68,9 @@ class Twin:
         ----------
         configuration : RunConfiguration
             Its robot's nominal parameters are the true ones.
-        design : FourierTrajectory
-            The motion that is commanded.
+        commanded : FourierTrajectory or TableFile
+            The motion that is commanded: a designed one, or the measurement window of a
+            controller table, interpolated as its controller does.
         seed : int, optional
             Of the repetitions; that of the experiment by default. What all repetitions share
             (tracking error, drift) always comes from the experiment's.
@@ -71,17 +78,26 @@ class Twin:
         Raises
         ------
         ConfigurationError
-            The noise is not known, the number of samples is impossible, or the robot cannot make
-            this motion.
+            The noise is not known, the number of samples is impossible, the robot cannot make
+            this motion, or the table has fewer periods than the experiment.
         """
         section = configuration.run.experiment
         noise = SensorNoise.of(configuration)
+        design = commanded if isinstance(commanded, FourierTrajectory) else commanded.design
         grid = SampleGrid.of(design.period, section, configuration.file)
         robot = robot_from(configuration.robot)
         executed = executed_motion(
             design, section.tracking_error, experiment_stream(section.seed, Shared.TRACKING_ERROR)
         )
-        lengths, forces = _undisturbed(robot, executed, grid.distinct_times)
+        table: ExecutedTableTruth | None = None
+        if isinstance(commanded, FourierTrajectory):
+            lengths, forces = map(grid.repeated, _undisturbed(robot, executed, grid.distinct_times))
+        else:
+            # Rows and rounding of a table differ from period to period.
+            refuse_short_window(commanded, section.periods, configuration.file)
+            table = _table_truth(commanded, window_error(commanded, grid.times))
+            motion = TableMotion(commanded, design, executed)
+            lengths, forces = _undisturbed(robot, motion, grid.times)
         if not (np.all(np.isfinite(lengths)) and np.all(np.isfinite(forces))):
             raise ConfigurationError(
                 Problem(
@@ -94,7 +110,6 @@ class Twin:
             )
         if section.cogging is not None:
             forces = forces + cogging_force(lengths, section.cogging)
-        lengths, forces = grid.repeated(lengths), grid.repeated(forces)
         final = np.zeros(STRUTS)
         if section.drift > 0:
             final = final_drift(section.drift, experiment_stream(section.seed, Shared.DRIFT))
@@ -114,6 +129,7 @@ class Twin:
             samples_per_period=grid.per_period or grid.period * grid.sampling,
             final_drift=final,
             seed=section.seed if seed is None else seed,
+            table=table,
         )
         return cls(truth, grid, noise, lengths, forces)
 
@@ -150,7 +166,17 @@ class Twin:
         return repetition_stream(self.truth.seed, repetition, purpose)
 
 
-def _undisturbed(robot: Robot, motion: FourierTrajectory, times: Array) -> tuple[Array, Array]:
+def _table_truth(table: TableFile, error: float) -> ExecutedTableTruth:
+    return ExecutedTableTruth(
+        file=table.path.name,
+        format=table.settings.section.format,
+        sha256=table.digest,
+        window=table.window,
+        position_error=error,
+    )
+
+
+def _undisturbed(robot: Robot, motion: Motion, times: Array) -> tuple[Array, Array]:
     """Return strut lengths (m) and actuator forces (N) of a motion, (D, 6) each."""
     lengths, forces = [], []
     for start in range(0, len(times), _BLOCK):

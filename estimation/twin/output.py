@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -79,6 +80,7 @@ def truth_record(truth: Truth) -> dict[str, Any]:
         "executed": _series(truth.executed),
         "force_covariance": truth.force_covariance,
         "length_covariance": truth.length_covariance,
+        "table": None if truth.table is None else asdict(truth.table),
         "disturbances": {
             "tracking_error": _section(section.tracking_error),
             "drift": {"size": section.drift, "final": truth.final_drift} if section.drift else None,

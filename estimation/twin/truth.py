@@ -14,6 +14,30 @@ from expdesign.trajectory import FourierTrajectory
 Array = NDArray[np.float64]
 
 
+@dataclass(frozen=True)
+class ExecutedTableTruth:
+    """A controller table that the machine executed instead of the series itself.
+
+    Attributes
+    ----------
+    file, format : str
+        Name of the file and of its format.
+    sha256 : str
+        Of the file.
+    window : (2,)
+        Beginning and end of its measurement window, s from the start of the table.
+    position_error : float
+        Largest distance of a commanded strut from the design at the samples, m: by so much the
+        motion that was made is off the series `executed`.
+    """
+
+    file: str
+    format: str
+    sha256: str
+    window: tuple[float, float]
+    position_error: float
+
+
 @dataclass(frozen=True, eq=False)
 class Truth:
     """The true values behind simulated measurements.
@@ -25,7 +49,7 @@ class Truth:
     parameters : mapping
         By name in the order of the regressor's columns, SI.
     design : FourierTrajectory
-        The motion that was commanded.
+        The motion that was commanded, t = 0 at the first sample.
     executed : FourierTrajectory
         The motion that was made; that of the design without tracking error.
     force_covariance : (6, 6)
@@ -42,6 +66,8 @@ class Truth:
         Drift of the measured lengths at the end, m.
     seed : int
         Of the repetitions' streams; that of the experiment unless another was asked for.
+    table : ExecutedTableTruth or None
+        The controller table that the machine executed; None when it executed the design itself.
     """
 
     name: str
@@ -56,6 +82,7 @@ class Truth:
     samples_per_period: float
     final_drift: Array
     seed: int
+    table: ExecutedTableTruth | None = None
 
     @property
     def parameter_vector(self) -> Array:

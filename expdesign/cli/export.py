@@ -2,25 +2,24 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from expdesign.cli.errors import CommandFailed
+from expdesign.cli.export_files import FOLDER, describe, describe_beside, export_summary
+from expdesign.cli.export_motion import export_task, folder_motion
+from expdesign.cli.export_options import export_section, given_options
 from expdesign.cli.folder import refuse_unwritable
-from expdesign.cli.output import JsonOption, note, results, short, warn_all, write_json
+from expdesign.cli.output import JsonOption, results, short, warn_all, write_json
 
 if TYPE_CHECKING:
     from expdesign.configuration import RunConfiguration
     from expdesign.export import Export, Task
-    from expdesign.motion import ExecutableMotion
     from expdesign.schema import ExportSection
-    from expdesign.trajectory import FourierTrajectory
 
 STAGE = "export"
-FOLDER, RECORD, README = "exports", "exports.json", "README.txt"
 
 _LIST = "list"
 
@@ -96,36 +95,36 @@ def export(  # noqa: PLR0917 - each is an option of the command
         return
     if folder is None:
         raise ConfigurationError(Problem("no run folder is given", allowed="expdesign export DIR"))
-    given = {
-        "space": space,
-        "segment": segment,
-        "units": units,
-        "angles": angles,
-        "tolerance": tolerance,
-        "blend": blend,
-        "encoding": encoding,
-        "digits": _whole(digits),
-        "axes": _items(axes),
-        "offset": _one_or_list(offset),
-        "order": _numbers(order),
-        "sign": _one_or_list(sign, whole=True),
-        "counts_per_metre": _one_or_list(counts_per_metre),
-    }
+    given = given_options(
+        space=space,
+        segment=segment,
+        units=units,
+        angles=angles,
+        tolerance=tolerance,
+        blend=blend,
+        encoding=encoding,
+        digits=digits,
+        axes=axes,
+        offset=offset,
+        order=order,
+        sign=sign,
+        counts_per_metre=counts_per_metre,
+    )
     folder = folder.absolute()
     configuration = _configuration(folder)
-    section = _section(name, {k: v for k, v in given.items() if v is not None}, configuration)
+    section = export_section(name, given, configuration)
     refuse_missing_library(section)
     path = (folder / FOLDER / file_name(section)) if out is None else out.absolute()
     refuse_unwritable(path.parent)
     warn_all(configuration.warnings)
-    task = _task(configuration, _trajectory(folder))
+    task = export_task(configuration, folder)
     made = _exported(section, task, path, "", as_json=as_json)
     if out is None:
-        _describe(path.parent, task, {path.name: made}, keep=True)
+        describe(path.parent, task, {path.name: made}, keep=True)
     else:
-        _describe_beside(path, task, made)
+        describe_beside(path, task, made)
     if as_json:
-        write_json({"status": 0, **_summary(task, [made])})
+        write_json({"status": 0, **export_summary(task, [made])})
     else:
         results().print(f"written to {short(path)}")
 
@@ -145,29 +144,23 @@ def export_stage(configuration: RunConfiguration, folder: Path, *, as_json: bool
 
     for number, section in enumerate(configuration.run.export, start=1):
         refuse_missing_library(section, f"export[{number}]")
-    trajectory = _trajectory(folder)
     refuse_unwritable(folder)
     target = folder / FOLDER
     made_from = folder_motion(folder)
     with record_stage(STAGE, configuration, folder, made_from) as stage:
-        task = _task(configuration, trajectory)
+        task = export_task(configuration, folder)
         clear_outdated(STAGE, configuration, folder, made_from)
         made: dict[str, Export] = {}
         for number, section in enumerate(configuration.run.export, start=1):
             path = target / file_name(section)
             place = f"export[{number}]"
             made[path.name] = _exported(section, task, path, place, as_json=as_json)
-        described = _describe(target, task, made, keep=False)
+        described = describe(target, task, made, keep=False)
         stage.files = [*(export.path for export in made.values()), *described]
         stage.status = "done"
     if not as_json:
         results().print(f"written to {short(target)}")
-    return {"folder": str(folder), **_summary(task, list(made.values()))}
-
-
-def folder_motion(folder: Path) -> str:
-    """Return what the tables of a run folder are made from: the coefficients of its design."""
-    return " ".join(value.hex() for value in _trajectory(folder).vector().tolist())
+    return {"folder": str(folder), **export_summary(task, list(made.values()))}
 
 
 def _list(*, as_json: bool) -> None:
@@ -217,66 +210,6 @@ def _configuration(folder: Path) -> RunConfiguration:
     return load_run(file)
 
 
-def _section(name: str, given: dict[str, Any], configuration: RunConfiguration) -> ExportSection:
-    """Return what is asked for: the run's own options for the format, overridden by these."""
-    from dataclasses import replace
-
-    from expdesign.configuration import ConfigurationError
-    from expdesign.configuration.document import document_from_mapping
-    from expdesign.configuration.validation import validate
-    from expdesign.schema import ExportSection
-
-    named = (entry for entry in configuration.run.export if entry.format == name)
-    stated = next(named, None)
-    data = {} if stated is None else stated.model_dump(exclude_none=True)
-    if "counts_per_metre" in given:
-        data.pop("units", None)
-    if "units" in given:
-        data.pop("counts_per_metre", None)
-    data |= {"format": name, **given}
-    found, problems = validate(ExportSection, data, document_from_mapping(data))
-    if found is None:
-        raise ConfigurationError(
-            replace(problem, key=f"--{problem.key.replace('_', '-')}") for problem in problems
-        )
-    return found
-
-
-def _trajectory(folder: Path) -> FourierTrajectory:
-    from expdesign.trajectory import read_design_file
-
-    return read_design_file(folder).trajectory
-
-
-def _task(configuration: RunConfiguration, trajectory: FourierTrajectory) -> Task:
-    from expdesign.experiment.design import judged_parameters
-    from expdesign.export import Task
-    from expdesign.robot import robot_from
-
-    run = configuration.run
-    robot = robot_from(configuration.robot)
-    noise = configuration.robot.noise
-    return Task(
-        name=run.name,
-        robot=robot,
-        motion=_motion(configuration, trajectory),
-        controller_period=run.trajectory.controller_period or run.experiment.step,
-        sampling=run.experiment.sampling,
-        parameters=judged_parameters(configuration, robot),
-        force_covariance=None if noise is None else noise.force_covariance,
-    )
-
-
-def _motion(configuration: RunConfiguration, trajectory: FourierTrajectory) -> ExecutableMotion:
-    from expdesign.motion import NoRampError, executable_motion
-
-    note("looking for the ways from rest into the motion and back")
-    try:
-        return executable_motion(configuration, trajectory)
-    except NoRampError as error:
-        raise CommandFailed(str(error)) from error
-
-
 def _exported(
     section: ExportSection, task: Task, path: Path, place: str, *, as_json: bool
 ) -> Export:
@@ -299,69 +232,3 @@ def _exported(
             "limit kept"
         )
     return made
-
-
-def _describe(
-    folder: Path, task: Task, made: dict[str, Export], *, keep: bool
-) -> tuple[Path, Path]:
-    """Write README.txt and exports.json; `keep` what they say of other files of the same motion."""
-    from expdesign.export import file_record, motion_record, readme
-    from expdesign.runfolder.atomic import write_json as write_record
-    from expdesign.runfolder.atomic import write_text
-
-    motion = motion_record(task)
-    files = _known(folder, motion) if keep else {}
-    files |= {name: file_record(export) for name, export in made.items()}
-    write_record(folder / RECORD, {"motion": motion, "files": files})
-    write_text(folder / README, readme(motion, files))
-    return folder / RECORD, folder / README
-
-
-def _known(folder: Path, motion: dict[str, Any]) -> dict[str, Any]:
-    try:
-        data = json.loads((folder / RECORD).read_text(encoding="utf-8"))
-        if data["motion"] != json.loads(json.dumps(motion)):
-            return {}
-        return {name: record for name, record in data["files"].items() if (folder / name).exists()}
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
-        return {}
-
-
-def _describe_beside(path: Path, task: Task, made: Export) -> None:
-    from expdesign.export import file_record, motion_record, readme
-    from expdesign.runfolder.atomic import write_json as write_record
-    from expdesign.runfolder.atomic import write_text
-
-    motion, files = motion_record(task), {path.name: file_record(made)}
-    write_record(path.with_name(f"{path.name}.json"), {"motion": motion, "files": files})
-    write_text(path.with_name(f"{path.name}.README.txt"), readme(motion, files))
-
-
-def _summary(task: Task, made: list[Export]) -> dict[str, Any]:
-    from expdesign.export import file_record, motion_record
-
-    return {
-        "motion": motion_record(task),
-        "files": {str(export.path): file_record(export) for export in made},
-    }
-
-
-def _items(text: str | None) -> list[str] | None:
-    return None if text is None else [item.strip() for item in text.split(",")]
-
-
-def _whole(text: str | None) -> int | str | None:
-    """Return a whole number; text that is none is left to the schema, which refuses it."""
-    try:
-        return None if text is None else int(text)
-    except ValueError:
-        return text
-
-
-def _numbers(text: str | None) -> list[Any] | None:
-    return None if text is None else [_whole(item) for item in _items(text) or []]
-
-
-def _one_or_list(text: str | None, *, whole: bool = False) -> Any:
-    items = _numbers(text) if whole else _items(text)
-    return items[0] if items is not None and len(items) == 1 else items

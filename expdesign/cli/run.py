@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any, Protocol
 from expdesign.cli.design import design_stage
 from expdesign.cli.errors import CommandFailed
 from expdesign.cli.estimate import estimate_stage, folder_recording
-from expdesign.cli.export import export_stage, folder_motion
+from expdesign.cli.export import export_stage
+from expdesign.cli.export_motion import folder_motion
 from expdesign.cli.folder import OutOption, run_folder
 from expdesign.cli.montecarlo import montecarlo_stage
 from expdesign.cli.output import JsonOption, RunArgument, note, short, warn, warn_all, write_json

@@ -15,6 +15,7 @@ from expdesign.cli.output import JsonOption, RunArgument, results, short, warn_a
 if TYPE_CHECKING:
     from estimation.twin import Truth
     from expdesign.configuration import RunConfiguration
+    from expdesign.export import TableFile
     from expdesign.trajectory import DesignFile
 
 STAGE = "experiment"
@@ -27,6 +28,14 @@ DesignOption = Annotated[
         "--design",
         metavar="DIR",
         help="A folder with the design.json to execute, or that file; the run folder by default.",
+    ),
+]
+TableOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--table",
+        metavar="FILE",
+        help="A table that `expdesign export` made of the design: its rows are executed instead.",
     ),
 ]
 RepetitionsOption = Annotated[
@@ -44,11 +53,12 @@ RepetitionsOption = Annotated[
 def simulate(
     run: RunArgument,
     design: DesignOption = None,
+    table: TableOption = None,
     out: OutOption = None,
     repetitions: RepetitionsOption = 1,
     as_json: JsonOption = False,
 ) -> None:
-    """Measure a designed trajectory on the digital twin.
+    """Measure a designed trajectory, or a controller table of it, on the digital twin.
 
     Writes measurement.csv (repetitions/0001/measurement.csv … when there are several) and
     truth.json. Noise and disturbances are those of the run file; the same seed gives the same
@@ -60,7 +70,12 @@ def simulate(
     warn_all(configuration.warnings)
     folder = run_folder(configuration, out)
     summary = experiment_stage(
-        configuration, folder, design=design, repetitions=repetitions, as_json=as_json
+        configuration,
+        folder,
+        design=design,
+        table=table,
+        repetitions=repetitions,
+        as_json=as_json,
     )
     if as_json:
         write_json({"status": 0, **summary})
@@ -71,6 +86,7 @@ def experiment_stage(
     folder: Path,
     *,
     design: Path | None = None,
+    table: Path | None = None,
     repetitions: int = 1,
     as_json: bool,
 ) -> dict[str, Any]:
@@ -79,7 +95,7 @@ def experiment_stage(
     Raises
     ------
     ConfigurationError
-        The design is missing or none, or the run cannot be simulated.
+        The design is missing or none, the table is none of it, or the run cannot be simulated.
     CommandFailed
         Interrupted.
     """
@@ -98,9 +114,12 @@ def experiment_stage(
     doubts = design_doubts(configuration, found)
     warn_all(doubts)
     began = time.perf_counter()
+    executed = None if table is None else _table(configuration, found, table.absolute())
     made_from = trajectory_text(found)
+    if executed is not None:
+        made_from += f" executed from {executed.path.name} {executed.digest}"
     with record_stage(STAGE, configuration, folder, made_from) as stage:
-        twin = Twin.of(configuration, found.trajectory)
+        twin = Twin.of(configuration, found.trajectory if executed is None else executed)
         written = clear_outdated(STAGE, configuration, folder, made_from)
         done = 0
         try:
@@ -123,6 +142,13 @@ def experiment_stage(
     if not as_json:
         _show(twin.truth, folder, repetitions)
     return summary
+
+
+def _table(configuration: RunConfiguration, found: DesignFile, path: Path) -> TableFile:
+    from expdesign.export import find_table_file
+    from expdesign.robot import robot_from
+
+    return find_table_file(path, robot_from(configuration.robot), found.trajectory)
 
 
 def trajectory_text(found: DesignFile) -> str:
@@ -181,6 +207,7 @@ def _summary(truth: Truth, folder: Path, done: int, seconds: float) -> dict[str,
         "periods": truth.experiment.periods,
         "samples": truth.samples,
         "samples_per_period": truth.samples_per_period,
+        "table": None if truth.table is None else truth.table.file,
         "seconds": seconds,
     }
 
@@ -194,6 +221,12 @@ def _show(truth: Truth, folder: Path, repetitions: int) -> None:
         f"{section.sampling:g} Hz{times}: {truth.samples} samples, "
         f"{truth.samples_per_period:.6g} per period."
     )
+    if truth.table is not None:
+        console.print(
+            f"executed: {truth.table.file} ({truth.table.format}), measured from "
+            f"{truth.table.window[0]:.4f} s after its start; struts within "
+            f"{1e6 * truth.table.position_error:.2g} µm of the design"
+        )
     disturbances = {
         "tracking error": section.tracking_error,
         "drift": section.drift,

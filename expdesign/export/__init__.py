@@ -10,21 +10,37 @@ from expdesign.export.exporting import (
     refuse_missing_library,
 )
 from expdesign.export.read_back import ReadBack, read_back
-from expdesign.export.readme import file_record, motion_record, readme
+from expdesign.export.readme import readme
+from expdesign.export.record import (
+    RECORD,
+    file_record,
+    motion_record,
+    read_record,
+    record_of_one,
+)
+from expdesign.export.rows import TableError
+from expdesign.export.table_file import TableFile, find_table_file, read_table_file
 
 __all__ = [
+    "RECORD",
     "Export",
     "ExportError",
     "ReadBack",
     "Settings",
+    "TableError",
+    "TableFile",
     "TableFormat",
     "Task",
     "export_table",
     "file_name",
     "file_record",
+    "find_table_file",
     "motion_record",
     "read_back",
+    "read_record",
+    "read_table_file",
     "readme",
+    "record_of_one",
     "refuse_missing_library",
     "table_formats",
 ]

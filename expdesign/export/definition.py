@@ -39,6 +39,8 @@ class Task:
         Names of those that the design judges.
     force_covariance : (6, 6) or None
         Σ, N²; without it nothing is said about information.
+    made_from : str
+        Hash of what the motion was made from; empty where nobody asks.
     """
 
     name: str
@@ -48,6 +50,7 @@ class Task:
     sampling: float
     parameters: tuple[str, ...]
     force_covariance: Array | None = None
+    made_from: str = ""
 
 
 @dataclass(frozen=True, eq=False)

@@ -85,6 +85,11 @@ class ExecutedTable:
             rate = _solved(self.robot.length_jacobian(values), speed)
         return self._machine(times, values, rate, self._at(second, times))
 
+    def lengths(self, times: Array) -> Array:
+        """Return the struts' lengths, (N, 6), m, on the controller's path at times (N,), s."""
+        values = self._coordinates(self._path(times), times)
+        return values if self.axes.space == "strut" else self.robot.inverse_kinematics(values)
+
     def smoothed(self, times: Array) -> Executed:
         """Return the machine as its own inertia smooths it: states of the rows, interpolated.
 

@@ -1,21 +1,13 @@
-"""`exports.json` and `README.txt`: what stands in the folder, and how to run it."""
+"""`README.txt`: how to run what stands in the folder."""
 
 from __future__ import annotations
 
 import math
 import textwrap
 from collections.abc import Mapping
-from dataclasses import asdict
 from typing import Any
 
-from expdesign.export.catalogue import table_formats
-from expdesign.export.definition import Task
-from expdesign.export.exporting import Export
-from expdesign.export.read_back import LIMIT_SHARE, LOG_DET_CHANGE, STD_SHARE
-from expdesign.export.row_times import SHARE
-
 _WIDTH = 96
-_COORDINATES = ("x", "y", "z", "phi", "theta", "psi")
 
 _CONVENTION = (
     "Poses are those of the TCP in the base frame. The rotation is R = Rx(phi) Ry(theta) Rz(psi): "
@@ -23,77 +15,6 @@ _CONVENTION = (
     "platform's frame into the base frame. Strut lengths are the distances between the centres of "
     "base joint and platform joint."
 )
-
-
-def motion_record(task: Task) -> dict[str, Any]:
-    """Return what `exports.json` says of the motion."""
-    first, last = task.motion.window
-    return {
-        "name": task.name,
-        "robot": task.robot.name,
-        "units": "SI and radians, unless stated",
-        "duration": task.motion.duration,
-        "window": [first, last],
-        "periods": task.motion.periods,
-        "period": task.motion.trajectory.period,
-        "sampling": task.sampling,
-        "home": task.robot.home.tolist(),
-    }
-
-
-def file_record(export: Export) -> dict[str, Any]:
-    """Return what `exports.json` says of a file."""
-    settings, check = export.settings, export.check
-    form, axes = table_formats()[settings.section.format], settings.axes
-    moved = _COORDINATES if axes.space == "pose" else tuple(f"q{j}" for j in range(1, 7))
-    step = f"{1e3 * check.longest:.6g} ms"
-    guide = form.guide.format(axes=", ".join(axes.names), step=step, file=export.path.name)
-    off = check.deviation
-    return {
-        "format": form.name,
-        "title": form.title,
-        "guide": guide,
-        "axes": [
-            {"name": name, "unit": unit, "moves": moved[source], "start": float(start)}
-            for name, unit, source, start in zip(
-                axes.names, axes.units, axes.source, settings.start, strict=True
-            )
-        ],
-        "options": settings.section.model_dump(exclude_none=True),
-        "digits": settings.digits,
-        "rows": check.rows,
-        "shortest_step": check.shortest,
-        "longest_step": check.longest,
-        "duration": check.duration,
-        "interpolation": form.interpolation.value,
-        "read_back": {
-            "points": check.points,
-            "row_error": check.row_error,
-            "position_error": off.position,
-            "velocity_error": off.velocity,
-            "acceleration_error_share": off.acceleration,
-            "force_error_share": off.force,
-            "limits": {
-                limit.key: {
-                    "value": limit.value,
-                    "bound": limit.bound,
-                    "unit": limit.unit,
-                    "row": limit.row,
-                    "time": limit.time,
-                    "violation": limit.violation,
-                }
-                for limit in check.limits
-            },
-            "information": None if check.information is None else asdict(check.information),
-            "tolerances": {
-                "position": settings.tolerance,
-                "acceleration_and_force_share": SHARE,
-                "limit_share": LIMIT_SHARE,
-                "log_det": LOG_DET_CHANGE,
-                "std_share": STD_SHARE,
-            },
-        },
-    }
 
 
 def readme(motion: Mapping[str, Any], files: Mapping[str, Mapping[str, Any]]) -> str:
@@ -121,7 +42,8 @@ def readme(motion: Mapping[str, Any], files: Mapping[str, Mapping[str, Any]]) ->
             f"six actuator forces (or motor currents) at {motion['sampling']:g} Hz, every sample "
             "with its time from the start of the table or triggered by it, with forces and "
             "lengths of the same instants. Keep the raw, unfiltered values. The way to the window "
-            f"and from it does not count: give data.start: {first:.6f} s to `expdesign estimate`."
+            f"and from it does not count: in the run file of `expdesign estimate`, data: {{start: "
+            f"{first:.6f} s, end: {last:.6f} s}} leaves it out of such a recording."
         ),
         _heading("Convention", "-"),
         _paragraph(_CONVENTION),

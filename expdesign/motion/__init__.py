@@ -4,5 +4,14 @@ from expdesign.motion.check import check_motion
 from expdesign.motion.executable import ExecutableMotion, Segment
 from expdesign.motion.planning import executable_motion
 from expdesign.motion.ramp import NoRampError
+from expdesign.motion.record import motion_from_record, motion_to_record
 
-__all__ = ["ExecutableMotion", "NoRampError", "Segment", "check_motion", "executable_motion"]
+__all__ = [
+    "ExecutableMotion",
+    "NoRampError",
+    "Segment",
+    "check_motion",
+    "executable_motion",
+    "motion_from_record",
+    "motion_to_record",
+]

@@ -73,6 +73,8 @@ class DataSection(Section):
         Force per ampere of the actuators, N/A, for files that hold currents.
     start : float or None
         Time of the trigger, s: rows before it are left out.
+    end : float or None
+        Time at which the measurement is over, s: rows from it on are left out.
     delay : Delay
     time : {"uniform", "stamped"}
         Uniform time is replaced by the fitted grid, stamps are used as they are.
@@ -89,6 +91,7 @@ class DataSection(Section):
         None
     )
     start: Duration | None = None
+    end: Duration | None = None
     delay: Delay = Delay()
     time: Annotated[TimeGrid, one_of(TimeGrid)] = "uniform"
     time_tolerance: Annotated[Number, AfterValidator(_step_share)] = 0.01
@@ -100,6 +103,16 @@ class DataSection(Section):
                 f"'{self.decimal}' is both delimiter and decimal mark",
                 "two different characters",
                 key="decimal",
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _ends_after_its_start(self) -> DataSection:
+        if self.end is not None and self.start is not None and self.end <= self.start:
+            raise refusal(
+                f"the end, {self.end:g} s, is not after the start, {self.start:g} s",
+                "data.end later than data.start",
+                key="end",
             )
         return self
 

@@ -204,6 +204,26 @@ def test_a_trigger_after_the_end(csv, refused):
     assert problem.allowed == "the file has 0 to 0.059 s"
 
 
+def test_rows_from_the_end_on_are_left_out_with_what_is_wrong_in_them(csv, rec, read, refused):
+    path = csv([(4, "q1", "x"), (50, "Q2", ""), (52, "t", "1")])
+    assert _places(refused(path, start="10 ms", end="49 ms")) == [(50, "Q2")]
+    found = read(path, start="10 ms", end="48 ms")
+    # Line 50 is sample 48: the end itself is the first that does not count.
+    assert np.array_equal(found.lengths, rec.q[10:48])
+    assert np.array_equal(read(path, start="10 ms", end="48.005 ms").lengths, rec.q[10:48])
+    assert np.array_equal(read(csv(), end=10).lengths, rec.q)
+
+
+def test_an_end_before_the_first_row(csv, refused):
+    (problem,) = refused(csv(), end="-1 ms")
+    assert problem.message == "no rows before data.end, -0.001 s"
+
+
+def test_an_end_before_the_start(csv, read):
+    with pytest.raises(ValueError, match="is not after the start"):
+        read(csv(), start="20 ms", end="20 ms")
+
+
 def test_a_trigger_that_leaves_too_few_rows(csv, refused):
     (problem,) = refused(csv(), start="40 ms")
     assert problem.message == "20 rows of data, but the robot has 24 parameters"

@@ -1,18 +1,23 @@
 """Executable motions for the tests: analytic ramps between rest at home and random periods."""
 
+import json
 from dataclasses import dataclass
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 
 from expdesign.export.definition import Task
-from expdesign.motion import ExecutableMotion
+from expdesign.motion import ExecutableMotion, motion_from_record
+from expdesign.motion.periods import Periods as RealPeriods
+from expdesign.motion.spline import MotionState, SplineRamp, end_coefficients, reversed_in_time
 from expdesign.robot import ExactModel, load_robot
-from expdesign.trajectory import FourierTrajectory, PoseSamples
+from expdesign.trajectory import FourierTrajectory, PoseSamples, read_design_file
 
 # w(s) of s = 0 … 1 with w(0) = 0, w(1) = 1 and three vanishing derivatives at both ends.
 BLEND = np.polynomial.Polynomial([0, 0, 0, 0, 35, -84, 70, -20])
 RAMP = 1.2
+SHORT_RAMP = 0.4
 RESERVE = 0.02
 PERIODS = 1
 FREQUENCY = {("palida", 5): 0.6, ("palida", 12): 0.4, ("linuxcnc", 5): 0.5, ("linuxcnc", 12): 0.35}
@@ -20,7 +25,10 @@ SIZES = {
     "palida": [0.06, 0.06, 0.04, 0.2, 0.2, 0.3],
     "linuxcnc": [0.08, 0.08, 0.05, 0.15, 0.15, 0.2],
 }
-CASES = tuple(FREQUENCY)
+DESIGNED = ("linuxcnc design", 12)
+"""A real design at its limits with the ramps that the search found, instead of a random orbit."""
+CASES = (*FREQUENCY, DESIGNED)
+REFERENCE = Path(__file__).parents[1] / "reference" / "linuxcnc_design_12.json"
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,8 +89,12 @@ def _trajectory(robot, harmonics, frequency, size):
 
 @cache
 def task(name="palida", harmonics=5):
-    """Return a task whose motion uses the limits up to a few percent."""
-    robot = load_robot(name)
+    """Return a task whose motion uses the limits up to a few percent; a design all of them."""
+    robot = load_robot(name.split()[0])
+    if (name, harmonics) == DESIGNED:
+        trajectory = read_design_file(REFERENCE).trajectory
+        ways = json.loads(REFERENCE.read_text(encoding="utf-8"))["ways"]
+        return _task(robot, motion_from_record(ways, trajectory))
     model = ExactModel(robot, robot.limits)
     frequency = FREQUENCY[name, harmonics]
     low, high = 0.0, 4.0
@@ -95,7 +107,10 @@ def task(name="palida", harmonics=5):
             low = size
         else:
             high = size
-    motion = motion_of(robot, _trajectory(robot, harmonics, frequency, low))
+    return _task(robot, motion_of(robot, _trajectory(robot, harmonics, frequency, low)))
+
+
+def _task(robot, motion):
     return Task(
         name="test",
         robot=robot,
@@ -104,4 +119,26 @@ def task(name="palida", harmonics=5):
         sampling=500.0,
         parameters=robot.parameter_names,
         force_covariance=robot.description.noise.force_covariance,
+    )
+
+
+def _quintic(name, start, end):
+    """Return the polynomial of fifth order between two states as a ramp of one piece."""
+    first, _ = end_coefficients(1, SHORT_RAMP, start)
+    last, _ = end_coefficients(1, SHORT_RAMP, reversed_in_time(end))
+    return SplineRamp(name, SHORT_RAMP, np.concatenate([first, last[::-1]]))
+
+
+def spline_motion_of(robot, trajectory, periods=PERIODS, phase=0.0):
+    """Return the motion with ramps of the kind that the search finds."""
+    home, orbit = MotionState.at_rest(robot.home), MotionState.of(trajectory.sample(phase))
+    return ExecutableMotion(
+        (
+            _quintic("ramp in", home, orbit),
+            RealPeriods(trajectory, periods, phase),
+            _quintic("ramp out", orbit, home),
+        ),
+        trajectory,
+        periods,
+        phase,
     )

@@ -27,9 +27,11 @@ def experiment_report(folder: RunFolder) -> StageReport:
     rate = section.number("sampling")
     named = disturbances(truth)
     told = ", ".join(named) or "none"
+    table = truth.section("table").text("file") if "table" in truth else ""
+    twin = f"the digital twin executing {table}" if table else "the digital twin"
     sentence = (
-        f"Simulated on the digital twin: {periods} periods measured at {readable(rate)} Hz, "
-        f"{samples} samples. Disturbances besides the noise: {told}."
+        f"Simulated on {twin}: {periods} periods measured at {readable(rate)} Hz, {samples} "
+        f"samples. Disturbances besides the noise: {told}."
     )
     entry = folder.entry("experiment")
     done = entry is None or entry.status == "done"
@@ -47,6 +49,7 @@ def experiment_report(folder: RunFolder) -> StageReport:
             Fact("periods", str(periods)),
             Fact("sampling", f"{readable(rate)} Hz"),
             Fact("period", f"{readable(executed.number('period'))} s"),
+            *((Fact("controller table", table),) if table else ()),
             Fact("disturbances", told),
             Fact("seed", str(truth.section("seeds").optional("experiment"))),
         )

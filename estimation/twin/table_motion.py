@@ -1,0 +1,120 @@
+"""What a machine does in the measurement window of a controller table."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from expdesign.configuration import ConfigurationError, Problem
+from expdesign.export import TableFile
+from expdesign.export.deviation import blocks
+from expdesign.export.rows import ON_THE_EDGE
+from expdesign.trajectory import FourierTrajectory, PoseSamples
+
+Array = NDArray[np.float64]
+
+_ROUNDING = 1.01
+"""Of the tolerance that the table was written with."""
+
+
+@dataclass(frozen=True, eq=False)
+class TableMotion:
+    """The motion that controller and machine make of a table, t = 0 where the window begins.
+
+    The controller interpolates the rows; the machine follows with the same tracking error as it
+    follows the design itself.
+
+    Attributes
+    ----------
+    file : TableFile
+    design : FourierTrajectory
+        The motion that the table is made of.
+    executed : FourierTrajectory
+        The design with the tracking error.
+    """
+
+    file: TableFile
+    design: FourierTrajectory
+    executed: FourierTrajectory
+
+    def sample(self, times: Array) -> PoseSamples:
+        """Return pose, rate and acceleration at times in the window, s.
+
+        Raises
+        ------
+        ForwardKinematicsError
+            The struts' lengths belong to no pose.
+        """
+        states = self.file.executed.smoothed(self.file.window[0] + np.asarray(times)).states
+        pose, rate, acceleration = np.split(states, 3, axis=1)
+        if self.executed is self.design:
+            return PoseSamples(pose, rate, acceleration)
+        wanted, made = self.design.sample(times), self.executed.sample(times)
+        return PoseSamples(
+            pose + made.pose - wanted.pose,
+            rate + made.rate - wanted.rate,
+            acceleration + made.acceleration - wanted.acceleration,
+        )
+
+
+def refuse_short_window(table: TableFile, periods: int, configuration_file: Path | None) -> None:
+    """Refuse an experiment that is longer than the table.
+
+    Raises
+    ------
+    ConfigurationError
+        The window has fewer periods than are to be measured, or the rows end inside it.
+    """
+    if periods > table.periods:
+        raise ConfigurationError(
+            Problem(
+                f"{periods} periods are to be measured, and the table has {table.periods}",
+                file=configuration_file,
+                key="experiment.periods",
+                allowed=f"at most {table.periods}, or a table with more",
+            )
+        )
+    end = table.executed.rows.times[-1]
+    if end < table.window[1] - ON_THE_EDGE:
+        raise ConfigurationError(
+            Problem(
+                f"the table ends at {end:.6f} s, inside the measurement window that lasts until "
+                f"{table.window[1]:.6f} s",
+                file=table.path,
+                allowed="the whole table as `expdesign export` wrote it",
+            )
+        )
+
+
+def window_error(table: TableFile, times: Array) -> float:
+    """Return how far the struts are from the design at most, m, at times in the window, s.
+
+    Raises
+    ------
+    ConfigurationError
+        The table is none of this design: a strut is further away than the table's tolerance.
+    """
+    robot, design = table.executed.robot, table.design
+    parts = []
+    for part in blocks(times):
+        wanted = robot.inverse_kinematics(design.sample(part).pose)
+        off = table.executed.lengths(table.window[0] + part) - wanted
+        parts.append(np.abs(off).max(axis=1))
+    off = np.concatenate(parts)
+    worst = int(np.argmax(np.nan_to_num(off, nan=np.inf)))
+    # Written so that NaN is refused.
+    if not off[worst] <= table.settings.tolerance * _ROUNDING:
+        raise ConfigurationError(
+            Problem(
+                "the table does not hold the design that is to be executed: a strut is "
+                f"{1e6 * off[worst]:.4g} µm from it {times[worst]:.4f} s after the beginning of "
+                "the measurement window, and the table was written to within "
+                f"{1e6 * table.settings.tolerance:.4g} µm",
+                file=table.path,
+                allowed="a table that `expdesign export` made of this design for this robot",
+            )
+        )
+    return float(off[worst])

@@ -1,0 +1,150 @@
+"""A controller table that was written before, read again as its controller executes it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from expdesign.configuration import ConfigurationError, Problem
+from expdesign.export.catalogue import table_formats
+from expdesign.export.definition import Settings, Task
+from expdesign.export.execution import ExecutedTable
+from expdesign.export.exporting import refuse_missing_library
+from expdesign.export.record import RECORD, read_record, record_of_one
+from expdesign.export.rows import TableError
+from expdesign.export.settling import settled
+from expdesign.motion import motion_from_record
+from expdesign.robot import Robot
+from expdesign.runfolder.manifest import file_hash
+from expdesign.schema import ExportSection
+from expdesign.trajectory import FourierTrajectory
+
+_AGAIN = "a table as `expdesign export` wrote it, with the record beside it; export it again"
+
+
+@dataclass(frozen=True, eq=False)
+class TableFile:
+    """A table in a file, on its way through the controller's interpolator.
+
+    Attributes
+    ----------
+    path : Path
+    digest : str
+        SHA-256 of the file.
+    settings : Settings
+        With which it was written.
+    executed : ExecutedTable
+    """
+
+    path: Path
+    digest: str
+    settings: Settings
+    executed: ExecutedTable
+
+    @property
+    def window(self) -> tuple[float, float]:
+        """When the measurement window begins and ends, s from the start of the table."""
+        return self.executed.motion.window
+
+    @property
+    def periods(self) -> int:
+        """Periods in the measurement window."""
+        return self.executed.motion.periods
+
+    @property
+    def design(self) -> FourierTrajectory:
+        """The designed motion, its t = 0 at the beginning of the measurement window."""
+        motion = self.executed.motion
+        return motion.trajectory if motion.phase == 0 else motion.trajectory.shifted(motion.phase)
+
+
+def read_table_file(path: Path, task: Task, settings: Settings) -> TableFile:
+    """Read a table as its controller does.
+
+    Parameters
+    ----------
+    path : Path
+    task : Task
+        The motion that it holds.
+    settings : Settings
+        With which it was written.
+
+    Raises
+    ------
+    TableError
+        The controller would not read it.
+    """
+    form = table_formats()[settings.section.format]
+    rows = form.read(path, settings)
+    executed = ExecutedTable(task.robot, task.motion, settings.axes, rows, form.interpolation)
+    return TableFile(path, file_hash(path), settings, executed)
+
+
+def find_table_file(path: Path, robot: Robot, trajectory: FourierTrajectory) -> TableFile:
+    """Read a table with what `expdesign export` wrote beside it about its axes and its motion.
+
+    Parameters
+    ----------
+    path : Path
+    robot : Robot
+        That executes it.
+    trajectory : FourierTrajectory
+        The design that it was made of.
+
+    Raises
+    ------
+    ConfigurationError
+        There is no such file, nothing tells what it holds, it cannot be read, or it was made of
+        another design.
+    """
+    if not path.is_file():
+        raise ConfigurationError(
+            Problem("there is no such table", path, allowed="a file that `expdesign export` wrote")
+        )
+    place, motion, about = _record(path)
+    try:
+        section = ExportSection.model_validate(about["options"])
+        task = Task(
+            name=str(motion["name"]),
+            robot=robot,
+            motion=motion_from_record(motion["ways"], trajectory),
+            controller_period=float(motion["controller_period"]),
+            sampling=float(motion["sampling"]),
+            parameters=(),
+        )
+    except (KeyError, TypeError, ValidationError) as error:
+        raise ConfigurationError(
+            Problem("what it says of the table cannot be used", place, allowed=_AGAIN)
+        ) from error
+    except ValueError as error:
+        raise ConfigurationError(
+            Problem(f"its motion is not that of the design: {error}", path, allowed=_AGAIN)
+        ) from error
+    refuse_missing_library(section)
+    try:
+        return read_table_file(path, task, settled(section, task))
+    except (TableError, OSError) as error:
+        raise ConfigurationError(
+            Problem(f"the controller would not read this table: {error}", path, allowed=_AGAIN)
+        ) from error
+
+
+def _record(path: Path) -> tuple[Path, dict[str, Any], dict[str, Any]]:
+    """Return where it is told what a table holds, what of its motion and what of the file."""
+    places = (path.with_name(RECORD), record_of_one(path))
+    for place in places:
+        data = read_record(place)
+        about = data.get("files", {}).get(path.name)
+        if isinstance(about, dict):
+            return place, data["motion"], about
+    names = " nor ".join(place.name for place in places)
+    raise ConfigurationError(
+        Problem(
+            f"nothing tells what the columns of this table are: neither {names} beside it names it",
+            path,
+            allowed=_AGAIN,
+        )
+    )

@@ -1,0 +1,224 @@
+"""`expdesign simulate --table`: the table that the controller gets is what is measured."""
+
+import json
+import shutil
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from expdesign.configuration import load_run, resolved_yaml
+from tests.estimation.cases import ROBOT, trajectory
+from tests.export.motions import spline_motion_of
+
+EXPERIMENT = {"periods": 2, "sampling": 200}
+
+
+@pytest.fixture
+def run_file(tmp_path):
+    def write(name="input.yaml", robot="palida", **experiment):
+        path = tmp_path / name
+        data = {"name": "test", "robot": robot, "experiment": EXPERIMENT | experiment}
+        path.write_text(json.dumps(data), encoding="utf-8")
+        return path
+
+    return write
+
+
+@pytest.fixture
+def searches(monkeypatch):
+    """Let ramps be polynomials, and count how often they are looked for."""
+    found = []
+
+    def ramped(configuration, design):
+        found.append(configuration)
+        return spline_motion_of(ROBOT, design, configuration.run.experiment.periods, 0.25)
+
+    monkeypatch.setattr("expdesign.motion.executable_motion", ramped)
+    return found
+
+
+@pytest.fixture
+def folder(tmp_path, run_file, searches):
+    """Return a run folder with a design."""
+    out = tmp_path / "run"
+    out.mkdir()
+    made = trajectory()
+    data = {"harmonics": made.harmonics, "omega": made.omega}
+    data |= {key: getattr(made, key).tolist() for key in ("lambda0", "mu", "nu")}
+    (out / "design.json").write_text(json.dumps(data), encoding="utf-8")
+    (out / "run.yaml").write_text(resolved_yaml(load_run(run_file())), encoding="utf-8")
+    return out
+
+
+@pytest.fixture
+def table(folder, expdesign):
+    status, _, messages = expdesign(
+        *("export", folder, "--format", "xps-pvt"),
+        *("--segment", "25 ms", "--tolerance", "50 um", "--sign", "-1", "--units", "um"),
+    )
+    assert status == 0, messages
+    return folder / "exports" / "xps-pvt.trj"
+
+
+def measured(folder):
+    return pd.read_csv(folder / "measurement.csv")
+
+
+def test_the_table_is_measured(expdesign, run_file, folder, table, tmp_path):
+    out = tmp_path / "out"
+    arguments = ("simulate", run_file(), "--design", folder, "--out")
+    status, answer, messages = expdesign(*arguments, out, "--table", table)
+    assert status == 0, messages
+    assert "executed: xps-pvt.trj (xps-pvt), measured from 0.4000 s after its start" in answer
+    truth = json.loads((out / "truth.json").read_text())
+    assert truth["table"]["file"] == "xps-pvt.trj"
+    assert truth["table"]["window"] == [0.4, 2.4]
+    assert 1e-7 < truth["table"]["position_error"] < 5e-5
+    # The window begins where the ramp enters the orbit, 0.25 s after the design's own start.
+    begun = trajectory().shifted(0.25)
+    np.testing.assert_allclose(truth["design"]["mu"], begun.mu)
+    found = measured(out)
+    lengths = found[[f"q{j}" for j in range(1, 7)]].to_numpy()
+    noise = lengths - ROBOT.inverse_kinematics(begun.sample(found["t"].to_numpy()).pose)
+    std = np.sqrt(np.diag(ROBOT.description.noise.length_covariance))
+    np.testing.assert_allclose(noise.std(axis=0) / std, 1, atol=0.15)
+    # Not the design: the interpolated table differs, with the same noise, by its own error.
+    assert expdesign(*arguments, tmp_path / "plain")[0] == 0
+    assert not json.loads((tmp_path / "plain/truth.json").read_text())["table"]
+
+
+def test_it_is_another_experiment_than_the_design(expdesign, run_file, folder, table, tmp_path):
+    """Repetitions of the design do not stay beside a truth that says the table was executed."""
+    out = tmp_path / "out"
+    plain = ("simulate", run_file(), "--design", folder, "--out", out, "--repetitions")
+    assert expdesign(*plain, 3)[0] == 0
+    assert expdesign(*plain, 2, "--table", table)[0] == 0
+    assert sorted(path.name for path in (out / "repetitions").iterdir()) == ["0001", "0002"]
+
+
+def test_a_table_with_its_record_elsewhere(expdesign, run_file, folder, tmp_path):
+    far = tmp_path / "far" / "table.pmc"
+    export = ("export", folder, "--format", "pmac-pvt", "--out", far, "--offset", "home")
+    assert expdesign(*export)[0] == 0
+    arguments = ("--design", folder, "--out", tmp_path / "out", "--table", far, "--json")
+    status, answer, messages = expdesign("simulate", run_file(), *arguments)
+    assert status == 0, messages
+    assert json.loads(answer)["table"] == "table.pmc"
+
+
+def _no_record(table):
+    (table.parent / "exports.json").unlink()
+
+
+def _changed(keys, value):
+    def change(table):
+        path = table.parent / "exports.json"
+        data = json.loads(path.read_text())
+        *first, last = keys
+        part = data
+        for key in first:
+            part = part[key]
+        part[last] = value
+        path.write_text(json.dumps(data))
+
+    return change
+
+
+def _cut(table):
+    table.write_text("\n".join(table.read_text().splitlines()[:60]) + "\n")
+
+
+def _last_lines(table):
+    lines = table.read_text().splitlines()
+    table.write_text("\n".join(lines[:60] + lines[-1:]) + "\n")
+
+
+def _other_element(table):
+    lines = table.read_text().splitlines()
+    lines[70], lines[80] = lines[80], lines[70]
+    table.write_text("\n".join(lines) + "\n")
+
+
+@pytest.mark.parametrize(
+    ("spoil", "expected"),
+    [
+        (lambda table: table.unlink(), "there is no such table"),
+        (_no_record, "nothing tells what the columns of this table are"),
+        (lambda table: (table.parent / "exports.json").write_text("{"), "nothing tells"),
+        (_changed(("motion", "ways"), None), "its motion is not that of the design"),
+        (_changed(("motion", "sampling"), None), "cannot be used"),
+        (_changed(("files", "xps-pvt.trj", "options"), {"format": "none"}), "cannot be used"),
+        (_changed(("files", "xps-pvt.trj", "options", "units"), "mm"), "does not hold the design"),
+        (_changed(("files", "xps-pvt.trj", "options", "sign"), [1] * 6), "does not hold"),
+        (lambda table: table.write_text("0.1, 0, x\n"), "would not read this table"),
+        (_cut, "would not read this table: line 60: the last velocities are not 0"),
+        (_last_lines, "inside the measurement window"),
+        (_other_element, "does not hold the design"),
+    ],
+)
+def test_bad_tables(spoil, expected, expdesign, run_file, folder, table, tmp_path):
+    spoil(table)
+    out = tmp_path / "out"
+    arguments = ("--design", folder, "--out", out, "--table", table)
+    status, _, messages = expdesign("simulate", run_file(), *arguments)
+    assert status == 2, messages
+    assert expected in " ".join(messages.split())
+    assert "Traceback" not in messages
+    assert not (out / "measurement.csv").exists()
+
+
+def test_a_table_of_another_design_or_too_few_periods(expdesign, run_file, folder, table, tmp_path):
+    other = tmp_path / "other"
+    shutil.copytree(folder, other)
+    text = json.loads((other / "design.json").read_text())
+    text["mu"][0][0] += 0.01
+    (other / "design.json").write_text(json.dumps(text))
+    arguments = ("--out", tmp_path / "out", "--table", table)
+    status, _, messages = expdesign("simulate", run_file(), "--design", other, *arguments)
+    assert (status, "not that of the design" in messages) == (2, True)
+    long = run_file("long.yaml", periods=3)
+    status, _, messages = expdesign("simulate", long, "--design", folder, *arguments)
+    assert (status, "3 periods are to be measured" in messages) == (2, True)
+
+
+# --- the motion is looked for once ----------------------------------------------------------------
+
+
+def test_ways_are_looked_for_once(expdesign, folder, table, searches):
+    assert len(searches) == 1
+    first = table.read_bytes()
+    status, _, messages = expdesign("export", folder, "--format", "ros2")
+    assert status == 0, messages
+    assert "are those of" in messages
+    assert len(searches) == 1
+    record = json.loads((folder / "exports/exports.json").read_text())
+    assert set(record["files"]) == {"xps-pvt.trj", "ros2.yaml"}
+    # The same table, whether its ways were found or read.
+    (folder / "exports/exports.json").unlink()
+    options = ("--segment", "25 ms", "--tolerance", "50 um", "--sign", "-1", "--units", "um")
+    again = ("export", folder, "--format", "xps-pvt", *options)
+    assert expdesign(*again)[0] == 0
+    assert len(searches) == 2
+    assert expdesign(*again)[0] == 0
+    assert len(searches) == 2
+    assert table.read_bytes() == first
+
+
+@pytest.mark.parametrize("what", ["design", "limits", "periods", "record"])
+def test_ways_of_something_else_are_not_taken(what, expdesign, folder, table, searches, run_file):
+    if what == "design":
+        text = json.loads((folder / "design.json").read_text())
+        text["mu"][0][0] *= 1 + 1e-12
+        (folder / "design.json").write_text(json.dumps(text))
+    elif what == "record":
+        _changed(("motion", "ways", "ramps"), [])(table)
+    else:
+        data = json.loads(run_file().read_text())
+        data |= {"limits": {"strut_speed": 1.9}} if what == "limits" else {}
+        data["experiment"]["periods"] = 2 + (what == "periods")
+        (folder / "run.yaml").write_text(resolved_yaml(load_run(data)), encoding="utf-8")
+    status, _, messages = expdesign("export", folder, "--format", "ros2")
+    assert status == 0, messages
+    assert len(searches) == 2
+    assert "are those of" not in messages
