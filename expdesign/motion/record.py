@@ -55,7 +55,7 @@ def motion_from_record(
     try:
         phase, periods = float(record["phase"]), int(record["periods"])
         first, last = (_ramp(ramp) for ramp in record["ramps"])
-    except (KeyError, TypeError) as error:
+    except (KeyError, TypeError, OverflowError) as error:
         raise ValueError(f"no ramps of a motion: {error}") from error
     if not (0 <= phase <= trajectory.period and periods >= 1):
         raise ValueError(f"{periods} periods from {phase} s on")

@@ -40,6 +40,7 @@ def test_ramps_into_another_design_are_refused():
         lambda record: record.pop("phase"),
         lambda record: record.update(phase=-1),
         lambda record: record.update(periods=0),
+        lambda record: record.update(periods=float("inf")),
         lambda record: record.update(ramps=None),
         lambda record: record["ramps"].pop(),
         lambda record: record["ramps"][0].update(duration=0),
