@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from threadpoolctl import threadpool_limits
 from estimation.estimators import Knowledge
 from estimation.montecarlo.cluster import cluster_repetitions
 from estimation.montecarlo.journal import Journal
+from estimation.montecarlo.monitor import StopRequest, StudyMonitor
 from estimation.montecarlo.repetition import Outcome, Recipe, Repetition, Workbench
 from estimation.montecarlo.statistics import (
     ParameterStatistics,
@@ -31,24 +32,12 @@ from expdesign.experiment.scaling import parameter_scaling
 from expdesign.robot import Robot
 from expdesign.runfolder.manifest import Manifest, text_hash
 from expdesign.solver.pool import Job, run_jobs
-from expdesign.solver.progress import Monitor, SearchEvent
+from expdesign.solver.progress import Monitor
 from expdesign.trajectory import FourierTrajectory
 
 Array = NDArray[np.float64]
 
 ConfigurationLike = str | PathLike[str] | Mapping[str, Any] | RunConfiguration
-
-
-class StudyMonitor(Protocol):
-    """Sees how far a study is; says when to stop."""
-
-    def advanced(self, done: int, total: int) -> None:
-        """Take the number of repetitions that are done, of all that are wanted."""
-        ...
-
-    def stop_requested(self) -> bool:
-        """Tell whether the study should end with what it has."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,7 +216,7 @@ def _repetitions(
     numbers: Sequence[int],
     monitor: StudyMonitor | None,
 ) -> Iterator[Repetition]:
-    stop = _Stop(monitor)
+    stop = StopRequest(monitor)
     if not numbers:
         return
     if configuration.run.scheduler is not None:
@@ -240,19 +229,6 @@ def _repetitions(
 
 def _repetition(bench: Workbench, _monitor: Monitor, number: int) -> Repetition:
     return bench.repeat(number)
-
-
-@dataclass(frozen=True)
-class _Stop:
-    """Carries the request to stop to the pool; repetitions report nothing but their end."""
-
-    monitor: StudyMonitor | None
-
-    def report(self, event: SearchEvent) -> None:
-        """Ignore the event."""
-
-    def stop_requested(self) -> bool:
-        return self.monitor is not None and self.monitor.stop_requested()
 
 
 def _refuse_ml_without_fit(configuration: RunConfiguration) -> None:

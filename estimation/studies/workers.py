@@ -3,30 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 from estimation.montecarlo import StudyMonitor
+from estimation.montecarlo.monitor import StopRequest
 from expdesign.configuration import RunConfiguration
 from expdesign.solver.pool import Job, run_jobs
-from expdesign.solver.progress import SearchEvent
 
 
 class StudyInterruptedError(RuntimeError):
     """The study was stopped before everything that it compares was there."""
-
-
-@dataclass(frozen=True)
-class _Stop:
-    """Carries the request to stop to the pool; jobs report nothing but their end."""
-
-    monitor: StudyMonitor | None
-
-    def report(self, event: SearchEvent) -> None:
-        """Ignore the event."""
-
-    def stop_requested(self) -> bool:
-        return self.monitor is not None and self.monitor.stop_requested()
 
 
 def results_of(
@@ -54,7 +40,7 @@ def results_of(
     """
     done, total = progress
     count = 0
-    for result in run_jobs(build, jobs, configuration.run.workers or 1, _Stop(monitor)):
+    for result in run_jobs(build, jobs, configuration.run.workers or 1, StopRequest(monitor)):
         count += 1
         if monitor is not None:
             monitor.advanced(done + count, total)
