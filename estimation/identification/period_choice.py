@@ -37,8 +37,10 @@ _LOOK = 0.05
 _FEWEST_MARKED = 3
 """Numbers that a period column must have: fewer do not mark the two ends of a period."""
 
+_MOST = 0.9
+
 _REPEATS = 0.5
-"""Largest difference between a sample and the one a period later, rms, as a share of the motion."""
+"""Largest difference between a sample and the one a period later, as a share of the motion."""
 
 
 def choose_omega(
@@ -80,9 +82,9 @@ def _refuse_other_period(data: Measurement, omega: float, source: PeriodSource) 
     columns = data.lengths.T
     shifted = np.stack([np.interp(later[inside], data.time, column) for column in columns], axis=1)
     difference = shifted - data.lengths[inside]
-    # Medians: outliers are no evidence against a period.
-    off = np.median(np.abs(difference - np.median(difference, axis=0)), axis=0)
-    moving = np.median(np.abs(data.lengths - np.median(data.lengths, axis=0)), axis=0)
+    # Quantiles: outliers are no evidence against a period, and a machine may rest for most of it.
+    off = np.quantile(np.abs(difference - np.median(difference, axis=0)), _MOST, axis=0)
+    moving = np.quantile(np.abs(data.lengths - np.median(data.lengths, axis=0)), _MOST, axis=0)
     if np.median(off) <= _REPEATS * np.median(moving):
         return
     try:

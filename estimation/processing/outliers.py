@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import combinations
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,6 +21,7 @@ FEWEST_PERIODS = 3
 
 _MOST_PAIRS = 20
 _ROUNDS = 3
+_NEARLY_ALL = 0.95
 
 
 def huber_weights(values: Array) -> Array:
@@ -48,11 +47,9 @@ def huber_weights(values: Array) -> Array:
     periods = len(values)
     if periods < FEWEST_PERIODS:
         raise ValueError(f"distances from a median need {FEWEST_PERIODS} periods, not {periods}")
-    pairs = list(combinations(range(periods), 2))[
-        :: max(1, periods * (periods - 1) // 2 // _MOST_PAIRS)
-    ]
-    differences = np.concatenate([values[i] - values[j] for i, j in pairs])
-    scale = np.median(np.abs(differences), axis=0) / (_NORMAL_MEDIAN * np.sqrt(2))
+    firsts = range(0, periods, max(1, periods // _MOST_PAIRS))
+    differences = np.concatenate([values[i] - values[i - 1] for i in firsts])
+    scale = _robust_std(differences) / np.sqrt(2)
     # A sample's distance from the mean of all others has this much more than its own variance.
     return _weights(values - np.median(values, axis=0), scale * np.sqrt(periods / (periods - 1)))
 
@@ -75,9 +72,18 @@ def series_weights(
     weights = np.ones(len(times))
     scatter, residuals = scatter_about_series(times, values, omega, harmonics)
     for _ in range(_ROUNDS):
-        weights = _weights(residuals, np.median(np.abs(residuals), axis=0) / _NORMAL_MEDIAN)
+        weights = _weights(residuals, _robust_std(residuals))
         scatter, residuals = scatter_about_series(times, values, omega, harmonics, weights)
     return scatter, weights
+
+
+def _robust_std(values: Array) -> Array:
+    """Return the standard deviation of each column, (6,), whatever a few outliers are."""
+    size = np.abs(values)
+    middle = np.median(size, axis=0) / _NORMAL_MEDIAN
+    # Where more than half is exactly zero, as after coarse quantisation, the median says nothing.
+    most = np.minimum(size, np.quantile(size, _NEARLY_ALL, axis=0))
+    return np.where(middle > 0, middle, np.sqrt(np.mean(most**2, axis=0)))
 
 
 def _weights(distances: Array, scale: Array) -> Array:

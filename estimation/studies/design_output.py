@@ -13,6 +13,7 @@ from estimation.studies.claim import Claim
 from estimation.studies.design_study import ESTIMATORS, DesignStudy, Trial, trial_name
 from estimation.studies.tables import TABLES
 from estimation.uncertainty.differences import FAMILY_LEVEL
+from expdesign.experiment.scaling import parameter_scaling
 from expdesign.robot import Robot
 from expdesign.robot.graph import parameter_unit
 
@@ -54,6 +55,11 @@ def design_claims(study: DesignStudy) -> list[Claim]:
     for kinematics in study.section.kinematics:
         found.append(_means_claim(study, kinematics))
     worst = [t for t in study.trials if not t.design.passed]
+    failed = sum(sum(trial.failed.values()) for trial in study.trials)
+    total = len(study.trials) * len(study.section.kinematics) * study.section.repetitions
+    found.append(
+        Claim("every experiment can be estimated", f"{total - failed} of {total}", holds=not failed)
+    )
     found.append(
         Claim(
             f"every design ({first} and {second}) keeps every limit",
@@ -90,9 +96,15 @@ def _precision_claims(study: DesignStudy) -> Iterator[Claim]:
         ("friction", ~rigid, "7 of 14"),
     ):
         counts = [int(np.count_nonzero(one & which)) for one in better]
+        foreseen = [
+            int(np.count_nonzero(which & (_predicted_std(one) < _predicted_std(two))))
+            for one, two in study.sets
+        ]
         yield Claim(
-            f"{title} parameters that LS knows better with '{first}' than with '{second}', by set",
-            f"{', '.join(map(str, counts))} of {np.count_nonzero(which)}",
+            f"{title} parameters that LS knows better with '{first}' than with '{second}', by set; "
+            f"{_with(kinematics)}",
+            f"{', '.join(map(str, counts))} of {np.count_nonzero(which)}; predicted: "
+            f"{', '.join(map(str, foreseen))}",
             paper,
         )
     speeds = [[_rms_motion(study, trial) for trial in pair] for pair in study.sets]
@@ -101,10 +113,10 @@ def _precision_claims(study: DesignStudy) -> Iterator[Claim]:
         f"'{name}': {speed:.2f} m/s, {acceleration:.1f} m/s²"
         for name, (speed, acceleration) in zip((first, second), mean, strict=True)
     )
-    if second == "condition":
+    if second == "condition" and np.all(np.array(speeds)[:, 1] < np.array(speeds)[:, 0]):
         told += (
-            ". The condition number asks for equally much information about all parameters, not "
-            "for much of it, and is content with a motion that excites most of them less"
+            f". In every set '{second}' moves the struts less: it asks for equally much "
+            "information about all parameters, not for much of it"
         )
     yield Claim("why: how the struts move, rms, mean over the sets", told)
 
@@ -141,7 +153,7 @@ def _means_claim(study: DesignStudy, kinematics: str) -> Claim:
     listed = ", ".join(name for name in names if name in apart) or "none"
     if len(apart) == len(names):
         listed = "all"
-    expected = None if kinematics == "fourier" else (joint == 0) == (kinematics == "exact")
+    expected = {"exact": joint == 0, "fourier": None, "central": joint == len(tests)}[kinematics]
     return Claim(
         f"{_with(kinematics)}: the mean LS estimates of both designs "
         + {"exact": "are the same", "fourier": "compared", "central": "differ"}[kinematics],
@@ -149,6 +161,10 @@ def _means_claim(study: DesignStudy, kinematics: str) -> Claim:
         "" if kinematics == "exact" else "they agree but for r_α and r_β",
         expected,
     )
+
+
+def _predicted_std(trial: Trial) -> Array:
+    return np.sqrt(np.diag(trial.predicted["ls"]))
 
 
 def _with(kinematics: str) -> str:
@@ -170,12 +186,11 @@ def _rms_motion(study: DesignStudy, trial: Trial) -> tuple[float, float]:
 
 
 def _designs(study: DesignStudy) -> Iterator[dict[str, Any]]:
-    nominal = np.abs(study.robot.parameters)
+    nominal = parameter_scaling(study.robot, "nominal")
     for trial in study.trials:
         information = trial.design.information
         speed, acceleration = _rms_motion(study, trial)
-        whole = len(information) == len(nominal)
-        by_nominal = information * np.multiply.outer(nominal, nominal) if whole else information
+        by_nominal = information * np.multiply.outer(nominal, nominal)
         yield {
             "set": trial.number,
             "criterion": trial.criterion,
@@ -184,7 +199,7 @@ def _designs(study: DesignStudy) -> Iterator[dict[str, Any]]:
             "keeps_limits": trial.design.passed,
             "log_det_information": trial.design.log_det_information,
             "condition_si": float(np.linalg.cond(information)),
-            "condition_nominal": float(np.linalg.cond(by_nominal)) if whole else np.nan,
+            "condition_nominal": float(np.linalg.cond(by_nominal)),
             "period": trial.design.trajectory.period,
             "strut_speed": speed,
             "strut_acceleration": acceleration,
@@ -263,4 +278,5 @@ def _means(study: DesignStudy) -> Iterator[dict[str, Any]]:
                     "std_error": test.std[k],
                     "t": test.z[k],
                     "p_value": test.p_values[k],
+                    "p_joint": test.p_joint,
                 }

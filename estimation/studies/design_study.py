@@ -19,10 +19,15 @@ from estimation.montecarlo.repetition import Recipe
 from estimation.studies.determinant import DeterminantComparison, compare_determinants
 from estimation.studies.linear_prediction import linear_covariances
 from estimation.studies.mean_difference import mean_difference
-from estimation.studies.variants import with_exact_lengths, with_section
+from estimation.studies.variants import (
+    TooFewEstimatesError,
+    study_section,
+    with_exact_lengths,
+    with_section,
+)
 from estimation.studies.workers import results_of
 from estimation.uncertainty.differences import Differences
-from expdesign.configuration import RunConfiguration
+from expdesign.configuration import ConfigurationError, Problem, RunConfiguration
 from expdesign.experiment import DesignResult, design
 from expdesign.experiment.scaling import parameter_scaling
 from expdesign.robot import Robot, robot_from
@@ -137,14 +142,6 @@ class DesignStudy:
         return np.asarray(first < second)
 
 
-def study_section(configuration: RunConfiguration) -> StudySection:
-    """Return the run's `study`; a run without one has none to do."""
-    section = configuration.run.study
-    if section is None:
-        raise ValueError("the run has no study")
-    return section
-
-
 def run_design_study(
     configuration: RunConfiguration, monitor: StudyMonitor | None = None
 ) -> DesignStudy:
@@ -156,11 +153,15 @@ def run_design_study(
         The run cannot be designed or simulated.
     NoDesignError, InfeasibleLimitsError, SingularInformationError
         A design failed.
+    TooFewEstimatesError
+        Too many repetitions could not be estimated.
     StudyInterruptedError
         A stop was requested.
     """
     began = time.perf_counter()
     section = study_section(configuration)
+    robot = robot_from(configuration.robot)
+    _refuse_unfit(configuration, robot)
     pairs = [(k, c) for k in range(1, section.sets + 1) for c in section.criteria]
     total = len(pairs) * (1 + len(section.kinematics))
     build = partial(_Bench, configuration)
@@ -170,7 +171,14 @@ def run_design_study(
     jobs = [Job(_executed, (index, designs[index], k)) for index, k in wanted]
     found = list(results_of(configuration, build, jobs, monitor, (len(pairs), total)))
     executed = dict(zip(wanted, found, strict=True))
-    robot = robot_from(configuration.robot)
+    size = len(robot.parameter_names)
+    for (index, kinematics), (values, failed) in executed.items():
+        if len(values["ls"]) <= size:
+            raise TooFewEstimatesError(
+                f"design {trial_name(*pairs[index])}, kinematics {kinematics}: {failed} of "
+                f"{section.repetitions} repetitions have no estimate; the covariance of {size} "
+                f"parameters takes more than {size}"
+            )
     trials = []
     for index, (number, criterion) in enumerate(pairs):
         trials.append(
@@ -186,6 +194,54 @@ def run_design_study(
             )
         )
     return DesignStudy(configuration, robot, tuple(trials), time.perf_counter() - began)
+
+
+def _refuse_unfit(configuration: RunConfiguration, robot: Robot) -> None:
+    """Refuse what a comparison of all parameters' covariances cannot have."""
+    section, estimate = study_section(configuration), configuration.run.estimate
+    problems = []
+    size = len(robot.parameter_names)
+    if section.repetitions <= size:
+        problems.append(
+            Problem(
+                f"{section.repetitions} repetitions do not give a covariance of {size} parameters",
+                file=configuration.file,
+                key="study.repetitions",
+                allowed=f"more than {size}",
+            )
+        )
+    problems += [
+        Problem(
+            "the covariances of two designs are compared over all parameters, with nothing known "
+            "of them",
+            file=configuration.file,
+            key=f"estimate.{key}",
+            allowed="nothing",
+        )
+        for key in ("fixed", "prior", "bounds")
+        if getattr(estimate, key)
+    ]
+    if configuration.run.design.parameters is not None:
+        problems.append(
+            Problem(
+                "the designs of a study judge all parameters",
+                file=configuration.file,
+                key="design.parameters",
+                allowed="all",
+            )
+        )
+    problems += [
+        Problem(
+            f"the robot {robot.name} has no parameter '{name}'",
+            file=configuration.file,
+            key="study.shown",
+            allowed=", ".join(robot.parameter_names),
+        )
+        for name in section.shown
+        if name not in robot.parameter_names
+    ]
+    if problems:
+        raise ConfigurationError(problems)
 
 
 def trial_name(number: int, criterion: str) -> str:

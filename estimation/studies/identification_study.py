@@ -22,8 +22,7 @@ from estimation.identification import prepare_experiment, run_estimators
 from estimation.identification.estimate import parameter_knowledge
 from estimation.montecarlo import StudyMonitor
 from estimation.montecarlo.repetition import FAILURES
-from estimation.studies.design_study import study_section
-from estimation.studies.variants import with_section
+from estimation.studies.variants import TooFewEstimatesError, study_section, with_section
 from estimation.studies.workers import results_of
 from estimation.twin import Twin
 from estimation.uncertainty.differences import FAMILY_LEVEL, hausman_test
@@ -37,6 +36,7 @@ from expdesign.trajectory import FourierTrajectory
 Array = NDArray[np.float64]
 
 ESTIMATORS = ("ls", "gm", "ml")
+_FEWEST = 3
 IDENTIFIED = 0.5
 """Largest standard deviation, in units of its scale, of a parameter that counts as identified."""
 
@@ -201,6 +201,8 @@ def run_identification_study(
         The run cannot be simulated or estimated.
     UnidentifiableError
         The experiment does not determine every free parameter.
+    TooFewEstimatesError
+        Fewer than three experiments of a case could be estimated.
     StudyInterruptedError
         A stop was requested.
     """
@@ -214,6 +216,10 @@ def run_identification_study(
     for case in CASES:
         done = [one[case.key] for one in found]
         kept = tuple(one for one in done if one is not None)
+        if len(kept) < _FEWEST:
+            raise TooFewEstimatesError(
+                f"{case.key}: only {len(kept)} of {len(done)} experiments could be estimated"
+            )
         cases.append(CaseResult(case, bench.truth, kept, len(done) - len(kept)))
     return IdentificationStudy(
         configuration,

@@ -32,22 +32,22 @@ def write_comparison(study: AnyStudy, folder: Path) -> list[Path]:
 
     A study of designs leaves every design as a run folder of its own in ``designs/``.
     """
+    # Everything is computed before anything is written: a folder is not left half made.
+    tables, record = _tables(study), _record(study)
     folder.mkdir(parents=True, exist_ok=True)
     written: list[Path] = []
     if isinstance(study, DesignStudy):
         for trial in study.trials:
             place = folder / DESIGNS / trial_name(trial.number, trial.criterion)
             written += write_design(trial.design, place)
-    tables = _tables(study)
     for name, table in tables.items():
         path = folder / "tables" / f"{name}.csv"
         write_csv(path, table)
         written.append(path)
     written.append(add_columns(folder, {f"tables/{name}.csv": TABLES[name] for name in tables}))
-    record = folder / NAME
-    write_json(record, _record(study))
+    write_json(folder / NAME, record)
     write_text(folder / "run.yaml", resolved_yaml(study.configuration))
-    return [*written, record, folder / "run.yaml"]
+    return [*written, folder / NAME, folder / "run.yaml"]
 
 
 def claims(study: AnyStudy) -> Sequence[Claim]:

@@ -69,6 +69,7 @@ TABLES: dict[str, tuple[Column, ...]] = {
         Column("std_error", "see unit", "of the difference"),
         Column("t", "1", "their ratio (Welch)"),
         Column("p_value", "1", "two-sided, corrected for the number of parameters (Holm)"),
+        Column("p_joint", "1", "of all parameters together (Hotelling)"),
     ),
     "study_estimates": (
         Column("case", "", "undisturbed, pointwise or tracking"),

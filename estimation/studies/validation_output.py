@@ -9,9 +9,9 @@ import numpy as np
 import pandas as pd
 
 from estimation.studies.claim import Claim
-from estimation.studies.design_study import study_section
 from estimation.studies.tables import TABLES
 from estimation.studies.validation_study import SITUATIONS, Share, ValidationStudy
+from estimation.studies.variants import study_section
 
 _WANTED = 0.95
 """Share of the runs in which a verdict must be right: 38 of 40."""
@@ -59,7 +59,20 @@ def validation_claims(study: ValidationStudy) -> list[Claim]:
                 _PAPER if list(struts) == [2, 3] else "",
             )
         )
-    return [*found, _power_claim(study)]
+    for situation in ("without", "unknown"):
+        share = study.everywhere_as_expected(situation)
+        found.append(
+            Claim(
+                f"{_TITLES[situation]}: the verdict is right on all motions of a run",
+                _of(share),
+                holds=share.hits >= _WANTED * share.trials,
+            )
+        )
+    total = len(study.runs) + study.failed
+    every = Claim(
+        "every run can be estimated", f"{len(study.runs)} of {total}", holds=not study.failed
+    )
+    return [*found, _power_claim(study), every]
 
 
 def _verdict_claim(study: ValidationStudy, situation: str, number: int) -> Claim:

@@ -21,9 +21,9 @@ from estimation.estimators import Experiment, ParameterEstimate
 from estimation.identification import prepare_experiment, run_estimators
 from estimation.identification.estimate import parameter_knowledge
 from estimation.montecarlo import StudyMonitor
+from estimation.montecarlo.repetition import FAILURES
 from estimation.montecarlo.statistics import share_interval
-from estimation.studies.design_study import study_section
-from estimation.studies.variants import with_section
+from estimation.studies.variants import TooFewEstimatesError, study_section, with_section
 from estimation.studies.workers import results_of
 from estimation.twin import Twin
 from estimation.validation.motions import benchmark_motion
@@ -41,6 +41,7 @@ SITUATIONS = ("without", "unknown", "known")
 """Cogging in neither experiment; in the validation alone; in the identification too."""
 
 _FIRST_MOTION = 100_001
+_FEWEST_PERIODS = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +52,8 @@ class Prediction:
     ----------
     failed : (6,) of bool
         Actuators that fail the lack-of-fit test.
+    refused : str
+        Why there was no such test; empty when there was.
     variance_model_error, variance_measurement_error : (6,)
         Of single samples about the prediction, and of their noise, N².
     against : tuple of str
@@ -58,9 +61,14 @@ class Prediction:
     """
 
     failed: NDArray[np.bool_]
+    refused: str
     variance_model_error: Array
     variance_measurement_error: Array
     against: tuple[str, ...]
+
+    def says(self, wanted: NDArray[np.bool_]) -> bool:
+        """Tell whether the test was done, and exactly these actuators failed."""
+        return not self.refused and bool(np.all(self.failed == wanted))
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,6 +121,8 @@ class ValidationStudy:
     motions : tuple of str
         Names.
     runs : tuple of ValidationRun
+    failed : int
+        Runs that could not be estimated, and are not among them.
     first : dict of tuple of (Experiment, Diagnosis)
         The first run's motions by situation, to be drawn.
     seconds : float
@@ -122,6 +132,7 @@ class ValidationStudy:
     robot: Robot
     motions: tuple[str, ...]
     runs: tuple[ValidationRun, ...]
+    failed: int
     first: dict[str, tuple[tuple[Experiment, Diagnosis], ...]]
     seconds: float
 
@@ -133,18 +144,13 @@ class ValidationStudy:
     def as_expected(self, situation: str, motion: int) -> Share:
         """Return how often exactly the right actuators fail on one motion, counted from 0."""
         wanted = self.expected(situation)
-        return Share.of(
-            [bool(np.all(run.situations[situation][motion].failed == wanted)) for run in self.runs]
-        )
+        return Share.of([run.situations[situation][motion].says(wanted) for run in self.runs])
 
     def everywhere_as_expected(self, situation: str) -> Share:
         """Return how often exactly the right actuators fail on all motions."""
         wanted = self.expected(situation)
         return Share.of(
-            [
-                all(bool(np.all(one.failed == wanted)) for one in run.situations[situation])
-                for run in self.runs
-            ]
+            [all(one.says(wanted) for one in run.situations[situation]) for run in self.runs]
         )
 
     def power(self, parameter: str) -> Share:
@@ -170,8 +176,8 @@ def run_validation_study(
     ------
     ConfigurationError
         The run cannot be simulated or estimated, or a motion cannot be made.
-    UnidentifiableError, MotionFitError
-        An experiment cannot be estimated.
+    TooFewEstimatesError
+        No run can be estimated.
     StudyInterruptedError
         A stop was requested.
     """
@@ -180,13 +186,17 @@ def run_validation_study(
     build = partial(ValidationBench, configuration, design)
     bench = build()
     jobs = [Job(_validated, (number,)) for number in range(1, section.repetitions + 1)]
-    runs = tuple(results_of(configuration, build, jobs, monitor, (0, len(jobs))))
+    done = list(results_of(configuration, build, jobs, monitor, (0, len(jobs))))
+    runs = tuple(run for run in done if run is not None)
+    if not runs:
+        raise TooFewEstimatesError("no run of the study could be estimated")
     return ValidationStudy(
         configuration,
         bench.robot,
         tuple(_motion_name(motion) for motion in section.motions),
         runs,
-        bench.predicted(1),
+        len(done) - len(runs),
+        bench.predicted(1 + next(k for k, run in enumerate(done) if run is not None)),
         time.perf_counter() - began,
     )
 
@@ -230,6 +240,15 @@ class ValidationBench:
 
     def _trajectory(self, number: int, motion: ValidationMotion) -> FourierTrajectory:
         key = f"study.motions[{number + 1}]"
+        if motion.periods < _FEWEST_PERIODS:
+            raise ConfigurationError(
+                Problem(
+                    "one period shows no scatter between periods to test against",
+                    file=self.configuration.file,
+                    key=f"{key}.periods",
+                    allowed=f"{_FEWEST_PERIODS} or more",
+                )
+            )
         if motion.motion == "file":
             raise ConfigurationError(
                 Problem(
@@ -321,11 +340,15 @@ def _judged(diagnosis: Diagnosis) -> Prediction:
     failed = one.lack_of_fit.failed
     return Prediction(
         failed=np.zeros(6, dtype=bool) if one.lack_of_fit.refused else np.asarray(failed),
+        refused=one.lack_of_fit.refused,
         variance_model_error=np.asarray(one.variances.model_error),
         variance_measurement_error=np.asarray(one.variances.measurement_error),
         against=tuple(f.assumption for f in diagnosis.verdict.failed if f.serious),
     )
 
 
-def _validated(bench: ValidationBench, _monitor: Monitor, number: int) -> ValidationRun:
-    return bench.validate(number)
+def _validated(bench: ValidationBench, _monitor: Monitor, number: int) -> ValidationRun | None:
+    try:
+        return bench.validate(number)
+    except FAILURES:
+        return None

@@ -1,4 +1,4 @@
-"""Configurations of a study that differ from its run in one respect."""
+"""The `study` section of a run, and runs that differ from it in one respect."""
 
 from __future__ import annotations
 
@@ -6,9 +6,22 @@ from dataclasses import replace
 from typing import Any
 
 from expdesign.configuration import RunConfiguration
+from expdesign.schema.study import StudySection
 
 _NOISELESS = 1e-6
 """Length noise of exact kinematics, as a share of the robot's: an estimate needs some."""
+
+
+class TooFewEstimatesError(ArithmeticError):
+    """Noise let so many estimates fail that nothing can be compared."""
+
+
+def study_section(configuration: RunConfiguration) -> StudySection:
+    """Return the run's `study`; a run without one has none to do."""
+    section = configuration.run.study
+    if section is None:
+        raise ValueError("the run has no study")
+    return section
 
 
 def with_section(configuration: RunConfiguration, name: str, **changes: Any) -> RunConfiguration:

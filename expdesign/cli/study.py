@@ -35,7 +35,7 @@ def study_stage(configuration: RunConfiguration, folder: Path, *, as_json: bool)
     """
     from estimation.studies.output import claims, write_comparison
     from expdesign.cli.counting import StudyDisplay
-    from expdesign.cli.stages import record_stage
+    from expdesign.cli.stages import clear_outdated, record_stage
     from results import comparison_study_figures
 
     trajectory, made_from = None, study_design(folder)
@@ -49,6 +49,7 @@ def study_stage(configuration: RunConfiguration, folder: Path, *, as_json: bool)
     with record_stage(STAGE, configuration, folder, made_from) as stage:
         with display.shown():
             study = _computed(configuration, trajectory, display)
+        clear_outdated(STAGE, configuration, folder, made_from)
         stage.files = [
             *write_comparison(study, folder),
             *comparison_study_figures(study, folder, configuration.run.report.figures),
@@ -94,6 +95,7 @@ def _computed(
         run_identification_study,
         run_validation_study,
     )
+    from estimation.studies.variants import TooFewEstimatesError
     from estimation.studies.workers import StudyInterruptedError
     from expdesign.information.fisher import SingularInformationError
     from expdesign.solver import InfeasibleLimitsError, NoDesignError, WorkerDiedError
@@ -108,6 +110,7 @@ def _computed(
     except (
         UnidentifiableError,
         MotionFitError,
+        TooFewEstimatesError,
         StudyInterruptedError,
         SingularInformationError,
         InfeasibleLimitsError,

@@ -21,7 +21,7 @@ Kinematics = Literal["exact", "fourier", "central"]
 
 _LARGEST_COUNT = 100_000
 _MOST_SETS = 1000
-_FEWEST = 2
+_FEWEST = 3
 _FRICTION = (*(f"r{j}" for j in range(1, 7)), *(f"v{j}" for j in range(1, 7)))
 
 

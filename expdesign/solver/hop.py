@@ -13,7 +13,7 @@ from expdesign.solver.stage import StageRecord
 
 Array = NDArray[np.float64]
 
-_SIZES = (0.05, 0.1, 0.2)
+_SIZES = (0.1, 0.2, 0.4)
 _BEHIND = {"hop": 0.03, "sharp": 0.01}
 """Cost by which a hop may be behind. One per cent: the finish was seen to gain so unevenly."""
 _BISECTIONS = 12

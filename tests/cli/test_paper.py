@@ -23,7 +23,7 @@ STUDIES = {
     "paper_design": {"sets": 1, "repetitions": 30},
     "paper_identification": {"repetitions": 4},
     "paper_validation": {
-        "repetitions": 2,
+        "repetitions": 3,
         "cogging": {"amplitude": ["0 N", "0 N", "60 N", "80 N", "0 N", "0 N"], "pitch": "30 mm"},
         "motions": [{"motion": "circle", "radius": "100 mm", "speed": "0.5 m/s", "periods": 40}],
         "wrong": {"p10": 1.5},
@@ -117,7 +117,7 @@ def test_the_validation_study_names_the_struts(runs):
         if row["situation"] != "known":
             assert (row["fails"] == row["runs"]) == wanted, row
     (power,) = rows(runs["paper_validation"] / "tables" / "study_power.csv")
-    assert (power["seen"], power["runs"]) == ("2", "2")
+    assert (power["seen"], power["runs"]) == ("3", "3")
 
 
 def test_a_study_that_is_done_is_kept(runs, expdesign):

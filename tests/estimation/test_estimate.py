@@ -8,6 +8,8 @@ import pytest
 from estimation.data.measurement import Measurement
 from estimation.identification import estimate
 from estimation.identification.output import write_estimate
+from estimation.identification.period_choice import choose_omega
+from estimation.processing import PeriodSource
 from expdesign.configuration import ConfigurationError, load_run
 from expdesign.robot import robot_from
 from expdesign.trajectory import FourierTrajectory
@@ -153,6 +155,19 @@ def test_another_period_is_refused_though_it_is_near(off):
     other = changed(data, time=data.time / (1 + off), step=data.step / (1 + off))
     with pytest.raises(ConfigurationError, match="the lengths repeat after"):
         estimate(run({"estimators": ["gm"]}), other, MOTION)
+
+
+def test_a_machine_that_rests_for_most_of_its_period_is_not_refused():
+    data = measured(MOTION)
+    resting = np.arange(len(data)) % 200 > 80
+    lengths, forces = data.lengths.copy(), data.forces.copy()
+    rng = np.random.default_rng(1)
+    lengths[resting] = lengths[0] + 1e-4 * rng.normal(size=(resting.sum(), 6))
+    still = changed(data, lengths=lengths, forces=forces)
+    omega, source = choose_omega(run(), still, MOTION)
+    assert (omega, source) == (MOTION.omega, PeriodSource.DESIGN)
+    with pytest.raises(ConfigurationError, match="do not repeat with the design's period"):
+        choose_omega(run(), still, trajectory(170))
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from estimation.data.measurement import Measurement
 from estimation.processing import PeriodSource, make_record
 from estimation.processing.noise import NoiseEstimate
 from estimation.processing.outliers import huber_weights
@@ -86,6 +87,20 @@ def test_robust_weights_leave_clean_data_alone_whatever_the_number_of_periods(pe
     for counts in ("force_counts", "length_counts"):
         share = np.mean([getattr(record, counts) for record in kept]) / periods
         assert share > 0.998
+
+
+@pytest.mark.parametrize("periods", [1, 4])
+def test_outliers_of_coarsely_quantised_channels_lose_their_weight(periods):
+    """Most differences are exactly zero: their median is no scale."""
+    motion = trajectory()
+    data = measured(motion, periods=periods, force_scale=0.0, length_scale=0.0)
+    forces = np.round(data.forces / 50.0) * 50.0
+    forces += np.where(np.random.default_rng(2).random(forces.shape) < 0.1, 50.0, 0.0)
+    forces[::53, 2] += 5000.0
+    coarse = Measurement(data.time, data.lengths, forces, data.step)
+    record = make_record(coarse, motion.omega, PeriodSource.DESIGN, robust=True)
+    assert np.all(record.force_counts[::53] < periods - 0.9) or periods > 1
+    assert record.force_counts.min() < periods - 0.9
 
 
 def test_two_periods_have_no_median():

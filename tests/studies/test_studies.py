@@ -7,6 +7,7 @@ import pytest
 
 from estimation.montecarlo.repetition import Recipe
 from estimation.studies import (
+    run_design_study,
     run_identification_study,
     run_validation_study,
 )
@@ -14,6 +15,7 @@ from estimation.studies.design_output import rigid_body
 from estimation.studies.design_study import Agreement, Trial
 from estimation.studies.linear_prediction import linear_covariances
 from estimation.studies.output import claims
+from estimation.studies.validation_study import Prediction
 from estimation.studies.variants import with_exact_lengths, with_section
 from estimation.studies.workers import StudyInterruptedError
 from estimation.twin import Twin
@@ -130,7 +132,7 @@ def test_claims_of_the_identification(identification):
     assert len(judged) > 8
     broken = [claim for claim in judged if not claim.holds]
     # Three standard errors of few repetitions: one in a while is outside by chance.
-    assert all("ML: the mean" in claim.statement for claim in broken)
+    assert all("ML: the mean" in claim.statement for claim in broken), broken
 
 
 def test_the_validation_names_the_struts_with_cogging_and_wrong_parameters():
@@ -149,19 +151,46 @@ def test_the_validation_names_the_struts_with_cogging_and_wrong_parameters():
     assert study.power("p10").hits == 3
     assert study.power("r_alpha").hits < 3
     assert study.tests_against("p10")
-    told = claims(study)[-1]
+    told = claims(study)[-2]
     assert told.statement.startswith("a parameter that is wrong on purpose (p10 by 1.2, r_alpha")
     assert told.value.startswith("1 of 2 parameters; tests that fail: ")
     assert "the power is below 80 % for r_alpha (" in told.value
 
 
 def test_a_parameter_or_motion_that_cannot_be_is_refused():
-    general = {"kind": "validation", "repetitions": 2, "wrong": {"sx": 2}}
+    general = {"kind": "validation", "repetitions": 3, "wrong": {"sx": 2}}
     with pytest.raises(ConfigurationError, match="no parameter 'sx'"):
         run_validation_study(case(general), MOTION)
     recorded = {"kind": "validation", "motions": [{"motion": "file", "file": "x.csv"}]}
     with pytest.raises(ConfigurationError, match="cannot be repeated"):
         run_validation_study(case(recorded), MOTION)
+    short = {"kind": "validation", "motions": [{"motion": "circle", "periods": 1}]}
+    with pytest.raises(ConfigurationError, match="no scatter between periods"):
+        run_validation_study(case(short), MOTION)
+
+
+@pytest.mark.parametrize(
+    ("study", "sections", "message"),
+    [
+        ({"repetitions": 24}, {}, "24 repetitions do not give a covariance of 24"),
+        ({}, {"estimate": {"fixed": ["p1"]}}, "estimate.fixed"),
+        ({}, {"estimate": {"bounds": {"p1": [0, 1]}}}, "estimate.bounds"),
+        ({}, {"design": {"parameters": ["p10", "r1"]}}, "design.parameters"),
+        ({"shown": ["sx"]}, {}, "no parameter 'sx'"),
+    ],
+)
+def test_what_designs_cannot_be_compared_by_is_refused_before_anything_is_computed(
+    study, sections, message
+):
+    with pytest.raises(ConfigurationError, match=message):
+        run_design_study(case({"kind": "design", **study}, **sections))
+
+
+def test_a_test_that_was_refused_is_no_verdict():
+    nobody = np.zeros(6, dtype=bool)
+    one = Prediction(nobody, "", np.ones(6), np.ones(6), ())
+    assert one.says(nobody)
+    assert not replace(one, refused="one period").says(nobody)
 
 
 def test_a_study_that_is_stopped_says_how_far_it_was():

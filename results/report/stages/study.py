@@ -57,7 +57,7 @@ def study_report(folder: RunFolder) -> StageReport:
     blocks: list[Block] = [TextBlock((SIMULATED,)), TableBlock(_claims_table(claims))]
     blocks += folder.figures(*_FIGURES[kind])
     if kind == "validation":
-        blocks += folder.figures(*_predictions(folder))
+        blocks += folder.figures(*_predictions(folder, document))
     blocks += [TableBlock(make(folder)) for make in _TABLES[kind]]
     facts = (
         Fact("claims that hold", f"{len(judged) - len(broken)} of {len(judged)}", "simulated"),
@@ -65,9 +65,11 @@ def study_report(folder: RunFolder) -> StageReport:
     return StageReport(verdict, facts, (Section("study", _TITLES[kind], tuple(blocks)),))
 
 
-def _predictions(folder: RunFolder) -> tuple[str, ...]:
-    stem = f"{prediction.FIGURE.key}_study_"
-    return tuple(sorted(path.stem for path in (folder.path / "figures").glob(f"{stem}*.svg")))
+def _predictions(folder: RunFolder, document: Document) -> tuple[str, ...]:
+    """Return the figures of the first run: three situations of every motion."""
+    motions = len(document.section("settings").sections("motions"))
+    stems = [f"{prediction.FIGURE.key}_study_{k}" for k in range(1, 3 * motions + 1)]
+    return tuple(stem for stem in stems if (folder.path / "figures" / f"{stem}.svg").is_file())
 
 
 def _claims_table(claims: Sequence[Document]) -> ReportTable:
