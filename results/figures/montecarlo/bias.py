@@ -40,6 +40,8 @@ def draw(record: StudyRecord) -> Figure:
         room = 2.0
         axes.set_yscale("symlog", linthresh=2 * band, linscale=0.8)
         axes.yaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}".replace("-", "−")))
+        decades = 10.0 ** np.arange(np.ceil(np.log10(2 * band)), np.ceil(np.log10(room * largest)))
+        axes.set_yticks([*-decades[::-1], 0.0, *decades])
     axes.set_ylim(-room * largest, room * largest)
     axes.annotate(
         f"±{CLEAR:g} standard\nerrors at\nthe bound",
@@ -55,7 +57,7 @@ def draw(record: StudyRecord) -> Figure:
     parameter_axis(axes, series)
     axes.set_xlabel("Parameter")
     axes.set_ylabel("Bias / Cramér–Rao bound")
-    axes.set_title("Bias and its standard error")
+    axes.set_title("Bias")
     legend_above(axes, handles)
     return figure
 
