@@ -131,6 +131,25 @@ def test_a_study_that_is_done_is_kept(runs, expdesign):
     assert (folder / "study.json").stat().st_mtime_ns == before
 
 
+def test_two_workers_write_the_same_tables(runs, expdesign, tmp_path):
+    one = runs["paper_identification"]
+    run = YAML(typ="safe").load((one.parent / "paper_identification.yaml").read_text())
+    del run["design"], run["report"]
+    run["workers"] = 2
+    file = tmp_path / "run.yaml"
+    with file.open("w", encoding="utf-8") as stream:
+        YAML(typ="safe").dump(run, stream)
+    two = tmp_path / "two"
+    two.mkdir()
+    (two / "design.json").write_bytes((one / "design.json").read_bytes())
+    status, _, err = expdesign("run", str(file), "--out", str(two))
+    assert status == 0, err
+    for name in WRITTEN["paper_identification"]:
+        table = f"tables/{name}.csv"
+        assert (two / table).read_bytes() == (one / table).read_bytes()
+    assert (two / "study.json").read_bytes() == (one / "study.json").read_bytes()
+
+
 def test_the_comparison_ends_with_all_claims(runs, expdesign, tmp_path):
     designs = runs["paper_design"] / "designs"
     status, _, err = expdesign(
