@@ -256,7 +256,7 @@ class _Bench:
     configuration: RunConfiguration
 
 
-def _designed(bench: _Bench, _monitor: Monitor, number: int, criterion: str) -> DesignResult:
+def _designed(bench: _Bench, monitor: Monitor, number: int, criterion: str) -> DesignResult:
     configuration = bench.configuration
     run = configuration.run
     changed = with_section(
@@ -264,7 +264,7 @@ def _designed(bench: _Bench, _monitor: Monitor, number: int, criterion: str) -> 
     )
     name = f"{run.name}-{trial_name(number, criterion)}"
     own = changed.run.model_copy(update={"name": name, "workers": 1, "study": None})
-    return design(RunConfiguration(own, configuration.robot, configuration.file))
+    return design(RunConfiguration(own, configuration.robot, configuration.file), monitor)
 
 
 def _executed(

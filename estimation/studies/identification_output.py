@@ -121,6 +121,8 @@ def _estimates(study: IdentificationStudy) -> Iterator[dict[str, Any]]:
                     "bias_std_error": error[k],
                     "bias_t": bias[k] / error[k],
                     "bias_over_std": bias[k] / reported[k],
+                    "hausman_z": first.hausman.z[k] if estimator == "ml" else np.nan,
+                    "hausman_p": first.hausman.p_values[k] if estimator == "ml" else np.nan,
                 }
 
 

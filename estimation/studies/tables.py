@@ -85,6 +85,8 @@ TABLES: dict[str, tuple[Column, ...]] = {
         Column("bias_std_error", "see unit", "its standard error"),
         Column("bias_t", "1", "bias in standard errors"),
         Column("bias_over_std", "1", "bias in standard deviations as stated for one experiment"),
+        Column("hausman_z", "1", "ML − GM of the first experiment over its standard deviation"),
+        Column("hausman_p", "1", "two-sided, corrected for the number of parameters (Holm)"),
     ),
     "study_hausman": (
         Column("case", "", "undisturbed, pointwise or tracking"),

@@ -175,6 +175,7 @@ def _estimates(folder: RunFolder) -> ReportTable:
             "bias": Column("bias", digits=3),
             "bias_t": Column("bias / its error", digits=3),
             "bias_over_std": Column("bias / std", digits=3),
+            "hausman_z": Column("ML − GM, z", digits=3),
         },
         folded=True,
     )
