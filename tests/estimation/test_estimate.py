@@ -135,13 +135,12 @@ def test_time_stamps_far_from_zero_change_nothing(since, tmp_path):
     )
 
 
-@pytest.mark.parametrize("off", [3e-4, 2e-3, 0.015, -0.015])
-@pytest.mark.parametrize("periods", [3, 5])
+@pytest.mark.parametrize(
+    ("periods", "off"), [(3, 0.015), (3, -0.015), (5, 2e-3), (5, 0.015), (5, -0.015)]
+)
 def test_a_clock_that_is_off_is_told(off, periods):
     data = measured(MOTION, periods=periods)
     other = changed(data, time=data.time / (1 + off), step=data.step / (1 + off))
-    if abs(off) * (periods - 1) * 200 < 1.1:
-        pytest.skip("less than a sample in all")
     result = estimate(run({"estimators": ["gm"]}), other, MOTION)
     told = [warning for warning in result.warnings if "frequency: estimated" in warning]
     assert len(told) == 1
