@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from expdesign.export import export_table
-from expdesign.export.readme import file_record, motion_record, readme
+from expdesign.export.readme import readme
+from expdesign.export.record import file_record, motion_record
 from expdesign.runfolder.atomic import write_json, write_text
 from expdesign.schema import ExportSection
 from results import RunFolderError
