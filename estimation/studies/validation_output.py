@@ -9,8 +9,9 @@ import numpy as np
 import pandas as pd
 
 from estimation.studies.claim import Claim
+from estimation.studies.share import Share
 from estimation.studies.tables import TABLES
-from estimation.studies.validation_study import SITUATIONS, Share, ValidationStudy
+from estimation.studies.validation_study import SITUATIONS, ValidationStudy
 from estimation.studies.variants import study_section
 
 _WANTED = 0.95

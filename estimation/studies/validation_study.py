@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -22,7 +21,7 @@ from estimation.identification import prepare_experiment, run_estimators
 from estimation.identification.estimate import parameter_knowledge
 from estimation.montecarlo import StudyMonitor
 from estimation.montecarlo.repetition import FAILURES
-from estimation.montecarlo.statistics import share_interval
+from estimation.studies.share import Share
 from estimation.studies.variants import TooFewEstimatesError, study_section, with_section
 from estimation.studies.workers import results_of
 from estimation.twin import Twin
@@ -85,29 +84,6 @@ class ValidationRun:
 
     situations: dict[str, tuple[Prediction, ...]]
     wrong: dict[str, Prediction]
-
-
-@dataclass(frozen=True)
-class Share:
-    """How often something was seen.
-
-    Attributes
-    ----------
-    hits, trials : int
-    low, high : float
-        95 % interval of the probability.
-    """
-
-    hits: int
-    trials: int
-    low: float
-    high: float
-
-    @classmethod
-    def of(cls, outcomes: Sequence[bool]) -> Share:
-        """Count."""
-        hits, trials = sum(outcomes), len(outcomes)
-        return cls(hits, trials, *share_interval(hits / trials, trials))
 
 
 @dataclass(frozen=True, eq=False)
