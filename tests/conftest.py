@@ -73,9 +73,8 @@ def cheap_finish(monkeypatch):
 
     It holds in this process only: not with several workers.
     """
-    recheck, search = (
-        importlib.import_module(f"expdesign.{name}")
-        for name in ("recheck.recheck", "solver.search")
+    recheck, jobs = (
+        importlib.import_module(f"expdesign.{name}") for name in ("recheck.recheck", "solver.jobs")
     )
     monkeypatch.setattr(recheck, "LEAST_POINTS", 400)
-    monkeypatch.setattr(search, "_FINISH_ROUNDS", 1)
+    monkeypatch.setattr(jobs, "_FINISH_ROUNDS", 1)

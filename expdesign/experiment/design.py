@@ -35,9 +35,10 @@ from expdesign.problem import DesignProblem, build_problem
 from expdesign.recheck import Judge
 from expdesign.robot import Robot, robot_from
 from expdesign.solver.continuation import coarse_points
+from expdesign.solver.jobs import SearchPlan, Workshop
 from expdesign.solver.progress import Monitor, SilentMonitor
 from expdesign.solver.random_start import InfeasibleLimitsError, random_start
-from expdesign.solver.search import NoDesignError, SearchPlan, Workshop, search
+from expdesign.solver.search import NoDesignError, search
 from expdesign.trajectory import FourierTrajectory
 
 Array = NDArray[np.float64]

@@ -23,7 +23,7 @@ from expdesign.configuration import RunConfiguration
 from expdesign.experiment.design import build_workshop
 from expdesign.problem import DesignProblem
 from expdesign.solver.continuation import finish_stage
-from expdesign.solver.search import Workshop
+from expdesign.solver.jobs import Workshop
 from expdesign.solver.stage import run_stage
 from expdesign.trajectory import FourierTrajectory
 

@@ -52,9 +52,9 @@ class DesignSection(Section):
     seed : int
         Of the random starts and of the hops.
     search : {"restarts", "hopping"}
-        Only restarts, or basin hopping from the best of them.
+        Only restarts, or then hops from the best motions, and new starts, in turn.
     hops : int
-        Number of hops; without effect on restarts.
+        Number of hops, of which every second is a new random start; without effect on restarts.
     start : {"periodic", "rest"}
         Whether the series starts at rest (rate and acceleration zero at t = 0).
     scaling : {"si", "nominal"}

@@ -1,4 +1,4 @@
-"""A hop: the best trajectory so far, thrown out of its basin, solved and finished again."""
+"""A hop: a good trajectory, thrown out of its basin, solved and finished again."""
 
 from __future__ import annotations
 
@@ -59,21 +59,20 @@ def perturbed(
 
 @dataclass(frozen=True)
 class Screening:
-    """Decides after each stage of a hop whether it is worth going on.
+    """Decides after each stage whether a hop or a new start is worth going on.
 
     Attributes
     ----------
     reference : tuple of StageRecord
-        What the motion that the hop was thrown from had reached after its own stages.
+        What the motion that it is measured by had reached after its own stages.
     """
 
     reference: tuple[StageRecord, ...]
 
     def hopeless(self, record: StageRecord) -> bool:
-        """Tell whether a hop is too far behind what its origin had reached at the same stage.
+        """Tell whether it is too far behind what the reference had reached at the same stage.
 
         A later stage says more about the finished motion than an earlier one, and is stricter.
         """
         alike = [r for r in self.reference if (r.name, r.width) == (record.name, record.width)]
-        behind = _BEHIND[record.name]
-        return bool(alike) and record.objective > alike[-1].objective + behind
+        return bool(alike) and record.objective > alike[-1].objective + _BEHIND[record.name]

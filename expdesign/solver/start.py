@@ -158,7 +158,7 @@ def run_start(
     last = records[-1]
     status, merit = status_text(last.status), -np.inf
     if hopeless:
-        status += "; given up: behind the motion that it was thrown from"
+        status += "; given up: behind the motion that it is measured by"
     else:
         shrunk = shrink_to_limits(problem, problem.variables.trajectory(x))
         merit = judge.merit(shrunk.trajectory, problem.cost.samples) if shrunk.kept else -np.inf

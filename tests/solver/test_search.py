@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from expdesign.solver import NoDesignError, SilentMonitor, search
+from expdesign.solver.jobs import random_job
 from expdesign.solver.pool import Job, run_jobs
-from expdesign.solver.search import _random_job
+from expdesign.solver.population import Candidate
 
 QUICK = {"max_iterations": 4}
 
@@ -71,55 +72,86 @@ def test_seeds_differ(shop):
     reached = []
     for seed in (1, 2):
         plan = dataclasses.replace(shop.plan, seed=seed, iterations=2)
-        reached.append(_random_job(dataclasses.replace(shop, plan=plan), SilentMonitor(), 1))
+        reached.append(random_job(dataclasses.replace(shop, plan=plan), SilentMonitor(), 1))
     assert np.max(np.abs(reached[0].variables - reached[1].variables)) > 1e-2
 
 
 def test_hopping_is_never_worse_than_the_starts_alone(run, shop):
     alone = run(starts=1)
-    hopped = run(starts=1, hops=2)
-    assert [start.kind for start in hopped.starts] == ["random", "hop", "hop"]
-    assert len({start.index for start in hopped.starts}) == 3
+    hopped = run(starts=1, hops=3)
+    assert [start.kind for start in hopped.starts] == ["random", "hop", "random", "hop"]
+    assert [start.index for start in hopped.starts] == [1, 2, 3, 4]
     np.testing.assert_array_equal(hopped.starts[0].variables, alone.starts[0].variables)
     assert merit(hopped, shop) >= merit(alone, shop)
     assert hopped.finished.check.passed
     assert hopped.best.index in {start.index for start in hopped.starts}
 
 
-def test_hops_set_out_from_the_best_finished_motion_of_the_batches_before(run, monkeypatch):
-    """Four at a time, whoever is first; a hop that was given up changes nothing."""
-    module = importlib.import_module("expdesign.solver.search")
-    one = run(starts=1)
-    gains = [-1.0, -np.inf, 2.0, 1.0, 1.5, 3.0]
-    seen = []
+def test_every_other_hop_is_the_random_start_of_that_number(run):
+    hopped, alone = run(starts=1, hops=2), run(starts=3)
+    newcomer = hopped.starts[2]
+    assert newcomer.kind == "random"
+    shared = min(len(newcomer.trace), len(alone.starts[2].trace))
+    assert shared > 0
+    assert newcomer.trace[:shared] == alone.starts[2].trace[:shared]
 
-    def hop(shop, monitor, index, origin, screening):
-        gain = gains[len(seen)]
-        seen.append((origin.mu[0, 0], screening))
-        record = dataclasses.replace(one.starts[0].stages[-1], objective=gain)
-        result = dataclasses.replace(one.starts[0], index=index, kind="hop", stages=(record,))
+
+class Hops:
+    """Stands for hops and newcomers; what they gain is given, and what they set out from kept."""
+
+    def __init__(self, gains, one):
+        self.gains, self.one, self.seen = gains, one, []
+
+    def hop(self, shop, monitor, index, origin):
+        self.seen.append(("hop", origin.merit))
+        return self._result(index, "hop", origin.lineage)
+
+    def newcomer(self, shop, monitor, index, screening):
+        (reference,) = screening.reference
+        self.seen.append(("newcomer", reference.objective))
+        return self._result(index, "random", index)
+
+    def _result(self, index, kind, lineage):
+        gain = self.gains[len(self.seen) - 1]
+        record = dataclasses.replace(self.one.starts[0].stages[-1], objective=gain)
+        result = dataclasses.replace(
+            self.one.starts[0], index=index, kind=kind, stages=(record, record)
+        )
         if not np.isfinite(gain):
             return dataclasses.replace(result, merit=gain), None
-        # Marked by its gain, so that the next origin tells where it came from.
-        mu = one.finished.trajectory.mu.copy()
+        # Marked by its gain, to tell whose motion is the search's result.
+        mu = self.one.finished.trajectory.mu.copy()
         mu[0, 0] = gain
-        trajectory = dataclasses.replace(one.finished.trajectory, mu=mu)
-        finished = dataclasses.replace(one.finished, trajectory=trajectory)
-        return result, module._Candidate(1000.0 + gain, finished, result)
+        trajectory = dataclasses.replace(self.one.finished.trajectory, mu=mu)
+        finished = dataclasses.replace(self.one.finished, trajectory=trajectory)
+        return result, Candidate(1000.0 + gain, finished, result, lineage)
 
-    monkeypatch.setattr(module, "_hop_job", hop)
-    result = run(starts=1, hops=6)
-    first = one.finished.trajectory.mu[0, 0]
-    assert [origin for origin, _ in seen] == [first] * 4 + [2.0] * 2
-    assert [screening.reference[-1].objective for _, screening in seen[4:]] == [2.0, 2.0]
-    assert result.finished.trajectory.mu[0, 0] == 3.0
-    assert result.best.index == 7
-    assert len(result.starts) == 7
+
+def test_hops_set_out_from_the_best_of_the_batches_before_in_turn(run, monkeypatch, shop):
+    """Four at a time, whoever is first; what was given up changes nothing."""
+    module = importlib.import_module("expdesign.solver.search")
+    one = run(starts=1)
+    known, last = merit(one, shop), one.starts[0].stages[-1].objective
+    hops = Hops([2.0, 1.0, -np.inf, -np.inf, 1.5, 3.0, -2000.0, 0.5, 4.0], one)
+    monkeypatch.setattr(module, "hop_job", hops.hop)
+    monkeypatch.setattr(module, "newcomer_job", hops.newcomer)
+    result = run(starts=1, hops=9)
+    assert hops.seen[:4] == [("hop", known), ("newcomer", last)] * 2
+    # The first hop's 1002 took the start's place, the newcomer's 1001 is second and next to leave.
+    assert hops.seen[4:8] == [
+        ("hop", 1002.0), ("newcomer", 1.0), ("hop", 1001.0), ("newcomer", 1.0)
+    ]  # fmt: skip
+    # Neither the 1001.5 from 1002 nor the -1000 from 1001 is any better; 1003 and 1000.5 joined,
+    # and the latter was the fourth. The fifth turn is the second of 1003, 1002 and 1001.
+    assert hops.seen[8] == ("hop", 1002.0)
+    assert result.finished.trajectory.mu[0, 0] == 4.0
+    assert result.best.index == 10
+    assert len(result.starts) == 10
 
 
 def test_the_number_of_workers_changes_nothing(build):
     make = build(design={"max_iterations": 2})
-    jobs = [Job(_random_job, (index,)) for index in (1, 2)]
+    jobs = [Job(random_job, (index,)) for index in (1, 2)]
     one, two = (list(run_jobs(make, jobs, workers, SilentMonitor())) for workers in (1, 2))
     for a, b in zip(one, two, strict=True):
         np.testing.assert_array_equal(a.variables, b.variables)

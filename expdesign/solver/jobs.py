@@ -1,0 +1,168 @@
+"""What worker processes do: random starts, hops and finishes, each a function of picklable data."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from expdesign.problem import DesignProblem
+from expdesign.recheck import Judge
+from expdesign.solver.continuation import (
+    coarse_points,
+    continuation_stages,
+    finish_stage,
+    hop_stages,
+)
+from expdesign.solver.finish import Finished, controller_omega, finish
+from expdesign.solver.hop import Screening, perturbed
+from expdesign.solver.population import Candidate
+from expdesign.solver.progress import Monitor, SearchEvent
+from expdesign.solver.random_start import InfeasibleLimitsError, random_start
+from expdesign.solver.stage import TracePoint
+from expdesign.solver.start import StartResult, infeasible_start, run_start
+
+Array = NDArray[np.float64]
+
+_FINISH_ROUNDS = 4
+
+
+@dataclass(frozen=True)
+class SearchPlan:
+    """How to search.
+
+    Attributes
+    ----------
+    starts, hops : int
+        Random starts, and hops after them (0: none).
+    seed : int
+    widths : tuple of float
+        Smoothing widths of dry friction, m/s, falling.
+    iterations : int
+        Most iterations of a start's first stage.
+    controller_period : float
+        Step of the controller, s.
+    workers : int
+        Processes.
+    max_seconds : float or None
+        Time for starts and hops, s.
+    """
+
+    starts: int
+    hops: int
+    seed: int
+    widths: tuple[float, ...]
+    iterations: int
+    controller_period: float
+    workers: int
+    max_seconds: float | None
+
+
+@dataclass(frozen=True)
+class Workshop:
+    """What every worker process needs: the problem, its judge and the plan."""
+
+    problem: DesignProblem
+    judge: Judge
+    plan: SearchPlan
+
+
+Build = Callable[[], Workshop]
+"""Builds the workshop inside a worker; picklable."""
+
+
+def random_job(
+    shop: Workshop, monitor: Monitor, index: int, screening: Screening | None = None
+) -> StartResult:
+    """Start from a random motion; with a `screening` it may be given up."""
+    problem, plan = shop.problem, shop.plan
+    stages = continuation_stages(problem, plan.widths, plan.iterations)
+    first = problem.with_harmonics(stages[0].harmonics or problem.variables.harmonics)
+    points = coarse_points(first.variables.harmonics)
+    try:
+        start = random_start(first, _rng(plan.seed, index), points, plan.widths[0])
+    except InfeasibleLimitsError as error:
+        return infeasible_start(problem, index, str(error), monitor)
+    return run_start(
+        problem,
+        shop.judge,
+        stages,
+        start,
+        index=index,
+        kind="random",
+        monitor=monitor,
+        screening=screening,
+    )
+
+
+def newcomer_job(
+    shop: Workshop, monitor: Monitor, index: int, screening: Screening
+) -> tuple[StartResult, Candidate | None]:
+    """Start from a random motion, and finish what is not given up."""
+    result = random_job(shop, monitor, index, screening)
+    return _finished(shop, monitor, result, lineage=index)
+
+
+def hop_job(
+    shop: Workshop, monitor: Monitor, index: int, origin: Candidate
+) -> tuple[StartResult, Candidate | None]:
+    """Hop, and finish what is not given up: only finished motions can be compared."""
+    problem, plan = shop.problem, shop.plan
+    start = problem.variables.pack(origin.finished.trajectory)
+    start = perturbed(problem, start, _rng(plan.seed, index), plan.widths[-1])
+    result = run_start(
+        problem,
+        shop.judge,
+        hop_stages(problem, plan.widths, plan.iterations),
+        start,
+        index=index,
+        kind="hop",
+        monitor=monitor,
+        screening=Screening(origin.start.stages),
+    )
+    return _finished(shop, monitor, result, origin.lineage)
+
+
+def finish_job(
+    shop: Workshop, monitor: Monitor, index: int, variables: Array
+) -> tuple[float, Finished]:
+    """Finish what a start reached; return what it is worth, too."""
+    problem, plan = shop.problem, shop.plan
+    began = time.perf_counter()
+    omega = problem.variables.trajectory(variables).omega
+    bounds = problem.variables.omega_bounds
+    if bounds[0] < bounds[1]:
+        omega, _ = controller_omega(omega, bounds, plan.controller_period)
+    fixed = problem.with_frequency((omega, omega))
+
+    trace: list[TracePoint] = []
+
+    def report(iteration: int, cost: float, violation: float) -> bool:
+        trace.append(
+            TracePoint("finish", iteration, problem.cost.readable(cost), max(violation, 0.0))
+        )
+        value, seconds = problem.cost.readable(cost), time.perf_counter() - began
+        monitor.report(SearchEvent(index, "finish", iteration, value, violation, seconds))
+        return not monitor.stop_requested()
+
+    stage = finish_stage(problem, plan.widths, plan.iterations)
+    rounds = 0 if monitor.stop_requested() else _FINISH_ROUNDS
+    finished = finish(fixed, shop.judge, variables, stage, rounds=rounds, report=report)
+    merit = shop.judge.merit(finished.trajectory, problem.cost.samples)
+    return merit, replace(finished, trace=tuple(trace))
+
+
+def _finished(
+    shop: Workshop, monitor: Monitor, result: StartResult, lineage: int
+) -> tuple[StartResult, Candidate | None]:
+    if not np.isfinite(result.merit) or monitor.stop_requested():
+        return result, None
+    merit, finished = finish_job(shop, monitor, result.index, result.variables)
+    return result, Candidate(merit, finished, result, lineage)
+
+
+def _rng(seed: int, index: int) -> np.random.Generator:
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(index,)))
