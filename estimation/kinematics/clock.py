@@ -1,8 +1,8 @@
 """Whether the recording repeats as fast as it is said to.
 
 With a frequency that is off by the share ε the periods move against each other: at time t the
-lengths are l(t) + ε t l̇(t). The slope of what a motion leaves of the lengths along t l̇ tells ε,
-from the single periods or samples themselves.
+lengths are l(t) + ε t l̇(t). The part of it that grows from period to period is what a fitted motion
+leaves of the lengths; its slope tells ε.
 """
 
 from __future__ import annotations
@@ -16,6 +16,9 @@ from expdesign.robot import Robot
 from expdesign.robot.kernels import length_kernel
 
 Array = NDArray[np.float64]
+
+_ON_TIME = 1e-9
+"""Share of a period by which rounding may put a sample into the period before."""
 
 
 def clock_error(
@@ -46,7 +49,10 @@ def clock_error(
         known = float(np.sum(late**2) * np.sum(speeds * weighted))
         right = float(np.sum(moved * weighted))
     else:
-        late = record.length_times - np.average(record.length_times, weights=record.length_counts)
+        # Whole periods: what of ε t l̇ repeats with them is in the fitted motion already.
+        elapsed = record.length_times - np.min(record.length_times)
+        late = np.floor(elapsed / record.period + _ON_TIME) * record.period
+        late -= np.average(late, weights=record.length_counts)
         counted = late * record.length_counts
         known = float(np.sum((counted * late)[:, None] * speeds * weighted))
         right = float(np.sum(counted[:, None] * (record.lengths - lengths) * weighted))
