@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Field, model_validator
 
 from expdesign.schema.base import Section
 from expdesign.schema.design import CRITERIA
@@ -18,6 +18,13 @@ from expdesign.schema.validation import ValidationMotion
 
 StudyKind = Literal["design", "identification", "validation"]
 Kinematics = Literal["exact", "fourier", "central"]
+
+_KEYS: dict[str, tuple[str, ...]] = {
+    "design": ("sets", "criteria", "kinematics", "shown"),
+    "identification": ("tracking_error",),
+    "validation": ("cogging", "motions", "wrong"),
+}
+"""Of each kind alone; `kind` and `repetitions` are of all."""
 
 _LARGEST_COUNT = 100_000
 _MOST_SETS = 1000
@@ -85,3 +92,17 @@ class StudySection(Section):
     wrong: dict[ParameterName, Annotated[Number, AfterValidator(_factor)]] = Field(
         default_factory=lambda: {"p10": 1.2, **dict.fromkeys(_FRICTION, 0.5)}
     )
+
+    @model_validator(mode="after")
+    def _keys_are_of_this_kind(self) -> StudySection:
+        # With their defaults they stand in every resolved run file, and say nothing.
+        others = {key for kind, keys in _KEYS.items() if kind != self.kind for key in keys}
+        for key in sorted(others & self.model_fields_set):
+            default = type(self).model_fields[key].get_default(call_default_factory=True)
+            if getattr(self, key) != default:
+                raise refusal(
+                    f"a study of kind {self.kind} has no '{key}'",
+                    ", ".join(("kind", "repetitions", *_KEYS[self.kind])),
+                    key=key,
+                )
+        return self
