@@ -32,7 +32,7 @@ TABLES: dict[str, tuple[Column, ...]] = {
     ),
     "starts": (
         Column("start", "1", "number of the start, from 1; hops go on counting"),
-        Column("kind", "", "random or hop"),
+        Column("kind", "", "random, or hop; every second of those after the starts is random"),
         Column("criterion_value", "", "criterion of the motion reached, within its limits"),
         Column("iterations", "1", "iterations of all stages"),
         Column("converged", "", "whether the last stage converged"),

@@ -61,7 +61,8 @@ def continuation_stages(
     flat = problem.criterion.flat
     # Criteria that depend on the scaling have a long way to go: one more stage on the first level.
     levels = levels if problem.criterion.invariant else (levels[0], *levels)
-    count = max(len(widths), len(levels))
+    # With few harmonics first, the next stage is on the coarse grid: one more on the fine one.
+    count = max(len(widths), len(levels), 3 if few < n else 2)
     stages = [
         Stage(
             name="blunt",
@@ -76,7 +77,7 @@ def continuation_stages(
             harmonics=few if few < n else None,
         )
     ]
-    for k in range(1, max(count, 2)):
+    for k in range(1, count):
         # The grid goes from coarse to fine, the rows from many to those near their bounds.
         share = min(k, len(widths) - 1) / (len(widths) - 1) if len(widths) > 1 else 1.0
         points = round(coarse + share * (fine - coarse))

@@ -74,5 +74,10 @@ class Screening:
 
         A later stage says more about the finished motion than an earlier one, and is stricter.
         """
-        alike = [r for r in self.reference if (r.name, r.width) == (record.name, record.width)]
+        alike = [one for one in self.reference if _kind(one) == _kind(record)]
         return bool(alike) and record.objective > alike[-1].objective + _BEHIND[record.name]
+
+
+def _kind(record: StageRecord) -> tuple[str, float, float, int]:
+    """Return what must agree for two costs to be of the same problem."""
+    return record.name, record.width, record.level, record.samples

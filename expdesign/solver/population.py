@@ -57,9 +57,10 @@ class Population:
         return self.members[0]
 
     @property
-    def worst(self) -> Candidate:
-        """The member that leaves next."""
-        return self.members[-1]
+    def least(self) -> Candidate | None:
+        """The member that a new lineage must be as good as; None while there is room."""
+        passed = [member for member in self.members if member.finished.check.passed]
+        return passed[-1] if len(passed) == CAPACITY else None
 
     def origin(self, turn: int) -> Candidate:
         """Return the member whose turn it is, counted from 0."""

@@ -12,7 +12,7 @@ from expdesign.solver.finish import Finished
 from expdesign.solver.hop import Screening
 from expdesign.solver.jobs import Build, SearchPlan, finish_job, hop_job, newcomer_job, random_job
 from expdesign.solver.pool import Job, run_jobs
-from expdesign.solver.population import Candidate, Population
+from expdesign.solver.population import CAPACITY, Candidate, Population
 from expdesign.solver.progress import Monitor, SearchEvent
 from expdesign.solver.start import StartResult
 
@@ -23,7 +23,8 @@ _EVERY = 2
 """Of so many hops one is a new random start: the best basin may be far from all that are known."""
 
 CANDIDATES = 2
-"""Starts that are finished, the best first; more only when none of them keeps the limits."""
+"""Starts that are finished, the best first, as many as the population has room for if hops follow.
+More only when none of them keeps the limits."""
 
 
 @dataclass(frozen=True)
@@ -111,9 +112,10 @@ def _hop(population: Population, first: int, k: int) -> Job:
     """Return the k-th hop, from the member whose turn it is, or every other time a newcomer."""
     turn, newcomer = divmod(k, _EVERY)
     if newcomer:
-        # Only its last stage is like one of a hop, and only that one tells enough.
-        reference = Screening(population.worst.start.stages[-1:])
-        return Job(newcomer_job, (first + k, reference))
+        least = population.least
+        # Its last stage is the only one that a hop has, too, and the one that tells enough.
+        reference = least.start.stages[-1:] if least is not None else ()
+        return Job(newcomer_job, (first + k, Screening(reference)))
     return Job(hop_job, (first + k, population.origin(turn)))
 
 
@@ -122,8 +124,9 @@ def _finish_best(
 ) -> Population:
     usable = [result for result in ranked if np.isfinite(result.merit)]
     tried: list[Candidate] = []
-    for first in range(0, len(usable), CANDIDATES):
-        batch = usable[first : first + CANDIDATES]
+    size = CAPACITY if plan.hops else CANDIDATES
+    for first in range(0, len(usable), size):
+        batch = usable[first : first + size]
         jobs = [Job(finish_job, (result.index, result.variables)) for result in batch]
         outcomes: Iterator[tuple[float, Finished]] = run_jobs(
             build, jobs, plan.workers, monitor, after_stop=True

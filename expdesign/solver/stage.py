@@ -89,6 +89,7 @@ class StageRecord:
 
     name: str
     width: float
+    level: float
     samples: int
     rows: int
     rounds: int
@@ -216,6 +217,7 @@ class Tally:
         return StageRecord(
             name=stage.name,
             width=stage.width,
+            level=stage.level,
             samples=stage.samples,
             rows=self.rows,
             rounds=self.rounds,

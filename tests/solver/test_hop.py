@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from expdesign.information.catalogue import criteria_by_key
 from expdesign.solver.continuation import continuation_stages, hop_stages
 from expdesign.solver.hop import Screening, perturbed
 from expdesign.solver.random_start import random_start
@@ -48,9 +49,9 @@ def test_a_fixed_frequency_stays(problem, origin):
 # --- what is given up -----------------------------------------------------------------------------
 
 
-def record(name, objective, width=0.1):
+def record(name, objective, width=0.1, level=1.0, samples=48):
     return StageRecord(
-        name, width, 48, 100, 1, 10, {}, 1.0, "Solve_Succeeded", True, objective, 0.0
+        name, width, level, samples, 100, 1, 10, {}, 1.0, "Solve_Succeeded", True, objective, 0.0
     )
 
 
@@ -68,6 +69,12 @@ def test_the_last_stage_is_judged_more_strictly():
     assert screening.hopeless(record("sharp", -1.18))
 
 
+@pytest.mark.parametrize("other", [{"width": 0.2}, {"level": 4.0}, {"samples": 24}])
+def test_costs_of_other_problems_are_not_compared(other):
+    assert Screening((record("sharp", -1.2),)).hopeless(record("sharp", 0.0))
+    assert not Screening((record("sharp", -1.2),)).hopeless(record("sharp", 0.0, **other))
+
+
 def test_only_like_stages_are_compared():
     """The smoothing tells apart sharp stages; of several alike the last counts."""
     screening = Screening(
@@ -79,8 +86,16 @@ def test_only_like_stages_are_compared():
     assert not Screening(()).hopeless(record("sharp", 0.0))
 
 
-def test_a_hops_last_stage_can_be_compared_with_a_starts(problem):
-    last = continuation_stages(problem, (0.4, 0.2), 10)[-1]
-    settled = hop_stages(problem, (0.4, 0.2), 10)[-1]
-    for key in ("name", "width", "level", "samples", "points"):
-        assert getattr(settled, key) == getattr(last, key)
+@pytest.mark.parametrize("harmonics", [2, 5, 7])
+@pytest.mark.parametrize("key", ["d", "e", "condition"])
+@pytest.mark.parametrize("widths", [(0.2,), (0.4, 0.2), (0.4, 0.2, 0.1), (0.4, 0.3, 0.2, 0.1)])
+def test_a_hops_last_stage_can_be_compared_with_a_starts(problem, harmonics, key, widths):
+    """And with no other stage of a start: what a start is measured by is its last stage."""
+    case = problem.with_criterion(criteria_by_key()[key]).with_harmonics(harmonics)
+    stages = continuation_stages(case, widths, 10)
+    settled = hop_stages(case, widths, 10)[-1]
+    for name in ("name", "width", "level", "samples", "points"):
+        assert getattr(settled, name) == getattr(stages[-1], name)
+    kinds = [(one.name, one.width, one.level, one.points) for one in stages]
+    assert kinds.count(kinds[-1]) == 1
+    assert stages[-1].points == 16 * harmonics + 20

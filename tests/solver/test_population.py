@@ -34,7 +34,9 @@ def test_whoever_is_best_is_kept_and_lineages_are_different(sequence):
     assert population.best.rank == max(candidate.rank for candidate in sequence)
     assert ranks == sorted(ranks, reverse=True)
     assert len(set(lineages)) == len(lineages) <= CAPACITY
-    assert population.worst.rank == min(ranks)
+    passed = [rank for rank in ranks if rank[0]]
+    assert (population.least is None) == (len(passed) < CAPACITY)
+    assert population.least is None or population.least.rank == min(ranks)
 
 
 @given(st.lists(candidates, min_size=1, max_size=30), candidates)

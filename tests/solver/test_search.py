@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from expdesign.solver import NoDesignError, SilentMonitor, search
-from expdesign.solver.jobs import random_job
+from expdesign.solver.hop import Screening
+from expdesign.solver.jobs import hop_job, newcomer_job, random_job
 from expdesign.solver.pool import Job, run_jobs
 from expdesign.solver.population import Candidate
 
@@ -107,8 +108,7 @@ class Hops:
         return self._result(index, "hop", origin.lineage)
 
     def newcomer(self, shop, monitor, index, screening):
-        (reference,) = screening.reference
-        self.seen.append(("newcomer", reference.objective))
+        self.seen.append(("newcomer", *(one.objective for one in screening.reference)))
         return self._result(index, "random", index)
 
     def _result(self, index, kind, lineage):
@@ -131,22 +131,58 @@ def test_hops_set_out_from_the_best_of_the_batches_before_in_turn(run, monkeypat
     """Four at a time, whoever is first; what was given up changes nothing."""
     module = importlib.import_module("expdesign.solver.search")
     one = run(starts=1)
-    known, last = merit(one, shop), one.starts[0].stages[-1].objective
-    hops = Hops([2.0, 1.0, -np.inf, -np.inf, 1.5, 3.0, -2000.0, 0.5, 4.0], one)
+    known = merit(one, shop)
+    hops = Hops([2.0, 1.0, -np.inf, -np.inf, 1.5, 3.0, -2000.0, 0.5, 4.0, -np.inf], one)
     monkeypatch.setattr(module, "hop_job", hops.hop)
     monkeypatch.setattr(module, "newcomer_job", hops.newcomer)
-    result = run(starts=1, hops=9)
-    assert hops.seen[:4] == [("hop", known), ("newcomer", last)] * 2
-    # The first hop's 1002 took the start's place, the newcomer's 1001 is second and next to leave.
-    assert hops.seen[4:8] == [
-        ("hop", 1002.0), ("newcomer", 1.0), ("hop", 1001.0), ("newcomer", 1.0)
-    ]  # fmt: skip
-    # Neither the 1001.5 from 1002 nor the -1000 from 1001 is any better; 1003 and 1000.5 joined,
-    # and the latter was the fourth. The fifth turn is the second of 1003, 1002 and 1001.
-    assert hops.seen[8] == ("hop", 1002.0)
+    result = run(starts=1, hops=10)
+    assert hops.seen[:4] == [("hop", known), ("newcomer",)] * 2
+    # The first hop's 1002 took the start's place, the newcomer's 1001 is second. There is room.
+    assert hops.seen[4:8] == [("hop", 1002.0), ("newcomer",), ("hop", 1001.0), ("newcomer",)]
+    # Neither the 1001.5 from 1002 nor the -1000 from 1001 is any better. 1003 joined, the 1000.5
+    # was the fourth: whoever comes is measured by the 1001. The fifth turn is the second's.
+    assert hops.seen[8:] == [("hop", 1002.0), ("newcomer", 1.0)]
     assert result.finished.trajectory.mu[0, 0] == 4.0
     assert result.best.index == 10
-    assert len(result.starts) == 10
+    assert len(result.starts) == 11
+
+
+def test_a_newcomer_and_a_hop_know_their_descent_and_are_given_up(shop, run):
+    """A newcomer begins a lineage of its own, a hop goes on with its origin's."""
+    start = run(starts=1).starts[0]
+    quick = dataclasses.replace(shop, plan=dataclasses.replace(shop.plan, iterations=4))
+    out_of_reach = tuple(dataclasses.replace(one, objective=-1e9) for one in start.stages)
+    result, newcomer = newcomer_job(quick, SilentMonitor(), 5, Screening(()))
+    assert (newcomer.lineage, newcomer.start.index) == (5, 5)
+    assert newcomer.merit == merit(newcomer, quick)
+    given_up, nobody = newcomer_job(quick, SilentMonitor(), 5, Screening(out_of_reach[-1:]))
+    assert nobody is None
+    assert given_up.merit == -np.inf
+    assert "given up" in given_up.status
+    assert len(given_up.stages) == len(result.stages)
+
+    lax = dataclasses.replace(newcomer, start=dataclasses.replace(result, stages=()))
+    _, descendant = hop_job(quick, SilentMonitor(), 6, lax)
+    assert (descendant.lineage, descendant.start.index) == (5, 6)
+    far = dataclasses.replace(newcomer, start=dataclasses.replace(result, stages=out_of_reach))
+    given_up, nobody = hop_job(quick, SilentMonitor(), 6, far)
+    assert nobody is None
+    assert "given up" in given_up.status
+
+
+def test_hops_and_newcomers_in_other_processes_are_the_same(build):
+    make = build(design={"max_iterations": 2})
+    plan = dataclasses.replace(make().plan, starts=2, hops=2)
+    one, two = (
+        search(make, dataclasses.replace(plan, workers=workers), SilentMonitor())
+        for workers in (1, 2)
+    )
+    assert [start.status for start in one.starts] == [start.status for start in two.starts]
+    for a, b in zip(one.starts, two.starts, strict=True):
+        np.testing.assert_array_equal(a.variables, b.variables)
+        assert a.trace == b.trace
+    np.testing.assert_array_equal(one.finished.trajectory.mu, two.finished.trajectory.mu)
+    assert one.best.index == two.best.index
 
 
 def test_the_number_of_workers_changes_nothing(build):
