@@ -8,7 +8,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from expdesign.cli.errors import CommandFailed
-from expdesign.cli.export_files import FOLDER, describe, describe_beside, export_summary
+from expdesign.cli.export_files import (
+    FOLDER,
+    describe,
+    describe_beside,
+    described_files,
+    export_summary,
+    refuse_taken_name,
+)
 from expdesign.cli.export_motion import export_task, folder_motion
 from expdesign.cli.export_options import export_section, given_options
 from expdesign.cli.folder import refuse_unwritable
@@ -88,7 +95,7 @@ def export(  # noqa: PLR0917 - each is an option of the command
     that fails is not kept (exit status 1).
     """
     from expdesign.configuration import ConfigurationError, Problem
-    from expdesign.export import file_name, refuse_missing_library
+    from expdesign.export import file_name, file_record, refuse_missing_library
 
     if name == _LIST:
         _list(as_json=as_json)
@@ -115,12 +122,16 @@ def export(  # noqa: PLR0917 - each is an option of the command
     section = export_section(name, given, configuration)
     refuse_missing_library(section)
     path = (folder / FOLDER / file_name(section)) if out is None else out.absolute()
+    in_folder = path.parent.resolve() == (folder / FOLDER).resolve()
+    if in_folder:
+        refuse_taken_name(path, "export.file" if out is None else "--out")
     refuse_unwritable(path.parent)
     warn_all(configuration.warnings)
     task = export_task(configuration, folder)
     made = _exported(section, task, path, "", as_json=as_json)
-    if out is None:
-        describe(path.parent, task, {path.name: made}, keep=True)
+    if in_folder:
+        files = described_files(path.parent, task, {path.name})
+        describe(path.parent, task, files | {path.name: file_record(made)})
     else:
         describe_beside(path, task, made)
     if as_json:
@@ -140,10 +151,11 @@ def export_stage(configuration: RunConfiguration, folder: Path, *, as_json: bool
         A table is beyond a tolerance, or the machine cannot get into the motion.
     """
     from expdesign.cli.stages import clear_outdated, record_stage
-    from expdesign.export import file_name, refuse_missing_library
+    from expdesign.export import file_name, file_record, refuse_missing_library
 
     for number, section in enumerate(configuration.run.export, start=1):
         refuse_missing_library(section, f"export[{number}]")
+        refuse_taken_name(folder / FOLDER / file_name(section), f"export[{number}].file")
     refuse_unwritable(folder)
     target = folder / FOLDER
     made_from = folder_motion(folder)
@@ -151,11 +163,15 @@ def export_stage(configuration: RunConfiguration, folder: Path, *, as_json: bool
         task = export_task(configuration, folder)
         clear_outdated(STAGE, configuration, folder, made_from)
         made: dict[str, Export] = {}
+        files: dict[str, Any] = {}
+        described: tuple[Path, ...] = ()
         for number, section in enumerate(configuration.run.export, start=1):
             path = target / file_name(section)
             place = f"export[{number}]"
             made[path.name] = _exported(section, task, path, place, as_json=as_json)
-        described = describe(target, task, made, keep=False)
+            # After each: when the next one fails, this one is not without its description.
+            files[path.name] = file_record(made[path.name])
+            described = describe(target, task, files)
         stage.files = [*(export.path for export in made.values()), *described]
         stage.status = "done"
     if not as_json:

@@ -18,6 +18,7 @@ from expdesign.export.row_times import chosen_times, ideal_rows
 from expdesign.export.rows import Rows
 from expdesign.export.settling import settled
 from expdesign.export.whole_motion import whole_motion
+from expdesign.runfolder.manifest import file_hash
 from expdesign.schema import ExportSection
 
 Array = NDArray[np.float64]
@@ -43,11 +44,14 @@ class Export:
     Attributes
     ----------
     path : Path
+    digest : str
+        SHA-256 of what was checked.
     settings : Settings
     check : ReadBack
     """
 
     path: Path
+    digest: str
     settings: Settings
     check: ReadBack
 
@@ -110,8 +114,9 @@ def export_table(
         check = read_back(beside, task, settings)
         if not check.passed:
             raise ExportError(path.name, check)
+        digest = file_hash(beside)
         beside.replace(path)
-    return Export(path, settings, check)
+    return Export(path, digest, settings, check)
 
 
 def table_rows(task: Task, settings: Settings, times: Array) -> Rows:

@@ -9,6 +9,7 @@ import pytest
 from expdesign.configuration import load_run, resolved_yaml
 from expdesign.export import table_formats
 from expdesign.motion import NoRampError
+from expdesign.runfolder.manifest import file_hash
 from expdesign.trajectory import FourierTrajectory
 from tests.export.motions import motion_of, task
 
@@ -195,6 +196,36 @@ def test_the_stage_of_run(expdesign, folder, run_file):
     status, answer, _ = expdesign("run", file, "--out", folder, "--json")
     assert json.loads(answer)["resumed"] is False
     assert names(exports) == ["README.txt", "exports.json", "xps-pvt.trj"]
+
+
+def test_a_table_of_the_stage_is_described_though_the_next_one_fails(expdesign, folder, run_file):
+    file = run_file([{"format": "xps-pvt", "units": "mm"}, {"format": "csv", "segment": "80 ms"}])
+    measured = folder.parent / "measured.csv"
+    measured.write_text("t\n")
+    data = json.loads(file.read_text()) | {"data": {"file": str(measured)}}
+    file.write_text(json.dumps(data))
+    assert expdesign("export", folder, "--format", "xps-pvt", "--units", "um")[0] == 0
+    status, _, messages = expdesign("run", file, "--out", folder)
+    assert (status, "csv.csv" in messages) == (1, True)
+    exports = folder / "exports"
+    found = json.loads((exports / "exports.json").read_text())["files"]["xps-pvt.trj"]
+    assert found["options"]["units"] == "mm"
+    assert found["sha256"] == file_hash(exports / "xps-pvt.trj")
+    assert "q1     mm" in (exports / "README.txt").read_text()
+
+
+@pytest.mark.parametrize("name", ["README.txt", "exports.json", "readme.TXT"])
+def test_a_table_does_not_take_the_place_of_its_description(name, expdesign, folder, run_file):
+    out = folder / "exports" / name
+    status, _, messages = expdesign("export", folder, "--format", "csv", "--out", out)
+    assert (status, "what describes the tables" in messages) == (2, True)
+    assert not out.exists()
+
+
+def test_a_table_of_the_run_does_not_take_the_place_of_the_description(expdesign, folder, run_file):
+    file = run_file([{"format": "linuxcnc-strut", "file": "README"}])
+    status, _, messages = expdesign("run", file, "--out", folder)
+    assert (status, "export[1].file" in messages) == (2, True)
 
 
 def test_a_bad_option_of_the_run_is_named_with_its_place(expdesign, folder, run_file):

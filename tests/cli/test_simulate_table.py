@@ -107,6 +107,61 @@ def test_a_table_with_its_record_elsewhere(expdesign, run_file, folder, tmp_path
     assert json.loads(answer)["table"] == "table.pmc"
 
 
+def test_a_table_that_was_replaced(expdesign, run_file, folder, table, tmp_path):
+    """Whatever says what the table was before does not count, wherever it stands."""
+    stale = json.loads((table.parent / "exports.json").read_text())
+    assert stale["files"]["xps-pvt.trj"]["options"]["units"] == "um"
+    again = ("export", folder, "--format", "xps-pvt", "--segment", "25 ms", "--tolerance", "50 um")
+    assert expdesign(*again, "--units", "mm", "--out", table)[0] == 0
+    # The folder's own files tell of it, and no others.
+    names = sorted(path.name for path in table.parent.iterdir())
+    assert names == ["README.txt", "exports.json", "xps-pvt.trj"]
+    record = json.loads((table.parent / "exports.json").read_text())
+    assert record["files"]["xps-pvt.trj"]["options"]["units"] == "mm"
+    assert "q1     mm" in (table.parent / "README.txt").read_text()
+    # A record that was overtaken gives way to the one of this very file.
+    shutil.copy(table.parent / "exports.json", table.with_name("xps-pvt.trj.json"))
+    (table.parent / "exports.json").write_text(json.dumps(stale))
+    arguments = ("--design", folder, "--out", tmp_path / "out", "--table", table)
+    status, _, messages = expdesign("simulate", run_file(), *arguments)
+    assert status == 0, messages
+    assert "changed" not in messages
+
+
+def test_a_table_in_the_exports_of_another_run(expdesign, folder, table, tmp_path):
+    other = tmp_path / "other"
+    shutil.copytree(folder, other)
+    assert expdesign("export", other, "--format", "ros2")[0] == 0
+    assert (
+        expdesign("export", folder, "--format", "xps-pvt", "--out", other / "exports" / table.name)[
+            0
+        ]
+        == 0
+    )
+    record = json.loads((other / "exports/exports.json").read_text())
+    assert set(record["files"]) == {"ros2.yaml"}
+    assert table.name not in (other / "exports/README.txt").read_text()
+    assert (other / "exports" / f"{table.name}.README.txt").is_file()
+    assert (
+        expdesign("export", folder, "--format", "ros2", "--out", other / "exports/ros2.yaml")[0]
+        == 0
+    )
+    assert not (other / "exports/exports.json").exists()
+    assert not (other / "exports/README.txt").exists()
+
+
+def test_a_table_that_was_changed_by_hand(expdesign, run_file, folder, table, tmp_path):
+    lines = table.read_text().splitlines()
+    cells = lines[70].split(", ")
+    cells[1] = f"{float(cells[1]) + 0.01:.5f}"
+    table.write_text("\n".join([*lines[:70], ", ".join(cells), *lines[71:]]) + "\n")
+    arguments = ("--design", folder, "--out", tmp_path / "out", "--table", table, "--json")
+    status, answer, messages = expdesign("simulate", run_file(), *arguments)
+    assert status == 0, messages
+    assert "xps-pvt.trj was changed after it was exported" in messages
+    assert any("was not checked" in warning for warning in json.loads(answer)["warnings"])
+
+
 def _no_record(table):
     (table.parent / "exports.json").unlink()
 
@@ -127,6 +182,12 @@ def _changed(keys, value):
 
 def _cut(table):
     table.write_text("\n".join(table.read_text().splitlines()[:60]) + "\n")
+
+
+def _cut_under_two_records(table):
+    text = (table.parent / "exports.json").read_text()
+    table.with_name("xps-pvt.trj.json").write_text(text)
+    _cut(table)
 
 
 def _last_lines(table):
@@ -153,6 +214,9 @@ def _other_element(table):
         (_changed(("files", "xps-pvt.trj", "options", "sign"), [1] * 6), "does not hold"),
         (lambda table: table.write_text("0.1, 0, x\n"), "would not read this table"),
         (_cut, "would not read this table: line 60: the last velocities are not 0"),
+        (_cut, "it was changed after it was exported"),
+        (_cut_under_two_records, "which of them holds for it cannot be told"),
+        (_changed(("files", "xps-pvt.trj", "sha256"), None), "does not tell which file"),
         (_last_lines, "inside the measurement window"),
         (_other_element, "does not hold the design"),
     ],
