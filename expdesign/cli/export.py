@@ -10,6 +10,7 @@ import typer
 from expdesign.cli.errors import CommandFailed
 from expdesign.cli.export_files import (
     FOLDER,
+    README,
     describe,
     describe_beside,
     described_files,
@@ -94,8 +95,15 @@ def export(  # noqa: PLR0917 - each is an option of the command
     is read back, executed as its controller would, and held against design and limits; a file
     that fails is not kept (exit status 1).
     """
+    from expdesign.cli.stages import added_to
     from expdesign.configuration import ConfigurationError, Problem
-    from expdesign.export import file_name, file_record, refuse_missing_library
+    from expdesign.export import (
+        RECORD,
+        file_name,
+        file_record,
+        read_record,
+        refuse_missing_library,
+    )
 
     if name == _LIST:
         _list(as_json=as_json)
@@ -130,8 +138,10 @@ def export(  # noqa: PLR0917 - each is an option of the command
     task = export_task(configuration, folder)
     made = _exported(section, task, path, "", as_json=as_json)
     if in_folder:
-        files = described_files(path.parent, task, {path.name})
-        describe(path.parent, task, files | {path.name: file_record(made)})
+        target = folder / FOLDER
+        files = described_files(read_record(target / RECORD), target, task, {path.name})
+        with added_to(folder, (target / RECORD, target / README)):
+            describe(target, task, files | {path.name: file_record(made)})
     else:
         describe_beside(path, task, made)
     if as_json:
@@ -143,6 +153,8 @@ def export(  # noqa: PLR0917 - each is an option of the command
 def export_stage(configuration: RunConfiguration, folder: Path, *, as_json: bool) -> dict[str, Any]:
     """Write every table that the run names, with README.txt and exports.json.
 
+    Both go on telling of the tables of the same motion that were exported by hand.
+
     Raises
     ------
     ConfigurationError
@@ -151,7 +163,13 @@ def export_stage(configuration: RunConfiguration, folder: Path, *, as_json: bool
         A table is beyond a tolerance, or the machine cannot get into the motion.
     """
     from expdesign.cli.stages import clear_outdated, record_stage
-    from expdesign.export import file_name, file_record, refuse_missing_library
+    from expdesign.export import (
+        RECORD,
+        file_name,
+        file_record,
+        read_record,
+        refuse_missing_library,
+    )
 
     for number, section in enumerate(configuration.run.export, start=1):
         refuse_missing_library(section, f"export[{number}]")
@@ -161,10 +179,12 @@ def export_stage(configuration: RunConfiguration, folder: Path, *, as_json: bool
     made_from = folder_motion(folder)
     with record_stage(STAGE, configuration, folder, made_from) as stage:
         task = export_task(configuration, folder)
+        before = read_record(target / RECORD)
         clear_outdated(STAGE, configuration, folder, made_from)
         made: dict[str, Export] = {}
-        files: dict[str, Any] = {}
-        described: tuple[Path, ...] = ()
+        own = {file_name(section) for section in configuration.run.export}
+        files = described_files(before, target, task, own)
+        described = describe(target, task, files) if files else ()
         for number, section in enumerate(configuration.run.export, start=1):
             path = target / file_name(section)
             place = f"export[{number}]"

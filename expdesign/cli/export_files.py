@@ -36,24 +36,27 @@ def refuse_taken_name(path: Path, key: str) -> None:
         )
 
 
-def described_files(folder: Path, task: Task, replaced: set[str]) -> dict[str, Any]:
-    """Return what exports.json says of the tables of this motion; warn of those of another.
+def described_files(
+    before: dict[str, Any], folder: Path, task: Task, replaced: set[str]
+) -> dict[str, Any]:
+    """Return what is told of the tables of this motion that are there; warn of those of another.
 
     Parameters
     ----------
+    before : dict
+        What exports.json says, or said before outdated files were removed.
     folder : Path
     task : Task
     replaced : set of str
         Names of the tables that are about to be written: of these, nothing is warned.
     """
-    from expdesign.export import RECORD, motion_record, read_record
+    from expdesign.export import RECORD, motion_record
 
-    data = read_record(folder / RECORD)
     motion = motion_record(task)
     present = {
-        name: about for name, about in data.get("files", {}).items() if (folder / name).is_file()
+        name: about for name, about in before.get("files", {}).items() if (folder / name).is_file()
     }
-    if data.get("motion") == json.loads(json.dumps(motion)):
+    if before.get("motion") == json.loads(json.dumps(motion)):
         return {name: about for name, about in present.items() if _can_be_told(motion, name, about)}
     if others := sorted(present.keys() - replaced):
         warn(

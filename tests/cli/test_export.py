@@ -198,6 +198,62 @@ def test_the_stage_of_run(expdesign, folder, run_file):
     assert names(exports) == ["README.txt", "exports.json", "xps-pvt.trj"]
 
 
+def test_a_run_keeps_what_is_told_of_tables_exported_by_hand(expdesign, folder, run_file):
+    file = measured_run(run_file(["linuxcnc-strut"]), COARSE)
+    assert expdesign("run", file, "--out", folder)[0] == 0
+    exports = folder / "exports"
+    status, _, messages = expdesign("export", folder, "--format", "xps-pvt")
+    assert status == 0, messages
+
+    def described():
+        record = json.loads((exports / "exports.json").read_text())
+        text = (exports / "README.txt").read_text()
+        assert all(f"{name}: " in text for name in record["files"])
+        return set(record["files"])
+
+    both = {"linuxcnc-strut.txt", "xps-pvt.trj"}
+    assert described() == both
+    # Nothing of the stage has changed.
+    status, answer, _ = expdesign("run", file, "--out", folder, "--json")
+    assert (status, json.loads(answer)["resumed"]) == (0, True)
+    assert described() == both
+    # Another table in the run: that of before goes, the one made by hand stays.
+    again = measured_run(run_file(["linuxcnc-strut"]), COARSE | {"file": "other"})
+    status, answer, _ = expdesign("run", again, "--out", folder, "--json")
+    assert (status, json.loads(answer)["resumed"]) == (0, False)
+    assert described() == {"other.txt", "xps-pvt.trj"}
+    assert names(exports) == ["README.txt", "exports.json", "other.txt", "xps-pvt.trj"]
+    # One that fails takes nothing with it.
+    bad = measured_run(run_file(["linuxcnc-strut"]), COARSE | {"segment": "80 ms"})
+    assert expdesign("run", bad, "--out", folder)[0] == 1
+    assert described() == {"xps-pvt.trj"}
+
+
+def test_tables_of_another_motion_are_told_of_no_longer(expdesign, folder):
+    assert expdesign("export", folder, "--format", "xps-pvt")[0] == 0
+    data = json.loads((folder / "design.json").read_text())
+    data["mu"][0][0] *= 1 - 1e-6
+    (folder / "design.json").write_text(json.dumps(data))
+    more = ("--segment", "4 ms", "--tolerance", "0.2 mm")
+    status, _, messages = expdesign("export", folder, "--format", "pi-wave", *more)
+    assert status == 0, messages
+    assert "no longer in README.txt and exports.json: xps-pvt.trj" in " ".join(messages.split())
+    assert set(json.loads((folder / "exports/exports.json").read_text())["files"]) == {
+        "pi-wave.txt"
+    }
+
+
+def measured_run(file, options):
+    """Give a run data of its own, so that `experiment` simulates nothing, and its table options."""
+    data = json.loads(file.read_text())
+    measured = file.parent / "measured.csv"
+    measured.write_text("t\n")
+    data["data"] = {"file": str(measured)}
+    data["export"] = [{"format": name} | options for name in data["export"]]
+    file.write_text(json.dumps(data))
+    return file
+
+
 def test_a_table_of_the_stage_is_described_though_the_next_one_fails(expdesign, folder, run_file):
     file = run_file([{"format": "xps-pvt", "units": "mm"}, {"format": "csv", "segment": "80 ms"}])
     measured = folder.parent / "measured.csv"
