@@ -114,7 +114,7 @@ def find_table_file(path: Path, robot: Robot, trajectory: FourierTrajectory) -> 
         task = Task(
             name=str(motion["name"]),
             robot=robot,
-            motion=motion_from_record(motion["ways"], trajectory),
+            motion=motion_from_record(motion["ways"], trajectory, robot.home),
             controller_period=float(motion["controller_period"]),
             sampling=float(motion["sampling"]),
             parameters=(),

@@ -180,6 +180,13 @@ def _changed(keys, value):
     return change
 
 
+def _off_home(table):
+    record = json.loads((table.parent / "exports.json").read_text())
+    points = record["motion"]["ways"]["ramps"][0]["control_points"]
+    points[0][2] += 0.05
+    _changed(("motion", "ways", "ramps", 0, "control_points"), points)(table)
+
+
 def _cut(table):
     table.write_text("\n".join(table.read_text().splitlines()[:60]) + "\n")
 
@@ -208,6 +215,8 @@ def _other_element(table):
         (_no_record, "nothing tells what the columns of this table are"),
         (lambda table: (table.parent / "exports.json").write_text("{"), "nothing tells"),
         (_changed(("motion", "ways"), None), "its motion is not that of the design"),
+        (_changed(("motion", "ways", "periods"), 1.9), "its number of periods is not whole"),
+        (_off_home, "the ramps do not begin and end at rest at home"),
         (_changed(("motion", "sampling"), None), "cannot be used"),
         (_changed(("files", "xps-pvt.trj", "options"), {"format": "none"}), "cannot be used"),
         (_changed(("files", "xps-pvt.trj", "options", "units"), "mm"), "does not hold the design"),
@@ -269,7 +278,9 @@ def test_ways_are_looked_for_once(expdesign, folder, table, searches):
     assert table.read_bytes() == first
 
 
-@pytest.mark.parametrize("what", ["design", "limits", "periods", "record"])
+@pytest.mark.parametrize(
+    "what", ["design", "limits", "periods", "record", "recorded periods", "home"]
+)
 def test_ways_of_something_else_are_not_taken(what, expdesign, folder, table, searches, run_file):
     if what == "design":
         text = json.loads((folder / "design.json").read_text())
@@ -277,6 +288,10 @@ def test_ways_of_something_else_are_not_taken(what, expdesign, folder, table, se
         (folder / "design.json").write_text(json.dumps(text))
     elif what == "record":
         _changed(("motion", "ways", "ramps"), [])(table)
+    elif what == "recorded periods":
+        _changed(("motion", "ways", "periods"), 3)(table)
+    elif what == "home":
+        _off_home(table)
     else:
         data = json.loads(run_file().read_text())
         data |= {"limits": {"strut_speed": 1.9}} if what == "limits" else {}
