@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
+import numpy as np
 
 from expdesign.configuration import ConfigurationError, Problem
 from expdesign.export.catalogue import table_formats
@@ -111,22 +111,19 @@ def find_table_file(path: Path, robot: Robot, trajectory: FourierTrajectory) -> 
     changed = about["sha256"] != file_hash(path)
     try:
         section = ExportSection.model_validate(about["options"])
-        task = Task(
-            name=str(motion["name"]),
-            robot=robot,
-            motion=motion_from_record(motion["ways"], trajectory, robot.home),
-            controller_period=float(motion["controller_period"]),
-            sampling=float(motion["sampling"]),
-            parameters=(),
-        )
-    except (KeyError, TypeError, ValidationError) as error:
+        name, ways = str(motion["name"]), motion["ways"]
+        period, sampling = (_positive(motion[key]) for key in ("controller_period", "sampling"))
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise ConfigurationError(
             Problem("what it says of the table cannot be used", place, allowed=_AGAIN)
         ) from error
+    try:
+        found_motion = motion_from_record(ways, trajectory, robot.home)
     except ValueError as error:
         raise ConfigurationError(
             Problem(f"its motion is not that of the design: {error}", path, allowed=_AGAIN)
         ) from error
+    task = Task(name, robot, found_motion, period, sampling, parameters=())
     refuse_missing_library(section)
     try:
         found = read_table_file(path, task, settled(section, task))
@@ -138,6 +135,15 @@ def find_table_file(path: Path, robot: Robot, trajectory: FourierTrajectory) -> 
             )
         ) from error
     return replace(found, changed=changed)
+
+
+def _positive(value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise TypeError("no number")
+    number = float(value)
+    if not 0 < number < np.inf:
+        raise ValueError("no positive number")
+    return number
 
 
 def _record(path: Path) -> tuple[Path, dict[str, Any], dict[str, Any]]:

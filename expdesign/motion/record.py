@@ -17,6 +17,7 @@ Array = NDArray[np.float64]
 
 _LEAST_POINTS = 2 * FIXED
 _COORDINATES = 6
+_MOST_PERIODS = 1_000_000
 _JUNCTION = 1e-9
 """m, rad, and per s and s²: by how much parts of one motion may differ where they meet.
 
@@ -69,8 +70,8 @@ def motion_from_record(
         raise ValueError(f"no ramps of a motion: {error}") from error
     if not isinstance(periods, int) or isinstance(periods, bool):
         raise ValueError("its number of periods is not whole")
-    if not (0 <= phase <= trajectory.period and periods >= 1):
-        raise ValueError(f"{periods} periods from {phase} s on")
+    if not (0 <= phase <= trajectory.period and 1 <= periods <= _MOST_PERIODS):
+        raise ValueError("no motion has its phase, or as many periods")
     orbit, rest = MotionState.of(trajectory.sample(phase)), MotionState.at_rest(home)
     if not (_meet(first, first.duration, orbit) and _meet(last, 0.0, orbit)):
         raise ValueError("the ramps do not lead into the designed motion and back")

@@ -217,7 +217,11 @@ def _other_element(table):
         (_changed(("motion", "ways"), None), "its motion is not that of the design"),
         (_changed(("motion", "ways", "periods"), 1.9), "its number of periods is not whole"),
         (_off_home, "the ramps do not begin and end at rest at home"),
-        (_changed(("motion", "sampling"), None), "cannot be used"),
+        (_changed(("motion", "sampling"), None), "exports.json: what it says of the table cannot"),
+        (_changed(("motion", "sampling"), 0), "cannot be used"),
+        (_changed(("motion", "controller_period"), 10**399), "cannot be used"),
+        (_changed(("motion", "controller_period"), "abc"), "exports.json: what it says"),
+        (_changed(("motion", "ways", "periods"), 10**399), "is not that of the design"),
         (_changed(("files", "xps-pvt.trj", "options"), {"format": "none"}), "cannot be used"),
         (_changed(("files", "xps-pvt.trj", "options", "units"), "mm"), "does not hold the design"),
         (_changed(("files", "xps-pvt.trj", "options", "sign"), [1] * 6), "does not hold"),
@@ -239,6 +243,39 @@ def test_bad_tables(spoil, expected, expdesign, run_file, folder, table, tmp_pat
     assert expected in " ".join(messages.split())
     assert "Traceback" not in messages
     assert not (out / "measurement.csv").exists()
+
+
+def _text(old, new):
+    def change(table):
+        text = table.read_text()
+        assert old in text
+        table.write_text(text.replace(old, new, 1))
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("spoil", "expected"),
+    [
+        (_text("{sec: 1, nanosec", "{sec: 99999999999, nanosec"), "holds what is no number"),
+        (_text("{sec: 1, nanosec", "{sec: -1, nanosec"), "holds what is no number"),
+        (lambda table: table.write_text("[" * 3000), "it is nested too deeply"),
+        (lambda table: table.write_text("a: !!bool maybe"), "no YAML: 'maybe'"),
+        (lambda table: table.write_text("a: " + "9" * 5000), "no YAML: Exceeds the limit"),
+        (lambda table: table.write_text("a: !!timestamp 5"), "no YAML"),
+        (lambda table: table.write_bytes(b"\xff"), "no YAML"),
+    ],
+)
+def test_bad_messages(spoil, expected, expdesign, run_file, folder, tmp_path):
+    export = ("--format", "ros2", "--segment", "25 ms", "--tolerance", "50 um")
+    assert expdesign("export", folder, *export)[0] == 0
+    table = folder / "exports" / "ros2.yaml"
+    spoil(table)
+    arguments = ("--design", folder, "--out", tmp_path / "out", "--table", table)
+    status, _, messages = expdesign("simulate", run_file(), *arguments)
+    assert status == 2, messages
+    assert expected in " ".join(messages.split())
+    assert "would not read this table" in messages
 
 
 def test_a_table_of_another_design_or_too_few_periods(expdesign, run_file, folder, table, tmp_path):

@@ -45,6 +45,7 @@ def test_ramps_into_another_design_are_refused():
         lambda record: record.pop("phase"),
         lambda record: record.update(phase=-1),
         lambda record: record.update(periods=0),
+        lambda record: record.update(periods=10**400),
         lambda record: record.update(periods=float("inf")),
         lambda record: record.update(periods=1.9),
         lambda record: record.update(periods=True),
