@@ -40,7 +40,7 @@ FolderArgument = Annotated[
 FormatOption = Annotated[
     str, typer.Option("--format", metavar="NAME", help="Format; `list` names them.")
 ]
-FileOption = Annotated[
+OutOption = Annotated[
     Path | None,
     typer.Option("--out", metavar="FILE", help="File to write; in DIR/exports by default."),
 ]
@@ -53,7 +53,11 @@ def _text_option(name: str, metavar: str, text: str) -> Any:
 def export(  # noqa: PLR0917 - each is an option of the command
     folder: FolderArgument = None,
     name: FormatOption = "",
-    out: FileOption = None,
+    out: OutOption = None,
+    file: Annotated[
+        str | None,
+        _text_option("file", "NAME", "Name in DIR/exports; of several tables of the run, which."),
+    ] = None,
     space: Annotated[
         str | None, _text_option("space", "strut|pose", "Coordinates of the table.")
     ] = None,
@@ -111,6 +115,7 @@ def export(  # noqa: PLR0917 - each is an option of the command
     if folder is None:
         raise ConfigurationError(Problem("no run folder is given", allowed="expdesign export DIR"))
     given = given_options(
+        file=file,
         space=space,
         segment=segment,
         units=units,

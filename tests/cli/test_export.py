@@ -142,6 +142,107 @@ def test_bad_options(arguments, expected, expdesign, folder):
     assert not (folder / "exports").exists()
 
 
+@pytest.fixture
+def resolved(folder, run_file):
+    """Return a maker of the folder's resolved run."""
+
+    def write(export):
+        text = resolved_yaml(load_run(run_file(export)))
+        (folder / "run.yaml").write_text(text, encoding="utf-8")
+
+    return write
+
+
+ACTUATORS = {"order": [2, 1, 3, 4, 5, 6], "sign": -1, "offset": "home"}
+
+
+@pytest.mark.parametrize(
+    ("stated", "arguments", "left_out", "expected"),
+    [
+        (
+            {"format": "xps-pvt", **ACTUATORS, "axes": list("abcdef")},
+            ("--space", "pose"),
+            "left out, since --space is given: axes, order, sign, offset of the run's export",
+            {"format": "xps-pvt", "space": "pose"},
+        ),
+        (
+            {"format": "pmac-pvt", "counts_per_metre": 1e6, "segment": "10 ms"},
+            ("--space", "pose", "--tolerance", "50 um"),
+            "--space is given: counts_per_metre of",
+            {"format": "pmac-pvt", "space": "pose", "segment": 0.01, "tolerance": 5e-5},
+        ),
+        (
+            {"format": "pmac-pvt", "counts_per_metre": 1e6},
+            ("--space", "pose", "--units", "mm"),
+            "counts_per_metre of",
+            {"format": "pmac-pvt", "space": "pose", "units": "mm"},
+        ),
+        (
+            {"format": "xps-pvt", "units": "um"},
+            ("--counts-per-metre", "1e9"),
+            "since --counts-per-metre is given: units of",
+            {"format": "xps-pvt", "counts_per_metre": [1e9] * 6},
+        ),
+        (
+            {"format": "ros2", "digits": 9},
+            ("--encoding", "mcap"),
+            "since --encoding is given: digits of",
+            {"format": "ros2", "encoding": "mcap"},
+        ),
+        (
+            {"format": "ros2", **ACTUATORS, "digits": 9},
+            ("--space", "strut", "--encoding", "yaml"),
+            None,
+            {
+                "format": "ros2",
+                "digits": 9,
+                "space": "strut",
+                "encoding": "yaml",
+                **ACTUATORS,
+                "sign": [-1] * 6,
+            },
+        ),
+    ],
+)
+def test_options_override_those_of_the_run(
+    stated, arguments, left_out, expected, expdesign, folder, resolved
+):
+    resolved([stated])
+    command = ("export", folder, "--format", stated["format"], *arguments, "--json")
+    status, answer, messages = expdesign(*command)
+    assert status == 0, (answer, messages)
+    (found,) = json.loads(answer)["files"].values()
+    assert found["options"] == expected
+    assert ("left out" in messages) == (left_out is not None)
+    assert (left_out or "") in " ".join(messages.split())
+
+
+def test_one_of_several_tables_of_the_run_is_named(expdesign, folder, resolved):
+    resolved(
+        [
+            "csv",
+            {"format": "xps-pvt", **ACTUATORS},
+            {"format": "xps-pvt", "file": "b", "units": "um"},
+        ]
+    )
+    command = ("export", folder, "--format", "xps-pvt")
+    for more in ((), ("--file", "c"), ("--units", "mm")):
+        status, _, messages = expdesign(*command, *more)
+        assert (status, "--file: the run has 2 tables of xps-pvt" in messages) == (2, True)
+        assert "allowed: xps-pvt | b" in messages
+        assert not (folder / "exports").exists()
+    assert expdesign(*command, "--file", "b")[0] == 0
+    assert expdesign(*command, "--file", "xps-pvt")[0] == 0
+    files = json.loads((folder / "exports/exports.json").read_text())["files"]
+    assert files["b.trj"]["options"] == {"format": "xps-pvt", "file": "b", "units": "um"}
+    assert files["xps-pvt.trj"]["options"]["order"] == ACTUATORS["order"]
+    # Where there is one, it lends its options to a table of another name.
+    resolved([{"format": "xps-pvt", "units": "in"}])
+    assert expdesign(*command, "--file", "c")[0] == 0
+    files = json.loads((folder / "exports/exports.json").read_text())["files"]
+    assert files["c.trj"]["options"] == {"format": "xps-pvt", "file": "c", "units": "in"}
+
+
 def test_folders_that_are_none(expdesign, folder, tmp_path):
     status, _, messages = expdesign("export", tmp_path, "--format", "csv")
     assert (status, "no run.yaml" in messages) == (2, True)
