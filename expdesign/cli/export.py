@@ -107,6 +107,7 @@ def export(  # noqa: PLR0917 - each is an option of the command
         file_record,
         read_record,
         refuse_missing_library,
+        refuse_unreadable_name,
     )
 
     if name == _LIST:
@@ -135,6 +136,7 @@ def export(  # noqa: PLR0917 - each is an option of the command
     section = export_section(name, given, configuration)
     refuse_missing_library(section)
     path = (folder / FOLDER / file_name(section)) if out is None else out.absolute()
+    refuse_unreadable_name(section, path, "--out")
     in_folder = path.parent.resolve() == (folder / FOLDER).resolve()
     if in_folder:
         refuse_taken_name(path, "export.file" if out is None else "--out")

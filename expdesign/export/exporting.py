@@ -10,6 +10,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from numpy.typing import NDArray
 
+from expdesign.configuration import ConfigurationError, Problem
 from expdesign.export import ros_bag
 from expdesign.export.catalogue import table_formats
 from expdesign.export.definition import Settings, Task
@@ -22,6 +23,8 @@ from expdesign.runfolder.manifest import file_hash
 from expdesign.schema import ExportSection
 
 Array = NDArray[np.float64]
+
+_BAG = ".mcap"
 
 
 class ExportError(Exception):
@@ -59,7 +62,25 @@ class Export:
 def file_name(section: ExportSection) -> str:
     """Return the name that a table gets in ``exports/``."""
     suffix = table_formats()[section.format].suffix
-    return section.stem + (".mcap" if section.encoding == "mcap" else suffix)
+    return section.stem + (_BAG if section.encoding == "mcap" else suffix)
+
+
+def refuse_unreadable_name(section: ExportSection, path: Path, key: str) -> None:
+    """Refuse a name under which nobody can read the file: bags are told by their ending.
+
+    Raises
+    ------
+    ConfigurationError
+        It tells the ending.
+    """
+    if section.encoding == "mcap" and path.suffix != _BAG:
+        raise ConfigurationError(
+            Problem(
+                f"'{path.name}' does not end in {_BAG}: ROS 2 would not know it for an MCAP bag",
+                key=key,
+                allowed=f"a file with the ending {_BAG}",
+            )
+        )
 
 
 def refuse_missing_library(section: ExportSection, place: str = "") -> None:

@@ -132,6 +132,11 @@ def test_options_of_the_command_line(expdesign, folder, tmp_path):
         (("--format", "xps-pvt", "--counts-per-metre", "1,x"), "--counts-per-metre"),
         (("--format", "pmac-pvt", "--axes", "A,B,C,D,Y,Z"), "'D' is no axis of a PMAC"),
         (("--format", "ros2", "--encoding", "mcap", "--digits", "3"), "all their digits"),
+        (
+            ("--format", "ros2", "--encoding", "mcap", "--out", "t.dat"),
+            "--out: 't.dat' does not end",
+        ),
+        (("--format", "ros2", "--encoding", "mcap", "--out", "t.MCAP"), "the ending .mcap"),
     ],
 )
 def test_bad_options(arguments, expected, expdesign, folder):

@@ -162,6 +162,27 @@ def test_a_table_that_was_changed_by_hand(expdesign, run_file, folder, table, tm
     assert any("was not checked" in warning for warning in json.loads(answer)["warnings"])
 
 
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [
+        ("table", ("--format", "csv", "--segment", "2 ms", "--tolerance", "1 mm")),
+        ("table.xyz", ("--format", "mat", "--segment", "2 ms", "--tolerance", "1 mm")),
+        ("table.mcap", ("--format", "ros2")),
+        ("table.mcap", ("--format", "ros2", "--encoding", "mcap")),
+    ],
+)
+def test_a_table_of_any_name_that_export_takes(
+    name, options, expdesign, run_file, folder, tmp_path
+):
+    table = tmp_path / "far" / name
+    status, _, messages = expdesign("export", folder, *options, "--out", table)
+    assert status == 0, messages
+    arguments = ("--design", folder, "--out", tmp_path / "out", "--table", table, "--json")
+    status, answer, messages = expdesign("simulate", run_file(), *arguments)
+    assert status == 0, messages
+    assert json.loads(answer)["table"] == name
+
+
 def _no_record(table):
     (table.parent / "exports.json").unlink()
 
