@@ -139,7 +139,7 @@ def export(  # noqa: PLR0917 - each is an option of the command
     refuse_unreadable_name(section, path, "--out")
     in_folder = path.parent.resolve() == (folder / FOLDER).resolve()
     if in_folder:
-        refuse_taken_name(path, "export.file" if out is None else "--out")
+        refuse_taken_name(path, "--file" if out is None else "--out")
     refuse_unwritable(path.parent)
     warn_all(configuration.warnings)
     task = export_task(configuration, folder)

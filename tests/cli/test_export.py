@@ -384,6 +384,12 @@ def test_a_table_does_not_take_the_place_of_its_description(name, expdesign, fol
     assert not out.exists()
 
 
+def test_the_name_of_the_description_is_taken(expdesign, folder):
+    more = ("--format", "linuxcnc-strut", "--file", "README")
+    status, _, messages = expdesign("export", folder, *more)
+    assert (status, "--file: README.txt is what describes" in messages) == (2, True)
+
+
 def test_a_table_of_the_run_does_not_take_the_place_of_the_description(expdesign, folder, run_file):
     file = run_file([{"format": "linuxcnc-strut", "file": "README"}])
     status, _, messages = expdesign("run", file, "--out", folder)
