@@ -8,7 +8,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from expdesign.cli.errors import CommandFailed
-from expdesign.cli.export_files import FOLDER, describe, describe_beside, export_summary
+from expdesign.cli.export_files import (
+    FOLDER,
+    README,
+    describe,
+    describe_beside,
+    described_files,
+    export_summary,
+    refuse_taken_name,
+)
 from expdesign.cli.export_motion import export_task, folder_motion
 from expdesign.cli.export_options import export_section, given_options
 from expdesign.cli.folder import refuse_unwritable
@@ -32,7 +40,7 @@ FolderArgument = Annotated[
 FormatOption = Annotated[
     str, typer.Option("--format", metavar="NAME", help="Format; `list` names them.")
 ]
-FileOption = Annotated[
+OutOption = Annotated[
     Path | None,
     typer.Option("--out", metavar="FILE", help="File to write; in DIR/exports by default."),
 ]
@@ -45,7 +53,11 @@ def _text_option(name: str, metavar: str, text: str) -> Any:
 def export(  # noqa: PLR0917 - each is an option of the command
     folder: FolderArgument = None,
     name: FormatOption = "",
-    out: FileOption = None,
+    out: OutOption = None,
+    file: Annotated[
+        str | None,
+        _text_option("file", "NAME", "Name in DIR/exports; of several tables of the run, which."),
+    ] = None,
     space: Annotated[
         str | None, _text_option("space", "strut|pose", "Coordinates of the table.")
     ] = None,
@@ -87,8 +99,16 @@ def export(  # noqa: PLR0917 - each is an option of the command
     is read back, executed as its controller would, and held against design and limits; a file
     that fails is not kept (exit status 1).
     """
+    from expdesign.cli.stages import added_to
     from expdesign.configuration import ConfigurationError, Problem
-    from expdesign.export import file_name, refuse_missing_library
+    from expdesign.export import (
+        RECORD,
+        file_name,
+        file_record,
+        read_record,
+        refuse_missing_library,
+        refuse_unreadable_name,
+    )
 
     if name == _LIST:
         _list(as_json=as_json)
@@ -96,6 +116,7 @@ def export(  # noqa: PLR0917 - each is an option of the command
     if folder is None:
         raise ConfigurationError(Problem("no run folder is given", allowed="expdesign export DIR"))
     given = given_options(
+        file=file,
         space=space,
         segment=segment,
         units=units,
@@ -115,12 +136,19 @@ def export(  # noqa: PLR0917 - each is an option of the command
     section = export_section(name, given, configuration)
     refuse_missing_library(section)
     path = (folder / FOLDER / file_name(section)) if out is None else out.absolute()
+    refuse_unreadable_name(section, path, "--out")
+    in_folder = path.parent.resolve() == (folder / FOLDER).resolve()
+    if in_folder:
+        refuse_taken_name(path, "--file" if out is None else "--out")
     refuse_unwritable(path.parent)
     warn_all(configuration.warnings)
     task = export_task(configuration, folder)
     made = _exported(section, task, path, "", as_json=as_json)
-    if out is None:
-        describe(path.parent, task, {path.name: made}, keep=True)
+    if in_folder:
+        target = folder / FOLDER
+        files = described_files(read_record(target / RECORD), target, task, {path.name})
+        with added_to(folder, (target / RECORD, target / README)):
+            describe(target, task, files | {path.name: file_record(made)})
     else:
         describe_beside(path, task, made)
     if as_json:
@@ -132,6 +160,8 @@ def export(  # noqa: PLR0917 - each is an option of the command
 def export_stage(configuration: RunConfiguration, folder: Path, *, as_json: bool) -> dict[str, Any]:
     """Write every table that the run names, with README.txt and exports.json.
 
+    Both go on telling of the tables of the same motion that were exported by hand.
+
     Raises
     ------
     ConfigurationError
@@ -140,22 +170,35 @@ def export_stage(configuration: RunConfiguration, folder: Path, *, as_json: bool
         A table is beyond a tolerance, or the machine cannot get into the motion.
     """
     from expdesign.cli.stages import clear_outdated, record_stage
-    from expdesign.export import file_name, refuse_missing_library
+    from expdesign.export import (
+        RECORD,
+        file_name,
+        file_record,
+        read_record,
+        refuse_missing_library,
+    )
 
     for number, section in enumerate(configuration.run.export, start=1):
         refuse_missing_library(section, f"export[{number}]")
+        refuse_taken_name(folder / FOLDER / file_name(section), f"export[{number}].file")
     refuse_unwritable(folder)
     target = folder / FOLDER
     made_from = folder_motion(folder)
     with record_stage(STAGE, configuration, folder, made_from) as stage:
         task = export_task(configuration, folder)
+        before = read_record(target / RECORD)
         clear_outdated(STAGE, configuration, folder, made_from)
         made: dict[str, Export] = {}
+        own = {file_name(section) for section in configuration.run.export}
+        files = described_files(before, target, task, own)
+        described = describe(target, task, files) if files else ()
         for number, section in enumerate(configuration.run.export, start=1):
             path = target / file_name(section)
             place = f"export[{number}]"
             made[path.name] = _exported(section, task, path, place, as_json=as_json)
-        described = describe(target, task, made, keep=False)
+            # After each: when the next one fails, this one is not without its description.
+            files[path.name] = file_record(made[path.name])
+            described = describe(target, task, files)
         stage.files = [*(export.path for export in made.values()), *described]
         stage.status = "done"
     if not as_json:

@@ -10,6 +10,9 @@ from expdesign.cli.export_files import FOLDER
 from expdesign.cli.output import note, short
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from expdesign.configuration import RunConfiguration
     from expdesign.export import Task
     from expdesign.motion import ExecutableMotion
@@ -43,11 +46,15 @@ def export_task(configuration: RunConfiguration, folder: Path) -> Task:
     noise = configuration.robot.noise
     trajectory = _trajectory(folder)
     made_from = _made_from(configuration, trajectory)
-    motion = _known_motion(folder, made_from, trajectory)
+    motion = _known_motion(folder, made_from, trajectory, robot.home)
+    if motion is None or motion.periods != run.experiment.periods:
+        motion = _found_motion(configuration, trajectory)
+    else:
+        note(f"the ways from rest into the motion and back are those of {short(_record(folder))}")
     return Task(
         name=run.name,
         robot=robot,
-        motion=_found_motion(configuration, trajectory) if motion is None else motion,
+        motion=motion,
         controller_period=run.trajectory.controller_period or run.experiment.step,
         sampling=run.experiment.sampling,
         parameters=judged_parameters(configuration, robot),
@@ -73,21 +80,24 @@ def _made_from(configuration: RunConfiguration, trajectory: FourierTrajectory) -
 
 
 def _known_motion(
-    folder: Path, made_from: str, trajectory: FourierTrajectory
+    folder: Path, made_from: str, trajectory: FourierTrajectory, home: NDArray[np.float64]
 ) -> ExecutableMotion | None:
-    from expdesign.export import RECORD, read_record
+    from expdesign.export import read_record
     from expdesign.motion import motion_from_record
 
-    record = folder / FOLDER / RECORD
-    motion = read_record(record).get("motion", {})
+    motion = read_record(_record(folder)).get("motion", {})
     if motion.get("made_from") != made_from or motion.get("ways") is None:
         return None
     try:
-        known = motion_from_record(motion["ways"], trajectory)
+        return motion_from_record(motion["ways"], trajectory, home)
     except ValueError:
         return None
-    note(f"the ways from rest into the motion and back are those of {short(record)}")
-    return known
+
+
+def _record(folder: Path) -> Path:
+    from expdesign.export import RECORD
+
+    return folder / FOLDER / RECORD
 
 
 def _found_motion(

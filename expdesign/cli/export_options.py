@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import TYPE_CHECKING, Any
+
+from expdesign.cli.output import note
 
 if TYPE_CHECKING:
     from expdesign.configuration import RunConfiguration
@@ -43,7 +46,15 @@ def given_options(**texts: str | None) -> dict[str, Any]:
 def export_section(
     name: str, given: dict[str, Any], configuration: RunConfiguration
 ) -> ExportSection:
-    """Return what is asked for: the run's own options for the format, overridden by these."""
+    """Return what is asked for: the run's own options for the format, overridden by these.
+
+    Options of the run that do not go with what is given are left out, and named.
+
+    Raises
+    ------
+    ConfigurationError
+        An option cannot be kept, or the run has several tables of the format and none is named.
+    """
     from dataclasses import replace
 
     from expdesign.configuration import ConfigurationError
@@ -51,20 +62,69 @@ def export_section(
     from expdesign.configuration.validation import validate
     from expdesign.schema import ExportSection
 
-    named = (entry for entry in configuration.run.export if entry.format == name)
-    stated = next(named, None)
+    stated = _stated(name, given.get("file"), configuration)
     data = {} if stated is None else stated.model_dump(exclude_none=True)
-    if "counts_per_metre" in given:
-        data.pop("units", None)
-    if "units" in given:
-        data.pop("counts_per_metre", None)
+    left_out = {} if stated is None else _left_out(given, stated)
+    for key in itertools.chain.from_iterable(left_out.values()):
+        del data[key]
     data |= {"format": name, **given}
     found, problems = validate(ExportSection, data, document_from_mapping(data))
     if found is None:
-        raise ConfigurationError(
-            replace(problem, key=f"--{problem.key.replace('_', '-')}") for problem in problems
-        )
+        raise ConfigurationError(replace(problem, key=_option(problem.key)) for problem in problems)
+    for option, keys in left_out.items():
+        note(f"left out, since {option} is given: {', '.join(keys)} of the run's export")
     return found
+
+
+def _option(key: str) -> str:
+    return f"--{key.replace('_', '-')}"
+
+
+def _stated(name: str, file: str | None, configuration: RunConfiguration) -> ExportSection | None:
+    """Return the table of this format that the run names; of several the one with this file."""
+    from expdesign.configuration import ConfigurationError, Problem
+
+    named = [entry for entry in configuration.run.export if entry.format == name]
+    if len(named) > 1:
+        named = [entry for entry in named if entry.stem == file] or named
+    if len(named) > 1:
+        stems = [entry.stem for entry in named]
+        raise ConfigurationError(
+            Problem(
+                f"the run has {len(named)} tables of {name}, each with options of its own"
+                + ("" if file is None else f", and none of them is '{file}'"),
+                file=configuration.file,
+                key="--file",
+                allowed=" | ".join(stems),
+            )
+        )
+    return named[0] if named else None
+
+
+def _left_out(given: dict[str, Any], stated: ExportSection) -> dict[str, list[str]]:
+    """Return which options of the run do not go with those given, by the option given."""
+    from expdesign.schema.export import STRUT_ONLY
+
+    against: dict[str, tuple[str, ...]] = {}
+    if "counts_per_metre" in given:
+        against["counts_per_metre"] = ("units",)
+    if "units" in given:
+        against["units"] = ("counts_per_metre",)
+    if given.get("space", stated.coordinates) != stated.coordinates:
+        # Its axes are those of the other coordinates.
+        against["space"] = ("axes", *(STRUT_ONLY if given["space"] == "pose" else ()))
+    if given.get("encoding") == "mcap":
+        against["encoding"] = ("digits",)
+    gone: dict[str, list[str]] = {}
+    for option, keys in against.items():
+        found = [
+            key
+            for key in keys
+            if getattr(stated, key) is not None and not any(key in known for known in gone.values())
+        ]
+        if found:
+            gone[_option(option)] = found
+    return gone
 
 
 def _items(text: str) -> list[str]:

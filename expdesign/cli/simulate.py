@@ -10,7 +10,7 @@ import typer
 
 from expdesign.cli.errors import CommandFailed
 from expdesign.cli.folder import OutOption, refuse_unwritable, run_folder
-from expdesign.cli.output import JsonOption, RunArgument, results, short, warn_all, write_json
+from expdesign.cli.output import JsonOption, RunArgument, results, short, warn, warn_all, write_json
 
 if TYPE_CHECKING:
     from estimation.twin import Truth
@@ -115,6 +115,13 @@ def experiment_stage(
     warn_all(doubts)
     began = time.perf_counter()
     executed = None if table is None else _table(configuration, found, table.absolute())
+    if executed is not None and executed.changed:
+        changed = (
+            f"{executed.path.name} was changed after it was exported: what is executed was not "
+            "checked, and its record is taken to hold for its axes and its window"
+        )
+        warn(changed)
+        doubts.append(changed)
     made_from = trajectory_text(found)
     if executed is not None:
         made_from += f" executed from {executed.path.name} {executed.digest}"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -103,6 +103,27 @@ def is_done(name: str, configuration: RunConfiguration, folder: Path, made_from:
     return manifest is not None and manifest.is_done(
         name, stage_inputs(name, configuration, made_from), folder
     )
+
+
+@contextmanager
+def added_to(folder: Path, files: Iterable[Path]) -> Iterator[None]:
+    """Add to files of stages, which then have them as they are afterwards.
+
+    What a stage wrote is in there still: no reason to do it again. A file that was not as the
+    stage wrote it before, or was gone, stays so.
+    """
+    before = Manifest.read(folder)
+    known = (
+        {} if before is None else {f: d for e in before.stages.values() for f, d in e.files.items()}
+    )
+    intact = [
+        file
+        for file in files
+        if file.is_file() and known.get(str(file.relative_to(folder))) == file_hash(file)
+    ]
+    yield
+    if before is not None and intact:
+        before.with_files(folder, intact).write(folder)
 
 
 def clear_outdated(

@@ -8,6 +8,7 @@ from expdesign.export.exporting import (
     export_table,
     file_name,
     refuse_missing_library,
+    refuse_unreadable_name,
 )
 from expdesign.export.read_back import ReadBack, read_back
 from expdesign.export.readme import readme
@@ -42,5 +43,6 @@ __all__ = [
     "readme",
     "record_of_one",
     "refuse_missing_library",
+    "refuse_unreadable_name",
     "table_formats",
 ]

@@ -10,6 +10,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from numpy.typing import NDArray
 
+from expdesign.configuration import ConfigurationError, Problem
 from expdesign.export import ros_bag
 from expdesign.export.catalogue import table_formats
 from expdesign.export.definition import Settings, Task
@@ -18,9 +19,12 @@ from expdesign.export.row_times import chosen_times, ideal_rows
 from expdesign.export.rows import Rows
 from expdesign.export.settling import settled
 from expdesign.export.whole_motion import whole_motion
+from expdesign.runfolder.manifest import file_hash
 from expdesign.schema import ExportSection
 
 Array = NDArray[np.float64]
+
+_BAG = ".mcap"
 
 
 class ExportError(Exception):
@@ -43,11 +47,14 @@ class Export:
     Attributes
     ----------
     path : Path
+    digest : str
+        SHA-256 of what was checked.
     settings : Settings
     check : ReadBack
     """
 
     path: Path
+    digest: str
     settings: Settings
     check: ReadBack
 
@@ -55,7 +62,25 @@ class Export:
 def file_name(section: ExportSection) -> str:
     """Return the name that a table gets in ``exports/``."""
     suffix = table_formats()[section.format].suffix
-    return section.stem + (".mcap" if section.encoding == "mcap" else suffix)
+    return section.stem + (_BAG if section.encoding == "mcap" else suffix)
+
+
+def refuse_unreadable_name(section: ExportSection, path: Path, key: str) -> None:
+    """Refuse a name under which nobody can read the file: bags are told by their ending.
+
+    Raises
+    ------
+    ConfigurationError
+        It tells the ending.
+    """
+    if section.encoding == "mcap" and path.suffix != _BAG:
+        raise ConfigurationError(
+            Problem(
+                f"'{path.name}' does not end in {_BAG}: ROS 2 would not know it for an MCAP bag",
+                key=key,
+                allowed=f"a file with the ending {_BAG}",
+            )
+        )
 
 
 def refuse_missing_library(section: ExportSection, place: str = "") -> None:
@@ -110,8 +135,9 @@ def export_table(
         check = read_back(beside, task, settings)
         if not check.passed:
             raise ExportError(path.name, check)
+        digest = file_hash(beside)
         beside.replace(path)
-    return Export(path, settings, check)
+    return Export(path, digest, settings, check)
 
 
 def table_rows(task: Task, settings: Settings, times: Array) -> Rows:

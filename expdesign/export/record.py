@@ -63,6 +63,7 @@ def file_record(export: Export) -> dict[str, Any]:
     guide = form.guide.format(axes=", ".join(axes.names), step=step, file=export.path.name)
     off = check.deviation
     return {
+        "sha256": export.digest,
         "format": form.name,
         "title": form.title,
         "guide": guide,

@@ -22,6 +22,20 @@ TOPICS = {
 }
 _BAG_VERSION = 9
 
+# rosbags meets bytes that are damaged with these, too.
+_READER_FAILURES = (
+    struct.error,
+    ValueError,
+    LookupError,
+    ArithmeticError,
+    AssertionError,
+    AttributeError,
+    EOFError,
+    MemoryError,
+    RuntimeError,
+    TypeError,
+)
+
 
 def refuse_without_library(key: str = "encoding") -> None:
     """Refuse a bag where rosbags is not installed.
@@ -74,16 +88,7 @@ def read(path: Path, settings: Settings) -> Points:
                 for connection, _, raw in bag.messages()
                 if connection.msgtype == kind and connection.topic == TOPICS[kind]
             ]
-    except (
-        highlevel.AnyReaderError,
-        errors.ReaderError,
-        struct.error,
-        ValueError,
-        KeyError,
-        IndexError,
-        AssertionError,
-        MemoryError,
-    ) as error:
+    except (highlevel.AnyReaderError, errors.ReaderError, *_READER_FAILURES) as error:
         raise TableError(f"no bag that can be read: {error}") from error
     if len(found) != 1:
         raise TableError(f"{len(found)} messages {kind} where there is one")

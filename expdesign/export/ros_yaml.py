@@ -24,6 +24,12 @@ from expdesign.export.rows import TableError
 _FINER = 3
 """More digits for rotations: what is computed back from them keeps the digits asked for."""
 
+_LATEST = 2**31 - 1
+"""s: `sec` of builtin_interfaces/Duration has 32 bits."""
+
+# ruamel.yaml meets malformed input with these, too.
+_READER_FAILURES = (YAMLError, ValueError, LookupError, AttributeError, TypeError, AssertionError)
+
 _XYZ, _XYZW = ("x", "y", "z"), ("x", "y", "z", "w")
 
 
@@ -55,9 +61,12 @@ def read(path: Path, settings: Settings) -> Points:
         It is no message of this type.
     """
     try:
-        data = YAML(typ="safe").load(path.read_text(encoding="ascii"))
-    except (YAMLError, UnicodeDecodeError) as error:
-        raise TableError(f"no YAML: {str(error).splitlines()[0]}") from error
+        data = YAML(typ="safe", pure=True).load(path.read_text(encoding="ascii"))
+    except RecursionError:
+        raise TableError("no YAML of a message: it is nested too deeply") from None
+    except _READER_FAILURES as error:
+        reason, *_ = str(error).split("\n")
+        raise TableError(f"no YAML: {reason}") from error
     keys = {"header", "joint_names", "points"}
     if not isinstance(data, dict) or set(data) != keys or not isinstance(data["points"], list):
         raise TableError(f"no message with {', '.join(sorted(keys))}")
@@ -71,7 +80,9 @@ def read(path: Path, settings: Settings) -> Points:
             times.append(_nanoseconds(point["time_from_start"]))
             cells.append([_floats(part) for part in taken(point)])
         except (KeyError, TypeError, ValueError, IndexError) as error:
-            raise TableError(f"point {k} is not complete, or holds what is no number") from error
+            raise TableError(
+                f"point {k} is not complete, or holds what is no number or out of range"
+            ) from error
     sizes = {tuple(len(part) for part in row) for row in cells}
     wanted = (7, 6, 6) if message_type(settings) == PLATFORM else (6, 6, 6)
     if sizes != {wanted}:
@@ -145,8 +156,8 @@ def _nanoseconds(stamp: Any) -> int:
     parts = (stamp["sec"], stamp["nanosec"])
     if not all(isinstance(part, int) and not isinstance(part, bool) for part in parts):
         raise ValueError("not whole numbers")
-    if not 0 <= parts[1] < NANOSECONDS:
-        raise ValueError("nanosec is out of range")
+    if not (0 <= parts[0] <= _LATEST and 0 <= parts[1] < NANOSECONDS):
+        raise ValueError("sec or nanosec is out of range")
     return int(parts[0]) * NANOSECONDS + int(parts[1])
 
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
+import numpy as np
 
 from expdesign.configuration import ConfigurationError, Problem
 from expdesign.export.catalogue import table_formats
@@ -37,12 +37,15 @@ class TableFile:
     settings : Settings
         With which it was written.
     executed : ExecutedTable
+    changed : bool
+        Whether it is another file than the one that was exported and checked.
     """
 
     path: Path
     digest: str
     settings: Settings
     executed: ExecutedTable
+    changed: bool = False
 
     @property
     def window(self) -> tuple[float, float]:
@@ -105,46 +108,82 @@ def find_table_file(path: Path, robot: Robot, trajectory: FourierTrajectory) -> 
             Problem("there is no such table", path, allowed="a file that `expdesign export` wrote")
         )
     place, motion, about = _record(path)
+    changed = about["sha256"] != file_hash(path)
     try:
         section = ExportSection.model_validate(about["options"])
-        task = Task(
-            name=str(motion["name"]),
-            robot=robot,
-            motion=motion_from_record(motion["ways"], trajectory),
-            controller_period=float(motion["controller_period"]),
-            sampling=float(motion["sampling"]),
-            parameters=(),
-        )
-    except (KeyError, TypeError, ValidationError) as error:
+        name, ways = str(motion["name"]), motion["ways"]
+        period, sampling = (_positive(motion[key]) for key in ("controller_period", "sampling"))
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise ConfigurationError(
             Problem("what it says of the table cannot be used", place, allowed=_AGAIN)
         ) from error
+    try:
+        found_motion = motion_from_record(ways, trajectory, robot.home)
     except ValueError as error:
         raise ConfigurationError(
             Problem(f"its motion is not that of the design: {error}", path, allowed=_AGAIN)
         ) from error
+    task = Task(name, robot, found_motion, period, sampling, parameters=())
     refuse_missing_library(section)
     try:
-        return read_table_file(path, task, settled(section, task))
+        found = read_table_file(path, task, settled(section, task))
     except (TableError, OSError) as error:
+        since = "; it was changed after it was exported" if changed else ""
         raise ConfigurationError(
-            Problem(f"the controller would not read this table: {error}", path, allowed=_AGAIN)
+            Problem(
+                f"the controller would not read this table: {error}{since}", path, allowed=_AGAIN
+            )
         ) from error
+    return replace(found, changed=changed)
+
+
+def _positive(value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise TypeError("no number")
+    number = float(value)
+    if not 0 < number < np.inf:
+        raise ValueError("no positive number")
+    return number
 
 
 def _record(path: Path) -> tuple[Path, dict[str, Any], dict[str, Any]]:
-    """Return where it is told what a table holds, what of its motion and what of the file."""
+    """Return where it is told what a table holds, what of its motion and what of the file.
+
+    A table may have been replaced after one of the records was written: the one with its digest
+    is taken. Where none has it, the table was changed by hand, and the only record is taken.
+    """
     places = (path.with_name(RECORD), record_of_one(path))
+    found: list[tuple[Path, dict[str, Any], dict[str, Any]]] = []
     for place in places:
         data = read_record(place)
         about = data.get("files", {}).get(path.name)
         if isinstance(about, dict):
-            return place, data["motion"], about
-    names = " nor ".join(place.name for place in places)
-    raise ConfigurationError(
-        Problem(
-            f"nothing tells what the columns of this table are: neither {names} beside it names it",
-            path,
-            allowed=_AGAIN,
+            found.append((place, data["motion"], about))
+    if not found:
+        names = " nor ".join(place.name for place in places)
+        raise ConfigurationError(
+            Problem(
+                f"nothing tells what the columns of this table are: neither {names} beside it "
+                "names it",
+                path,
+                allowed=_AGAIN,
+            )
         )
-    )
+    for place, _, about in found:
+        if not isinstance(about.get("sha256"), str):
+            raise ConfigurationError(
+                Problem("it does not tell which file it is about", place, allowed=_AGAIN)
+            )
+    digest = file_hash(path)
+    own = [record for record in found if record[2]["sha256"] == digest]
+    if not own and len(found) > 1:
+        names = " and ".join(place.name for place in places)
+        raise ConfigurationError(
+            Problem(
+                f"this table was changed after it was exported, and {names} both name it: which "
+                "of them holds for it cannot be told",
+                path,
+                allowed=_AGAIN,
+            )
+        )
+    return (own or found)[0]

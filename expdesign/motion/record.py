@@ -6,16 +6,24 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from expdesign.motion.executable import ExecutableMotion
 from expdesign.motion.periods import PERIODS, Periods
-from expdesign.motion.spline import FIXED, SplineRamp
-from expdesign.trajectory import FourierTrajectory, PoseSamples
+from expdesign.motion.spline import FIXED, MotionState, SplineRamp
+from expdesign.trajectory import FourierTrajectory
+
+Array = NDArray[np.float64]
 
 _LEAST_POINTS = 2 * FIXED
 _COORDINATES = 6
+_MOST_PERIODS = 1_000_000
 _JUNCTION = 1e-9
-"""m, rad, and per s and s²: by how much parts of one motion may differ where they meet."""
+"""m, rad, and per s and s²: by how much parts of one motion may differ where they meet.
+
+For ramps of less than a second: per ramp, since a short one turns the last digits of its control
+points into more speed.
+"""
 
 
 def motion_to_record(motion: ExecutableMotion) -> dict[str, Any] | None:
@@ -36,7 +44,7 @@ def motion_to_record(motion: ExecutableMotion) -> dict[str, Any] | None:
 
 
 def motion_from_record(
-    record: Mapping[str, Any], trajectory: FourierTrajectory
+    record: Mapping[str, Any], trajectory: FourierTrajectory, home: Array
 ) -> ExecutableMotion:
     """Return the motion of a record, the same to the last digit.
 
@@ -46,23 +54,29 @@ def motion_from_record(
         As `motion_to_record` makes it.
     trajectory : FourierTrajectory
         The designed motion that the periods repeat.
+    home : (6,)
+        Pose at which the motion begins and ends at rest: m, rad.
 
     Raises
     ------
     ValueError
-        It is no such record, or its ramps do not lead into this trajectory and back.
+        It is no such record, or its ramps do not lead from rest at home into this trajectory and
+        back.
     """
     try:
-        phase, periods = float(record["phase"]), int(record["periods"])
+        phase, periods = float(record["phase"]), record["periods"]
         first, last = (_ramp(ramp) for ramp in record["ramps"])
     except (KeyError, TypeError, OverflowError) as error:
         raise ValueError(f"no ramps of a motion: {error}") from error
-    if not (0 <= phase <= trajectory.period and periods >= 1):
-        raise ValueError(f"{periods} periods from {phase} s on")
-    orbit = trajectory.sample(phase)
-    ends = (first.sample(np.array([first.duration])), last.sample(np.zeros(1)))
-    if not all(_meet(orbit, end) for end in ends):
+    if not isinstance(periods, int) or isinstance(periods, bool):
+        raise ValueError("its number of periods is not whole")
+    if not (0 <= phase <= trajectory.period and 1 <= periods <= _MOST_PERIODS):
+        raise ValueError("no motion has its phase, or as many periods")
+    orbit, rest = MotionState.of(trajectory.sample(phase)), MotionState.at_rest(home)
+    if not (_meet(first, first.duration, orbit) and _meet(last, 0.0, orbit)):
         raise ValueError("the ramps do not lead into the designed motion and back")
+    if not (_meet(first, 0.0, rest) and _meet(last, last.duration, rest)):
+        raise ValueError("the ramps do not begin and end at rest at home")
     return ExecutableMotion(
         (first, Periods(trajectory, periods, phase), last), trajectory, periods, phase
     )
@@ -74,11 +88,21 @@ def _ramp(record: Mapping[str, Any]) -> SplineRamp:
         raise ValueError(f"control points of the shape {points.shape}, not (N, 6)")
     if not (np.all(np.isfinite(points)) and 0 < duration < np.inf):
         raise ValueError("a ramp with numbers that are not finite")
-    return SplineRamp(str(record["name"]), duration, points)
+    name = str(record["name"])
+    if name == PERIODS:
+        raise ValueError(f"a ramp with the name '{PERIODS}'")
+    return SplineRamp(name, duration, points)
 
 
-def _meet(one: PoseSamples, other: PoseSamples) -> bool:
+def _meet(ramp: SplineRamp, time: float, state: MotionState) -> bool:
+    """Tell whether a ramp has this state at a time from its start, s."""
+    there = MotionState.of(ramp.sample(np.array([time])))
     return all(
-        np.allclose(getattr(one, part), getattr(other, part), rtol=_JUNCTION, atol=_JUNCTION)
-        for part in ("pose", "rate", "acceleration")
+        np.allclose(
+            getattr(there, part),
+            getattr(state, part),
+            rtol=_JUNCTION,
+            atol=_JUNCTION * max(1.0, ramp.duration**-order),
+        )
+        for order, part in enumerate(("pose", "rate", "acceleration"))
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import platform
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
@@ -88,6 +89,15 @@ class Manifest:
             for key, other in self.stages.items()
         }
         return replace(self, stages={**others, name: entry})
+
+    def with_files(self, folder: Path, files: Iterable[Path]) -> Manifest:
+        """Return the manifest with these files as they are now, for the stages that wrote them."""
+        now = {str(file.relative_to(folder)): file_hash(file) for file in files}
+        stages = {
+            key: replace(stage, files={file: now.get(file, d) for file, d in stage.files.items()})
+            for key, stage in self.stages.items()
+        }
+        return replace(self, stages=stages)
 
     def is_done(self, name: str, inputs: str, folder: Path) -> bool:
         """Tell whether a stage was done from these inputs and its files are still as written."""

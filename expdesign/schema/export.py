@@ -78,7 +78,8 @@ OFFERS: dict[str, Offer] = {
 
 _ALWAYS = ("format", "file", "segment", "tolerance")
 _PMAC_AXES = tuple("ABCUVWXYZ")
-_STRUT_ONLY = (*_ACTUATORS, "counts_per_metre")
+STRUT_ONLY = (*_ACTUATORS, "counts_per_metre")
+"""Keys that say something of actuators: for tables of struts."""
 
 
 def _order(value: tuple[int, ...]) -> tuple[int, ...]:
@@ -181,7 +182,7 @@ class ExportSection(Section):
     @model_validator(mode="after")
     def _options_fit_each_other(self) -> ExportSection:
         if self.coordinates == "pose":
-            for key in _STRUT_ONLY:
+            for key in STRUT_ONLY:
                 if getattr(self, key) is not None:
                     raise refusal(
                         f"'{key}' is about actuators, the table holds poses",

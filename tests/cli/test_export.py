@@ -9,6 +9,7 @@ import pytest
 from expdesign.configuration import load_run, resolved_yaml
 from expdesign.export import table_formats
 from expdesign.motion import NoRampError
+from expdesign.runfolder.manifest import file_hash
 from expdesign.trajectory import FourierTrajectory
 from tests.export.motions import motion_of, task
 
@@ -131,6 +132,11 @@ def test_options_of_the_command_line(expdesign, folder, tmp_path):
         (("--format", "xps-pvt", "--counts-per-metre", "1,x"), "--counts-per-metre"),
         (("--format", "pmac-pvt", "--axes", "A,B,C,D,Y,Z"), "'D' is no axis of a PMAC"),
         (("--format", "ros2", "--encoding", "mcap", "--digits", "3"), "all their digits"),
+        (
+            ("--format", "ros2", "--encoding", "mcap", "--out", "t.dat"),
+            "--out: 't.dat' does not end",
+        ),
+        (("--format", "ros2", "--encoding", "mcap", "--out", "t.MCAP"), "the ending .mcap"),
     ],
 )
 def test_bad_options(arguments, expected, expdesign, folder):
@@ -139,6 +145,107 @@ def test_bad_options(arguments, expected, expdesign, folder):
     assert expected in messages
     assert "Traceback" not in messages
     assert not (folder / "exports").exists()
+
+
+@pytest.fixture
+def resolved(folder, run_file):
+    """Return a maker of the folder's resolved run."""
+
+    def write(export):
+        text = resolved_yaml(load_run(run_file(export)))
+        (folder / "run.yaml").write_text(text, encoding="utf-8")
+
+    return write
+
+
+ACTUATORS = {"order": [2, 1, 3, 4, 5, 6], "sign": -1, "offset": "home"}
+
+
+@pytest.mark.parametrize(
+    ("stated", "arguments", "left_out", "expected"),
+    [
+        (
+            {"format": "xps-pvt", **ACTUATORS, "axes": list("abcdef")},
+            ("--space", "pose"),
+            "left out, since --space is given: axes, order, sign, offset of the run's export",
+            {"format": "xps-pvt", "space": "pose"},
+        ),
+        (
+            {"format": "pmac-pvt", "counts_per_metre": 1e6, "segment": "10 ms"},
+            ("--space", "pose", "--tolerance", "50 um"),
+            "--space is given: counts_per_metre of",
+            {"format": "pmac-pvt", "space": "pose", "segment": 0.01, "tolerance": 5e-5},
+        ),
+        (
+            {"format": "pmac-pvt", "counts_per_metre": 1e6},
+            ("--space", "pose", "--units", "mm"),
+            "counts_per_metre of",
+            {"format": "pmac-pvt", "space": "pose", "units": "mm"},
+        ),
+        (
+            {"format": "xps-pvt", "units": "um"},
+            ("--counts-per-metre", "1e9"),
+            "since --counts-per-metre is given: units of",
+            {"format": "xps-pvt", "counts_per_metre": [1e9] * 6},
+        ),
+        (
+            {"format": "ros2", "digits": 9},
+            ("--encoding", "mcap"),
+            "since --encoding is given: digits of",
+            {"format": "ros2", "encoding": "mcap"},
+        ),
+        (
+            {"format": "ros2", **ACTUATORS, "digits": 9},
+            ("--space", "strut", "--encoding", "yaml"),
+            None,
+            {
+                "format": "ros2",
+                "digits": 9,
+                "space": "strut",
+                "encoding": "yaml",
+                **ACTUATORS,
+                "sign": [-1] * 6,
+            },
+        ),
+    ],
+)
+def test_options_override_those_of_the_run(
+    stated, arguments, left_out, expected, expdesign, folder, resolved
+):
+    resolved([stated])
+    command = ("export", folder, "--format", stated["format"], *arguments, "--json")
+    status, answer, messages = expdesign(*command)
+    assert status == 0, (answer, messages)
+    (found,) = json.loads(answer)["files"].values()
+    assert found["options"] == expected
+    assert ("left out" in messages) == (left_out is not None)
+    assert (left_out or "") in " ".join(messages.split())
+
+
+def test_one_of_several_tables_of_the_run_is_named(expdesign, folder, resolved):
+    resolved(
+        [
+            "csv",
+            {"format": "xps-pvt", **ACTUATORS},
+            {"format": "xps-pvt", "file": "b", "units": "um"},
+        ]
+    )
+    command = ("export", folder, "--format", "xps-pvt")
+    for more in ((), ("--file", "c"), ("--units", "mm")):
+        status, _, messages = expdesign(*command, *more)
+        assert (status, "--file: the run has 2 tables of xps-pvt" in messages) == (2, True)
+        assert "allowed: xps-pvt | b" in messages
+        assert not (folder / "exports").exists()
+    assert expdesign(*command, "--file", "b")[0] == 0
+    assert expdesign(*command, "--file", "xps-pvt")[0] == 0
+    files = json.loads((folder / "exports/exports.json").read_text())["files"]
+    assert files["b.trj"]["options"] == {"format": "xps-pvt", "file": "b", "units": "um"}
+    assert files["xps-pvt.trj"]["options"]["order"] == ACTUATORS["order"]
+    # Where there is one, it lends its options to a table of another name.
+    resolved([{"format": "xps-pvt", "units": "in"}])
+    assert expdesign(*command, "--file", "c")[0] == 0
+    files = json.loads((folder / "exports/exports.json").read_text())["files"]
+    assert files["c.trj"]["options"] == {"format": "xps-pvt", "file": "c", "units": "in"}
 
 
 def test_folders_that_are_none(expdesign, folder, tmp_path):
@@ -195,6 +302,98 @@ def test_the_stage_of_run(expdesign, folder, run_file):
     status, answer, _ = expdesign("run", file, "--out", folder, "--json")
     assert json.loads(answer)["resumed"] is False
     assert names(exports) == ["README.txt", "exports.json", "xps-pvt.trj"]
+
+
+def test_a_run_keeps_what_is_told_of_tables_exported_by_hand(expdesign, folder, run_file):
+    file = measured_run(run_file(["linuxcnc-strut"]), COARSE)
+    assert expdesign("run", file, "--out", folder)[0] == 0
+    exports = folder / "exports"
+    status, _, messages = expdesign("export", folder, "--format", "xps-pvt")
+    assert status == 0, messages
+
+    def described():
+        record = json.loads((exports / "exports.json").read_text())
+        text = (exports / "README.txt").read_text()
+        assert all(f"{name}: " in text for name in record["files"])
+        return set(record["files"])
+
+    both = {"linuxcnc-strut.txt", "xps-pvt.trj"}
+    assert described() == both
+    # Nothing of the stage has changed.
+    status, answer, _ = expdesign("run", file, "--out", folder, "--json")
+    assert (status, json.loads(answer)["resumed"]) == (0, True)
+    assert described() == both
+    # Another table in the run: that of before goes, the one made by hand stays.
+    again = measured_run(run_file(["linuxcnc-strut"]), COARSE | {"file": "other"})
+    status, answer, _ = expdesign("run", again, "--out", folder, "--json")
+    assert (status, json.loads(answer)["resumed"]) == (0, False)
+    assert described() == {"other.txt", "xps-pvt.trj"}
+    assert names(exports) == ["README.txt", "exports.json", "other.txt", "xps-pvt.trj"]
+    # One that fails takes nothing with it.
+    bad = measured_run(run_file(["linuxcnc-strut"]), COARSE | {"segment": "80 ms"})
+    assert expdesign("run", bad, "--out", folder)[0] == 1
+    assert described() == {"xps-pvt.trj"}
+
+
+def test_tables_of_another_motion_are_told_of_no_longer(expdesign, folder):
+    assert expdesign("export", folder, "--format", "xps-pvt")[0] == 0
+    data = json.loads((folder / "design.json").read_text())
+    data["mu"][0][0] *= 1 - 1e-6
+    (folder / "design.json").write_text(json.dumps(data))
+    more = ("--segment", "4 ms", "--tolerance", "0.2 mm")
+    status, _, messages = expdesign("export", folder, "--format", "pi-wave", *more)
+    assert status == 0, messages
+    assert "no longer in README.txt and exports.json: xps-pvt.trj" in " ".join(messages.split())
+    assert set(json.loads((folder / "exports/exports.json").read_text())["files"]) == {
+        "pi-wave.txt"
+    }
+
+
+def measured_run(file, options):
+    """Give a run data of its own, so that `experiment` simulates nothing, and its table options."""
+    data = json.loads(file.read_text())
+    measured = file.parent / "measured.csv"
+    measured.write_text("t\n")
+    data["data"] = {"file": str(measured)}
+    data["export"] = [{"format": name} | options for name in data["export"]]
+    file.write_text(json.dumps(data))
+    return file
+
+
+def test_a_table_of_the_stage_is_described_though_the_next_one_fails(expdesign, folder, run_file):
+    file = run_file([{"format": "xps-pvt", "units": "mm"}, {"format": "csv", "segment": "80 ms"}])
+    measured = folder.parent / "measured.csv"
+    measured.write_text("t\n")
+    data = json.loads(file.read_text()) | {"data": {"file": str(measured)}}
+    file.write_text(json.dumps(data))
+    assert expdesign("export", folder, "--format", "xps-pvt", "--units", "um")[0] == 0
+    status, _, messages = expdesign("run", file, "--out", folder)
+    assert (status, "csv.csv" in messages) == (1, True)
+    exports = folder / "exports"
+    found = json.loads((exports / "exports.json").read_text())["files"]["xps-pvt.trj"]
+    assert found["options"]["units"] == "mm"
+    assert found["sha256"] == file_hash(exports / "xps-pvt.trj")
+    assert "q1     mm" in (exports / "README.txt").read_text()
+
+
+@pytest.mark.parametrize("name", ["README.txt", "exports.json", "readme.TXT"])
+def test_a_table_does_not_take_the_place_of_its_description(name, expdesign, folder, run_file):
+    out = folder / "exports" / name
+    status, _, messages = expdesign("export", folder, "--format", "csv", "--out", out)
+    assert (status, "what describes the tables" in messages) == (2, True)
+    assert not out.exists()
+
+
+def test_the_name_of_the_description_is_taken(expdesign, folder):
+    more = ("--format", "linuxcnc-strut", "--file", "README")
+    status, _, messages = expdesign("export", folder, *more)
+    assert (status, "--file: README.txt is what describes" in messages) == (2, True)
+
+
+def test_a_table_of_the_run_does_not_take_the_place_of_the_description(expdesign, folder, run_file):
+    file = run_file([{"format": "linuxcnc-strut", "file": "README"}])
+    status, _, messages = expdesign("run", file, "--out", folder)
+    assert (status, "export[1].file" in messages) == (2, True)
 
 
 def test_a_bad_option_of_the_run_is_named_with_its_place(expdesign, folder, run_file):

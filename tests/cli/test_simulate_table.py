@@ -107,6 +107,82 @@ def test_a_table_with_its_record_elsewhere(expdesign, run_file, folder, tmp_path
     assert json.loads(answer)["table"] == "table.pmc"
 
 
+def test_a_table_that_was_replaced(expdesign, run_file, folder, table, tmp_path):
+    """Whatever says what the table was before does not count, wherever it stands."""
+    stale = json.loads((table.parent / "exports.json").read_text())
+    assert stale["files"]["xps-pvt.trj"]["options"]["units"] == "um"
+    again = ("export", folder, "--format", "xps-pvt", "--segment", "25 ms", "--tolerance", "50 um")
+    assert expdesign(*again, "--units", "mm", "--out", table)[0] == 0
+    # The folder's own files tell of it, and no others.
+    names = sorted(path.name for path in table.parent.iterdir())
+    assert names == ["README.txt", "exports.json", "xps-pvt.trj"]
+    record = json.loads((table.parent / "exports.json").read_text())
+    assert record["files"]["xps-pvt.trj"]["options"]["units"] == "mm"
+    assert "q1     mm" in (table.parent / "README.txt").read_text()
+    # A record that was overtaken gives way to the one of this very file.
+    shutil.copy(table.parent / "exports.json", table.with_name("xps-pvt.trj.json"))
+    (table.parent / "exports.json").write_text(json.dumps(stale))
+    arguments = ("--design", folder, "--out", tmp_path / "out", "--table", table)
+    status, _, messages = expdesign("simulate", run_file(), *arguments)
+    assert status == 0, messages
+    assert "changed" not in messages
+
+
+def test_a_table_in_the_exports_of_another_run(expdesign, folder, table, tmp_path):
+    other = tmp_path / "other"
+    shutil.copytree(folder, other)
+    assert expdesign("export", other, "--format", "ros2")[0] == 0
+    assert (
+        expdesign("export", folder, "--format", "xps-pvt", "--out", other / "exports" / table.name)[
+            0
+        ]
+        == 0
+    )
+    record = json.loads((other / "exports/exports.json").read_text())
+    assert set(record["files"]) == {"ros2.yaml"}
+    assert table.name not in (other / "exports/README.txt").read_text()
+    assert (other / "exports" / f"{table.name}.README.txt").is_file()
+    assert (
+        expdesign("export", folder, "--format", "ros2", "--out", other / "exports/ros2.yaml")[0]
+        == 0
+    )
+    assert not (other / "exports/exports.json").exists()
+    assert not (other / "exports/README.txt").exists()
+
+
+def test_a_table_that_was_changed_by_hand(expdesign, run_file, folder, table, tmp_path):
+    lines = table.read_text().splitlines()
+    cells = lines[70].split(", ")
+    cells[1] = f"{float(cells[1]) + 0.01:.5f}"
+    table.write_text("\n".join([*lines[:70], ", ".join(cells), *lines[71:]]) + "\n")
+    arguments = ("--design", folder, "--out", tmp_path / "out", "--table", table, "--json")
+    status, answer, messages = expdesign("simulate", run_file(), *arguments)
+    assert status == 0, messages
+    assert "xps-pvt.trj was changed after it was exported" in messages
+    assert any("was not checked" in warning for warning in json.loads(answer)["warnings"])
+
+
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [
+        ("table", ("--format", "csv", "--segment", "2 ms", "--tolerance", "1 mm")),
+        ("table.xyz", ("--format", "mat", "--segment", "2 ms", "--tolerance", "1 mm")),
+        ("table.mcap", ("--format", "ros2")),
+        ("table.mcap", ("--format", "ros2", "--encoding", "mcap")),
+    ],
+)
+def test_a_table_of_any_name_that_export_takes(
+    name, options, expdesign, run_file, folder, tmp_path
+):
+    table = tmp_path / "far" / name
+    status, _, messages = expdesign("export", folder, *options, "--out", table)
+    assert status == 0, messages
+    arguments = ("--design", folder, "--out", tmp_path / "out", "--table", table, "--json")
+    status, answer, messages = expdesign("simulate", run_file(), *arguments)
+    assert status == 0, messages
+    assert json.loads(answer)["table"] == name
+
+
 def _no_record(table):
     (table.parent / "exports.json").unlink()
 
@@ -125,8 +201,21 @@ def _changed(keys, value):
     return change
 
 
+def _off_home(table):
+    record = json.loads((table.parent / "exports.json").read_text())
+    points = record["motion"]["ways"]["ramps"][0]["control_points"]
+    points[0][2] += 0.05
+    _changed(("motion", "ways", "ramps", 0, "control_points"), points)(table)
+
+
 def _cut(table):
     table.write_text("\n".join(table.read_text().splitlines()[:60]) + "\n")
+
+
+def _cut_under_two_records(table):
+    text = (table.parent / "exports.json").read_text()
+    table.with_name("xps-pvt.trj.json").write_text(text)
+    _cut(table)
 
 
 def _last_lines(table):
@@ -147,12 +236,21 @@ def _other_element(table):
         (_no_record, "nothing tells what the columns of this table are"),
         (lambda table: (table.parent / "exports.json").write_text("{"), "nothing tells"),
         (_changed(("motion", "ways"), None), "its motion is not that of the design"),
-        (_changed(("motion", "sampling"), None), "cannot be used"),
+        (_changed(("motion", "ways", "periods"), 1.9), "its number of periods is not whole"),
+        (_off_home, "the ramps do not begin and end at rest at home"),
+        (_changed(("motion", "sampling"), None), "exports.json: what it says of the table cannot"),
+        (_changed(("motion", "sampling"), 0), "cannot be used"),
+        (_changed(("motion", "controller_period"), 10**399), "cannot be used"),
+        (_changed(("motion", "controller_period"), "abc"), "exports.json: what it says"),
+        (_changed(("motion", "ways", "periods"), 10**399), "is not that of the design"),
         (_changed(("files", "xps-pvt.trj", "options"), {"format": "none"}), "cannot be used"),
         (_changed(("files", "xps-pvt.trj", "options", "units"), "mm"), "does not hold the design"),
         (_changed(("files", "xps-pvt.trj", "options", "sign"), [1] * 6), "does not hold"),
         (lambda table: table.write_text("0.1, 0, x\n"), "would not read this table"),
         (_cut, "would not read this table: line 60: the last velocities are not 0"),
+        (_cut, "it was changed after it was exported"),
+        (_cut_under_two_records, "which of them holds for it cannot be told"),
+        (_changed(("files", "xps-pvt.trj", "sha256"), None), "does not tell which file"),
         (_last_lines, "inside the measurement window"),
         (_other_element, "does not hold the design"),
     ],
@@ -166,6 +264,39 @@ def test_bad_tables(spoil, expected, expdesign, run_file, folder, table, tmp_pat
     assert expected in " ".join(messages.split())
     assert "Traceback" not in messages
     assert not (out / "measurement.csv").exists()
+
+
+def _text(old, new):
+    def change(table):
+        text = table.read_text()
+        assert old in text
+        table.write_text(text.replace(old, new, 1))
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("spoil", "expected"),
+    [
+        (_text("{sec: 1, nanosec", "{sec: 99999999999, nanosec"), "holds what is no number"),
+        (_text("{sec: 1, nanosec", "{sec: -1, nanosec"), "holds what is no number"),
+        (lambda table: table.write_text("[" * 3000), "it is nested too deeply"),
+        (lambda table: table.write_text("a: !!bool maybe"), "no YAML: 'maybe'"),
+        (lambda table: table.write_text("a: " + "9" * 5000), "no YAML: Exceeds the limit"),
+        (lambda table: table.write_text("a: !!timestamp 5"), "no YAML"),
+        (lambda table: table.write_bytes(b"\xff"), "no YAML"),
+    ],
+)
+def test_bad_messages(spoil, expected, expdesign, run_file, folder, tmp_path):
+    export = ("--format", "ros2", "--segment", "25 ms", "--tolerance", "50 um")
+    assert expdesign("export", folder, *export)[0] == 0
+    table = folder / "exports" / "ros2.yaml"
+    spoil(table)
+    arguments = ("--design", folder, "--out", tmp_path / "out", "--table", table)
+    status, _, messages = expdesign("simulate", run_file(), *arguments)
+    assert status == 2, messages
+    assert expected in " ".join(messages.split())
+    assert "would not read this table" in messages
 
 
 def test_a_table_of_another_design_or_too_few_periods(expdesign, run_file, folder, table, tmp_path):
@@ -205,7 +336,9 @@ def test_ways_are_looked_for_once(expdesign, folder, table, searches):
     assert table.read_bytes() == first
 
 
-@pytest.mark.parametrize("what", ["design", "limits", "periods", "record"])
+@pytest.mark.parametrize(
+    "what", ["design", "limits", "periods", "record", "recorded periods", "home"]
+)
 def test_ways_of_something_else_are_not_taken(what, expdesign, folder, table, searches, run_file):
     if what == "design":
         text = json.loads((folder / "design.json").read_text())
@@ -213,6 +346,10 @@ def test_ways_of_something_else_are_not_taken(what, expdesign, folder, table, se
         (folder / "design.json").write_text(json.dumps(text))
     elif what == "record":
         _changed(("motion", "ways", "ramps"), [])(table)
+    elif what == "recorded periods":
+        _changed(("motion", "ways", "periods"), 3)(table)
+    elif what == "home":
+        _off_home(table)
     else:
         data = json.loads(run_file().read_text())
         data |= {"limits": {"strut_speed": 1.9}} if what == "limits" else {}

@@ -94,7 +94,7 @@ def task(name="palida", harmonics=5):
     if (name, harmonics) == DESIGNED:
         trajectory = read_design_file(REFERENCE).trajectory
         ways = json.loads(REFERENCE.read_text(encoding="utf-8"))["ways"]
-        return _task(robot, motion_from_record(ways, trajectory))
+        return _task(robot, motion_from_record(ways, trajectory, robot.home))
     model = ExactModel(robot, robot.limits)
     frequency = FREQUENCY[name, harmonics]
     low, high = 0.0, 4.0

@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 from scipy.io import loadmat, savemat
 
-from expdesign.export import ExportError, export_table, file_name, read_back, table_formats
+from expdesign.export import (
+    ExportError,
+    TableError,
+    export_table,
+    file_name,
+    read_back,
+    table_formats,
+)
 from expdesign.schema import ExportSection
 from tests.export.motions import task
 from tests.export.test_formats import EXPORTS, section
@@ -178,6 +185,21 @@ def test_damaged_binary_files(key, written, tmp_path):
     for damaged in (content[: len(content) // 2], b"", b"no such file" * 20):
         found = checked(made, damaged, tmp_path)
         assert found.failures[0].startswith("the file cannot be read")
+
+
+@pytest.mark.parametrize("size", [b"\xff" * 8, b"\xff" * 7 + b"\x7f"])
+def test_a_bag_whose_sizes_are_damaged(size, written, tmp_path):
+    """Sizes of records are 64 bits; no byte of the bag leads to anything but a refusal."""
+    made = written("ros2 mcap")
+    content, read = made.path.read_bytes(), table_formats()["ros2"].read
+    path, refused = tmp_path / made.path.name, 0
+    for place in (*range(8, 60), *range(len(content) - 60, len(content) - 8)):
+        path.write_bytes(content[:place] + size + content[place + 8 :])
+        try:
+            read(path, made.settings)
+        except TableError:
+            refused += 1
+    assert refused > 20
 
 
 def test_segments_of_ones_own_keep_the_limits(tmp_path):

@@ -6,14 +6,19 @@ import numpy as np
 import pytest
 
 from expdesign.configuration import load_run
-from expdesign.motion import check_motion, motion_from_record, motion_to_record
+from expdesign.motion import ExecutableMotion, check_motion, motion_from_record, motion_to_record
+from expdesign.motion.periods import Periods
+from expdesign.motion.planning import PIECES
+from expdesign.motion.spline import MotionState, SplineRamp, end_coefficients, reversed_in_time
 from tests.estimation.cases import ROBOT, trajectory
 from tests.export.motions import DESIGNED, motion_of, spline_motion_of, task
 
 
 def test_it_is_the_same_motion_to_the_last_digit():
     motion = spline_motion_of(ROBOT, trajectory(), 3, phase=0.2)
-    again = motion_from_record(json.loads(json.dumps(motion_to_record(motion))), trajectory())
+    again = motion_from_record(
+        json.loads(json.dumps(motion_to_record(motion))), trajectory(), ROBOT.home
+    )
     assert again.window == motion.window
     assert [s.name for s in again.segments] == ["ramp in", "periods", "ramp out"]
     times = np.linspace(-0.1, motion.duration + 0.1, 700)
@@ -31,7 +36,7 @@ def test_ramps_of_another_kind_are_not_recorded():
 def test_ramps_into_another_design_are_refused():
     record = motion_to_record(spline_motion_of(ROBOT, trajectory()))
     with pytest.raises(ValueError, match="do not lead into the designed motion"):
-        motion_from_record(record, trajectory(seed=7))
+        motion_from_record(record, trajectory(seed=7), ROBOT.home)
 
 
 @pytest.mark.parametrize(
@@ -40,7 +45,12 @@ def test_ramps_into_another_design_are_refused():
         lambda record: record.pop("phase"),
         lambda record: record.update(phase=-1),
         lambda record: record.update(periods=0),
+        lambda record: record.update(periods=10**400),
         lambda record: record.update(periods=float("inf")),
+        lambda record: record.update(periods=1.9),
+        lambda record: record.update(periods=True),
+        lambda record: record.update(periods="1"),
+        lambda record: record["ramps"][0].update(name="periods"),
         lambda record: record.update(ramps=None),
         lambda record: record["ramps"].pop(),
         lambda record: record["ramps"][0].update(duration=0),
@@ -55,7 +65,42 @@ def test_what_is_no_record(change):
     record = json.loads(json.dumps(motion_to_record(spline_motion_of(ROBOT, trajectory()))))
     change(record)
     with pytest.raises(ValueError, match=r"."):
-        motion_from_record(record, trajectory())
+        motion_from_record(record, trajectory(), ROBOT.home)
+
+
+@pytest.mark.parametrize("point", range(6))
+@pytest.mark.parametrize("ramp", [0, 1])
+def test_every_control_point_at_an_end_counts(ramp, point):
+    """Three at each end are pose, rate and acceleration there: of the orbit, or at rest at home."""
+    record = json.loads(json.dumps(motion_to_record(spline_motion_of(ROBOT, trajectory()))))
+    at_home = (point < 3) == (ramp == 0)
+    record["ramps"][ramp]["control_points"][point][2] += 1e-6
+    expected = "begin and end at rest at home" if at_home else "lead into the designed motion"
+    with pytest.raises(ValueError, match=expected):
+        motion_from_record(record, trajectory(), ROBOT.home)
+
+
+def test_ramps_from_another_home_are_refused():
+    record = motion_to_record(spline_motion_of(ROBOT, trajectory()))
+    with pytest.raises(ValueError, match="at rest at home"):
+        motion_from_record(record, trajectory(), ROBOT.home + 1e-6)
+
+
+@pytest.mark.parametrize("duration", [0.003, 0.05, 3.0, 40.0])
+def test_long_and_short_ramps_are_taken_again(duration):
+    """The last digits of control points are much speed in a short ramp."""
+    orbit = trajectory()
+    ends = MotionState.at_rest(ROBOT.home), MotionState.of(orbit.sample(0.0))
+    ramps = []
+    for name, start, end in (("ramp in", *ends), ("ramp out", *ends[::-1])):
+        first, _ = end_coefficients(PIECES, duration, start)
+        last, _ = end_coefficients(PIECES, duration, reversed_in_time(end))
+        between = np.linspace(start.pose, end.pose, PIECES - 1)
+        points = np.concatenate([first, between, last[::-1]])
+        ramps.append(SplineRamp(name, duration, points))
+    motion = ExecutableMotion((ramps[0], Periods(orbit, 1), ramps[1]), orbit, 1)
+    record = json.loads(json.dumps(motion_to_record(motion)))
+    assert motion_from_record(record, orbit, ROBOT.home).duration == motion.duration
 
 
 def test_the_motion_of_a_real_design_keeps_every_limit():

@@ -178,6 +178,14 @@ def test_a_table_that_is_gone_is_named(with_tables):
     assert "xps-pvt.trj" in found.sentence
 
 
+def test_a_table_that_was_changed_is_named(with_tables):
+    with (with_tables / "exports/xps-pvt.trj").open("a") as table:
+        table.write("\n")
+    found = verdict(with_tables, "Controller tables")
+    assert (found.level.value, found.word) == ("caution", "changed")
+    assert "not checked as they are now: xps-pvt.trj." in found.sentence
+
+
 def test_tables_without_noise_and_without_limits_of_force(with_tables):
     def edit(document):
         check = document["files"]["xps-pvt.trj"]["read_back"]

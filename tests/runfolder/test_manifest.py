@@ -3,7 +3,7 @@ import json
 
 import pytest
 
-from expdesign.cli.stages import clear_outdated, is_done, record_stage, stage_inputs
+from expdesign.cli.stages import added_to, clear_outdated, is_done, record_stage, stage_inputs
 from expdesign.configuration import load_run
 from expdesign.runfolder.manifest import NAME, Manifest, entry, file_hash, text_hash
 
@@ -42,6 +42,24 @@ def test_what_the_manifest_says(done):
         "design.json": file_hash(done / "design.json"),
         "tables/limits.csv": file_hash(done / "tables" / "limits.csv"),
     }
+
+
+def test_a_file_to_which_a_command_added(done):
+    file, other = done / "design.json", done / "tables" / "limits.csv"
+    with added_to(done, (file, done / "new")):
+        file.write_text("more")
+        (done / "new").write_text("of no stage")
+    assert is_done("design", configuration(), done)
+    assert set(Manifest.read(done).stages["design"].files) == {"design.json", "tables/limits.csv"}
+    # What was changed before is not taken for the stage's.
+    other.write_text("changed")
+    with added_to(done, (file, other)):
+        other.write_text("changed and more")
+    assert not is_done("design", configuration(), done)
+    (done / NAME).unlink()
+    with added_to(done, (file,)):
+        file.write_text("even more")
+    assert not (done / NAME).exists()
 
 
 @pytest.mark.parametrize("file", ["design.json", "tables/limits.csv"])

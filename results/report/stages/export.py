@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from constraints import limit_definitions
+from expdesign.runfolder.manifest import file_hash
 from results.reading.document import Document
 from results.report.content import (
     Block,
@@ -26,6 +27,11 @@ def export_report(folder: RunFolder) -> StageReport:
     motion, files = document.section("motion"), dict(document.section("files").items())
     place = folder.stage_file("export").parent
     missing = [name for name in files if not (place / name).is_file()]
+    changed = [
+        name
+        for name, entry in files.items()
+        if name not in missing and file_hash(place / name) != entry.text("sha256")
+    ]
     begin, end = (float(value) for value in motion.array("window", (2,)))
     duration = f"{readable(motion.number('duration'))} s"
     sentence = (
@@ -34,10 +40,13 @@ def export_report(folder: RunFolder) -> StageReport:
     )
     if missing:
         sentence += f" No longer in the folder: {', '.join(missing)}."
+    if changed:
+        sentence += f" Changed since, and not checked as they are now: {', '.join(changed)}."
+    level, word = (Level.CAUTION, "changed") if changed else (Level.GOOD, "checked")
     verdict = Verdict(
         "Controller tables",
-        Level.BAD if missing else Level.GOOD,
-        "missing" if missing else "checked",
+        Level.BAD if missing else level,
+        "missing" if missing else word,
         sentence,
         "export",
     )
