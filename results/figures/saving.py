@@ -66,7 +66,11 @@ def save_figures(
 
 
 def _lay_out(figure: Figure) -> None:
-    """Lay a figure out once: all its files look alike, whichever of them are written."""
+    """Lay a figure out once: all its files look alike, whichever of them are written.
+
+    At the resolution of the files: texts are not equally wide at every one.
+    """
+    figure.set_dpi(RESOLUTION)
     engine = figure.get_layout_engine()
     if engine is not None:
         engine.execute(figure)

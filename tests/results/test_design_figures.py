@@ -5,6 +5,7 @@ import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import matplotlib as mpl
+import matplotlib.image
 import numpy as np
 import pytest
 
@@ -60,6 +61,15 @@ def test_files_are_complete(run):
             data = path.read_bytes()
             assert data.startswith(b"\x89PNG")
             assert int.from_bytes(data[16:20], "big") == PAGE_WIDTH * RESOLUTION
+
+
+@pytest.mark.parametrize("key", sorted(KEYS))
+def test_nothing_is_cut_off_in_the_file(run, key, tmp_path):
+    chosen = [d for d in DESIGN_FIGURES if d.key == key]
+    path, _ = save_figures(chosen, DesignRecord.load(run.folder), tmp_path)
+    picture = mpl.image.imread(path)[..., :3]
+    for edge in (picture[:3], picture[-3:], picture[:, :3], picture[:, -3:]):
+        assert np.all(edge == 1.0)
 
 
 def test_same_folder_gives_the_same_bytes_under_any_settings(run, tmp_path):
