@@ -177,5 +177,6 @@ def _headline(result: DesignResult) -> str:
         value += f" ({scaling}), log det F = {result.log_det_information:.7g}"
     return (
         f"{result.configuration.run.name}: {result.status} in {result.seconds:.0f} s. {value} over "
-        f"{result.samples} samples of one period of {result.trajectory.period:.4f} s."
+        f"{result.samples} samples of one period of {result.trajectory.period:.4f} s, from start "
+        f"{result.search.best.index}."
     )

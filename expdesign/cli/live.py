@@ -27,6 +27,10 @@ _STOPPING = (
 _ABANDONED = "abandoned: nothing of this design is saved"
 
 
+_TRUE = ("done", "finished")
+"""Phases whose objective is by the unsmoothed model."""
+
+
 @dataclass(frozen=True)
 class Objective:
     """What the numbers of a search are.
@@ -48,7 +52,7 @@ class Objective:
     def of(self, event: SearchEvent) -> str:
         """Return an event's objective with its name: criterion, and smoothed or true."""
         title = self.blunt_title if event.phase == "blunt" else self.title
-        model = "true" if event.phase == "done" else "smoothed"
+        model = "true" if event.phase in _TRUE else "smoothed"
         return f"{title} {event.objective:.6g} ({model})"
 
 
@@ -80,9 +84,9 @@ class SearchDisplay:
         if not self._built:
             self._built = True
             self._line(f"built after {self._seconds:.0f} s; the search begins")
-        if event.phase == "done":
+        if event.phase in _TRUE:
             self._running.pop(event.start, None)
-            self._ended += 1
+            self._ended += event.phase == "done"
             if math.isfinite(event.objective) and self._improves(event):
                 self._best = event
             self._line(self._ended_text(event))
@@ -156,13 +160,14 @@ class SearchDisplay:
         return Group(head, table)
 
     def _ended_text(self, event: SearchEvent) -> str:
-        reached = "no usable motion"
-        if math.isfinite(event.objective):
-            reached = f"{self._objective.of(event)} within the limits"
-        return (
-            f"start {event.start}/{self._total}: {reached} after "
-            f"{event.iteration} iterations, {event.seconds:.0f} s: {event.status}"
-        )
+        if event.phase == "finished":
+            return f"start {event.start}, finished: {self._objective.of(event)}, {event.status}"
+        effort = f"{event.iteration} iterations, {event.seconds:.0f} s"
+        start = f"start {event.start}/{self._total}"
+        if not math.isfinite(event.objective):
+            return f"{start}: {event.status} ({effort})"
+        reached = f"{self._objective.of(event)} within the limits"
+        return f"{start}: {reached} after {effort}: {event.status}"
 
     def _running_text(self, event: SearchEvent) -> str:
         return (

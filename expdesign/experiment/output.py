@@ -110,6 +110,7 @@ def design_record(result: DesignResult) -> dict[str, Any]:
                     "converged": start.converged,
                     "iterations": start.iterations,
                     "criterion_value": _value(result, start.merit),
+                    "finished_value": _finished_value(result, start.index),
                     "seconds": start.seconds,
                     "stages": [asdict(stage) for stage in start.stages],
                 }
@@ -208,6 +209,7 @@ def starts_table(result: DesignResult) -> pd.DataFrame:
                 "start": start.index,
                 "kind": start.kind,
                 "criterion_value": _value(result, start.merit),
+                "finished_value": _finished_value(result, start.index),
                 "iterations": start.iterations,
                 "converged": start.converged,
                 "status": start.status,
@@ -268,6 +270,11 @@ def _precision(precision: PredictedPrecision) -> dict[str, float]:
 def _value(result: DesignResult, merit: float) -> float:
     criterion = criteria_by_key()[result.configuration.run.design.criterion]
     return merit if criterion.larger_is_better else -merit
+
+
+def _finished_value(result: DesignResult, index: int) -> float | None:
+    merit = result.search.finished_merits.get(index)
+    return None if merit is None else _value(result, merit)
 
 
 def _strut(row: str) -> int | None:

@@ -34,10 +34,11 @@ TABLES: dict[str, tuple[Column, ...]] = {
         Column("start", "1", "number of the start, from 1; hops go on counting"),
         Column("kind", "", "random, or hop; every second of those after the starts is random"),
         Column("criterion_value", "", "criterion of the motion reached, within its limits"),
+        Column("finished_value", "", "the same after its finish; empty for those not finished"),
         Column("iterations", "1", "iterations of all stages"),
         Column("converged", "", "whether the last stage converged"),
         Column("status", "", "how the last stage ended"),
-        Column("best", "", "whether the design came from it"),
+        Column("best", "", "whether the design came from it: the best of the finished"),
     ),
     "convergence": (
         Column("start", "1", "number of the start"),

@@ -152,6 +152,17 @@ def finish_job(
     rounds = 0 if monitor.stop_requested() else _FINISH_ROUNDS
     finished = finish(fixed, shop.judge, variables, stage, rounds=rounds, report=report)
     merit = shop.judge.merit(finished.trajectory, problem.cost.samples)
+    monitor.report(
+        SearchEvent(
+            index,
+            "finished",
+            len(trace),
+            merit if shop.judge.criterion.larger_is_better else -merit,
+            finished.check.worst,
+            time.perf_counter() - began,
+            "every limit kept" if finished.check.passed else "a limit is broken",
+        )
+    )
     return merit, replace(finished, trace=tuple(trace))
 
 

@@ -15,11 +15,13 @@ class SearchEvent:
     start : int
         Number of the start, from 1; hops go on counting.
     phase : str
-        ``"blunt"``, ``"sharp"``, ``"finish"``, or ``"done"``.
+        ``"blunt"``, ``"sharp"``, ``"hop"``, then ``"done"``; for some ``"finish"``, then
+        ``"finished"``.
     iteration : int
         Iterations of this start so far.
     objective : float
-        The smoothed criterion in the units in which it is reported (log det F for ``d``).
+        The criterion in the units in which it is reported (log det F for ``d``): smoothed, and
+        that of the unsmoothed model when it is done or finished.
     violation : float
         Largest violation of the limits in the NLP, as a share of their range.
     seconds : float

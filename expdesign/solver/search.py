@@ -39,6 +39,8 @@ class SearchResult:
         The start that it came from.
     starts : tuple of StartResult
         Every start and hop, in their order.
+    finished_merits : dict of float
+        What the finished ones were worth, by their index.
     interrupted : bool
         True when the search was asked to stop before its end.
     seconds : float
@@ -47,6 +49,7 @@ class SearchResult:
     finished: Finished
     best: StartResult
     starts: tuple[StartResult, ...]
+    finished_merits: dict[int, float]
     interrupted: bool
     seconds: float
 
@@ -88,7 +91,8 @@ def search(build: Build, plan: SearchPlan, monitor: Monitor) -> SearchResult:
     ranked = sorted(results, key=lambda result: (-result.merit, result.index))
     if not ranked or not np.isfinite(ranked[0].merit):
         raise NoDesignError(_why_none(ranked), ranked)
-    population = _finish_best(build, ranked, plan, monitor)
+    tried = _finish_best(build, ranked, plan, monitor)
+    population = Population.of(tried)
     for first in range(0, plan.hops, HOPS_AT_ONCE):
         if clock.stop_requested():
             break
@@ -97,12 +101,14 @@ def search(build: Build, plan: SearchPlan, monitor: Monitor) -> SearchResult:
         for result, candidate in run_jobs(build, jobs, plan.workers, clock):
             results.append(result)
             if candidate is not None:
+                tried.append(candidate)
                 population = population.admit(candidate)
     best = population.best
     return SearchResult(
         best.finished,
         best.start,
         tuple(sorted(results, key=lambda result: result.index)),
+        {candidate.start.index: candidate.merit for candidate in tried},
         interrupted=monitor.stop_requested(),
         seconds=time.perf_counter() - began,
     )
@@ -121,7 +127,7 @@ def _hop(population: Population, first: int, k: int) -> Job:
 
 def _finish_best(
     build: Build, ranked: Sequence[StartResult], plan: SearchPlan, monitor: Monitor
-) -> Population:
+) -> list[Candidate]:
     usable = [result for result in ranked if np.isfinite(result.merit)]
     tried: list[Candidate] = []
     size = CAPACITY if plan.hops else CANDIDATES
@@ -137,7 +143,7 @@ def _finish_best(
         ]
         if any(item.finished.check.passed for item in tried) or monitor.stop_requested():
             break
-    return Population.of(tried)
+    return tried
 
 
 def _why_none(results: Sequence[StartResult]) -> str:

@@ -59,6 +59,9 @@ class StartResult:
         return sum(stage.iterations for stage in self.stages)
 
 
+GIVEN_UP = "given up: behind the motions that are kept at the same stage"
+"""How a hop or a new start ended that was not worth going on."""
+
 STATUS_TEXTS = {
     "Solve_Succeeded": "converged",
     "Solved_To_Acceptable_Level": "converged to an acceptable level: the objective stood still",
@@ -158,7 +161,7 @@ def run_start(
     last = records[-1]
     status, merit = status_text(last.status), -np.inf
     if hopeless:
-        status += "; given up: behind the motion that it is measured by"
+        status = GIVEN_UP
     else:
         shrunk = shrink_to_limits(problem, problem.variables.trajectory(x))
         merit = judge.merit(shrunk.trajectory, problem.cost.samples) if shrunk.kept else -np.inf

@@ -38,10 +38,16 @@ def test_every_number_says_what_it_is(display, monkeypatch):
     display.report(event("blunt", 90.5))
     display.report(event("sharp", 1234.0))
     display.report(event("done", 1300.0, "converged"))
-    _, blunt, sharp, done = said(display).splitlines()
+    display.report(event("finished", 1250.0, "every limit kept"))
+    display.report(event("done", float("inf"), "given up: behind"))
+    _, blunt, sharp, done, finished, given_up = said(display).splitlines()
     assert "start 1: blunt, iteration 7, log det F 90.5 (smoothed)" in blunt
     assert "condition number of F 1234 (smoothed)" in sharp
     assert "condition number of F 1300 (true) within the limits after 7 iterations" in done
+    assert finished == "start 1, finished: condition number of F 1250 (true), every limit kept"
+    assert given_up == "start 1/3: given up: behind (7 iterations, 2 s)"
+    assert display._ended == 2
+    assert display._best.objective == 1250
 
 
 def test_the_best_is_the_smallest_of_a_criterion_that_is_minimised(display):

@@ -11,6 +11,7 @@ from expdesign.solver.hop import Screening
 from expdesign.solver.jobs import hop_job, newcomer_job, random_job
 from expdesign.solver.pool import Job, run_jobs
 from expdesign.solver.population import Candidate
+from expdesign.solver.start import GIVEN_UP
 
 QUICK = {"max_iterations": 4}
 
@@ -60,13 +61,16 @@ def test_seed_and_starts(run, build, shop):
 def _events_tell_everything(events, result):
     for start in result.starts:
         mine = [event for event in events if event.start == start.index]
-        own = [event for event in mine if event.phase not in {"done", "finish"}]
+        own = [event for event in mine if event.phase not in {"done", "finish", "finished"}]
         assert [event.iteration for event in own] == [point.iteration for point in start.trace]
         (done,) = (event for event in mine if event.phase == "done")
         assert done.status == start.status
         assert done.objective == start.merit
         assert done.iteration == start.iterations
     assert any(event.phase == "finish" for event in events)
+    told = {event.start: event.objective for event in events if event.phase == "finished"}
+    assert told == result.finished_merits
+    assert max(told, key=told.get) == result.best.index
 
 
 def test_seeds_differ(shop):
@@ -158,7 +162,7 @@ def test_a_newcomer_and_a_hop_know_their_descent_and_are_given_up(shop, run):
     given_up, nobody = newcomer_job(quick, SilentMonitor(), 5, Screening(out_of_reach[-1:]))
     assert nobody is None
     assert given_up.merit == -np.inf
-    assert "given up" in given_up.status
+    assert given_up.status == GIVEN_UP
     assert len(given_up.stages) == len(result.stages)
 
     lax = dataclasses.replace(newcomer, start=dataclasses.replace(result, stages=()))
@@ -167,7 +171,7 @@ def test_a_newcomer_and_a_hop_know_their_descent_and_are_given_up(shop, run):
     far = dataclasses.replace(newcomer, start=dataclasses.replace(result, stages=out_of_reach))
     given_up, nobody = hop_job(quick, SilentMonitor(), 6, far)
     assert nobody is None
-    assert "given up" in given_up.status
+    assert given_up.status == GIVEN_UP
 
 
 def test_hops_and_newcomers_in_other_processes_are_the_same(build):

@@ -161,13 +161,23 @@ def parameters_table(record: DesignRecord) -> ReportTable:
 def _starts_table(folder: RunFolder) -> ReportTable:
     table = Table.read(
         folder.table_file("starts"),
-        ["start", "kind", "criterion_value", "iterations", "converged", "status", "best"],
+        [
+            "start",
+            "kind",
+            "criterion_value",
+            "finished_value",
+            "iterations",
+            "converged",
+            "status",
+            "best",
+        ],
     )
     rows = list(
         zip(
             table.numbers("start").tolist(),
             table.columns["kind"],
             table.numbers("criterion_value", blank=True).tolist(),
+            table.numbers("finished_value", blank=True).tolist(),
             table.numbers("iterations").tolist(),
             table.columns["status"],
             [cell == "True" for cell in table.columns["best"]],
@@ -178,6 +188,7 @@ def _starts_table(folder: RunFolder) -> ReportTable:
         Column("start"),
         Column("kind", kind="text"),
         Column("criterion", digits=6),
+        Column("finished", digits=6),
         Column("iterations"),
         Column("how it ended", kind="text"),
         Column("best", kind="text"),
