@@ -107,7 +107,12 @@ def _robot_source(
     try:
         return read_robot(path)
     except ConfigurationError as error:
-        problems += error.problems
+        if path.is_file():
+            problems += error.problems
+        else:  # the place to look at is where it is named
+            problems += (
+                document.problem(("robot",), f"{path}: {p.message}") for p in error.problems
+            )
         return None
 
 

@@ -180,7 +180,10 @@ class _Converter:
         name = self._scalar(node, key) if isinstance(node, ScalarNode) else None
         if isinstance(name, str):
             return name
-        self._report(node, key, "a key is no text; put it in quotes")
+        hint = "put it in quotes"
+        if isinstance(name, int | float) and not isinstance(name, bool):
+            hint += ", or write decimals with a point: a comma begins the next key or value"
+        self._report(node, key, f"a key is no text; {hint}")
         return None
 
     def _scalar(self, node: ScalarNode, key: Key) -> Any:

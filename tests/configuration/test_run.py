@@ -127,6 +127,13 @@ def test_what_cannot_be_found(problems_of, source, says, nearest):
     assert problem.nearest == nearest
 
 
+def test_a_robot_file_that_is_missing_is_told_where_it_is_named(tmp_path, problems_of):
+    run = _write(tmp_path, "name: a\nrobot: robots/none.yaml\n", "run.yaml")
+    (problem,) = problems_of(run)
+    assert (problem.file, problem.line, problem.key) == (run, 2, "robot")
+    assert str(tmp_path / "robots" / "none.yaml") in problem.message
+
+
 def test_a_mapping_that_contains_itself(problems_of):
     mapping = {"name": "a"}
     mapping["robot"] = mapping

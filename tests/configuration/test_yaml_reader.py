@@ -80,6 +80,7 @@ def test_byte_order_mark_is_no_part_of_the_first_key(read):
         ("a: *unknown\n", "not valid YAML: found undefined alias", 1),
         ("a: 1\n---\nb: 2\n", "not valid YAML", 2),
         ("1: a\n", "a key is no text", 1),
+        ("a: 1\np: {p1: 5,0e-4}\n", "write decimals with a point", 2),
         ("? [a, b]\n: c\n", "a key is no text", 1),
         ("a: !!python/object/apply:os.system ['true']\n", "tag !!python/object/apply", 1),
         ("a: !custom x\n", "tag !custom is not allowed", 1),
