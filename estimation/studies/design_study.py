@@ -161,7 +161,7 @@ def run_design_study(
     began = time.perf_counter()
     section = study_section(configuration)
     robot = robot_from(configuration.robot)
-    _refuse_unfit(configuration, robot)
+    refuse_unfit_design_study(configuration, robot)
     pairs = [(k, c) for k in range(1, section.sets + 1) for c in section.criteria]
     total = len(pairs) * (1 + len(section.kinematics))
     build = partial(_Bench, configuration)
@@ -196,8 +196,14 @@ def run_design_study(
     return DesignStudy(configuration, robot, tuple(trials), time.perf_counter() - began)
 
 
-def _refuse_unfit(configuration: RunConfiguration, robot: Robot) -> None:
-    """Refuse what a comparison of all parameters' covariances cannot have."""
+def refuse_unfit_design_study(configuration: RunConfiguration, robot: Robot) -> None:
+    """Refuse what a comparison of all parameters' covariances cannot have.
+
+    Raises
+    ------
+    ConfigurationError
+        Too few repetitions, or something that is known of the parameters or left out of them.
+    """
     section, estimate = study_section(configuration), configuration.run.estimate
     problems = []
     size = len(robot.parameter_names)

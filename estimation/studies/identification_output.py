@@ -16,13 +16,13 @@ from estimation.studies.identification_study import (
     IdentificationStudy,
 )
 from estimation.studies.tables import TABLES
-from estimation.uncertainty.differences import FAMILY_LEVEL, holm
+from estimation.uncertainty.differences import FAMILY_LEVEL
 from expdesign.robot.graph import parameter_unit
 
-_CLEAR = 3.0
-"""Standard errors within which an estimate is at the truth."""
-
 _RARE = 0.05
+
+_WHOLE = 10.0
+"""From here on numbers are told without a decimal point."""
 
 
 def identification_tables(study: IdentificationStudy) -> dict[str, pd.DataFrame]:
@@ -48,37 +48,48 @@ def identification_claims(study: IdentificationStudy) -> list[Claim]:
     return found
 
 
+def bias_bound(parameters: int, experiments: int) -> float:
+    """Return the standard errors beyond which a mean error is a bias, not chance.
+
+    The standard error comes from the scatter of the same experiments, so that the ratio of a mean
+    error to it has Student's t with K − 1 degrees of freedom where there is no bias. That any of
+    the parameters is beyond the bound then has a probability of at most `FAMILY_LEVEL`, whatever
+    their correlation (Bonferroni).
+    """
+    return float(stats.t.isf(FAMILY_LEVEL / (2 * parameters), experiments - 1))
+
+
 def _bias_claim(study: IdentificationStudy, result: CaseResult, estimator: str) -> Claim:
     bias, error = result.bias(estimator)
     t = np.abs(bias / error)[study.identified]
     std = np.abs(bias / result.reported_std(estimator))[study.identified]
     names = np.array(study.knowledge.names)[study.identified]
-    outside = names[t > _CLEAR]
-    worst = int(np.argmax(t))
     count = len(result.experiments)
-    chance = len(names) * 2 * float(stats.t.sf(_CLEAR, count - 1))
-    at_truth = estimator == "ml" or not result.case.disturbed
+    bound = bias_bound(len(names), count)
+    outside = int(np.count_nonzero(t > bound))
+    worst = int(np.argmax(t))
+    unbiased = estimator == "ml" or not result.case.disturbed
     value = (
-        f"{len(outside)} of {len(names)} identified parameters are outside; worst {names[worst]}, "
-        f"{t[worst]:.1f} standard errors ({std[worst]:.2g} standard deviations of one experiment)"
+        f"{outside} of {len(names)} identified parameters are beyond {bound:.3g} standard errors, "
+        f"where chance alone puts any of them in at most {100 * FAMILY_LEVEL:g} % of such studies "
+        f"(t, {count - 1} degrees of freedom); worst {names[worst]}, {_number(t[worst])} standard "
+        f"errors ({_number(std[worst])} of the standard deviations that {estimator.upper()} states "
+        "for one experiment)"
     )
-    if at_truth:
-        value += f"; by chance {chance:.2g} would be"
-    statement = f"{result.case.key}, {estimator.upper()}: the mean of " + (
-        f"{len(result.experiments)} estimates is within {_CLEAR:g} standard errors of the truth"
-        if at_truth
-        else f"{len(result.experiments)} estimates is biased"
+    statement = f"{result.case.key}, {estimator.upper()}: the mean of {count} estimates " + (
+        "shows no bias" if unbiased else "is biased"
     )
-    p_values = holm(2 * stats.t.sf(t, count - 1))
-    # A bias is one when it is no chance among so many parameters.
-    holds = not len(outside) if at_truth else bool(np.min(p_values) < FAMILY_LEVEL)
     paper = ""
     if result.case.disturbed:
         paper = "unbiased" if estimator == "ml" else "biased by noise in the information matrix"
     # LS and GM without a disturbance are there to compare with.
-    return Claim(
-        statement, value, paper, holds if result.case.disturbed or estimator == "ml" else None
-    )
+    judged = result.case.disturbed or estimator == "ml"
+    return Claim(statement, value, paper, (not outside) == unbiased if judged else None)
+
+
+def _number(value: float) -> str:
+    """Return a number with two digits or more, and no power of ten."""
+    return f"{value:.0f}" if value >= _WHOLE else f"{value:.2g}"
 
 
 def _hausman_claim(result: CaseResult) -> Claim:

@@ -196,10 +196,8 @@ class ValidationBench:
         self.design = design
         self.robot: Robot = robot_from(configuration.robot)
         self.knowledge = parameter_knowledge(configuration, self.robot)
-        self.wrong = _known_parameters(configuration, self.robot, section.wrong)
-        self.trajectories = tuple(
-            self._trajectory(number, motion) for number, motion in enumerate(section.motions)
-        )
+        self.trajectories = refuse_unfit_validation_study(configuration, self.robot)
+        self.wrong = section.wrong
         clean = with_section(configuration, "experiment", cogging=None)
         cogging = with_section(configuration, "experiment", cogging=section.cogging)
         seed = configuration.run.montecarlo.seed
@@ -213,33 +211,6 @@ class ValidationBench:
             )
             for key, made in (("no", clean), ("yes", cogging))
         }
-
-    def _trajectory(self, number: int, motion: ValidationMotion) -> FourierTrajectory:
-        key = f"study.motions[{number + 1}]"
-        if motion.periods < _FEWEST_PERIODS:
-            raise ConfigurationError(
-                Problem(
-                    "one period shows no scatter between periods to test against",
-                    file=self.configuration.file,
-                    key=f"{key}.periods",
-                    allowed=f"{_FEWEST_PERIODS} or more",
-                )
-            )
-        if motion.motion == "file":
-            raise ConfigurationError(
-                Problem(
-                    "a recorded motion cannot be repeated on the digital twin",
-                    file=self.configuration.file,
-                    key=key,
-                    allowed="circle | line | spline",
-                )
-            )
-        try:
-            return benchmark_motion(motion, self.robot.home, controller_period(self.configuration))
-        except ValueError as error:
-            raise ConfigurationError(
-                Problem(str(error), file=self.configuration.file, key=key)
-            ) from error
 
     def validate(self, number: int) -> ValidationRun:
         """Return run `number`, counted from 1."""
@@ -295,10 +266,18 @@ class ValidationBench:
         return diagnose(self.robot, [experiment], self.knowledge, estimate, held_out=True)
 
 
-def _known_parameters(
-    configuration: RunConfiguration, robot: Robot, wrong: dict[str, float]
-) -> dict[str, float]:
-    for name in wrong:
+def refuse_unfit_validation_study(
+    configuration: RunConfiguration, robot: Robot
+) -> tuple[FourierTrajectory, ...]:
+    """Return the motions of the study, refusing what cannot be predicted or made wrong.
+
+    Raises
+    ------
+    ConfigurationError
+        A parameter that the robot does not have, or a motion that cannot be.
+    """
+    section = study_section(configuration)
+    for name in section.wrong:
         if name not in robot.parameter_names:
             raise ConfigurationError(
                 Problem(
@@ -308,7 +287,38 @@ def _known_parameters(
                     allowed=", ".join(robot.parameter_names),
                 )
             )
-    return wrong
+    return tuple(
+        _trajectory(configuration, robot, number, motion)
+        for number, motion in enumerate(section.motions)
+    )
+
+
+def _trajectory(
+    configuration: RunConfiguration, robot: Robot, number: int, motion: ValidationMotion
+) -> FourierTrajectory:
+    key = f"study.motions[{number + 1}]"
+    if motion.periods < _FEWEST_PERIODS:
+        raise ConfigurationError(
+            Problem(
+                "one period shows no scatter between periods to test against",
+                file=configuration.file,
+                key=f"{key}.periods",
+                allowed=f"{_FEWEST_PERIODS} or more",
+            )
+        )
+    if motion.motion == "file":
+        raise ConfigurationError(
+            Problem(
+                "a recorded motion cannot be repeated on the digital twin",
+                file=configuration.file,
+                key=key,
+                allowed="circle | line | spline",
+            )
+        )
+    try:
+        return benchmark_motion(motion, robot.home, controller_period(configuration))
+    except ValueError as error:
+        raise ConfigurationError(Problem(str(error), file=configuration.file, key=key)) from error
 
 
 def _judged(diagnosis: Diagnosis) -> Prediction:

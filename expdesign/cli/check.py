@@ -8,21 +8,27 @@ from expdesign.cli.output import JsonOption, RunArgument, note, warn, write_json
 def check(run: RunArgument, as_json: JsonOption = False) -> None:
     """Validate a run and print its complete configuration, with every default, in SI units.
 
-    Nothing is computed but whether the home pose keeps the limits. Warnings, what `expdesign run`
+    Nothing is computed but whether the home pose keeps the limits, and whether the study could be
+    done. Warnings, what `expdesign run`
     would do, and the pairs of struts that share a joint and are left out of the clearance, go to
     standard error.
     """
     import typer
 
-    from expdesign.cli.run import STEPS
+    from expdesign.cli.folder import run_folder
+    from expdesign.cli.run import STEPS, left_out, missing_design, performed, refuse_study
     from expdesign.configuration import load_run, resolved_yaml, shared_joint_pairs
     from expdesign.robot import robot_from
 
     configuration = load_run(run)
     robot_from(configuration.robot)
+    refuse_study(configuration)
     pairs = [(i + 1, j + 1) for i, j in shared_joint_pairs(configuration.robot)]
     wanted = configuration.stages or ("design",)
-    done = [stage for stage in wanted if stage in STEPS]
+    done = performed(configuration)
+    warnings = list(configuration.warnings)
+    if missing := missing_design(configuration, run_folder(configuration, None)):
+        warnings.append(f"expdesign run refuses this file. {missing.message}")
     if as_json:
         write_json(
             {
@@ -32,22 +38,22 @@ def check(run: RunArgument, as_json: JsonOption = False) -> None:
                 "run_does": done,
                 "configuration": configuration.run.model_dump(mode="json", by_alias=True),
                 "shared_joints": pairs,
-                "warnings": configuration.warnings,
+                "warnings": warnings,
             }
         )
         return
     typer.echo(resolved_yaml(configuration), nl=False)
     unnamed = "" if configuration.stages else " (the file names no stage)"
-    if done:
-        note(f"expdesign run does: {', '.join(done)}{unnamed}")
+    if any(stage in STEPS for stage in wanted):
+        note(f"expdesign run does: {', '.join(done) or 'nothing'}{unnamed}")
     else:
         warn(f"expdesign run refuses this file: this version has {', '.join(STEPS)} only")
     for stage in wanted:
         if stage not in STEPS:
             warn(f"the stage '{stage}' is not part of this version")
-        elif reason := STEPS[stage].left_out(configuration):
+        elif reason := left_out(stage, configuration):
             note(f"{stage}: left out, {reason}")
     for first, second in pairs:
         note(f"struts {first} and {second} share a joint: left out of the strut clearance")
-    for warning in configuration.warnings:
+    for warning in warnings:
         warn(warning)

@@ -17,11 +17,11 @@ from expdesign.cli.montecarlo import montecarlo_stage
 from expdesign.cli.output import JsonOption, RunArgument, note, short, warn, warn_all, write_json
 from expdesign.cli.report import folder_stages, report_stage
 from expdesign.cli.simulate import experiment_stage, folder_design
-from expdesign.cli.study import study_design, study_stage
+from expdesign.cli.study import needs_design, study_design, study_stage
 from expdesign.cli.validate import folder_estimate, validate_stage
 
 if TYPE_CHECKING:
-    from expdesign.configuration import RunConfiguration
+    from expdesign.configuration import Problem, RunConfiguration
 
 
 class Perform(Protocol):
@@ -89,9 +89,55 @@ STEPS = {
 """The stages of this version by their name in the run file."""
 
 
+_EXECUTE = ("experiment", "montecarlo", "study", "export")
+"""Stages that take a design that is there."""
+
+
+def left_out(stage: str, configuration: RunConfiguration) -> str:
+    """Return why the run does not do a stage that it names; empty when it does."""
+    return STEPS[stage].left_out(configuration) or _study_does_it(stage, configuration)
+
+
+def performed(configuration: RunConfiguration) -> list[str]:
+    """Return the stages that the run does, in their order."""
+    stages = configuration.stages or ("design",)
+    return [stage for stage in stages if stage in STEPS and not left_out(stage, configuration)]
+
+
+def missing_design(configuration: RunConfiguration, folder: Path) -> Problem | None:
+    """Return that stages have no design to execute; None when they have one or need none."""
+    from expdesign.configuration import Problem
+
+    stages = performed(configuration)
+    needing = [
+        stage
+        for stage in stages
+        if stage in _EXECUTE and (stage != "study" or needs_design(configuration))
+    ]
+    if "design" in stages or not needing or (folder / "design.json").exists():
+        return None
+    verb = "needs" if len(needing) == 1 else "need"
+    return Problem(
+        f"{' and '.join(needing)} {verb} a design: the run file names none, and {short(folder)} "
+        "has no design.json",
+        file=configuration.file,
+        key="design",
+        allowed="`design:` in the run file, or with --out a folder that `expdesign design` wrote",
+    )
+
+
+def refuse_study(configuration: RunConfiguration) -> None:
+    """Refuse a study that cannot be done before anything else is."""
+    from estimation.studies import refuse_unfit_study
+    from expdesign.robot import robot_from
+
+    if configuration.run.study is not None:
+        refuse_unfit_study(configuration, robot_from(configuration.robot))
+
+
 def run(run: RunArgument, out: OutOption = None, as_json: JsonOption = False) -> None:
     """Do every stage that the run file names, in their order; what is done already is kept."""
-    from expdesign.configuration import load_run
+    from expdesign.configuration import ConfigurationError, load_run
 
     configuration = load_run(run)
     folder = run_folder(configuration, out)
@@ -100,13 +146,16 @@ def run(run: RunArgument, out: OutOption = None, as_json: JsonOption = False) ->
         raise CommandFailed(
             f"the run names {', '.join(stages)}; this version has {', '.join(STEPS)} only"
         )
+    refuse_study(configuration)
+    if missing := missing_design(configuration, folder):
+        raise ConfigurationError(missing)
     warn_all(configuration.warnings)
     done: dict[str, dict[str, Any]] = {}
     for stage in stages:
         step = STEPS.get(stage)
         if step is None:
             warn(f"the stage '{stage}' is not part of this version and is left out")
-        elif reason := step.left_out(configuration) or _study_does_it(stage, configuration):
+        elif reason := left_out(stage, configuration):
             note(f"{stage}: left out, {reason}")
         else:
             done[stage] = _done(stage, step, configuration, folder, as_json=as_json)

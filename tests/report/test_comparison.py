@@ -7,6 +7,7 @@ import shutil
 
 import numpy as np
 import pytest
+from ruamel.yaml import YAML
 
 from expdesign.configuration import ConfigurationError
 from results.report.comparison.comparison import write_comparison
@@ -26,16 +27,37 @@ def rows(path):
         return list(csv.DictReader(file))
 
 
-def double_information(folder, factor=2.0):
-    path = folder / "tables" / "information.csv"
+def rewrite(path, edit):
     table = rows(path)
     for row in table:
-        for name in list(row)[1:]:
-            row[name] = repr(factor * float(row[name]))
+        edit(row)
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.DictWriter(file, list(table[0]), lineterminator="\n")
         writer.writeheader()
         writer.writerows(table)
+
+
+def scale_by(factor, names=None):
+    def edit(row):
+        for name in names or list(row)[1:]:
+            row[name] = repr(factor * float(row[name]))
+
+    return edit
+
+
+def double_information(folder, factor=2.0):
+    rewrite(folder / "tables" / "information.csv", scale_by(factor))
+    names = ("std_per_period", "std_experiment")
+    rewrite(folder / "tables" / "parameters.csv", scale_by(factor**-0.5, names))
+
+
+def change_robot(folder, edit):
+    file = folder / "run.yaml"
+    yaml = YAML(typ="safe")
+    run = yaml.load(file.read_text(encoding="utf-8"))
+    edit(run["robot"])
+    with file.open("w", encoding="utf-8") as stream:
+        yaml.dump(run, stream)
 
 
 def change(path, edit):
@@ -83,9 +105,8 @@ def test_precision_and_the_periods_that_it_needs(folder, twin, tmp_path):
     compare([folder, twin], tmp_path / "out", precision=0.02)
     design = json.loads((folder / "design.json").read_text(encoding="utf-8"))
     samples = design["predicted_std"]["experiment"]["samples"]
-    scaled = information(folder) * samples / design["samples"]
-    scale = 1 / np.sqrt(np.diag(scaled))
-    std = scale * np.sqrt(np.diag(np.linalg.inv(scaled * np.outer(scale, scale))))
+    # What the design states for its experiment, whose samples are more than those of its period.
+    std = [float(row["std_experiment"]) for row in rows(folder / "tables" / "parameters.csv")]
     for k, row in enumerate(rows(tmp_path / "out" / "tables" / "compared_parameters.csv")):
         nominal = abs(float(row["nominal"]))
         share = float(row["σ, tiny [%]"]) / 100
@@ -95,6 +116,80 @@ def test_precision_and_the_periods_that_it_needs(folder, twin, tmp_path):
         needed = float(row["periods, tiny"])
         assert per_period / np.sqrt(needed) <= 0.02 * (1 + 1e-6)
         assert needed == 1 or per_period / np.sqrt(needed - 1) > 0.02 * (1 - 1e-6)
+
+
+def test_precision_is_relative_to_each_robots_own_values(folder, twin, tmp_path):
+    def edit(row):
+        if row["parameter"] == "p1":
+            scale_by(0.1, ["nominal"])(row)
+
+    rewrite(twin / "tables" / "parameters.csv", edit)
+    change_robot(twin, lambda robot: robot["parameters"].update(p1=0.0005))
+    text = compare([folder, twin], tmp_path / "out")
+    first, second, *_ = rows(tmp_path / "out" / "tables" / "compared_parameters.csv")
+    assert float(first["nominal, other"]) == pytest.approx(0.1 * float(first["nominal, tiny"]))
+    assert float(first["σ, other [%]"]) == pytest.approx(10 * float(first["σ, tiny [%]"]))
+    assert float(first["periods, other"]) == pytest.approx(
+        100 * float(first["periods, tiny"]), rel=0.01
+    )
+    assert second["σ, other [%]"] == second["σ, tiny [%]"]
+    effort = rows(tmp_path / "out" / "tables" / "effort.csv")
+    assert float(effort[1]["periods, all parameters"]) >= float(first["periods, other"])
+    one, two = rows(tmp_path / "out" / "tables" / "criteria.csv")
+    assert one["trace F⁻¹, SI"] == two["trace F⁻¹, SI"]
+    assert float(two["trace F⁻¹, nominal"]) > 2 * float(one["trace F⁻¹, nominal"])
+    # F does not depend on the values: the same machine.
+    assert one["D-efficiency [%]"] == two["D-efficiency [%]"] == "100.0"
+    assert "other has other nominal values than tiny: its precision is relative to its own" in text
+
+
+@pytest.mark.parametrize(
+    ("edit", "words"),
+    [
+        (lambda robot: robot.update(gravity=[0.0, 0.0, 9.81]), "other gravity"),
+        (
+            lambda robot: robot["noise"].update(force_std=[3.0] * 6),
+            "other noise of the forces",
+        ),
+        (
+            lambda robot: robot["base_joints"][0].__setitem__(0, 0.45),
+            "other joints of the base",
+        ),
+    ],
+)
+def test_different_robots_have_no_efficiency(folder, twin, tmp_path, edit, words):
+    double_information(twin)
+    change_robot(twin, edit)
+    third = folder.parent / "third"
+    shutil.copytree(folder, third)
+    double_information(third, 0.5)
+    text = compare([folder, twin, third], tmp_path / "out")
+    found = rows(tmp_path / "out" / "tables" / "criteria.csv")
+    shares = [row["D-efficiency [%]"] for row in found]
+    assert (shares[0], shares[1]) == ("100.0", "")
+    assert float(shares[2]) == pytest.approx(50)
+    assert words in text
+    assert "tiny has the largest log det F of tiny and third; third has 50.0 % of its" in text
+    assert "other has the largest" not in text
+    assert not re.search(r"other has [\d.]+ % of its information", text)
+    assert "for 2 different robots" in text
+    assert "empty where no other design is of it" in text
+
+
+def test_limits_home_and_names_make_no_other_robot(folder, twin, tmp_path):
+    double_information(twin)
+
+    def edit(robot):
+        robot["limits"]["strut_speed"] = 2 * float(robot["limits"]["strut_speed"])
+        robot["name"] = "another"
+
+    change_robot(twin, edit)
+    text = compare([folder, twin], tmp_path / "out")
+    one, two = rows(tmp_path / "out" / "tables" / "criteria.csv")
+    assert float(one["D-efficiency [%]"]) == pytest.approx(50)
+    assert float(two["D-efficiency [%]"]) == pytest.approx(100)
+    assert "in what counts the same" in text
+    assert "different robots" not in text
 
 
 def test_other_parameters_are_not_compared(folder, twin, tmp_path):

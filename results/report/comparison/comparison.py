@@ -24,6 +24,7 @@ from results.report.comparison.estimates import (
     estimates_series,
 )
 from results.report.comparison.limits import limits_table
+from results.report.comparison.machines import COUNTED
 from results.report.comparison.precision import effort_table, precision_series, precision_table
 from results.report.comparison.sources import open_folders, sources_section
 from results.report.comparison.studies import achieved_table
@@ -183,16 +184,9 @@ def _designs_report(
             TableBlock(effort_table(comparison)),
             TableBlock(precision_table(comparison)),
         ]
-        shares = {k: v for k, v in efficiencies(comparison).items() if v is not None}
-        if shares:
-            best = max(shares, key=lambda label: shares[label])
-            told = ", ".join(
-                f"{label} has {percent(value)} of its information per parameter"
-                for label, value in shares.items()
-                if label != best
-            )
-            sentence += f" {best} has the largest log det F{f'; {told}' if told else ''}."
-            facts.append(Fact("largest log det F", best, f"for {comparison.samples} samples"))
+        told, best = _efficiency_told(comparison)
+        sentence += told
+        facts += best
     blocks.append(TableBlock(limits_table(designs)))
     if found:
         blocks.append(TableBlock(gains_table(found, "the optimum beside the design")))
@@ -215,6 +209,34 @@ def _designs_report(
         (Section("designs", "Designs", tuple(blocks)),),
         comparison.differences(),
     )
+
+
+def _efficiency_told(comparison: DesignComparison) -> tuple[str, list[Fact]]:
+    """Return which design has most information, and what the others have of it, by machine."""
+    every = efficiencies(comparison)
+    several = len(comparison.machines) > 1
+    told, facts = "", []
+    for designs in comparison.machines:
+        shares = {
+            design.label: share for design in designs if (share := every[design.label]) is not None
+        }
+        if not shares:
+            continue
+        best = max(shares, key=lambda label: shares[label])
+        others = ", ".join(
+            f"{label} has {percent(value)} of its information per parameter"
+            for label, value in shares.items()
+            if label != best
+        )
+        among = f" of {' and '.join(shares)}" if several else ""
+        told += f" {best} has the largest log det F{among}{f'; {others}' if others else ''}."
+        facts.append(Fact("largest log det F", best, f"for {comparison.samples} samples"))
+    if several:
+        told += (
+            f" They are for {len(comparison.machines)} different robots ({COUNTED}), between which "
+            "there is no efficiency; precision is relative to each one's own nominal values."
+        )
+    return told, facts
 
 
 def _gain_facts(found: dict[str, LimitSensitivity]) -> list[Fact]:

@@ -6,34 +6,39 @@ import numpy as np
 from numpy.typing import NDArray
 
 from expdesign.experiment.scaling import parameter_scaling
-from results.report.comparison.designs import DesignComparison
+from results.report.comparison.designs import ComparedDesign, DesignComparison
+from results.report.comparison.machines import COUNTED
 from results.report.table import Column, ReportTable, Value
 
 Array = NDArray[np.float64]
 
 
 def efficiencies(comparison: DesignComparison) -> dict[str, float | None]:
-    """Return the D-efficiency of each design relative to the best."""
-    values = {design.label: design.log_det(comparison.samples) for design in comparison.designs}
-    best = max((value for value in values.values() if value is not None), default=None)
+    """Return the D-efficiency of each design relative to the best of its machine.
+
+    None where F is singular, and for the only design of a machine among several machines.
+    """
     count = len(comparison.designs[0].names)
-    return {
-        label: None if value is None or best is None else float(np.exp((value - best) / count))
-        for label, value in values.items()
-    }
+    found: dict[str, float | None] = {}
+    for designs in comparison.machines:
+        values = {design.label: design.log_det(comparison.samples) for design in designs}
+        known = [value for value in values.values() if value is not None]
+        alone = len(designs) == 1 and len(comparison.machines) > 1
+        for label, value in values.items():
+            found[label] = (
+                None if value is None or alone else float(np.exp((value - max(known)) / count))
+            )
+    return found
 
 
 def criteria_table(comparison: DesignComparison) -> ReportTable:
     """Return all criteria in both scalings, one row per design."""
     shares = efficiencies(comparison)
-    robot = comparison.designs[0].record.robot
-    every = parameter_scaling(robot, "nominal")
-    places = [robot.parameter_names.index(name) for name in comparison.designs[0].names]
-    scale = every[places]
     rows: list[tuple[Value, ...]] = []
     for design in comparison.designs:
         covariance = design.covariance(comparison.samples)
         cells: list[Value] = []
+        scale = _nominal_scale(design)
         for scaling in (np.ones_like(scale), scale):
             cells += _spectrum(design.information * comparison.samples, covariance, scaling)
         efficiency = shares[design.label]
@@ -53,11 +58,24 @@ def criteria_table(comparison: DesignComparison) -> ReportTable:
             Column(f"smallest eigenvalue, {scaling_name}"),
             Column(f"condition, {scaling_name}"),
         ]
+    whose = "the nominal values" if comparison.same_nominal else "each one's own nominal values"
+    best = "the best"
+    if len(comparison.machines) > 1:
+        best += (
+            f" of the same robot ({COUNTED}), empty where no other design is of it: the "
+            "information of different robots differs by the machine and not only by the design"
+        )
     caption = (
         f"Criteria of every design for {comparison.samples} samples, in SI units and in units of "
-        f"the nominal values of {comparison.designs[0].label}; D-efficiency relative to the best"
+        f"{whose}; D-efficiency relative to {best}"
     )
     return ReportTable.of("criteria", caption, columns, rows)
+
+
+def _nominal_scale(design: ComparedDesign) -> Array:
+    robot = design.record.robot
+    places = [robot.parameter_names.index(name) for name in design.names]
+    return parameter_scaling(robot, "nominal")[places]
 
 
 def _spectrum(information: Array, covariance: Array | None, scale: Array) -> list[Value]:

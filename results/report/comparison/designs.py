@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from expdesign.information.fisher import (
 from results.errors import RunFolderError
 from results.reading.table import Table
 from results.record import DesignRecord
+from results.report.comparison.machines import differing, machines
 from results.report.folder import RunFolder
 
 Array = NDArray[np.float64]
@@ -74,6 +76,24 @@ class ComparedDesign:
         """Period, s."""
         return float(2 * np.pi / self.record.summary.omega)
 
+    @property
+    def nominal(self) -> Array:
+        """Nominal values of its parameters for its robot, (m,)."""
+        return self._judged(self.record.precision.nominal)
+
+    def std(self, samples: float) -> Array:
+        """Return the predicted standard deviations for so many samples, (m,), SI; NaN for none.
+
+        They are those of the design's own experiment, which `tables/parameters.csv` states, by
+        the square root of the samples.
+        """
+        own = self.record.summary.experiment_samples
+        return self._judged(self.record.precision.experiment) * np.sqrt(own / samples)
+
+    def _judged(self, values: Array) -> Array:
+        by_name = dict(zip(self.record.precision.names, values.tolist(), strict=True))
+        return np.array([by_name[name] for name in self.names])
+
     def covariance(self, samples: float) -> Array | None:
         """Return the covariance for so many samples, SI; None when F is singular."""
         try:
@@ -125,11 +145,19 @@ class DesignComparison:
         return self.designs[0].record.summary.experiment_samples
 
     @property
-    def nominal(self) -> Array:
-        """Nominal values of the first design's parameters, (m,)."""
-        found = self.designs[0].record.precision
-        values = dict(zip(found.names, found.nominal.tolist(), strict=True))
-        return np.array([values[name] for name in self.designs[0].names])
+    def same_nominal(self) -> bool:
+        """True when all robots have the same nominal values."""
+        first = self.designs[0].nominal
+        return all(np.array_equal(design.nominal, first) for design in self.designs)
+
+    @cached_property
+    def machines(self) -> tuple[tuple[ComparedDesign, ...], ...]:
+        """The designs by machine, in their order."""
+        of = machines([design.record.configuration.robot for design in self.designs])
+        return tuple(
+            tuple(design for design, own in zip(self.designs, of, strict=True) if own == machine)
+            for machine in dict.fromkeys(of)
+        )
 
     def differences(self) -> tuple[str, ...]:
         """Return what else differs between the designs and bears on the comparison."""
@@ -139,19 +167,25 @@ class DesignComparison:
                 "The designs judge different parameters: their criteria cannot be compared, and "
                 "are left out."
             )
-        noise = first.record.configuration.robot.noise
+        robot = first.record.configuration.robot
         for design in self.designs[1:]:
-            other = design.record.configuration.robot.noise
-            if noise is not None and other is not None:
-                one, two = noise.force_covariance, other.force_covariance
-                if one is not None and two is not None and not np.array_equal(one, two):
-                    found.append(
-                        f"{design.label} was designed for another force noise than {first.label}: "
-                        "criteria and precision hold for each one's own."
-                    )
-            if design.record.robot.name != first.record.robot.name:
+            own = design.record.configuration.robot
+            reasons = differing(robot, own)
+            names = f" ({own.name}; {first.label}: {robot.name})" if own.name != robot.name else ""
+            if reasons:
                 found.append(
-                    f"{design.label} was designed for {design.record.robot.name}, {first.label} "
-                    f"for {first.record.robot.name}."
+                    f"{design.label} was designed for another robot than {first.label}{names}: "
+                    f"other {', '.join(reasons)}. Their information differs by the machine and "
+                    "not only by the design: no efficiency is stated between them."
+                )
+            elif names:
+                found.append(
+                    f"{design.label} was designed for a robot of another name than "
+                    f"{first.label}{names}, in what counts the same."
+                )
+            if self.comparable and not np.array_equal(design.nominal, first.nominal):
+                found.append(
+                    f"{design.label} has other nominal values than {first.label}: its precision "
+                    "is relative to its own."
                 )
         return tuple(found)

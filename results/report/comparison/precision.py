@@ -13,17 +13,12 @@ Array = NDArray[np.float64]
 
 
 def relative_std(comparison: DesignComparison, samples: float) -> dict[str, Array]:
-    """Return σ relative to the nominal values, (m,), by design; NaN where there is none."""
-    nominal = np.where(comparison.nominal == 0, np.nan, np.abs(comparison.nominal))
-    found = {}
-    for design in comparison.designs:
-        covariance = design.covariance(samples)
-        found[design.label] = (
-            np.full(nominal.size, np.nan)
-            if covariance is None
-            else np.sqrt(np.diag(covariance)) / nominal
-        )
-    return found
+    """Return σ relative to each design's own nominal values, (m,); NaN where there is none."""
+    return {
+        design.label: design.std(samples)
+        / np.where(design.nominal == 0, np.nan, np.abs(design.nominal))
+        for design in comparison.designs
+    }
 
 
 def periods_needed(comparison: DesignComparison) -> dict[str, Array]:
@@ -41,13 +36,18 @@ def precision_table(comparison: DesignComparison) -> ReportTable:
         relative_std(comparison, comparison.experiment_samples),
         periods_needed(comparison),
     )
-    columns = [Column("parameter", kind="parameter"), Column("nominal")]
+    shown = comparison.designs[:1] if comparison.same_nominal else comparison.designs
+    columns = [Column("parameter", kind="parameter")]
+    if comparison.same_nominal:
+        columns.append(Column("nominal"))
+    else:
+        columns += [Column(f"nominal, {design.label}") for design in shown]
     columns += [Column(f"σ, {design.label}", "%", digits=3) for design in comparison.designs]
     columns += [Column(f"periods, {design.label}") for design in comparison.designs]
     rows: list[tuple[Value, ...]] = [
         (
             name,
-            float(comparison.nominal[k]),
+            *(float(design.nominal[k]) for design in shown),
             *(100 * float(relative[design.label][k]) for design in comparison.designs),
             *(float(periods[design.label][k]) for design in comparison.designs),
         )
@@ -55,8 +55,9 @@ def precision_table(comparison: DesignComparison) -> ReportTable:
     ]
     caption = (
         f"Predicted standard deviations for {comparison.experiment_samples} samples at "
-        f"{comparison.sampling:g} Hz whatever the period, in percent of the nominal value, and the "
-        f"periods that each design needs for {100 * comparison.precision:g} %"
+        f"{comparison.sampling:g} Hz whatever the period, scaled by √samples from what each design "
+        f"states for its own experiment, in percent of {_whose(comparison)}, and the periods that "
+        f"each design needs for {100 * comparison.precision:g} %"
     )
     return ReportTable.of("compared_parameters", caption, columns, rows)
 
@@ -104,7 +105,11 @@ def effort_table(comparison: DesignComparison) -> ReportTable:
         Column("measuring time", "s"),
     )
     caption = (
-        f"Periods and time that each design needs for σ = {100 * comparison.precision:g} % of the "
-        f"nominal value, measured at {comparison.sampling:g} Hz"
+        f"Periods and time that each design needs for σ = {100 * comparison.precision:g} % of "
+        f"{_whose(comparison)}, measured at {comparison.sampling:g} Hz"
     )
     return ReportTable.of("effort", caption, columns, rows)
+
+
+def _whose(comparison: DesignComparison) -> str:
+    return "the nominal value" if comparison.same_nominal else "its own robot's nominal value"
