@@ -169,7 +169,7 @@ def export_stage(configuration: RunConfiguration, folder: Path, *, as_json: bool
     CommandFailed
         A table is beyond a tolerance, or the machine cannot get into the motion.
     """
-    from expdesign.cli.stages import clear_outdated, record_stage
+    from expdesign.cli.stages import clear_outdated, keep_configuration, record_stage
     from expdesign.export import (
         RECORD,
         file_name,
@@ -196,9 +196,11 @@ def export_stage(configuration: RunConfiguration, folder: Path, *, as_json: bool
             path = target / file_name(section)
             place = f"export[{number}]"
             made[path.name] = _exported(section, task, path, place, as_json=as_json)
-            # After each: when the next one fails, this one is not without its description.
+            # After each: when the next one fails, this one is not without its description, and
+            # `expdesign export` does not replace it by one with the options of an earlier run.
             files[path.name] = file_record(made[path.name])
             described = describe(target, task, files)
+            keep_configuration(configuration, folder)
         stage.files = [*(export.path for export in made.values()), *described]
         stage.status = "done"
     if not as_json:

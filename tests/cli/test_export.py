@@ -374,6 +374,35 @@ def test_a_table_of_the_stage_is_described_though_the_next_one_fails(expdesign, 
     assert found["options"]["units"] == "mm"
     assert found["sha256"] == file_hash(exports / "xps-pvt.trj")
     assert "q1     mm" in (exports / "README.txt").read_text()
+    # By hand it is the same table, not one with the options of before.
+    status, answer, _ = expdesign("export", folder, "--format", "xps-pvt", "--json")
+    assert status == 0
+    assert next(iter(json.loads(answer)["files"].values()))["options"]["units"] == "mm"
+
+
+def test_the_options_of_a_run_that_was_changed_are_those_of_its_folder(expdesign, folder, run_file):
+    for options in ({"units": "um"}, {"units": "mm", "sign": -1}):
+        file = measured_run(run_file(["xps-pvt"]), options)
+        status, _, messages = expdesign("run", file, "--out", folder)
+        assert status == 0, messages
+        assert (folder / "run.yaml").read_text() == resolved_yaml(load_run(file))
+    table = folder / "exports" / "xps-pvt.trj"
+    made = table.read_bytes()
+    assert expdesign("export", folder, "--format", "xps-pvt")[0] == 0
+    assert table.read_bytes() == made
+
+
+def test_a_stage_that_fails_leaves_the_configuration_of_what_is_there(
+    expdesign, folder, run_file, monkeypatch
+):
+    def none(_configuration, _trajectory):
+        raise NoRampError("ramp in", "strut_speed", "no ramp keeps strut_speed")
+
+    monkeypatch.setattr("expdesign.motion.executable_motion", none)
+    before = (folder / "run.yaml").read_bytes()
+    file = measured_run(run_file(["xps-pvt"]), {"units": "mm"})
+    assert expdesign("run", file, "--out", folder)[0] == 1
+    assert (folder / "run.yaml").read_bytes() == before
 
 
 @pytest.mark.parametrize("name", ["README.txt", "exports.json", "readme.TXT"])
