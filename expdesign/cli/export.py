@@ -264,8 +264,7 @@ def _exported(
         made = export_table(section, task, path, place)
     except ExportError as error:
         raise CommandFailed(
-            f"{error}. The file was not kept; a shorter segment, more digits or a larger "
-            "tolerance may help.",
+            f"{error}. The file was not kept{error.remedy and '; '}{error.remedy}.",
             {"failures": list(error.check.failures)},
         ) from error
     if not as_json:

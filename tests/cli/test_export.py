@@ -266,6 +266,43 @@ def test_a_table_beyond_its_tolerance_is_not_kept(expdesign, folder):
     assert not list((folder / "exports").iterdir())
 
 
+@pytest.mark.parametrize(
+    ("room", "options", "cause", "remedy"),
+    [
+        (
+            2,
+            ("--segment", "30 ms"),
+            "more than the tolerance",
+            "no segment, or a shorter segment, or a larger tolerance may help.",
+        ),
+        (
+            1.001,
+            ("--segment", "80 ms", "--tolerance", "5 mm"),
+            "strut acceleration of strut",
+            "no segment, or a shorter segment may help.",
+        ),
+        (
+            1.001,
+            ("--digits", "0", "--tolerance", "1 mm"),
+            "of its limit's range from the design",
+            "a shorter segment, or more digits may help.",
+        ),
+    ],
+)
+def test_what_may_help_fits_the_cause(room, options, cause, remedy, expdesign, folder, run_file):
+    assert expdesign("export", folder, "--format", "xps-pvt")[0] == 0
+    made = json.loads((folder / "exports/exports.json").read_text())["files"]["xps-pvt.trj"]
+    largest = abs(made["read_back"]["limits"]["strut_acceleration"]["value"])
+    run = json.loads(run_file(["xps-pvt"]).read_text())
+    run["limits"] = {"strut_acceleration": room * largest}
+    (folder / "run.yaml").write_text(json.dumps(run))
+    status, _, messages = expdesign("export", folder, "--format", "xps-pvt", *options)
+    messages = " ".join(messages.split())
+    assert status == 1
+    assert cause in messages
+    assert f"was not kept; {remedy}" in messages
+
+
 def test_no_way_into_the_motion(expdesign, folder, monkeypatch):
     def none(_configuration, _trajectory):
         raise NoRampError("ramp in", "strut_speed", "no ramp keeps strut_speed")
