@@ -23,7 +23,7 @@ from expdesign.cli.folder import refuse_unwritable
 from expdesign.cli.output import JsonOption, results, short, warn_all, write_json
 
 if TYPE_CHECKING:
-    from expdesign.configuration import RunConfiguration
+    from expdesign.configuration import Problem, RunConfiguration
     from expdesign.export import Export, Task
     from expdesign.schema import ExportSection
 
@@ -110,7 +110,7 @@ def export(  # noqa: PLR0917 - each is an option of the command
         refuse_unreadable_name,
     )
 
-    if name == _LIST:
+    if name == _LIST or (not name and folder == Path(_LIST) and not folder.exists()):
         _list(as_json=as_json)
         return
     if folder is None:
@@ -133,6 +133,8 @@ def export(  # noqa: PLR0917 - each is an option of the command
     )
     folder = folder.absolute()
     configuration = _configuration(folder)
+    if not name:
+        raise ConfigurationError(_missing_format())
     section = export_section(name, given, configuration)
     refuse_missing_library(section)
     path = (folder / FOLDER / file_name(section)) if out is None else out.absolute()
@@ -237,6 +239,15 @@ def _list(*, as_json: bool) -> None:
         offer = OFFERS[form.name]
         table.add_row(form.name, form.title, ", ".join(offer.spaces), ", ".join(offer.options))
     results().print(table)
+
+
+def _missing_format() -> Problem:
+    from expdesign.configuration import Problem
+    from expdesign.export import table_formats
+
+    return Problem(
+        "no format is given", key="--format", allowed=" | ".join((*table_formats(), _LIST))
+    )
 
 
 def _configuration(folder: Path) -> RunConfiguration:

@@ -62,13 +62,28 @@ def names(folder):
     return sorted(path.name for path in folder.iterdir())
 
 
-def test_the_formats_are_listed(expdesign):
+def test_the_formats_are_listed(expdesign, tmp_path, monkeypatch):
     status, answer, _ = expdesign("export", "--format", "list", "--json")
     assert status == 0
     assert [form["name"] for form in json.loads(answer)] == list(table_formats())
     status, answer, _ = expdesign("export", "--format", "list")
     assert status == 0
     assert all(name in answer for name in table_formats())
+    # So does what comes to mind first, unless there is a folder of that name.
+    monkeypatch.chdir(tmp_path)
+    assert expdesign("export", "list") == (0, answer, "")
+    (tmp_path / "list").mkdir()
+    status, _, messages = expdesign("export", "list")
+    assert (status, "no run.yaml" in messages) == (2, True)
+
+
+def test_a_format_that_is_missing(expdesign, folder):
+    status, _, messages = expdesign("export", folder)
+    messages = " ".join(messages.split())
+    assert status == 2
+    assert "--format: no format is given allowed: csv | " in messages
+    assert all(name in messages for name in table_formats())
+    assert not (folder / "exports").exists()
 
 
 def test_a_table_with_the_runs_options(expdesign, folder):
