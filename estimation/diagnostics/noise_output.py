@@ -29,18 +29,13 @@ NOISE_COVARIANCE = (
 def write_noise(
     analysis: NoiseAnalysis, source: str, configuration: RunConfiguration, folder: Path
 ) -> list[Path]:
-    """Write `noise.json`, `tables/noise_covariance.csv` and what describes them; return the files.
-
-    `run.yaml` is written where there is none.
-    """
+    """Write `noise.json`, its table, `columns.json` and `run.yaml`; return the files of its own."""
     folder.mkdir(parents=True, exist_ok=True)
     table = folder / "tables" / "noise_covariance.csv"
     write_csv(table, covariance_table(analysis))
     record = folder / "noise.json"
     write_json(record, noise_record(analysis, source))
-    run = folder / "run.yaml"
-    if not run.is_file():
-        write_text(run, resolved_yaml(configuration))
+    write_text(folder / "run.yaml", resolved_yaml(configuration))
     return [table, add_columns(folder, {f"tables/{table.name}": NOISE_COVARIANCE}), record]
 
 

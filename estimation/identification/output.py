@@ -61,9 +61,7 @@ def write_estimate(
     written.append(add_columns(folder, described))
     record_file = folder / "estimate.json"
     write_json(record_file, estimate_record(result, diagnosis))
-    run = folder / "run.yaml"
-    if not run.is_file():
-        write_text(run, resolved_yaml(result.configuration))
+    write_text(folder / "run.yaml", resolved_yaml(result.configuration))
     return [*written, estimates, record_file]
 
 

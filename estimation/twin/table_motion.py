@@ -107,12 +107,13 @@ def window_error(table: TableFile, times: Array) -> float:
     worst = int(np.argmax(np.nan_to_num(off, nan=np.inf)))
     # Written so that NaN is refused.
     if not off[worst] <= table.settings.tolerance * _ROUNDING:
+        since = "; it was changed after it was exported" if table.changed else ""
         raise ConfigurationError(
             Problem(
                 "the table does not hold the design that is to be executed: a strut is "
                 f"{1e6 * off[worst]:.4g} µm from it {times[worst]:.4f} s after the beginning of "
                 "the measurement window, and the table was written to within "
-                f"{1e6 * table.settings.tolerance:.4g} µm",
+                f"{1e6 * table.settings.tolerance:.4g} µm{since}",
                 file=table.path,
                 allowed="a table that `expdesign export` made of this design for this robot",
             )

@@ -52,9 +52,7 @@ def write_validation(result: ValidationResult, folder: Path) -> list[Path]:
     written.append(add_columns(folder, described))
     record = folder / "validation.json"
     write_json(record, validation_record(result))
-    run = folder / "run.yaml"
-    if not run.is_file():
-        write_text(run, resolved_yaml(result.configuration))
+    write_text(folder / "run.yaml", resolved_yaml(result.configuration))
     return [*written, record]
 
 

@@ -23,7 +23,7 @@ from expdesign.cli.folder import refuse_unwritable
 from expdesign.cli.output import JsonOption, results, short, warn_all, write_json
 
 if TYPE_CHECKING:
-    from expdesign.configuration import RunConfiguration
+    from expdesign.configuration import Problem, RunConfiguration
     from expdesign.export import Export, Task
     from expdesign.schema import ExportSection
 
@@ -110,7 +110,7 @@ def export(  # noqa: PLR0917 - each is an option of the command
         refuse_unreadable_name,
     )
 
-    if name == _LIST:
+    if name == _LIST or (not name and folder == Path(_LIST) and not folder.exists()):
         _list(as_json=as_json)
         return
     if folder is None:
@@ -133,6 +133,8 @@ def export(  # noqa: PLR0917 - each is an option of the command
     )
     folder = folder.absolute()
     configuration = _configuration(folder)
+    if not name:
+        raise ConfigurationError(_missing_format())
     section = export_section(name, given, configuration)
     refuse_missing_library(section)
     path = (folder / FOLDER / file_name(section)) if out is None else out.absolute()
@@ -169,7 +171,7 @@ def export_stage(configuration: RunConfiguration, folder: Path, *, as_json: bool
     CommandFailed
         A table is beyond a tolerance, or the machine cannot get into the motion.
     """
-    from expdesign.cli.stages import clear_outdated, record_stage
+    from expdesign.cli.stages import clear_outdated, keep_configuration, record_stage
     from expdesign.export import (
         RECORD,
         file_name,
@@ -196,9 +198,11 @@ def export_stage(configuration: RunConfiguration, folder: Path, *, as_json: bool
             path = target / file_name(section)
             place = f"export[{number}]"
             made[path.name] = _exported(section, task, path, place, as_json=as_json)
-            # After each: when the next one fails, this one is not without its description.
+            # After each: when the next one fails, this one is not without its description, and
+            # `expdesign export` does not replace it by one with the options of an earlier run.
             files[path.name] = file_record(made[path.name])
             described = describe(target, task, files)
+            keep_configuration(configuration, folder)
         stage.files = [*(export.path for export in made.values()), *described]
         stage.status = "done"
     if not as_json:
@@ -237,6 +241,15 @@ def _list(*, as_json: bool) -> None:
     results().print(table)
 
 
+def _missing_format() -> Problem:
+    from expdesign.configuration import Problem
+    from expdesign.export import table_formats
+
+    return Problem(
+        "no format is given", key="--format", allowed=" | ".join((*table_formats(), _LIST))
+    )
+
+
 def _configuration(folder: Path) -> RunConfiguration:
     from expdesign.configuration import ConfigurationError, Problem, load_run
 
@@ -262,8 +275,7 @@ def _exported(
         made = export_table(section, task, path, place)
     except ExportError as error:
         raise CommandFailed(
-            f"{error}. The file was not kept; a shorter segment, more digits or a larger "
-            "tolerance may help.",
+            f"{error}. The file was not kept{error.remedy and '; '}{error.remedy}.",
             {"failures": list(error.check.failures)},
         ) from error
     if not as_json:

@@ -39,9 +39,13 @@ def report(folder: FolderArgument, as_json: JsonOption = False) -> None:
 
 def report_stage(configuration: RunConfiguration, folder: Path, *, as_json: bool) -> dict[str, Any]:
     """Write the report as the last stage of a run and return what came out for machines."""
-    from expdesign.cli.stages import record_stage
+    from expdesign.cli.stages import keep_configuration, record_stage
 
     with record_stage(STAGE, configuration, folder, folder_stages(folder)) as stage:
+        if folder.is_dir():
+            # It is shown in the report. All other stages of the run are done by now.
+            refuse_unwritable(folder)
+            keep_configuration(configuration, folder)
         stage.files = _written(folder, configuration)
         stage.status = "done"
     if not as_json:

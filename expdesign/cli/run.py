@@ -137,6 +137,7 @@ def refuse_study(configuration: RunConfiguration) -> None:
 
 def run(run: RunArgument, out: OutOption = None, as_json: JsonOption = False) -> None:
     """Do every stage that the run file names, in their order; what is done already is kept."""
+    from expdesign.cli.stages import keep_configuration
     from expdesign.configuration import ConfigurationError, load_run
 
     configuration = load_run(run)
@@ -159,6 +160,9 @@ def run(run: RunArgument, out: OutOption = None, as_json: JsonOption = False) ->
             note(f"{stage}: left out, {reason}")
         else:
             done[stage] = _done(stage, step, configuration, folder, as_json=as_json)
+    if done and folder.is_dir():
+        # Stages that were kept were made from the same sections; others may have changed.
+        keep_configuration(configuration, folder)
     if as_json:
         resumed = all(summary["resumed"] for summary in done.values())
         write_json({"status": 0, "folder": str(folder), "resumed": resumed, "stages": done})

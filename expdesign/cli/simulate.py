@@ -115,18 +115,19 @@ def experiment_stage(
     warn_all(doubts)
     began = time.perf_counter()
     executed = None if table is None else _table(configuration, found, table.absolute())
-    if executed is not None and executed.changed:
-        changed = (
-            f"{executed.path.name} was changed after it was exported: what is executed was not "
-            "checked, and its record is taken to hold for its axes and its window"
-        )
-        warn(changed)
-        doubts.append(changed)
     made_from = trajectory_text(found)
     if executed is not None:
         made_from += f" executed from {executed.path.name} {executed.digest}"
     with record_stage(STAGE, configuration, folder, made_from) as stage:
         twin = Twin.of(configuration, found.trajectory if executed is None else executed)
+        if executed is not None and executed.changed:
+            # Not before: the twin refuses what does not hold the design.
+            changed = (
+                f"{executed.path.name} was changed after it was exported: what is executed was "
+                "not checked, and its record is taken to hold for its axes and its window"
+            )
+            warn(changed)
+            doubts.append(changed)
         written = clear_outdated(STAGE, configuration, folder, made_from)
         done = 0
         try:

@@ -9,8 +9,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from expdesign.cli.errors import CommandFailed
-from expdesign.configuration import RunConfiguration
-from expdesign.runfolder.manifest import Manifest, entry, file_hash, text_hash
+from expdesign.configuration import RunConfiguration, resolved_yaml
+from expdesign.runfolder.atomic import write_text
+from expdesign.runfolder.manifest import RUN_FILE, Manifest, entry, file_hash, text_hash
 
 _SECTIONS: dict[str, dict[str, bool | set[str]]] = {
     "design": {
@@ -42,9 +43,8 @@ _SECTIONS: dict[str, dict[str, bool | set[str]]] = {
         "design": {"parameters"},
         "experiment": {"periods", "sampling"},
     },
-    "report": dict.fromkeys(("name", "description", "report"), True),
 }
-"""Sections of the run, or keys of them, that each stage depends on."""
+"""Sections of the run, or keys of them, that each stage depends on; any other on all of it."""
 
 
 @dataclass
@@ -60,7 +60,9 @@ class Stage:
 def record_stage(
     name: str, configuration: RunConfiguration, folder: Path, made_from: str = ""
 ) -> Iterator[Stage]:
-    """Run a stage and write its entry to the manifest, if it wrote any files.
+    """Run a stage, leave its configuration in the folder and write its entry to the manifest.
+
+    A stage that fails leaves `run.yaml` as it was: nothing there was made from its configuration.
 
     Parameters
     ----------
@@ -81,7 +83,15 @@ def record_stage(
         if folder.is_dir():
             _write(name, configuration, folder, stage, inputs, began)
         raise
+    keep_configuration(configuration, folder)
     _write(name, configuration, folder, stage, inputs, began)
+
+
+def keep_configuration(configuration: RunConfiguration, folder: Path) -> None:
+    """Let `run.yaml` be the configuration that what is in the folder was made from."""
+    path, text = folder / RUN_FILE, resolved_yaml(configuration)
+    if not path.is_file() or path.read_bytes() != text.encode():
+        write_text(path, text)
 
 
 def _write(
@@ -158,7 +168,11 @@ def clear_outdated(
 
 def stage_inputs(name: str, configuration: RunConfiguration, made_from: str = "") -> str:
     """Return the hash of what a stage is made from: its sections, what else, and the versions."""
-    sections = configuration.run.model_dump_json(include=_SECTIONS[name])
+    if name in _SECTIONS:
+        sections = configuration.run.model_dump_json(include=_SECTIONS[name])
+    else:
+        # As `run.yaml` states it, which a report shows: with what the run does not name.
+        sections = resolved_yaml(configuration)
     return text_hash(name, sections, made_from, sorted(Manifest.new({}).versions.items()))
 
 

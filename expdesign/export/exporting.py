@@ -33,10 +33,13 @@ class ExportError(Exception):
     Attributes
     ----------
     check : ReadBack
+    remedy : str
+        What may help; empty when no option does.
     """
 
-    def __init__(self, name: str, check: ReadBack) -> None:
+    def __init__(self, name: str, check: ReadBack, settings: Settings) -> None:
         self.check = check
+        self.remedy = _remedy(check, settings)
         super().__init__(f"{name}: " + "; ".join(check.failures))
 
 
@@ -57,6 +60,22 @@ class Export:
     digest: str
     settings: Settings
     check: ReadBack
+
+
+def _remedy(check: ReadBack, settings: Settings) -> str:
+    """Return which options are worth trying, by what is beyond its tolerance."""
+    if not check.row_error <= 1:
+        # Also NaN: the file does not hold the rows that were to be written, whatever they are.
+        return ""
+    section = settings.section
+    short = "a shorter segment"
+    ways = [short if section.segment is None else f"no segment, or {short}"]
+    if section.digits is not None:
+        ways.append("more digits")
+    if len(check.failures) == 1 and not check.deviation.position <= settings.tolerance:
+        # What else is beyond, a limit of the robot or the information, it does not change.
+        ways.append("a larger tolerance")
+    return f"{', or '.join(ways)} may help"
 
 
 def file_name(section: ExportSection) -> str:
@@ -134,7 +153,7 @@ def export_table(
         (write or form.write)(beside, rows, settings)
         check = read_back(beside, task, settings)
         if not check.passed:
-            raise ExportError(path.name, check)
+            raise ExportError(path.name, check, settings)
         digest = file_hash(beside)
         beside.replace(path)
     return Export(path, digest, settings, check)

@@ -16,6 +16,9 @@ from expdesign.runfolder.atomic import write_json
 
 NAME = "manifest.json"
 
+RUN_FILE = "run.yaml"
+"""The configuration, which every stage leaves: no result of any of them, and not in `files`."""
+
 _PACKAGES = ("expdesign", "casadi", "numpy", "scipy", "pandas", "matplotlib", "pydantic", "joblib")
 
 
@@ -35,7 +38,8 @@ class StageEntry:
     message : str
         What there is to say about it.
     files : dict
-        SHA-256 of every file that the stage wrote, by path in the run folder.
+        SHA-256 of every file that the stage wrote, by path in the run folder. What it was made
+        from stands in `inputs`: `run.yaml` is not among them.
     """
 
     status: str
@@ -72,8 +76,11 @@ class Manifest:
         try:
             data = json.loads((folder / NAME).read_text(encoding="utf-8"))
             stages = {key: StageEntry(**entry) for key, entry in data["stages"].items()}
+            for stage in stages.values():
+                # Earlier versions listed it, and did a stage again when another one changed it.
+                stage.files.pop(RUN_FILE, None)
             return cls(data["versions"], data["seeds"], data["evaluation"], stages)
-        except (OSError, ValueError, KeyError, TypeError):
+        except (OSError, ValueError, KeyError, TypeError, AttributeError):
             return None
 
     def with_stage(self, name: str, entry: StageEntry) -> Manifest:
@@ -124,7 +131,11 @@ def entry(
         seconds=round(seconds, 3),
         finished=datetime.now(UTC).isoformat(timespec="seconds"),
         message=message,
-        files={str(file.relative_to(folder)): file_hash(file) for file in sorted(files)},
+        files={
+            str(file.relative_to(folder)): file_hash(file)
+            for file in sorted(files)
+            if file != folder / RUN_FILE
+        },
     )
 
 

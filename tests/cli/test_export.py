@@ -62,13 +62,28 @@ def names(folder):
     return sorted(path.name for path in folder.iterdir())
 
 
-def test_the_formats_are_listed(expdesign):
+def test_the_formats_are_listed(expdesign, tmp_path, monkeypatch):
     status, answer, _ = expdesign("export", "--format", "list", "--json")
     assert status == 0
     assert [form["name"] for form in json.loads(answer)] == list(table_formats())
     status, answer, _ = expdesign("export", "--format", "list")
     assert status == 0
     assert all(name in answer for name in table_formats())
+    # So does what comes to mind first, unless there is a folder of that name.
+    monkeypatch.chdir(tmp_path)
+    assert expdesign("export", "list") == (0, answer, "")
+    (tmp_path / "list").mkdir()
+    status, _, messages = expdesign("export", "list")
+    assert (status, "no run.yaml" in messages) == (2, True)
+
+
+def test_a_format_that_is_missing(expdesign, folder):
+    status, _, messages = expdesign("export", folder)
+    messages = " ".join(messages.split())
+    assert status == 2
+    assert "--format: no format is given allowed: csv | " in messages
+    assert all(name in messages for name in table_formats())
+    assert not (folder / "exports").exists()
 
 
 def test_a_table_with_the_runs_options(expdesign, folder):
@@ -266,6 +281,43 @@ def test_a_table_beyond_its_tolerance_is_not_kept(expdesign, folder):
     assert not list((folder / "exports").iterdir())
 
 
+@pytest.mark.parametrize(
+    ("room", "options", "cause", "remedy"),
+    [
+        (
+            2,
+            ("--segment", "30 ms"),
+            "more than the tolerance",
+            "no segment, or a shorter segment, or a larger tolerance may help.",
+        ),
+        (
+            1.001,
+            ("--segment", "80 ms", "--tolerance", "5 mm"),
+            "strut acceleration of strut",
+            "no segment, or a shorter segment may help.",
+        ),
+        (
+            1.001,
+            ("--digits", "0", "--tolerance", "1 mm"),
+            "of its limit's range from the design",
+            "a shorter segment, or more digits may help.",
+        ),
+    ],
+)
+def test_what_may_help_fits_the_cause(room, options, cause, remedy, expdesign, folder, run_file):
+    assert expdesign("export", folder, "--format", "xps-pvt")[0] == 0
+    made = json.loads((folder / "exports/exports.json").read_text())["files"]["xps-pvt.trj"]
+    largest = abs(made["read_back"]["limits"]["strut_acceleration"]["value"])
+    run = json.loads(run_file(["xps-pvt"]).read_text())
+    run["limits"] = {"strut_acceleration": room * largest}
+    (folder / "run.yaml").write_text(json.dumps(run))
+    status, _, messages = expdesign("export", folder, "--format", "xps-pvt", *options)
+    messages = " ".join(messages.split())
+    assert status == 1
+    assert cause in messages
+    assert f"was not kept; {remedy}" in messages
+
+
 def test_no_way_into_the_motion(expdesign, folder, monkeypatch):
     def none(_configuration, _trajectory):
         raise NoRampError("ramp in", "strut_speed", "no ramp keeps strut_speed")
@@ -374,6 +426,35 @@ def test_a_table_of_the_stage_is_described_though_the_next_one_fails(expdesign, 
     assert found["options"]["units"] == "mm"
     assert found["sha256"] == file_hash(exports / "xps-pvt.trj")
     assert "q1     mm" in (exports / "README.txt").read_text()
+    # By hand it is the same table, not one with the options of before.
+    status, answer, _ = expdesign("export", folder, "--format", "xps-pvt", "--json")
+    assert status == 0
+    assert next(iter(json.loads(answer)["files"].values()))["options"]["units"] == "mm"
+
+
+def test_the_options_of_a_run_that_was_changed_are_those_of_its_folder(expdesign, folder, run_file):
+    for options in ({"units": "um"}, {"units": "mm", "sign": -1}):
+        file = measured_run(run_file(["xps-pvt"]), options)
+        status, _, messages = expdesign("run", file, "--out", folder)
+        assert status == 0, messages
+        assert (folder / "run.yaml").read_text() == resolved_yaml(load_run(file))
+    table = folder / "exports" / "xps-pvt.trj"
+    made = table.read_bytes()
+    assert expdesign("export", folder, "--format", "xps-pvt")[0] == 0
+    assert table.read_bytes() == made
+
+
+def test_a_stage_that_fails_leaves_the_configuration_of_what_is_there(
+    expdesign, folder, run_file, monkeypatch
+):
+    def none(_configuration, _trajectory):
+        raise NoRampError("ramp in", "strut_speed", "no ramp keeps strut_speed")
+
+    monkeypatch.setattr("expdesign.motion.executable_motion", none)
+    before = (folder / "run.yaml").read_bytes()
+    file = measured_run(run_file(["xps-pvt"]), {"units": "mm"})
+    assert expdesign("run", file, "--out", folder)[0] == 1
+    assert (folder / "run.yaml").read_bytes() == before
 
 
 @pytest.mark.parametrize("name", ["README.txt", "exports.json", "readme.TXT"])

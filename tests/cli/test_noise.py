@@ -4,6 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from expdesign.configuration import load_run, resolved_yaml
 from tests.estimation.cases import ROBOT, measured, trajectory
 
 MOTION = trajectory()
@@ -90,3 +91,14 @@ def test_it_is_a_stage_of_the_run_folder(folder, expdesign):
     status, _, error = expdesign("report", out)
     assert status == 0, error
     assert 'id="noise"' in (out / "report.html").read_text(encoding="utf-8")
+
+
+def test_its_configuration_is_that_of_the_folder(folder, expdesign):
+    write(folder, periods=8)
+    for formats in ("[svg]", "[svg, pdf]"):
+        (folder / "run.yaml").write_text(
+            f"name: lab\nrobot: palida\nreport: {{figures: {formats}}}\n"
+        )
+        assert expdesign(*arguments(folder))[0] == 0
+        text = (folder / "out" / "run.yaml").read_text(encoding="utf-8")
+        assert text == resolved_yaml(load_run(folder / "run.yaml"))

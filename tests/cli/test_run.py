@@ -6,11 +6,13 @@ import os
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from expdesign.cli.run import STEPS
+from expdesign.configuration import load_run, resolved_yaml
 
 QUICK = {"starts": 1, "max_iterations": 4}
 
@@ -114,6 +116,27 @@ def test_a_run_is_resumed_and_repeated_from_its_folder(
     assert expdesign("run", folder / "run.yaml", "--out", second)[0] == 0
     np.testing.assert_array_equal(coefficients(second), coefficients(folder))
     assert (second / "run.yaml").read_bytes() == (folder / "run.yaml").read_bytes()
+
+
+def test_the_configuration_follows_though_all_is_kept(
+    expdesign, run_file, tiny, tmp_path, cheap_finish
+):
+    folder = tmp_path / "out"
+    assert expdesign("run", run_file, "--out", folder)[0] == 0
+    manifest = (folder / "manifest.json").read_bytes()
+    # What no stage of the run is made from is no reason to do one again.
+    described = run_file.with_name("described.yaml")
+    described.write_text(json.dumps(tiny(design=QUICK, description="Again")), encoding="utf-8")
+    status, out, _ = expdesign("run", described, "--out", folder, "--json")
+    assert (status, json.loads(out)["resumed"]) == (0, True)
+    assert load_run(folder / "run.yaml").run.description == "Again"
+    # Nor is it one that the file is gone, or was changed by hand.
+    for spoil in (Path.unlink, lambda file: file.write_text("name: none\n", encoding="utf-8")):
+        spoil(folder / "run.yaml")
+        assert json.loads(expdesign("run", run_file, "--out", folder, "--json")[1])["resumed"]
+        text = (folder / "run.yaml").read_text(encoding="utf-8")
+        assert text == resolved_yaml(load_run(run_file))
+    assert (folder / "manifest.json").read_bytes() == manifest
 
 
 @pytest.fixture

@@ -157,7 +157,7 @@ def test_what_stands_beside_it(expdesign, run_file, design, tmp_path):
     assert again.experiment == load_run(path).run.experiment
     entry = stage(out)
     assert entry["status"] == "done"
-    assert set(entry["files"]) == set(files(out)) - {"manifest.json"}
+    assert set(entry["files"]) == set(files(out)) - {"manifest.json", "run.yaml"}
 
 
 def test_the_same_run_gives_the_same_bytes(expdesign, run_file, design, tmp_path):

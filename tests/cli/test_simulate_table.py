@@ -253,6 +253,7 @@ def _other_element(table):
         (_changed(("files", "xps-pvt.trj", "sha256"), None), "does not tell which file"),
         (_last_lines, "inside the measurement window"),
         (_other_element, "does not hold the design"),
+        (_other_element, "it was changed after it was exported"),
     ],
 )
 def test_bad_tables(spoil, expected, expdesign, run_file, folder, table, tmp_path):
@@ -263,6 +264,8 @@ def test_bad_tables(spoil, expected, expdesign, run_file, folder, table, tmp_pat
     assert status == 2, messages
     assert expected in " ".join(messages.split())
     assert "Traceback" not in messages
+    # It is not said to be executed.
+    assert "warning: xps-pvt.trj" not in messages
     assert not (out / "measurement.csv").exists()
 
 

@@ -6,7 +6,7 @@ import shutil
 
 import pytest
 
-from expdesign.configuration import ConfigurationError
+from expdesign.configuration import ConfigurationError, load_run, resolved_yaml
 from results import RunFolderError
 from results.report.run_report import write_report
 from tests.report.conftest import HOSTILE
@@ -255,6 +255,33 @@ def test_the_stage_of_run_is_kept_and_done_anew(folder, tmp_path, expdesign_says
     assert "<title>Another title</title>" in text_of(folder)
     status, output, _ = expdesign_says("run", only, "--out", folder, "--json")
     assert json.loads(output[output.index("{") :])["resumed"] is True
+    # By itself it has the same title.
+    assert expdesign_says("report", folder)[0] == 0
+    assert "<title>Another title</title>" in text_of(folder)
+
+
+def test_a_run_that_was_changed_is_shown_in_its_report(folder, tmp_path, expdesign_says):
+    text = (folder / "run.yaml").read_text(encoding="utf-8")
+    file = tmp_path / "changed.yaml"
+    for old, new, again in (
+        (
+            "estimators: [gm, ml]",
+            "estimators: [gm]",
+            {"montecarlo", "estimate", "validate", "report"},
+        ),
+        # Of no stage that it names, but of what its report shows.
+        ("jerk: null", "jerk: 1234.5", {"report"}),
+    ):
+        assert text.count(old) == 1, old
+        text = text.replace(old, new)
+        file.write_text(text, encoding="utf-8")
+        status, output, error = expdesign_says("run", file, "--out", folder, "--json")
+        assert status == 0, (output, error)
+        stages = json.loads(output[output.index("{") :])["stages"]
+        assert {name for name, stage in stages.items() if not stage["resumed"]} == again
+        resolved = (folder / "run.yaml").read_text(encoding="utf-8")
+        assert resolved == resolved_yaml(load_run(file))
+    assert "jerk: 1234.5" in text_of(folder)
 
 
 def test_report_by_command(folder, expdesign_says):
