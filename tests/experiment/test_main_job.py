@@ -9,9 +9,9 @@ BEST_KNOWN = 104.54
 
 
 def test_main_job_reaches_what_is_known():
-    # Half the starts of the shipped run: fewer starts can only make the claim harder.
+    # A quarter of the starts of the shipped run: fewer starts can only make the claim harder.
     result = expdesign.design(
-        {"name": "main-job", "robot": "palida", "design": {"starts": 4, "seed": 0}}
+        {"name": "main-job", "robot": "palida", "design": {"starts": 2, "seed": 0}}
     )
     assert result.passed
     assert (result.trajectory.harmonics, result.samples) == (5, 200)
