@@ -9,9 +9,8 @@ def check(run: RunArgument, as_json: JsonOption = False) -> None:
     """Validate a run and print its complete configuration, with every default, in SI units.
 
     Nothing is computed but whether the home pose keeps the limits, and whether the study could be
-    done. Warnings, what `expdesign run`
-    would do, and the pairs of struts that share a joint and are left out of the clearance, go to
-    standard error.
+    done. Warnings, what `expdesign run` would do, and the pairs of struts that share a joint and
+    are left out of the clearance, go to standard error.
     """
     import typer
 

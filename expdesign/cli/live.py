@@ -16,6 +16,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
+from expdesign.recheck import TOLERANCE
 from expdesign.solver import SearchEvent
 
 _HEARTBEAT = 5.0
@@ -87,7 +88,9 @@ class SearchDisplay:
         if event.phase in _TRUE:
             self._running.pop(event.start, None)
             self._ended += event.phase == "done"
-            if math.isfinite(event.objective) and self._improves(event):
+            # What is done is shrunk into its limits; what is finished may break one by the recheck.
+            kept = event.phase == "done" or event.violation <= TOLERANCE
+            if kept and math.isfinite(event.objective) and self._improves(event):
                 self._best = event
             self._line(self._ended_text(event))
         else:

@@ -9,7 +9,7 @@ from expdesign.solver.finish import Finished
 from expdesign.solver.start import StartResult
 
 CAPACITY = 3
-"""Motions that are kept. From a single one hops were seen to gain nothing for a hundred tries."""
+"""Motions that are kept. From a single one a hundred hops were seen to gain 0.04 in log det F."""
 
 
 @dataclass(frozen=True)

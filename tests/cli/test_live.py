@@ -22,8 +22,8 @@ def said(display):
     return display._console.file.getvalue()
 
 
-def event(phase, objective, status=""):
-    return SearchEvent(1, phase, 7, objective, 1e-3, 2.0, status)
+def event(phase, objective, status="", violation=1e-3):
+    return SearchEvent(1, phase, 7, objective, violation, 2.0, status)
 
 
 def test_the_first_line_comes_before_the_first_event(display):
@@ -38,7 +38,7 @@ def test_every_number_says_what_it_is(display, monkeypatch):
     display.report(event("blunt", 90.5))
     display.report(event("sharp", 1234.0))
     display.report(event("done", 1300.0, "converged"))
-    display.report(event("finished", 1250.0, "every limit kept"))
+    display.report(event("finished", 1250.0, "every limit kept", violation=-1e-5))
     display.report(event("done", float("inf"), "given up: behind"))
     _, blunt, sharp, done, finished, given_up = said(display).splitlines()
     assert "start 1: blunt, iteration 7, log det F 90.5 (smoothed)" in blunt
@@ -54,6 +54,14 @@ def test_the_best_is_the_smallest_of_a_criterion_that_is_minimised(display):
     for value in (1300.0, 1200.0, float("inf"), 1250.0):
         display.report(event("done", value))
     assert display._best.objective == 1200
+
+
+def test_what_breaks_a_limit_is_never_the_best(display):
+    display.report(event("done", 1300.0))
+    display.report(event("finished", 1200.0, "a limit is broken", violation=2e-6))
+    assert display._best.objective == 1300
+    display.report(event("finished", 1250.0, "every limit kept", violation=0.0))
+    assert display._best.objective == 1250
 
 
 def test_ctrl_c_says_what_it_does_and_a_second_one_that_nothing_is_saved(display):
