@@ -15,6 +15,8 @@ TITLE = "Harmonics and samples"
 BEST_KNOWN = {3: 95.19, 5: 104.54, 8: 109.89}
 """log det F of the best PaLiDA designs that are known for 200 samples."""
 
+_KNOWN_FOR = 200
+
 _CASES = (*((n, 200, 2) for n in range(1, 13)), (12, 50, 2), (12, 1000, 2))
 
 
@@ -30,7 +32,7 @@ def rows(cases: Sequence[tuple[int, int, int]] = _CASES) -> Iterator[dict[str, A
                 "design": {"starts": starts},
             }
         )
-        known = BEST_KNOWN.get(harmonics) if samples == 200 else None  # noqa: PLR2004
+        known = BEST_KNOWN.get(harmonics) if samples == _KNOWN_FOR else None
         yield {
             "harmonics": harmonics,
             "samples": samples,

@@ -56,6 +56,6 @@ def clock_error(
         counted = late * record.length_counts
         known = float(np.sum((counted * late)[:, None] * speeds * weighted))
         right = float(np.sum(counted[:, None] * (record.lengths - lengths) * weighted))
-    if record.periods < 2 or known <= 0:  # noqa: PLR2004
+    if record.periods < 2 or known <= 0:  # noqa: PLR2004 - a slope takes two
         return 0.0, np.inf
     return right / known, float(1 / np.sqrt(known))
