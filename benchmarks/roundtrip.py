@@ -20,12 +20,11 @@ from benchmarks.montecarlo import CLEAR_BIAS
 from estimation.identification.estimate import parameter_knowledge, run_estimators
 from estimation.identification.recording import prepare_experiment
 from estimation.twin import Twin
-from expdesign.configuration import RunConfiguration, load_run
+from expdesign.configuration import ExportSection, RunConfiguration, load_run
 from expdesign.export import Task, export_table, read_table_file
 from expdesign.information.fisher import information_matrix, parameter_covariance
 from expdesign.motion import executable_motion
 from expdesign.robot import Robot, robot_from
-from expdesign.schema import ExportSection
 from expdesign.trajectory import FourierTrajectory, read_design_file
 
 TITLE = "Round trip over a controller table"

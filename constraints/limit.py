@@ -7,11 +7,9 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from constraints.definition import LimitDefinition, Quantities
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

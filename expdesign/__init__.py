@@ -7,15 +7,15 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from expdesign.configuration import ConfigurationError, load_run
+    from expdesign.configuration import InputError, load_run
     from expdesign.experiment import DesignResult, design
     from expdesign.robot import Robot, load_robot
     from expdesign.trajectory import FourierTrajectory
 
 __all__ = [
-    "ConfigurationError",
     "DesignResult",
     "FourierTrajectory",
+    "InputError",
     "Robot",
     "design",
     "load_robot",
@@ -23,7 +23,7 @@ __all__ = [
 ]
 
 _HOMES = {
-    "ConfigurationError": "expdesign.configuration",
+    "InputError": "expdesign.configuration",
     "DesignResult": "expdesign.experiment",
     "FourierTrajectory": "expdesign.trajectory",
     "Robot": "expdesign.robot",

@@ -37,7 +37,7 @@ def design_figures(folder: Path, formats: Collection[str] | None = None) -> tupl
     ------
     RunFolderError
         A file is missing (`MissingFileError`) or does not hold what it should.
-    ConfigurationError
+    InputError
         `run.yaml` is not a valid run.
     """
     record = DesignRecord.load(Path(folder))

@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from constraints import Limit
+from constraints.arrays import Array
 from expdesign.configuration import RunConfiguration
 from expdesign.motion import ExecutableMotion
 from expdesign.robot import robot_from
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

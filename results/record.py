@@ -5,10 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from constraints import Limit
+from constraints.arrays import Array
 from expdesign.configuration import RunConfiguration, home_geometry, load_run
 from expdesign.robot import Robot, robot_from
 from results.errors import MissingFileError
@@ -18,8 +16,6 @@ from results.reading.precision import Precision
 from results.reading.spectrum import Spectrum
 from results.reading.summary import DesignSummary
 from results.reading.traces import Trace, read_traces
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +56,7 @@ class DesignRecord:
         ------
         RunFolderError
             A file is missing (`MissingFileError`) or does not hold what it should.
-        ConfigurationError
+        InputError
             `run.yaml` is not a valid run.
         """
         if not (folder / "run.yaml").is_file():

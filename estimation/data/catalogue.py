@@ -9,7 +9,7 @@ from pathlib import Path
 
 from estimation.data import readers
 from estimation.data.file_format import FileFormat
-from expdesign.configuration import ConfigurationError, Problem
+from expdesign.configuration import InputError, Problem
 
 
 @cache
@@ -32,17 +32,17 @@ def format_of(path: Path) -> FileFormat:
 
     Raises
     ------
-    ConfigurationError
+    InputError
         There is no such file, or no format claims it.
     """
     if not path.exists():
-        raise ConfigurationError(Problem("there is no such file", path))
+        raise InputError(Problem("there is no such file", path))
     for found in file_formats():
         if found.claims(path):
             return found
     known = ", ".join(sorted({suffix for found in file_formats() for suffix in found.extensions}))
     what = "this folder is" if path.is_dir() else "this file has"
     ending = "no rosbag2 recording" if path.is_dir() else f"no known extension: '{path.suffix}'"
-    raise ConfigurationError(
+    raise InputError(
         Problem(f"{what} {ending}", path, allowed=f"{known}, or the folder of a rosbag2 recording")
     )

@@ -8,9 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from expdesign.configuration import ConfigurationError, Problem
-from expdesign.schema.data import CHANNELS
-from expdesign.schema.failure import nearest, shown
+from expdesign.configuration import CHANNELS, InputError, Problem, nearest, shown
 
 OPTIONAL = frozenset({"period"})
 """Channels that a file need not have."""
@@ -102,7 +100,7 @@ def pick(
 
     Raises
     ------
-    ConfigurationError
+    InputError
         Columns that are missing, with the nearest name; that several have the name of; or that
         would be two channels at once.
     """
@@ -126,7 +124,7 @@ def pick(
     ]
     problems += _shared(found, file, line)
     if problems:
-        raise ConfigurationError(problems)
+        raise InputError(problems)
     return found
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from estimation.data.plausibility import (
     fitting_unit,
     length_range,
@@ -16,12 +16,14 @@ from estimation.data.plausibility import (
 from estimation.data.table import RawTable
 from estimation.data.timebase import TimeBase, gaps, not_increasing
 from estimation.data.units import unit_factor
-from expdesign.configuration import ConfigurationError, Problem, ResolvedRobot
-from expdesign.schema import DataSection
-from expdesign.schema.data import LENGTH_CHANNELS
-from expdesign.schema.failure import shown
-
-Array = NDArray[np.float64]
+from expdesign.configuration import (
+    LENGTH_CHANNELS,
+    DataSection,
+    InputError,
+    Problem,
+    ResolvedRobot,
+    shown,
+)
 
 _MOST = 5
 """Defects of a kind that are told one by one."""
@@ -35,7 +37,7 @@ def refuse(problems: Sequence[Problem], table: RawTable, what: str) -> None:
         return
     more = len(problems) - _MOST
     rest = [Problem(f"{more} more {what}", table.file)] if more > 0 else []
-    raise ConfigurationError([*problems[:_MOST], *rest])
+    raise InputError([*problems[:_MOST], *rest])
 
 
 def refuse_different_lengths(table: RawTable) -> None:
@@ -49,7 +51,7 @@ def refuse_different_lengths(table: RawTable) -> None:
         if len(values) != count
     ]
     if bad:
-        raise ConfigurationError(bad)
+        raise InputError(bad)
 
 
 def refuse_few_rows(table: RawTable, parameters: int) -> None:
@@ -57,9 +59,7 @@ def refuse_few_rows(table: RawTable, parameters: int) -> None:
     if len(table) < parameters:
         rows = f"{len(table)} row{'' if len(table) == 1 else 's'}"
         message = f"{rows} of data, but the robot has {parameters} parameters"
-        raise ConfigurationError(
-            Problem(message, table.file, allowed=f"at least {parameters} rows")
-        )
+        raise InputError(Problem(message, table.file, allowed=f"at least {parameters} rows"))
 
 
 def refuse_cells(table: RawTable, channels: Sequence[str], decimal: str) -> None:
@@ -156,7 +156,7 @@ def refuse_uneven(table: RawTable, grid: TimeBase, tolerance: float) -> None:
     )
     wider = f", or a time_tolerance above {grid.jitter:.3g}" if grid.jitter < _HALF else ""
     allowed = f"up to {100 * tolerance:g} %; data.time: stamped{wider}"
-    raise ConfigurationError(table.problem(message, "t", grid.worst, allowed))
+    raise InputError(table.problem(message, "t", grid.worst, allowed))
 
 
 def refuse_implausible_lengths(
@@ -179,7 +179,7 @@ def refuse_implausible_lengths(
             )
         )
     if problems:
-        raise ConfigurationError(problems)
+        raise InputError(problems)
     refuse(
         [
             table.problem(

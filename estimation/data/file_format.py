@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from estimation.data.table import RawTable
-from expdesign.schema import DataSection
+from expdesign.configuration import DataSection
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,7 @@ class FileFormat:
         Lower case, with the dot.
     read : callable
         ``read(path, section)``: lists the columns of the file, has
-        :func:`estimation.data.columns.pick` choose, and loads those. A `ConfigurationError` says
+        :func:`estimation.data.columns.pick` choose, and loads those. A `InputError` says
         what is wrong; any other exception counts as a damaged file.
     library, extra : str or None
         The optional library that it needs, and by what to install it: ``pip install

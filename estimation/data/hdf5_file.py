@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from estimation.data.columns import Column, pick
 from estimation.data.hierarchy import NUMERIC, Leaf, leaf_columns, load_columns
 from estimation.data.table import RawTable
-from expdesign.schema import DataSection
+from expdesign.configuration import DataSection
 
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _PLACES = (0, 512)

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from estimation.data.columns import Column
 
-Array = NDArray[np.float64]
 NUMERIC = "biuf"
 """Kinds of dtypes that are numbers."""
 

@@ -9,8 +9,7 @@ from pathlib import Path
 from estimation.data.defects import refuse_different_lengths
 from estimation.data.file_format import FileFormat
 from estimation.data.table import RawTable
-from expdesign.configuration import ConfigurationError, Problem
-from expdesign.schema import DataSection
+from expdesign.configuration import DataSection, InputError, Problem
 
 _LONGEST_REASON = 200
 
@@ -20,14 +19,14 @@ def require_library(file_format: FileFormat, path: Path) -> None:
 
     Raises
     ------
-    ConfigurationError
+    InputError
         How to install it.
     """
     if file_format.library is None or _installed(file_format.library):
         return
     message = f"{file_format.title} is read with {file_format.library}, which is not installed"
     install = f"after: pip install expdesign[{file_format.extra}]"
-    raise ConfigurationError(Problem(message, path, allowed=install))
+    raise InputError(Problem(message, path, allowed=install))
 
 
 def _installed(library: str) -> bool:
@@ -42,25 +41,23 @@ def load_table(file_format: FileFormat, path: Path, section: DataSection) -> Raw
 
     Raises
     ------
-    ConfigurationError
+    InputError
         The file cannot be read, is damaged, or does not have the columns.
     """
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             table = file_format.read(path, section)
-    except ConfigurationError:
+    except InputError:
         raise
     except FileNotFoundError:
-        raise ConfigurationError(Problem("there is no such file", path)) from None
+        raise InputError(Problem("there is no such file", path)) from None
     except PermissionError:
-        raise ConfigurationError(Problem("there is no permission to read it", path)) from None
+        raise InputError(Problem("there is no permission to read it", path)) from None
     except Exception as error:  # noqa: BLE001 - the libraries raise anything on damaged files
         said = " ".join(str(error).split())[:_LONGEST_REASON]
         reason = "".join(mark if mark.isprintable() else "?" for mark in said)
-        raise ConfigurationError(
-            damaged(file_format, path, reason or type(error).__name__)
-        ) from None
+        raise InputError(damaged(file_format, path, reason or type(error).__name__)) from None
     refuse_different_lengths(table)
     return table
 

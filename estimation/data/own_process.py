@@ -18,8 +18,7 @@ from pathlib import Path
 from estimation.data.file_format import FileFormat
 from estimation.data.loading import damaged, load_table
 from estimation.data.table import RawTable
-from expdesign.configuration import ConfigurationError
-from expdesign.schema import DataSection
+from expdesign.configuration import DataSection, InputError
 
 _SECONDS = 60.0
 _SECONDS_PER_MEGABYTE = 1.0
@@ -34,7 +33,7 @@ def load_table_apart(file_format: FileFormat, path: Path, section: DataSection) 
 
     Raises
     ------
-    ConfigurationError
+    InputError
         As `load_table` has it, and when the process crashes or does not come to an end.
     RuntimeError
         The process could not be started.
@@ -51,14 +50,14 @@ def load_table_apart(file_format: FileFormat, path: Path, section: DataSection) 
             check=False,
         )
     except subprocess.TimeoutExpired:
-        raise ConfigurationError(damaged(file_format, path, "reading does not end")) from None
+        raise InputError(damaged(file_format, path, "reading does not end")) from None
     if child.returncode < 0:
         name = signal.Signals(-child.returncode).name
-        raise ConfigurationError(damaged(file_format, path, f"its library crashed ({name})"))
+        raise InputError(damaged(file_format, path, f"its library crashed ({name})"))
     if child.returncode > 0:
         raise RuntimeError(f"reading {path} failed: {child.stderr.decode(errors='replace')}")
-    answer: RawTable | ConfigurationError = pickle.loads(child.stdout)  # our own process wrote it
-    if isinstance(answer, ConfigurationError):
+    answer: RawTable | InputError = pickle.loads(child.stdout)  # our own process wrote it
+    if isinstance(answer, InputError):
         raise answer
     return answer
 
@@ -78,10 +77,8 @@ def serve() -> None:
     resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     try:
-        answer: RawTable | ConfigurationError = load_table(
-            import_module(module).FORMAT, path, section
-        )
-    except ConfigurationError as error:
+        answer: RawTable | InputError = load_table(import_module(module).FORMAT, path, section)
+    except InputError as error:
         answer = error
     with os.fdopen(answers, "wb") as stream:
         pickle.dump(answer, stream)

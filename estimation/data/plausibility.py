@@ -7,10 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from expdesign.configuration import ResolvedRobot, home_geometry
-from expdesign.schema.quantity import LENGTH
-
-Array = NDArray[np.float64]
+from constraints.arrays import Array
+from expdesign.configuration import LENGTH, ResolvedRobot, home_geometry
 
 UNITS = ("m", "mm", "cm", "in", "ft", "µm", "dm", "km")
 """Units that are tried when the lengths do not fit, the likeliest first."""

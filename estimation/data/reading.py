@@ -23,10 +23,14 @@ from estimation.data.own_process import load_table_apart
 from estimation.data.table import RawTable
 from estimation.data.timebase import TimeBase, fitted_grid, stamped
 from estimation.data.units import in_si
-from expdesign.configuration import ConfigurationError, ResolvedRobot
+from expdesign.configuration import (
+    FORCE_CHANNELS,
+    LENGTH_CHANNELS,
+    DataSection,
+    InputError,
+    ResolvedRobot,
+)
 from expdesign.robot.robot import Robot
-from expdesign.schema import DataSection
-from expdesign.schema.data import FORCE_CHANNELS, LENGTH_CHANNELS
 
 
 def read_measurement(
@@ -45,7 +49,7 @@ def read_measurement(
 
     Raises
     ------
-    ConfigurationError
+    InputError
         The file cannot be read, or its content cannot be used: every defect with column and row.
     """
     description = robot.description if isinstance(robot, Robot) else robot
@@ -98,14 +102,14 @@ def _within(table: RawTable, section: DataSection) -> RawTable:
         after = np.flatnonzero(time >= section.start - slack)
         if len(after) == 0:
             message = f"no rows at or after data.start, {section.start:g} s"
-            raise ConfigurationError(table.problem(message, "t", allowed=span))
+            raise InputError(table.problem(message, "t", allowed=span))
         first = int(after[0])
     if section.end is not None:
         beyond = first + np.flatnonzero(time[first:] >= section.end - slack)
         end = int(beyond[0]) if len(beyond) else end
         if end == first:
             message = f"no rows before data.end, {section.end:g} s"
-            raise ConfigurationError(table.problem(message, "t", allowed=span))
+            raise InputError(table.problem(message, "t", allowed=span))
     return table.part(first, end)
 
 

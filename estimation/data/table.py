@@ -10,10 +10,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from estimation.data.columns import Column
 from expdesign.configuration import Problem
 
-Array = NDArray[np.float64]
 RowNoun = Literal["line", "sample", "message"]
 HEADER_LINE = 1
 """Of text files, as an editor counts."""

@@ -5,10 +5,18 @@ from __future__ import annotations
 from dataclasses import replace
 
 from estimation.data.table import RawTable
-from expdesign.configuration import ConfigurationError, Problem
-from expdesign.schema import DataSection
-from expdesign.schema.failure import shown
-from expdesign.schema.quantity import CURRENT, DURATION, FORCE, LENGTH, Dimension, unit_dimension
+from expdesign.configuration import (
+    CURRENT,
+    DURATION,
+    FORCE,
+    LENGTH,
+    DataSection,
+    Dimension,
+    InputError,
+    Problem,
+    shown,
+    unit_dimension,
+)
 
 _DIMENSIONS = {"t": (DURATION,), "q": (LENGTH,), "Q": (FORCE, CURRENT)}
 
@@ -21,7 +29,7 @@ def in_si(table: RawTable, section: DataSection) -> tuple[RawTable, tuple[str, .
 
     Raises
     ------
-    ConfigurationError
+    InputError
         The file names a unit that is unknown, of another quantity, or not that of
         `section.units`; or currents without force constants.
     """
@@ -57,7 +65,7 @@ def in_si(table: RawTable, section: DataSection) -> tuple[RawTable, tuple[str, .
         if factor != 1:
             values[channel] = values[channel] * factor
     if problems:
-        raise ConfigurationError(problems)
+        raise InputError(problems)
     if section.force_constants is not None and not currents:
         warnings.append("data.force_constants are not used: the file holds forces, not currents")
     return replace(table, values=values), tuple(warnings)

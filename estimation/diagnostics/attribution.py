@@ -11,8 +11,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from estimation.diagnostics.column_test import (
     Candidates,
     ColumnTest,
@@ -22,7 +22,7 @@ from estimation.diagnostics.column_test import (
 from estimation.diagnostics.delay import DelayTest, delay_test
 from estimation.diagnostics.joint_system import JointSystem, SolvedSystem
 from estimation.diagnostics.levels import COLUMNS, DELAY, POSITION_PERIODIC
-from estimation.diagnostics.linearisation import STRUTS, Linearisation
+from estimation.diagnostics.linearisation import Linearisation
 from estimation.diagnostics.position_periodic import (
     PeriodicForce,
     PitchScan,
@@ -30,8 +30,7 @@ from estimation.diagnostics.position_periodic import (
     periodic_force,
     scan_pitches,
 )
-
-Array = NDArray[np.float64]
+from expdesign.mechanism.hexapod import ACTUATORS
 
 _MOST = 12
 """Effects that are looked for: whoever has more needs another model."""
@@ -184,7 +183,9 @@ def _tests(
     levels: _Levels,
 ) -> _Tests:
     return _Tests(
-        tuple(scan_pitches(solved, part, strut, step, levels.periodic) for strut in range(STRUTS)),
+        tuple(
+            scan_pitches(solved, part, strut, step, levels.periodic) for strut in range(ACTUATORS)
+        ),
         column_test(solved, candidates, levels.columns),
         delay_test(solved, part, levels.delay),
     )
@@ -203,7 +204,7 @@ def _most_significant(
     """
     options: list[tuple[float, str, int]] = []
     scan = min(tests.scans, key=lambda s: s.log_p)
-    log_p = scan.log_p + np.log(STRUTS)
+    log_p = scan.log_p + np.log(ACTUATORS)
     if log_p < np.log(levels.periodic):
         options.append((log_p - np.log(levels.periodic), "position-periodic", scan.strut))
     if tests.columns.tested:

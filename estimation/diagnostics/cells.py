@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from constraints.arrays import Array
 from estimation.processing import NoiseEstimate
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

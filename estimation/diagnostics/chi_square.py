@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
+from constraints.arrays import Array
 from estimation.diagnostics.residual_law import ResidualLaw
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

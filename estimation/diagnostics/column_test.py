@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from constraints.arrays import Array
 from estimation.diagnostics.joint_system import SolvedSystem
 from estimation.diagnostics.levels import COLUMNS
-from estimation.diagnostics.linearisation import STRUTS, Linearisation
+from estimation.diagnostics.linearisation import Linearisation
 from estimation.diagnostics.tails import log_two_sided
-
-Array = NDArray[np.float64]
+from expdesign.mechanism.hexapod import ACTUATORS
 
 POWER = 0.8
 """Of the test, for which the smallest error that is found is told."""
@@ -97,7 +97,7 @@ def column_candidates(part: Linearisation, names: tuple[str, ...], *, held_out: 
             continue
         for strut in touched:
             labels.append((name, int(strut)))
-            columns.append(np.where(np.arange(STRUTS) == strut, whole, 0.0))
+            columns.append(np.where(np.arange(ACTUATORS) == strut, whole, 0.0))
     stacked = np.stack(columns, axis=2) if columns else np.zeros((*part.forces.shape, 0))
     return Candidates(tuple(labels), stacked)
 

@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
+from constraints.arrays import Array
 from estimation.diagnostics.residuals import Residuals
-
-Array = NDArray[np.float64]
 
 _MOST_BINS, _FEWEST_BINS = 60, 12
 _PER_BIN = 24

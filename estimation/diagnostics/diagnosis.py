@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from estimation.diagnostics.attribution import Attribution, attribute
 from estimation.diagnostics.chi_square import ChiSquare, chi_square
 from estimation.diagnostics.dependence import Dependence, dependence
@@ -37,8 +38,6 @@ from estimation.estimators.knowledge import Knowledge
 from estimation.estimators.result import ParameterEstimate
 from estimation.processing import NoiseModel, Record
 from expdesign.robot import Robot
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

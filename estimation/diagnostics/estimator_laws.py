@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from estimation.diagnostics.joint_system import SolvedSystem
 from estimation.diagnostics.linearisation import Linearisation
 from estimation.diagnostics.residual_law import ResidualLaw
@@ -14,8 +14,6 @@ from estimation.estimators.experiment import Experiment
 from estimation.estimators.knowledge import Knowledge
 from estimation.estimators.linear import equal_weights, full_weights
 from estimation.estimators.result import ParameterEstimate
-
-Array = NDArray[np.float64]
 
 
 def joint_law(part: Linearisation, experiment: Experiment, solved: SolvedSystem) -> ResidualLaw:

@@ -15,13 +15,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg as sla
-from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from estimation.diagnostics.linearisation import Linearisation
 from estimation.processing import NoiseModel
 from expdesign.information.fisher import whitening
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,12 +16,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from estimation.diagnostics.levels import LACK_OF_FIT
 from estimation.diagnostics.linearisation import Linearisation
 from estimation.diagnostics.quadratic_tail import ratio_tail
 from estimation.diagnostics.residual_law import ResidualLaw
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

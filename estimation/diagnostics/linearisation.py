@@ -12,17 +12,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from estimation.diagnostics.cells import PhaseCells
 from estimation.estimators.experiment import Experiment
 from estimation.kinematics.fourier_fit import CHUNK, length_residuals
 from estimation.measurement_model import HarmonicMotion, predict_forces, predict_lengths
 from estimation.measurement_model.kernels import force_kernel
 from estimation.processing import NoiseEstimate
+from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.robot import Robot
-
-Array = NDArray[np.float64]
-
-STRUTS = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,7 +172,7 @@ def _phase_times(experiment: Experiment, cells: PhaseCells, times: Array) -> Arr
 
 def _sign_variance(robot: Robot, state: Array, signs: Array, unsure: Array, values: Array) -> Array:
     """Return Σ_i (∂Q/∂sign_i)² Var(sign_i), (S, 6); nearly all samples have no doubtful sign."""
-    result = np.zeros((len(state), STRUTS))
+    result = np.zeros((len(state), ACTUATORS))
     kernel = force_kernel(general=robot.general)
     for column in range(signs.shape[1]):
         rows = np.flatnonzero(unsure[:, column] > 1e-3)  # noqa: PLR2004 - below it nothing is seen
@@ -218,16 +216,16 @@ def _pointwise(
     regressors = experiment.regressors(robot)
     rows = experiment.forces - regressors @ values
     struts = robot.strut_motion(state[:, :6], state[:, 6:12], state[:, 12:])
-    none = np.zeros((0, STRUTS, 0))
+    none = np.zeros((0, ACTUATORS, 0))
     return Linearisation(
         times=_phase_times(experiment, cells, experiment.times),
         counts=cells.totals,
         forces=cells.mean(rows),
         regressors=cells.mean(regressors),
-        motion_columns=np.zeros((len(cells.totals), STRUTS, 0)),
+        motion_columns=np.zeros((len(cells.totals), ACTUATORS, 0)),
         delay_column=None,
         free=free,
-        sign_variance=np.zeros((len(cells.totals), STRUTS)),
+        sign_variance=np.zeros((len(cells.totals), ACTUATORS)),
         length_times=np.zeros(0),
         lengths=None,
         length_counts=np.zeros(0),

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from estimation.diagnostics.drift import Drift, drift
 from estimation.diagnostics.finding import Finding
 from estimation.diagnostics.json_form import finding_form, noise_form
@@ -25,8 +25,6 @@ from estimation.diagnostics.normality import Normality, normality
 from estimation.diagnostics.whiteness import Whiteness, whiteness
 from estimation.processing import NoiseModel, Record
 from estimation.processing.noise import scatter_about_series, series_harmonics
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from constraints.arrays import Array
 from estimation.diagnostics.levels import NOISE
-
-Array = NDArray[np.float64]
 
 _SKEWED, _KURTIC = 0.1, 0.3
 """Sizes of skewness and excess kurtosis below which they change nothing that is estimated here."""

@@ -14,15 +14,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq, minimize_scalar
 
+from constraints.arrays import Array
 from estimation.diagnostics.joint_system import SolvedSystem
 from estimation.diagnostics.levels import POSITION_PERIODIC
-from estimation.diagnostics.linearisation import STRUTS, Linearisation
+from estimation.diagnostics.linearisation import Linearisation
 from estimation.diagnostics.tails import log_pair_tail
-
-Array = NDArray[np.float64]
+from expdesign.mechanism.hexapod import ACTUATORS
 
 SAMPLES_PER_PITCH = 4.0
 """Fewest samples in one pitch at the largest speed: shorter pitches are not looked for."""
@@ -140,7 +139,7 @@ def scan_pitches(
         best_pitch=1 / frequency,
         best=best,
         log_p=log_exceedance(best, reach, freedom),
-        critical=critical_value(level / STRUTS, reach, freedom),
+        critical=critical_value(level / ACTUATORS, reach, freedom),
     )
 
 

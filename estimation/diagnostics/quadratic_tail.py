@@ -9,11 +9,10 @@ quadratic forms by Kuonen (Biometrika 86, 1999), has relative errors of about a 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 from scipy.optimize import brentq
 
-Array = NDArray[np.float64]
+from constraints.arrays import Array
 
 _NEAR_MEAN = 1e-2
 """Distance from the mean, in standard deviations, below which digits cancel."""

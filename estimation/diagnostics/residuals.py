@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from estimation.diagnostics.linearisation import Linearisation
 from estimation.estimators.experiment import Experiment
 from estimation.processing import NoiseModel
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from constraints.arrays import Array
 from estimation.diagnostics.levels import NOISE
-
-Array = NDArray[np.float64]
 
 _LAGS = 20
 _NOTICEABLE = 0.05

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import numpy as np
-from numpy.typing import NDArray
-
+from constraints.arrays import Array
 from estimation.kinematics.fourier_fit import MotionFit
 from estimation.kinematics.friction_signs import expected_signs, rate_spread
 from estimation.kinematics.pointwise import PointwiseMotion
@@ -14,8 +12,6 @@ from estimation.measurement_model import HarmonicMotion
 from estimation.measurement_model.kernels import held_regressor_kernel
 from estimation.processing import NoiseModel, Record
 from expdesign.robot import Robot
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

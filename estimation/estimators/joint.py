@@ -14,13 +14,12 @@ import numpy as np
 import scipy.linalg as sla
 from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from estimation.estimators.experiment import Experiment
 from estimation.kinematics.fourier_fit import CHUNK
 from estimation.measurement_model import HarmonicMotion, predict_forces, predict_lengths
 from expdesign.information.fisher import whitening
 from expdesign.robot import Robot
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

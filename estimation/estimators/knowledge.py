@@ -10,11 +10,10 @@ import scipy.linalg as sla
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
+from constraints.arrays import Array
+from expdesign.configuration import EstimateSection
 from expdesign.information.fisher import ScaledInformation
 from expdesign.robot import Robot
-from expdesign.schema import EstimateSection
-
-Array = NDArray[np.float64]
 
 
 class UnidentifiableError(ArithmeticError):

@@ -11,16 +11,14 @@ import time
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from estimation.estimators.experiment import Experiment
 from estimation.estimators.knowledge import Knowledge
 from estimation.estimators.result import ParameterEstimate
 from estimation.kinematics.fourier_fit import CHUNK
 from estimation.measurement_model import predict_forces
 from expdesign.robot import Robot
-
-Array = NDArray[np.float64]
 
 Weighting = Callable[[Array], Array]
 """Σ (6, 6) → W (6, 6)."""

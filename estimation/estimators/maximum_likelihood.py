@@ -13,16 +13,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from estimation.estimators.experiment import Experiment
 from estimation.estimators.joint import JointBlock, joint_block, reduced_information
 from estimation.estimators.knowledge import Knowledge
 from estimation.estimators.result import ParameterEstimate
 from estimation.measurement_model import HarmonicMotion
 from expdesign.robot import Robot
-
-Array = NDArray[np.float64]
 
 _STEPS = 40
 _CONVERGED = 1e-3

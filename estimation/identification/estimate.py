@@ -9,9 +9,9 @@ from os import PathLike
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from constraints.arrays import Array
 from estimation.data.measurement import Measurement
 from estimation.estimators import (
     Experiment,
@@ -29,11 +29,9 @@ from estimation.uncertainty import (
     identified_combinations,
     parameter_rows,
 )
-from expdesign.configuration import ConfigurationError, Problem, RunConfiguration, load_run
+from expdesign.configuration import InputError, Problem, RunConfiguration, load_run
 from expdesign.robot import Robot, robot_from
 from expdesign.trajectory import FourierTrajectory
-
-Array = NDArray[np.float64]
 
 ConfigurationLike = str | PathLike[str] | Mapping[str, Any] | RunConfiguration
 
@@ -59,7 +57,7 @@ def estimate(
 
     Raises
     ------
-    ConfigurationError
+    InputError
         The configuration, or a recording's period, does not fit.
     MotionFitError
         No motion has the measured lengths.
@@ -188,18 +186,18 @@ def parameter_knowledge(configuration: RunConfiguration, robot: Robot) -> Knowle
 
     Raises
     ------
-    ConfigurationError
+    InputError
         It names a parameter that the robot does not have, or fixes all of them.
     """
     section = configuration.run.estimate
     try:
         knowledge = Knowledge.of(robot, section)
     except ValueError as error:
-        raise ConfigurationError(
+        raise InputError(
             Problem(str(error), file=configuration.file, allowed=", ".join(robot.parameter_names))
         ) from error
     if not np.any(knowledge.free):
-        raise ConfigurationError(
+        raise InputError(
             Problem(
                 "every parameter is fixed: there is nothing to estimate",
                 file=configuration.file,
@@ -212,7 +210,7 @@ def parameter_knowledge(configuration: RunConfiguration, robot: Robot) -> Knowle
 def _refuse_ml_without_fit(configuration: RunConfiguration) -> None:
     section = configuration.run.estimate
     if "ml" in section.estimators and section.differentiation != "fourier":
-        raise ConfigurationError(
+        raise InputError(
             Problem(
                 f"maximum likelihood estimates the motion as a Fourier series, "
                 f"'{section.differentiation}' differentiation gives it none",

@@ -6,15 +6,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from estimation.identification.unsuitable import UnsuitableDataError
 from estimation.kinematics import MotionFit
 from estimation.processing import NoiseEstimate, NoiseModel, Record
 from estimation.processing.noise import scatter_about_series, series_harmonics
-from expdesign.configuration import ConfigurationError, Problem, RunConfiguration
-
-Array = NDArray[np.float64]
+from expdesign.configuration import InputError, Problem, RunConfiguration
 
 _STILL = 1e-12
 """Smallest variance, relative to the largest, and eigenvalue of a correlation that is one."""
@@ -35,7 +33,7 @@ def choose_noise(configuration: RunConfiguration, record: Record, source: str = 
 
     Raises
     ------
-    ConfigurationError
+    InputError
         `estimate.noise` asks for what is not there.
     UnsuitableDataError
         A channel does not vary.
@@ -78,7 +76,7 @@ def _chosen(configuration: RunConfiguration, record: Record) -> NoiseModel:
     scatter = {"forces": record.force_scatter, "lengths": record.length_scatter}
     missing = [name for name, covariance in given.items() if covariance is None]
     if wanted == "given" and missing:
-        raise ConfigurationError(
+        raise InputError(
             Problem(
                 "estimate.noise is 'given', but robot and run do not state the noise of "
                 f"the {missing[0]}",
@@ -88,7 +86,7 @@ def _chosen(configuration: RunConfiguration, record: Record) -> NoiseModel:
             )
         )
     if wanted == "estimated" and None in scatter.values():
-        raise ConfigurationError(
+        raise InputError(
             Problem(
                 f"estimate.noise is 'estimated', but {record.periods:.3g} periods do not show the "
                 "scatter between periods",

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from estimation.estimators import ParameterEstimate
 from estimation.identification.result import EstimationResult, RecordSummary
@@ -19,8 +18,6 @@ from estimation.uncertainty import correlation
 from expdesign.configuration import resolved_yaml
 from expdesign.runfolder.atomic import write_csv, write_json, write_text
 from expdesign.runfolder.columns import Column, add_columns
-
-Array = NDArray[np.float64]
 
 
 def write_estimate(

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from estimation.data.measurement import Measurement
 from estimation.identification.unsuitable import UnsuitableDataError
 from estimation.kinematics import clock_error
@@ -22,8 +22,6 @@ from estimation.processing.period import (
 from expdesign.configuration import Problem, RunConfiguration
 from expdesign.robot import Robot
 from expdesign.trajectory import FourierTrajectory
-
-Array = NDArray[np.float64]
 
 _FREQUENCY_REACH = 0.02
 """How far the controller's clock may be off, relative, when the frequency is estimated."""

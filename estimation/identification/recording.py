@@ -15,7 +15,7 @@ from estimation.kinematics.fourier_fit import MotionFitError, start_motion
 from estimation.kinematics.order import HarmonicChoice
 from estimation.measurement_model import HarmonicMotion
 from estimation.processing import NoiseModel, PeriodError, Record, make_record
-from expdesign.configuration import ConfigurationError, Problem, RunConfiguration
+from expdesign.configuration import InputError, Problem, RunConfiguration
 from expdesign.robot import Robot
 from expdesign.trajectory import FourierTrajectory
 
@@ -45,7 +45,7 @@ def prepare_recording(
 
     Raises
     ------
-    ConfigurationError
+    InputError
         The configuration does not fit the recording.
     UnsuitableDataError
         The recording cannot be used: no period, a dead channel.
@@ -89,7 +89,7 @@ def _cutoff(
     highest = configuration.run.trajectory.harmonics if design is None else design.harmonics
     cutoff = section.cutoff or _CUTOFF * highest / record.period
     if cutoff >= 0.5 / record.step:
-        raise ConfigurationError(
+        raise InputError(
             Problem(
                 f"a cutoff of {cutoff:.4g} Hz is not below half the sampling rate, "
                 f"{0.5 / record.step:.4g} Hz",

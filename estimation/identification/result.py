@@ -4,16 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
+from constraints.arrays import Array
 from estimation.estimators import Experiment, Knowledge, ParameterEstimate
 from estimation.kinematics.order import HarmonicChoice
 from estimation.uncertainty import Combination, ParameterRow
 from expdesign.configuration import RunConfiguration
 from expdesign.robot import Robot
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from expdesign.configuration import ConfigurationError
+from expdesign.configuration import InputError
 
 
-class UnsuitableDataError(ConfigurationError):
+class UnsuitableDataError(InputError):
     """It is the recording that does not fit, not what the run says: another one may."""

@@ -8,14 +8,12 @@ leaves of the lengths; its slope tells ε.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from estimation.measurement_model import HarmonicMotion
 from estimation.processing import Record
 from expdesign.robot import Robot
 from expdesign.robot.kernels import length_kernel
-
-Array = NDArray[np.float64]
 
 _ON_TIME = 1e-9
 """Share of a period by which rounding may put a sample into the period before."""

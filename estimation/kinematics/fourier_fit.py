@@ -11,15 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg as sla
-from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from estimation.measurement_model import HarmonicMotion, predict_lengths
 from estimation.processing import Record
 from expdesign.information.fisher import whitening
 from expdesign.robot import ForwardKinematicsError, Robot
 from expdesign.trajectory import PhaseBasis
-
-Array = NDArray[np.float64]
 
 CHUNK = 2048
 """Samples whose derivatives are in memory at a time."""

@@ -10,16 +10,14 @@ calibration). No sample is left out and no width is chosen by hand.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import erf
 
+from constraints.arrays import Array
 from estimation.kinematics.fourier_fit import CHUNK
 from estimation.measurement_model import HarmonicMotion
 from estimation.measurement_model.kernels import sliding_kernel
 from estimation.measurement_model.sensitivity import chain
 from expdesign.robot import Robot
-
-Array = NDArray[np.float64]
 
 
 def expected_signs(robot: Robot, motion: HarmonicMotion, times: Array, spread: Array) -> Array:

@@ -12,9 +12,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
+from constraints.arrays import Array
 from estimation.kinematics.fourier_fit import MotionFit, fit_motion
 from estimation.measurement_model import HarmonicMotion
 from estimation.processing import Record
@@ -22,8 +22,6 @@ from expdesign.information.fisher import whitening
 from expdesign.robot import Robot
 from expdesign.robot.kernels import length_kernel
 from expdesign.trajectory import PhaseBasis
-
-Array = NDArray[np.float64]
 
 _FAMILY_LEVEL = 1e-3
 _MOST = 60

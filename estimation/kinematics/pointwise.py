@@ -14,11 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
+from constraints.arrays import Array
 from estimation.kinematics.fourier_fit import MotionFitError
 from estimation.processing import Record
 from expdesign.robot import ForwardKinematicsError, Robot
-
-Array = NDArray[np.float64]
 
 _FILTER_ORDER = 4
 _EDGE = 2

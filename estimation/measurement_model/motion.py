@@ -5,13 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from constraints.arrays import Array
+from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.trajectory import FourierTrajectory, PhaseBasis
-
-Array = NDArray[np.float64]
-
-COORDINATES = 6
 
 
 @dataclass(frozen=True, eq=False)

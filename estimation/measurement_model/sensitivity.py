@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from estimation.measurement_model.kernels import force_kernel
 from estimation.measurement_model.motion import COORDINATES, HarmonicMotion, MotionBasis
 from expdesign.robot import Robot
 from expdesign.robot.kernels import length_kernel
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ from typing import Any
 from threadpoolctl import threadpool_limits
 
 from estimation.montecarlo.repetition import Recipe, Repetition, Workbench
-from expdesign.configuration import ConfigurationError, Problem
+from expdesign.configuration import InputError, Problem
 
 _CONNECT_SECONDS = 20
 _WAITING = 2
@@ -41,7 +41,7 @@ def cluster_repetitions(
 
     Raises
     ------
-    ConfigurationError
+    InputError
         Dask is not installed.
     ClusterError
         The scheduler cannot be reached, or workers died.
@@ -84,7 +84,7 @@ def _library() -> tuple[Any, Any, type[BaseException]]:
     try:
         from distributed import Client, KilledWorker, as_completed  # noqa: PLC0415 - optional
     except ImportError as error:
-        raise ConfigurationError(
+        raise InputError(
             Problem(
                 "a Dask cluster is reached with distributed, which is not installed",
                 key="scheduler",

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from estimation.estimators import Experiment, Knowledge, ParameterEstimate
 from estimation.identification.estimate import parameter_knowledge, run_estimators
 from estimation.identification.recording import prepare_experiment
@@ -16,8 +16,6 @@ from estimation.twin import Twin
 from expdesign.configuration import RunConfiguration
 from expdesign.robot import Robot, robot_from
 from expdesign.trajectory import FourierTrajectory
-
-Array = NDArray[np.float64]
 
 NUMERICAL_FAILURES = (ArithmeticError, np.linalg.LinAlgError)
 """What noise can do to an estimate: no pose, no motion, a singular information matrix."""
@@ -137,7 +135,7 @@ class Recipe:
 
         Raises
         ------
-        ConfigurationError
+        InputError
             The run cannot be simulated, or fixes every parameter.
         """
         robot = robot_from(self.configuration.robot)

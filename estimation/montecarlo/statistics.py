@@ -10,10 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
-Array = NDArray[np.float64]
+from constraints.arrays import Array
 
 LEVEL = 0.95
 """Of the intervals about the statistics themselves."""

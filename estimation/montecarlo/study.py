@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from constraints.arrays import Array
 from estimation.estimators import Knowledge
 from estimation.montecarlo.cluster import cluster_repetitions
 from estimation.montecarlo.journal import Journal
@@ -27,15 +28,13 @@ from estimation.montecarlo.truth_bound import bound_at_truth
 from estimation.twin import Truth
 from estimation.uncertainty import interval_width
 from estimation.uncertainty.intervals import IDENTIFIED
-from expdesign.configuration import ConfigurationError, Problem, RunConfiguration, load_run
+from expdesign.configuration import InputError, Problem, RunConfiguration, load_run
 from expdesign.experiment.scaling import parameter_scaling
 from expdesign.robot import Robot
 from expdesign.runfolder.manifest import Manifest, text_hash
 from expdesign.solver.pool import Job, run_jobs
 from expdesign.solver.progress import Monitor
 from expdesign.trajectory import FourierTrajectory
-
-Array = NDArray[np.float64]
 
 ConfigurationLike = str | PathLike[str] | Mapping[str, Any] | RunConfiguration
 
@@ -157,7 +156,7 @@ def run_study(
 
     Raises
     ------
-    ConfigurationError
+    InputError
         The run cannot be simulated or estimated.
     UnidentifiableError
         The experiment does not determine every free parameter.
@@ -234,7 +233,7 @@ def _repetition(bench: Workbench, _monitor: Monitor, number: int) -> Repetition:
 def _refuse_ml_without_fit(configuration: RunConfiguration) -> None:
     differentiation = configuration.run.estimate.differentiation
     if "ml" in configuration.run.montecarlo.estimators and differentiation != "fourier":
-        raise ConfigurationError(
+        raise InputError(
             Problem(
                 "maximum likelihood estimates the motion as a Fourier series, "
                 f"'{differentiation}' differentiation gives it none",

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from estimation.data.measurement import Measurement
 from estimation.estimators import Experiment
 from estimation.kinematics.fourier_fit import MotionFit
@@ -12,8 +12,6 @@ from estimation.measurement_model import HarmonicMotion
 from estimation.montecarlo.repetition import Workbench
 from estimation.processing import NoiseModel, PeriodSource, make_record
 from estimation.uncertainty import cramer_rao_covariance
-
-Array = NDArray[np.float64]
 
 _SIGNED = 18
 

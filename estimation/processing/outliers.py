@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from estimation.processing.noise import NoiseEstimate, scatter_about_series
-
-Array = NDArray[np.float64]
 
 _NORMAL_MEDIAN = 0.6745
 """Median of |x| for a standard normal x: turns a median absolute deviation into a std."""

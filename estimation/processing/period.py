@@ -5,12 +5,10 @@ from __future__ import annotations
 from enum import Enum
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
+from constraints.arrays import Array
 from estimation.data.measurement import Measurement
-
-Array = NDArray[np.float64]
 
 _CLEAR_PEAK = 0.5
 _WHOLE_DRIFT = 0.01

@@ -10,8 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from estimation.data.measurement import Measurement
 from estimation.processing.noise import (
     NoiseEstimate,
@@ -21,8 +21,6 @@ from estimation.processing.noise import (
 )
 from estimation.processing.outliers import FEWEST_PERIODS, huber_weights, series_weights
 from estimation.processing.period import PeriodError, PeriodSource, whole_samples
-
-Array = NDArray[np.float64]
 
 _REPEATED = 2
 

@@ -9,15 +9,14 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from estimation.studies.claim import Claim
 from estimation.studies.design_study import ESTIMATORS, DesignStudy, Trial, trial_name
 from estimation.studies.tables import TABLES
 from estimation.uncertainty.differences import FAMILY_LEVEL
 from expdesign.experiment.scaling import parameter_scaling
+from expdesign.mechanism.graph import parameter_unit
 from expdesign.robot import Robot
-from expdesign.robot.graph import parameter_unit
-
-Array = NDArray[np.float64]
 
 _CLEAR = 4.0
 """Standard errors by which determinants must differ, and within which predictions must agree."""

@@ -14,6 +14,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from estimation.montecarlo import StudyMonitor
 from estimation.montecarlo.repetition import Recipe
 from estimation.studies.determinant import DeterminantComparison, compare_determinants
@@ -27,15 +28,18 @@ from estimation.studies.variants import (
 )
 from estimation.studies.workers import results_of
 from estimation.uncertainty.differences import Differences
-from expdesign.configuration import ConfigurationError, Problem, RunConfiguration
+from expdesign.configuration import (
+    InputError,
+    Kinematics,
+    Problem,
+    RunConfiguration,
+    StudySection,
+)
 from expdesign.experiment import DesignResult, design
 from expdesign.experiment.scaling import parameter_scaling
 from expdesign.robot import Robot, robot_from
-from expdesign.schema.study import Kinematics, StudySection
 from expdesign.solver.pool import Job
 from expdesign.solver.progress import Monitor
-
-Array = NDArray[np.float64]
 
 ESTIMATORS = ("ls", "gm")
 _SEEDS_APART = 1_000_003
@@ -149,7 +153,7 @@ def run_design_study(
 
     Raises
     ------
-    ConfigurationError
+    InputError
         The run cannot be designed or simulated.
     NoDesignError, InfeasibleLimitsError, SingularInformationError
         A design failed.
@@ -201,7 +205,7 @@ def refuse_unfit_design_study(configuration: RunConfiguration, robot: Robot) -> 
 
     Raises
     ------
-    ConfigurationError
+    InputError
         Too few repetitions, or something that is known of the parameters or left out of them.
     """
     section, estimate = study_section(configuration), configuration.run.estimate
@@ -247,7 +251,7 @@ def refuse_unfit_design_study(configuration: RunConfiguration, robot: Robot) -> 
         if name not in robot.parameter_names
     ]
     if problems:
-        raise ConfigurationError(problems)
+        raise InputError(problems)
 
 
 def trial_name(number: int, criterion: str) -> str:

@@ -16,6 +16,7 @@ from functools import cached_property, partial
 import numpy as np
 from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from estimation.data.measurement import Measurement
 from estimation.estimators import Experiment, Knowledge, ParameterEstimate
 from estimation.identification import prepare_experiment, run_estimators
@@ -32,8 +33,6 @@ from expdesign.robot import Robot, robot_from
 from expdesign.solver.pool import Job
 from expdesign.solver.progress import Monitor
 from expdesign.trajectory import FourierTrajectory
-
-Array = NDArray[np.float64]
 
 ESTIMATORS = ("ls", "gm", "ml")
 _FEWEST = 3
@@ -197,7 +196,7 @@ def run_identification_study(
 
     Raises
     ------
-    ConfigurationError
+    InputError
         The run cannot be simulated or estimated.
     UnidentifiableError
         The experiment does not determine every free parameter.

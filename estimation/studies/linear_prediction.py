@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from estimation.twin import Twin
 from expdesign.robot import Robot
-
-Array = NDArray[np.float64]
 
 
 def linear_covariances(robot: Robot, twin: Twin) -> dict[str, Array]:

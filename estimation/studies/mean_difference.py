@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
+from constraints.arrays import Array
 from estimation.uncertainty.differences import Differences, holm
-
-Array = NDArray[np.float64]
 
 
 def mean_difference(first: Array, second: Array) -> Differences:

@@ -15,7 +15,7 @@ def refuse_unfit_study(configuration: RunConfiguration, robot: Robot) -> None:
 
     Raises
     ------
-    ConfigurationError
+    InputError
         Too few repetitions, parameters that the robot does not have, motions that cannot be.
     """
     kind = study_section(configuration).kind

@@ -15,6 +15,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from estimation.diagnostics import Diagnosis, diagnose
 from estimation.estimators import Experiment, ParameterEstimate
 from estimation.identification import prepare_experiment, run_estimators
@@ -26,15 +27,12 @@ from estimation.studies.variants import TooFewEstimatesError, study_section, wit
 from estimation.studies.workers import results_of
 from estimation.twin import Twin
 from estimation.validation.motions import benchmark_motion
-from expdesign.configuration import ConfigurationError, Problem, RunConfiguration
+from expdesign.configuration import InputError, Problem, RunConfiguration, ValidationMotion
 from expdesign.experiment.design import controller_period
 from expdesign.robot import Robot, robot_from
-from expdesign.schema.validation import ValidationMotion
 from expdesign.solver.pool import Job
 from expdesign.solver.progress import Monitor
 from expdesign.trajectory import FourierTrajectory
-
-Array = NDArray[np.float64]
 
 SITUATIONS = ("without", "unknown", "known")
 """Cogging in neither experiment; in the validation alone; in the identification too."""
@@ -150,7 +148,7 @@ def run_validation_study(
 
     Raises
     ------
-    ConfigurationError
+    InputError
         The run cannot be simulated or estimated, or a motion cannot be made.
     TooFewEstimatesError
         No run can be estimated.
@@ -273,13 +271,13 @@ def refuse_unfit_validation_study(
 
     Raises
     ------
-    ConfigurationError
+    InputError
         A parameter that the robot does not have, or a motion that cannot be.
     """
     section = study_section(configuration)
     for name in section.wrong:
         if name not in robot.parameter_names:
-            raise ConfigurationError(
+            raise InputError(
                 Problem(
                     f"the robot {robot.name} has no parameter '{name}'",
                     file=configuration.file,
@@ -298,7 +296,7 @@ def _trajectory(
 ) -> FourierTrajectory:
     key = f"study.motions[{number + 1}]"
     if motion.periods < _FEWEST_PERIODS:
-        raise ConfigurationError(
+        raise InputError(
             Problem(
                 "one period shows no scatter between periods to test against",
                 file=configuration.file,
@@ -307,7 +305,7 @@ def _trajectory(
             )
         )
     if motion.motion == "file":
-        raise ConfigurationError(
+        raise InputError(
             Problem(
                 "a recorded motion cannot be repeated on the digital twin",
                 file=configuration.file,
@@ -318,7 +316,7 @@ def _trajectory(
     try:
         return benchmark_motion(motion, robot.home, controller_period(configuration))
     except ValueError as error:
-        raise ConfigurationError(Problem(str(error), file=configuration.file, key=key)) from error
+        raise InputError(Problem(str(error), file=configuration.file, key=key)) from error
 
 
 def _judged(diagnosis: Diagnosis) -> Prediction:

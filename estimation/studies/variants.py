@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from expdesign.configuration import RunConfiguration
-from expdesign.schema.study import StudySection
+from expdesign.configuration import RunConfiguration, StudySection
 
 _NOISELESS = 1e-6
 """Length noise of exact kinematics, as a share of the robot's: an estimate needs some."""

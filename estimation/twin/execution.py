@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from expdesign.schema.experiment import TrackingError
+from constraints.arrays import Array
+from expdesign.configuration import TrackingError
+from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.trajectory import FourierTrajectory
 
-Array = NDArray[np.float64]
-
-_COORDINATES = 6
 _POSITIONS = 3
 
 
@@ -37,7 +35,7 @@ def executed_motion(
         return design
     first, last = error.harmonics
     sizes = np.repeat([error.position, error.angle], _POSITIONS)
-    drawn = rng.standard_normal((2, _COORDINATES, last - first + 1))
+    drawn = rng.standard_normal((2, COORDINATES, last - first + 1))
     # A series Σ a sin kωt + b cos kωt has the mean square Σ (a² + b²)/2 over a period.
     rms = np.sqrt(np.sum(drawn**2, axis=(0, 2)) / 2)
     sine, cosine = drawn * (sizes / rms)[:, None]
@@ -50,6 +48,6 @@ def executed_motion(
 
 
 def _padded(amplitudes: Array, harmonics: int) -> Array:
-    wider = np.zeros((_COORDINATES, harmonics))
+    wider = np.zeros((COORDINATES, harmonics))
     wider[:, : amplitudes.shape[1]] = amplitudes
     return wider

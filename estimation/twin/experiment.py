@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from estimation.data.measurement import Measurement
 from estimation.twin.disturbances.cogging import cogging_force
-from estimation.twin.disturbances.drift import STRUTS, final_drift, length_drift
+from estimation.twin.disturbances.drift import final_drift, length_drift
 from estimation.twin.disturbances.outliers import gross_errors
 from estimation.twin.disturbances.quantisation import quantised
 from estimation.twin.execution import executed_motion
@@ -18,13 +18,12 @@ from estimation.twin.sampling import SampleGrid
 from estimation.twin.streams import Repeated, Shared, experiment_stream, repetition_stream
 from estimation.twin.table_motion import TableMotion, refuse_short_window, window_error
 from estimation.twin.truth import ExecutedTableTruth, Truth
-from expdesign.configuration import ConfigurationError, Problem, RunConfiguration
+from expdesign.configuration import InputError, Problem, RunConfiguration
 from expdesign.export import TableFile
+from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.recheck import Motion
 from expdesign.robot import Robot, robot_from
 from expdesign.trajectory import FourierTrajectory
-
-Array = NDArray[np.float64]
 
 _BLOCK = 4096
 """Samples whose regressors (144 values each) are in memory at once."""
@@ -77,7 +76,7 @@ class Twin:
 
         Raises
         ------
-        ConfigurationError
+        InputError
             The noise is not known, the number of samples is impossible, the robot cannot make
             this motion, or the table has fewer periods than the experiment.
         """
@@ -99,7 +98,7 @@ class Twin:
             motion = TableMotion(commanded, design, executed)
             lengths, forces = _undisturbed(robot, motion, grid.times)
         if not (np.all(np.isfinite(lengths)) and np.all(np.isfinite(forces))):
-            raise ConfigurationError(
+            raise InputError(
                 Problem(
                     f"the robot {robot.name} cannot make the motion of the design: it passes "
                     "through a singularity",
@@ -110,7 +109,7 @@ class Twin:
             )
         if section.cogging is not None:
             forces = forces + cogging_force(lengths, section.cogging)
-        final = np.zeros(STRUTS)
+        final = np.zeros(ACTUATORS)
         if section.drift > 0:
             final = final_drift(section.drift, experiment_stream(section.seed, Shared.DRIFT))
             lengths = lengths + length_drift(final, grid.times, grid.duration)

@@ -6,11 +6,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from expdesign.configuration import ConfigurationError, Problem, RunConfiguration
-
-Array = NDArray[np.float64]
+from constraints.arrays import Array
+from expdesign.configuration import InputError, Problem, RunConfiguration
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +32,7 @@ class SensorNoise:
 
         Raises
         ------
-        ConfigurationError
+        InputError
             They state no noise of the forces, or none of the lengths.
         """
         noise = configuration.robot.noise
@@ -52,7 +50,7 @@ class SensorNoise:
             if covariance is None
         ]
         if force is None or length is None:
-            raise ConfigurationError(problems)
+            raise InputError(problems)
         return cls(force, length)
 
     def forces(self, count: int, rng: np.random.Generator) -> Array:

@@ -8,10 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from expdesign.configuration import ConfigurationError, Problem
-from expdesign.schema import ExperimentSection
-
-Array = NDArray[np.float64]
+from constraints.arrays import Array
+from expdesign.configuration import ExperimentSection, InputError, Problem
 
 _ROUNDING = 1e-12
 _WHOLE = 1e-6
@@ -53,7 +51,7 @@ class SampleGrid:
 
         Raises
         ------
-        ConfigurationError
+        InputError
             There is no sample, or there are too many to be held in memory.
         """
         steps = period * experiment.sampling
@@ -61,7 +59,7 @@ class SampleGrid:
         alike = nearest >= 1 and abs(steps - nearest) * experiment.periods < _WHOLE
         exact = experiment.periods * (nearest if alike else steps)
         if not 1 <= exact * (1 + _ROUNDING) < MOST_SAMPLES + 1:
-            raise ConfigurationError(
+            raise InputError(
                 Problem(
                     f"{experiment.periods} periods of {period:.6g} s at {experiment.sampling:g} Hz "
                     f"are {exact:.4g} samples",

@@ -6,15 +6,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from expdesign.configuration import ConfigurationError, Problem
+from constraints.arrays import Array
+from expdesign.configuration import InputError, Problem
 from expdesign.export import TableFile
 from expdesign.export.deviation import blocks
 from expdesign.export.rows import ON_THE_EDGE
 from expdesign.trajectory import FourierTrajectory, PoseSamples
-
-Array = NDArray[np.float64]
 
 _ROUNDING = 1.01
 """Of the tolerance that the table was written with."""
@@ -65,11 +63,11 @@ def refuse_short_window(table: TableFile, periods: int, configuration_file: Path
 
     Raises
     ------
-    ConfigurationError
+    InputError
         The window has fewer periods than are to be measured, or the rows end inside it.
     """
     if periods > table.periods:
-        raise ConfigurationError(
+        raise InputError(
             Problem(
                 f"{periods} periods are to be measured, and the table has {table.periods}",
                 file=configuration_file,
@@ -79,7 +77,7 @@ def refuse_short_window(table: TableFile, periods: int, configuration_file: Path
         )
     end = table.executed.rows.times[-1]
     if end < table.window[1] - ON_THE_EDGE:
-        raise ConfigurationError(
+        raise InputError(
             Problem(
                 f"the table ends at {end:.6f} s, inside the measurement window that lasts until "
                 f"{table.window[1]:.6f} s",
@@ -94,7 +92,7 @@ def window_error(table: TableFile, times: Array) -> float:
 
     Raises
     ------
-    ConfigurationError
+    InputError
         The table is none of this design: a strut is further away than the table's tolerance.
     """
     robot, design = table.executed.robot, table.design
@@ -108,7 +106,7 @@ def window_error(table: TableFile, times: Array) -> float:
     # Written so that NaN is refused.
     if not off[worst] <= table.settings.tolerance * _ROUNDING:
         since = "; it was changed after it was exported" if table.changed else ""
-        raise ConfigurationError(
+        raise InputError(
             Problem(
                 "the table does not hold the design that is to be executed: a strut is "
                 f"{1e6 * off[worst]:.4g} µm from it {times[worst]:.4f} s after the beginning of "

@@ -6,12 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from expdesign.schema import ExperimentSection
+from constraints.arrays import Array
+from expdesign.configuration import ExperimentSection
 from expdesign.trajectory import FourierTrajectory
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -8,15 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-from numpy.typing import NDArray
-
+from constraints.arrays import Array
 from estimation.estimators import Experiment, Knowledge
 from estimation.estimators.joint import joint_block, reduced_information
 from estimation.measurement_model import HarmonicMotion
 from expdesign.robot import Robot
-
-Array = NDArray[np.float64]
 
 
 def cramer_rao_covariance(

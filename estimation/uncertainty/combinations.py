@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from estimation.uncertainty.intervals import IDENTIFIED
 from expdesign.experiment.scaling import parameter_scaling
 from expdesign.robot import Robot
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

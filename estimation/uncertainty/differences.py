@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-Array = NDArray[np.float64]
+from constraints.arrays import Array
 
 FAMILY_LEVEL = 0.01
 """Probability that any parameter is called different when none is (Holm's correction)."""

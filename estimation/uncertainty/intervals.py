@@ -5,15 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
+from constraints.arrays import Array
 from estimation.estimators import Knowledge, ParameterEstimate
 from expdesign.experiment.scaling import parameter_scaling
+from expdesign.mechanism.graph import parameter_unit
 from expdesign.robot import Robot
-from expdesign.robot.graph import parameter_unit
-
-Array = NDArray[np.float64]
 
 LEVEL = 0.95
 """Coverage of the intervals."""

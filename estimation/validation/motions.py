@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from expdesign.schema.validation import ValidationMotion
+from constraints.arrays import Array
+from expdesign.configuration import ValidationMotion
 from expdesign.solver.finish import controller_omega
 from expdesign.trajectory import FourierTrajectory, PhaseBasis
-
-Array = NDArray[np.float64]
 
 _MIRRORED = {
     # A mirror image turns the other way about the axes in its plane: M R M for R = Rx Ry Rz.

@@ -8,14 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimation.estimators import Knowledge, ParameterEstimate
-from expdesign.configuration import ConfigurationError, Problem
+from expdesign.configuration import EstimateSection, InputError, Problem
 from expdesign.robot import Robot
-from expdesign.schema import EstimateSection
-
-Array = NDArray[np.float64]
 
 NAME = "estimate.json"
 
@@ -52,7 +48,7 @@ def read_estimate(source: Path, robot: Robot, estimator: str | None = None) -> S
 
     Raises
     ------
-    ConfigurationError
+    InputError
         There is none, or it is not this robot's.
     """
     path = source / NAME if source.is_dir() else source
@@ -117,5 +113,5 @@ def _saved(path: Path, data: Any, robot: Robot, estimator: str | None) -> SavedE
     )
 
 
-def _refused(path: Path, message: str, allowed: str) -> ConfigurationError:
-    return ConfigurationError(Problem(message, file=path, key="--estimate", allowed=allowed))
+def _refused(path: Path, message: str, allowed: str) -> InputError:
+    return InputError(Problem(message, file=path, key="--estimate", allowed=allowed))

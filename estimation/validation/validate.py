@@ -17,11 +17,10 @@ from estimation.identification import prepare_experiment
 from estimation.twin import Twin
 from estimation.validation.motions import benchmark_motion
 from estimation.validation.saved_estimate import SavedEstimate
-from expdesign.configuration import ConfigurationError, Problem, RunConfiguration
+from expdesign.configuration import InputError, Problem, RunConfiguration, ValidationMotion
 from expdesign.experiment.design import controller_period
 from expdesign.recheck import Recheck, recheck
 from expdesign.robot import ExactModel, Robot, robot_from
-from expdesign.schema.validation import ValidationMotion
 from expdesign.trajectory import FourierTrajectory
 
 FIRST_REPETITION = 100_001
@@ -92,12 +91,12 @@ def validate(configuration: RunConfiguration, saved: SavedEstimate) -> Validatio
 
     Raises
     ------
-    ConfigurationError
+    InputError
         The run names no motion, or one that cannot be made or read.
     """
     began = time.perf_counter()
     if not configuration.run.validation:
-        raise ConfigurationError(
+        raise InputError(
             Problem(
                 "the run names no motion to validate on",
                 file=configuration.file,
@@ -139,7 +138,7 @@ def _validated(
         try:
             trajectory = benchmark_motion(motion, robot.home, controller_period(configuration))
         except ValueError as error:
-            raise ConfigurationError(
+            raise InputError(
                 Problem(str(error), file=configuration.file, key=f"validate[{number + 1}]")
             ) from error
         check = recheck(ExactModel(robot, robot.limits), trajectory, _RECHECK_SAMPLES)

@@ -2,7 +2,7 @@
 
 Each command is a function in a module of its own, imported here. It imports what it computes with
 when it runs, takes `--json`, returns nothing when all is well, raises `CommandFailed` (exit 1) or
-`ConfigurationError` (exit 2) otherwise, and writes results to standard output, everything else to
+`InputError` (exit 2) otherwise, and writes results to standard output, everything else to
 standard error (`expdesign.cli.output`).
 """
 

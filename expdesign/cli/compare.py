@@ -76,10 +76,10 @@ def precision_share(text: str) -> float:
 
     Raises
     ------
-    ConfigurationError
+    InputError
         It is no number above 0 and at most 1.
     """
-    from expdesign.configuration import ConfigurationError, Problem
+    from expdesign.configuration import InputError, Problem
 
     number = text.strip().removesuffix(_PERCENT)
     try:
@@ -87,7 +87,7 @@ def precision_share(text: str) -> float:
     except ValueError:
         share = float("nan")
     if not 0 < share <= _MOST:
-        raise ConfigurationError(
+        raise InputError(
             Problem(
                 f"'{text}' is no relative precision",
                 key="--precision",

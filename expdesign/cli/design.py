@@ -116,8 +116,8 @@ def _summary(result: DesignResult, folder: Path) -> dict[str, Any]:
 
 
 def _what_is_wrong(result: DesignResult, folder: Path) -> str:
+    from expdesign.configuration import quantity_text
     from expdesign.recheck import TOLERANCE
-    from expdesign.schema.display import quantity_text
 
     if result.status == "interrupted":
         return f"interrupted: the best so far is saved, and marked, in {short(folder)}"
@@ -137,7 +137,7 @@ def _show(result: DesignResult, folder: Path) -> None:
     from rich.table import Table
 
     from constraints import limit_definitions
-    from expdesign.schema.display import quantity_text
+    from expdesign.configuration import quantity_text
 
     console = results()
     console.print(_headline(result), soft_wrap=True)

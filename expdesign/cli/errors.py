@@ -11,7 +11,7 @@ import typer
 from rich.text import Text
 
 from expdesign.cli.output import messages, short, write_json
-from expdesign.configuration import ConfigurationError, Problem
+from expdesign.configuration import InputError, Problem
 
 FAILED = 1
 BAD_INPUT = 2
@@ -55,7 +55,7 @@ def run(app: typer.Typer, arguments: Sequence[str]) -> int:
         status = app(args=list(arguments), prog_name="expdesign", standalone_mode=not as_json)
     except SystemExit as stop:
         status = stop.code
-    except ConfigurationError as error:
+    except InputError as error:
         return _bad_input(error.problems, as_json)
     except typer.TyperException as error:
         return _bad_input([Problem(error.format_message())], as_json)

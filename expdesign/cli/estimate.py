@@ -81,7 +81,7 @@ def estimate_stage(
 
     Raises
     ------
-    ConfigurationError
+    InputError
         Run, data or design do not fit.
     CommandFailed
         The data have no motion, or do not determine the parameters.
@@ -132,10 +132,10 @@ def data_files(
 
     Raises
     ------
-    ConfigurationError
+    InputError
         There is none.
     """
-    from expdesign.configuration import ConfigurationError, Problem
+    from expdesign.configuration import InputError, Problem
 
     if given:
         return [path.absolute() for path in given]
@@ -144,7 +144,7 @@ def data_files(
     own = folder / "measurement.csv"
     if own.is_file():
         return [own]
-    raise ConfigurationError(
+    raise InputError(
         Problem(
             "there is nothing to estimate from: the run folder has no measurement.csv",
             file=folder,
@@ -159,7 +159,7 @@ def recorded_designs(
     folder: Path, given: tuple[Path, ...] | list[Path], recordings: int
 ) -> list[FourierTrajectory | None]:
     """Return the trajectory of each recording: those given, or the run folder's, or None."""
-    from expdesign.configuration import ConfigurationError, Problem
+    from expdesign.configuration import InputError, Problem
     from expdesign.trajectory import read_design_file
 
     if not given:
@@ -167,7 +167,7 @@ def recorded_designs(
         found = [read_design_file(own).trajectory] if own.is_file() else [None]
         return list(found) * recordings
     if len(given) not in (1, recordings):
-        raise ConfigurationError(
+        raise InputError(
             Problem(
                 f"{recordings} recordings, but {len(given)} designs",
                 key="--design",

@@ -23,9 +23,8 @@ from expdesign.cli.folder import refuse_unwritable
 from expdesign.cli.output import JsonOption, results, short, warn_all, write_json
 
 if TYPE_CHECKING:
-    from expdesign.configuration import Problem, RunConfiguration
+    from expdesign.configuration import ExportSection, Problem, RunConfiguration
     from expdesign.export import Export, Task
-    from expdesign.schema import ExportSection
 
 STAGE = "export"
 
@@ -100,7 +99,7 @@ def export(  # noqa: PLR0917 - each is an option of the command
     that fails is not kept (exit status 1).
     """
     from expdesign.cli.stages import added_to
-    from expdesign.configuration import ConfigurationError, Problem
+    from expdesign.configuration import InputError, Problem
     from expdesign.export import (
         RECORD,
         file_name,
@@ -114,7 +113,7 @@ def export(  # noqa: PLR0917 - each is an option of the command
         _list(as_json=as_json)
         return
     if folder is None:
-        raise ConfigurationError(Problem("no run folder is given", allowed="expdesign export DIR"))
+        raise InputError(Problem("no run folder is given", allowed="expdesign export DIR"))
     given = given_options(
         file=file,
         space=space,
@@ -134,7 +133,7 @@ def export(  # noqa: PLR0917 - each is an option of the command
     folder = folder.absolute()
     configuration = _configuration(folder)
     if not name:
-        raise ConfigurationError(_missing_format())
+        raise InputError(_missing_format())
     section = export_section(name, given, configuration)
     refuse_missing_library(section)
     path = (folder / FOLDER / file_name(section)) if out is None else out.absolute()
@@ -166,7 +165,7 @@ def export_stage(configuration: RunConfiguration, folder: Path, *, as_json: bool
 
     Raises
     ------
-    ConfigurationError
+    InputError
         The design is missing or none, or an option cannot be kept.
     CommandFailed
         A table is beyond a tolerance, or the machine cannot get into the motion.
@@ -213,8 +212,8 @@ def export_stage(configuration: RunConfiguration, folder: Path, *, as_json: bool
 def _list(*, as_json: bool) -> None:
     from rich.table import Table
 
+    from expdesign.configuration import OFFERS
     from expdesign.export import table_formats
-    from expdesign.schema.export import OFFERS
 
     formats = table_formats()
     if as_json:
@@ -251,11 +250,11 @@ def _missing_format() -> Problem:
 
 
 def _configuration(folder: Path) -> RunConfiguration:
-    from expdesign.configuration import ConfigurationError, Problem, load_run
+    from expdesign.configuration import InputError, Problem, load_run
 
     file = folder / "run.yaml"
     if not file.is_file():
-        raise ConfigurationError(
+        raise InputError(
             Problem(
                 "this is no run folder: it has no run.yaml",
                 file=folder,

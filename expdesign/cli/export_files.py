@@ -19,15 +19,15 @@ def refuse_taken_name(path: Path, key: str) -> None:
 
     Raises
     ------
-    ConfigurationError
+    InputError
         It has such a name.
     """
-    from expdesign.configuration import ConfigurationError, Problem
+    from expdesign.configuration import InputError, Problem
     from expdesign.export import RECORD
 
     taken = (README, RECORD)
     if path.name.casefold() in {name.casefold() for name in taken}:
-        raise ConfigurationError(
+        raise InputError(
             Problem(
                 f"{path.name} is what describes the tables of this folder",
                 key=key,

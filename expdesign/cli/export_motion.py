@@ -32,7 +32,7 @@ def export_task(configuration: RunConfiguration, folder: Path) -> Task:
 
     Raises
     ------
-    ConfigurationError
+    InputError
         The design is missing or none.
     CommandFailed
         The machine cannot get into the motion.

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 from expdesign.cli.output import note
 
 if TYPE_CHECKING:
-    from expdesign.configuration import RunConfiguration
-    from expdesign.schema import ExportSection
+    from expdesign.configuration import ExportSection, RunConfiguration
 
 _LISTS = ("axes",)
 _NUMBERS = ("order",)
@@ -52,15 +51,17 @@ def export_section(
 
     Raises
     ------
-    ConfigurationError
+    InputError
         An option cannot be kept, or the run has several tables of the format and none is named.
     """
     from dataclasses import replace
 
-    from expdesign.configuration import ConfigurationError
-    from expdesign.configuration.document import document_from_mapping
-    from expdesign.configuration.validation import validate
-    from expdesign.schema import ExportSection
+    from expdesign.configuration import (
+        ExportSection,
+        InputError,
+        document_from_mapping,
+        validate,
+    )
 
     stated = _stated(name, given.get("file"), configuration)
     data = {} if stated is None else stated.model_dump(exclude_none=True)
@@ -70,7 +71,7 @@ def export_section(
     data |= {"format": name, **given}
     found, problems = validate(ExportSection, data, document_from_mapping(data))
     if found is None:
-        raise ConfigurationError(replace(problem, key=_option(problem.key)) for problem in problems)
+        raise InputError(replace(problem, key=_option(problem.key)) for problem in problems)
     for option, keys in left_out.items():
         note(f"left out, since {option} is given: {', '.join(keys)} of the run's export")
     return found
@@ -82,14 +83,14 @@ def _option(key: str) -> str:
 
 def _stated(name: str, file: str | None, configuration: RunConfiguration) -> ExportSection | None:
     """Return the table of this format that the run names; of several the one with this file."""
-    from expdesign.configuration import ConfigurationError, Problem
+    from expdesign.configuration import InputError, Problem
 
     named = [entry for entry in configuration.run.export if entry.format == name]
     if len(named) > 1:
         named = [entry for entry in named if entry.stem == file] or named
     if len(named) > 1:
         stems = [entry.stem for entry in named]
-        raise ConfigurationError(
+        raise InputError(
             Problem(
                 f"the run has {len(named)} tables of {name}, each with options of its own"
                 + ("" if file is None else f", and none of them is '{file}'"),
@@ -103,7 +104,7 @@ def _stated(name: str, file: str | None, configuration: RunConfiguration) -> Exp
 
 def _left_out(given: dict[str, Any], stated: ExportSection) -> dict[str, list[str]]:
     """Return which options of the run do not go with those given, by the option given."""
-    from expdesign.schema.export import STRUT_ONLY
+    from expdesign.configuration import STRUT_ONLY
 
     against: dict[str, tuple[str, ...]] = {}
     if "counts_per_metre" in given:

@@ -25,14 +25,14 @@ def refuse_unwritable(folder: Path) -> None:
     """Find out before the work, not after it, that its result cannot be written."""
     from tempfile import TemporaryFile
 
-    from expdesign.configuration import ConfigurationError, Problem
+    from expdesign.configuration import InputError, Problem
 
     existing = next(path for path in (folder, *folder.parents) if path.exists())
     try:
         with TemporaryFile(dir=existing):
             pass
     except OSError as error:
-        raise ConfigurationError(
+        raise InputError(
             [
                 Problem(
                     f"cannot write there: {error.strerror}",

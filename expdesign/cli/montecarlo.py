@@ -77,7 +77,7 @@ def montecarlo_stage(
 
     Raises
     ------
-    ConfigurationError
+    InputError
         The design is missing or none, or the run cannot be simulated or estimated.
     CommandFailed
         Interrupted, workers died, or nothing could be estimated.

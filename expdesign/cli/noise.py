@@ -53,7 +53,7 @@ def noise(
     from estimation.identification.period_choice import choose_omega
     from estimation.processing import PeriodError, make_record
     from expdesign.cli.stages import record_stage
-    from expdesign.configuration import ConfigurationError, Problem, load_run
+    from expdesign.configuration import InputError, Problem, load_run
     from results import noise_figures
 
     configuration = load_run(run)
@@ -70,7 +70,7 @@ def noise(
         try:
             analysis = analyse_noise(make_record(recording, omega, source))
         except (PeriodError, ValueError) as error:
-            raise ConfigurationError(
+            raise InputError(
                 Problem(str(error), file=file, key="--data", allowed="two periods or more")
             ) from error
         stage.files = write_noise(analysis, str(file), configuration, folder)

@@ -63,13 +63,13 @@ def folder_stages(folder: Path) -> str:
 @contextmanager
 def bad_folders() -> Iterator[None]:
     """Turn what is wrong with a file of a run folder into bad input."""
-    from expdesign.configuration import ConfigurationError, Problem
+    from expdesign.configuration import InputError, Problem
     from results import RunFolderError
 
     try:
         yield
     except RunFolderError as error:
-        raise ConfigurationError(Problem(error.message, file=error.path)) from error
+        raise InputError(Problem(error.message, file=error.path)) from error
 
 
 def _written(folder: Path, configuration: RunConfiguration | None = None) -> list[Path]:

@@ -30,7 +30,7 @@ class Perform(Protocol):
     def __call__(
         self, configuration: RunConfiguration, folder: Path, *, as_json: bool
     ) -> dict[str, Any]:
-        """Raise `CommandFailed` or `ConfigurationError` when the run is not to go on."""
+        """Raise `CommandFailed` or `InputError` when the run is not to go on."""
 
 
 def _nothing_else(_folder: Path) -> str:
@@ -138,7 +138,7 @@ def refuse_study(configuration: RunConfiguration) -> None:
 def run(run: RunArgument, out: OutOption = None, as_json: JsonOption = False) -> None:
     """Do every stage that the run file names, in their order; what is done already is kept."""
     from expdesign.cli.stages import keep_configuration
-    from expdesign.configuration import ConfigurationError, load_run
+    from expdesign.configuration import InputError, load_run
 
     configuration = load_run(run)
     folder = run_folder(configuration, out)
@@ -149,7 +149,7 @@ def run(run: RunArgument, out: OutOption = None, as_json: JsonOption = False) ->
         )
     refuse_study(configuration)
     if missing := missing_design(configuration, folder):
-        raise ConfigurationError(missing)
+        raise InputError(missing)
     warn_all(configuration.warnings)
     done: dict[str, dict[str, Any]] = {}
     for stage in stages:

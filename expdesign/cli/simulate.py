@@ -94,7 +94,7 @@ def experiment_stage(
 
     Raises
     ------
-    ConfigurationError
+    InputError
         The design is missing or none, the table is none of it, or the run cannot be simulated.
     CommandFailed
         Interrupted.
@@ -174,16 +174,16 @@ def design_to_execute(folder: Path, design: Path | None) -> DesignFile:
 
     Raises
     ------
-    ConfigurationError
+    InputError
         There is none.
     """
-    from expdesign.configuration import ConfigurationError, Problem
+    from expdesign.configuration import InputError, Problem
     from expdesign.trajectory import read_design_file
 
     if design is not None:
         return read_design_file(design.absolute())
     if not (folder / "design.json").exists():
-        raise ConfigurationError(
+        raise InputError(
             Problem(
                 "there is no design to execute: the run folder has no design.json",
                 file=folder,

@@ -28,7 +28,7 @@ def study_stage(configuration: RunConfiguration, folder: Path, *, as_json: bool)
 
     Raises
     ------
-    ConfigurationError
+    InputError
         The design is missing or none, or the run cannot be designed, simulated or estimated.
     CommandFailed
         Interrupted, workers died, or something could not be designed or estimated.

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from expdesign.configuration.problem import ConfigurationError, Key, Problem, key_path
-from expdesign.schema.failure import shown
+from expdesign.configuration.failure import shown
+from expdesign.configuration.problem import InputError, Key, Problem, key_path
 
 _LARGEST_COUNT = 100_000
 _DEEPEST = 40
@@ -63,13 +63,13 @@ def document_from_mapping(mapping: Mapping[Any, Any]) -> Document:
 
     Raises
     ------
-    ConfigurationError
+    InputError
         If a key is no text, or the mapping contains itself or far too many values.
     """
     copier = _Copier()
     data = copier.copy(mapping, (), 0)
     if copier.problems:
-        raise ConfigurationError(copier.problems)
+        raise InputError(copier.problems)
     return Document(data)
 
 
@@ -81,7 +81,7 @@ class _Copier:
     def copy(self, value: Any, key: Key, depth: int) -> Any:
         self.count += 1
         if depth > _DEEPEST or self.count > _LARGEST_COUNT:
-            raise ConfigurationError(
+            raise InputError(
                 Problem("the mapping is nested too deeply or too large", key=key_path(key[:4]))
             )
         if isinstance(value, np.ndarray | np.generic):

@@ -6,9 +6,9 @@ from collections.abc import Callable, Sequence
 from os import PathLike
 from pathlib import Path
 
-from expdesign.configuration.problem import ConfigurationError, Problem
+from expdesign.configuration.failure import nearest, shown
+from expdesign.configuration.problem import InputError, Problem
 from expdesign.library import robot_file, robot_names, run_file, run_names
-from expdesign.schema.failure import nearest, shown
 
 _SUFFIXES = (".yaml", ".yml")
 
@@ -25,7 +25,7 @@ def find_robot(name_or_path: str | PathLike[str], folder: Path | None = None) ->
 
     Raises
     ------
-    ConfigurationError
+    InputError
         If a name is not known; a path is not looked at.
     """
     return _find(name_or_path, folder, "robot", robot_names(), robot_file)
@@ -36,7 +36,7 @@ def find_run(name_or_path: str | PathLike[str]) -> Path:
 
     Raises
     ------
-    ConfigurationError
+    InputError
         If a name is not known; a path is not looked at.
     """
     return _find(name_or_path, None, "run", run_names(), run_file)
@@ -67,7 +67,7 @@ def _find(
     name = str(name_or_path)
     message = f"no {kind} {shown(name)} ships, and there is no such file"
     allowed = f"{', '.join(names)}, or the path of a {kind} file"
-    raise ConfigurationError(Problem(message, allowed=allowed, nearest=nearest(name, names)))
+    raise InputError(Problem(message, allowed=allowed, nearest=nearest(name, names)))
 
 
 def _looks_like_path(text: str) -> bool:

@@ -9,8 +9,8 @@ from typing import Protocol
 
 import numpy as np
 
+from constraints.arrays import Array
 from expdesign.configuration.problem import Problem
-from expdesign.configuration.resolved import Array
 
 LARGEST_CONDITION = 1e6
 """Of the inverse Jacobian at home, rotations scaled by the characteristic length."""

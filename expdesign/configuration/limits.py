@@ -16,13 +16,13 @@ from pydantic_core import PydanticCustomError
 
 from constraints import LimitDefinition, limit_definitions
 from expdesign.configuration.document import Document
+from expdesign.configuration.failure import nearest, refusal, shown
 from expdesign.configuration.problem import Key, Problem, key_path
+from expdesign.configuration.quantity import dimension_of
 from expdesign.configuration.resolved import Array, ResolvedLimit, read_only
-from expdesign.schema import dimension_of
-from expdesign.schema.failure import nearest, refusal, shown
+from expdesign.mechanism.hexapod import ACTUATORS
 
 CHARACTERISTIC_LENGTH = "characteristic_length"
-ACTUATORS = 6
 _PAIRS = ACTUATORS * (ACTUATORS - 1) // 2
 _ENDS = 2
 _PROBES = 65

@@ -66,7 +66,7 @@ class Problem:
         return text
 
 
-class ConfigurationError(Exception):
+class InputError(Exception):
     """Bad input: everything that is wrong with it.
 
     Parameters
@@ -82,9 +82,9 @@ class ConfigurationError(Exception):
     def __init__(self, problems: Problem | Iterable[Problem]) -> None:
         found = (problems,) if isinstance(problems, Problem) else tuple(problems)
         if not found:
-            raise ValueError("a ConfigurationError needs a problem")
+            raise ValueError("a InputError needs a problem")
         self.problems: tuple[Problem, ...] = found
         super().__init__("\n".join(str(problem) for problem in found))
 
-    def __reduce__(self) -> tuple[type[ConfigurationError], tuple[tuple[Problem, ...]]]:
+    def __reduce__(self) -> tuple[type[InputError], tuple[tuple[Problem, ...]]]:
         return type(self), (self.problems,)

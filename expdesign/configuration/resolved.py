@@ -7,11 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from expdesign.schema import RobotDescription, RunDescription
-
-Array = NDArray[np.float64]
+from constraints.arrays import Array
+from expdesign.configuration.robot_section import RobotDescription
+from expdesign.configuration.run_section import RunDescription
 
 
 def read_only(values: object) -> Array:

@@ -15,16 +15,13 @@ from expdesign.configuration.document import Document
 from expdesign.configuration.finding import find_robot
 from expdesign.configuration.limits import LimitSource, limits_as_written, resolve_limits
 from expdesign.configuration.noise import NoiseSource, resolve_noise
-from expdesign.configuration.problem import ConfigurationError, Key, Problem
+from expdesign.configuration.noise_section import NoiseDescription
+from expdesign.configuration.parameters import GENERAL_PARAMETERS, SYMMETRIC_PARAMETERS
+from expdesign.configuration.problem import InputError, Key, Problem
 from expdesign.configuration.resolved import Array, ResolvedRobot, read_only
+from expdesign.configuration.robot_section import RobotDescription
 from expdesign.configuration.validation import validate
 from expdesign.configuration.yaml_reader import read_yaml
-from expdesign.schema import (
-    GENERAL_PARAMETERS,
-    SYMMETRIC_PARAMETERS,
-    NoiseDescription,
-    RobotDescription,
-)
 
 
 @dataclass(frozen=True)
@@ -55,7 +52,7 @@ def load_robot_description(name_or_path: str | PathLike[str]) -> ResolvedRobot:
 
     Raises
     ------
-    ConfigurationError
+    InputError
         With everything that is wrong: the file, its keys and values, or a geometry that is
         singular at home.
     """
@@ -67,7 +64,7 @@ def read_robot(path: Path) -> RobotSource:
 
     Raises
     ------
-    ConfigurationError
+    InputError
     """
     document = read_yaml(path)
     description, problems = validate(RobotDescription, document.data, document)
@@ -76,7 +73,7 @@ def read_robot(path: Path) -> RobotSource:
         limits = document.data.get("limits")
         if isinstance(limits, dict):
             problems += resolve_limits([LimitSource(limits, document, ("limits",))])[2]
-        raise ConfigurationError(problems)
+        raise InputError(problems)
     return RobotSource(description, document)
 
 
@@ -95,7 +92,7 @@ def resolve_robot(
 
     Raises
     ------
-    ConfigurationError
+    InputError
         With everything that is wrong.
     """
     description, document = source.description, source.document
@@ -123,7 +120,7 @@ def resolve_robot(
         alpha_axes, joint_axes, found = _directions(source, platform_joints, length)
     problems += found
     if problems:
-        raise ConfigurationError(problems)
+        raise InputError(problems)
 
     parameters = _parameters(description)
     warnings += parameter_warnings(parameters)

@@ -9,17 +9,19 @@ from pathlib import Path
 from typing import Any
 
 from expdesign.configuration.document import Document, document_from_mapping
+from expdesign.configuration.failure import nearest
 from expdesign.configuration.finding import absolute, find_robot, find_run
 from expdesign.configuration.limits import LimitSource, resolve_limits
 from expdesign.configuration.noise import NoiseSource
-from expdesign.configuration.problem import ConfigurationError, Problem
+from expdesign.configuration.noise_section import NoiseDescription
+from expdesign.configuration.problem import InputError, Problem
 from expdesign.configuration.resolved import ResolvedRobot, RunConfiguration
 from expdesign.configuration.robot import RobotSource, read_robot, resolve_robot
+from expdesign.configuration.robot_section import RobotDescription
+from expdesign.configuration.run_section import RunDescription
 from expdesign.configuration.smoothing import smoothing_widths
 from expdesign.configuration.validation import validate
 from expdesign.configuration.yaml_reader import read_yaml
-from expdesign.schema import NoiseDescription, RobotDescription, RunDescription
-from expdesign.schema.failure import nearest
 
 _ROUNDING = 1e-12
 _LEAST_HARMONICS_AT_REST = 2
@@ -45,7 +47,7 @@ def load_run(
 
     Raises
     ------
-    ConfigurationError
+    InputError
         With everything that is wrong, in the run and in its robot.
     """
     if isinstance(source, RunConfiguration):
@@ -58,13 +60,13 @@ def load_run(
     if robot_source is not None:
         try:
             robot = resolve_robot(robot_source, *overrides)
-        except ConfigurationError as error:
+        except InputError as error:
             problems += error.problems
     if run is not None and robot is not None:
         problems += _unknown_parameters(run, robot, document)
         problems += _undesignable(run, document)
     if problems or run is None or robot is None:
-        raise ConfigurationError(dict.fromkeys(problems))
+        raise InputError(dict.fromkeys(problems))
     return RunConfiguration(
         run=_completed(run, robot, document.folder),
         robot=robot,
@@ -99,14 +101,14 @@ def _robot_source(
         return None
     try:
         path = find_robot(named, document.folder)
-    except ConfigurationError as error:
+    except InputError as error:
         problems += (
             document.problem(("robot",), p.message, p.allowed, p.nearest) for p in error.problems
         )
         return None
     try:
         return read_robot(path)
-    except ConfigurationError as error:
+    except InputError as error:
         if path.is_file():
             problems += error.problems
         else:  # the place to look at is where it is named

@@ -9,8 +9,8 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from expdesign.configuration.document import Document
+from expdesign.configuration.failure import nearest, shown
 from expdesign.configuration.problem import Key, Problem
-from expdesign.schema.failure import nearest, shown
 
 Model = TypeVar("Model", bound=BaseModel)
 

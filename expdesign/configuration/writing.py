@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from expdesign.configuration.resolved import RunConfiguration
-from expdesign.schema import STAGES
+from expdesign.configuration.run_section import STAGES
 
 _HEADER = """\
 # Resolved configuration: every value that is used, with the defaults. Values are in SI units

@@ -16,8 +16,8 @@ from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
 from expdesign.configuration.document import Document
-from expdesign.configuration.problem import ConfigurationError, Key, Problem, key_path
-from expdesign.schema.failure import shown
+from expdesign.configuration.failure import shown
+from expdesign.configuration.problem import InputError, Key, Problem, key_path
 
 LARGEST_FILE = 512 * 1024
 """Bytes; a robot with every key is a hundred times smaller."""
@@ -49,7 +49,7 @@ def read_yaml(path: Path) -> Document:
 
     Raises
     ------
-    ConfigurationError
+    InputError
         If the file is missing, a folder, empty, binary, not UTF-8, too large, no YAML or no
         mapping; if a key stands twice, a tag asks for more than plain data, an anchor contains
         itself, or the anchors expand to more than `LARGEST_EXPANSION` values.
@@ -57,13 +57,13 @@ def read_yaml(path: Path) -> Document:
     text = _read_text(path)
     node = _compose(path, text)
     if node is None:
-        raise ConfigurationError(Problem("the file is empty", path))
+        raise InputError(Problem("the file is empty", path))
     converter = _Converter(path)
     data = converter.convert(node, (), ())
     if converter.problems:
-        raise ConfigurationError(converter.problems)
+        raise InputError(converter.problems)
     if not isinstance(data, dict):
-        raise ConfigurationError(
+        raise InputError(
             Problem(f"the file holds {shown(data)}", path, 1, allowed="a mapping of keys")
         )
     return Document(data, path, converter.lines)
@@ -74,30 +74,30 @@ def _read_text(path: Path) -> str:
         with path.open("rb") as stream:
             raw = stream.read(LARGEST_FILE + 1)
     except FileNotFoundError:
-        raise ConfigurationError(Problem("there is no such file", path)) from None
+        raise InputError(Problem("there is no such file", path)) from None
     except IsADirectoryError:
-        raise ConfigurationError(Problem("this is a folder, not a file", path)) from None
+        raise InputError(Problem("this is a folder, not a file", path)) from None
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
-        raise ConfigurationError(Problem(f"cannot be read: {reason}", path)) from None
+        raise InputError(Problem(f"cannot be read: {reason}", path)) from None
     if b"\0" in raw:
-        raise ConfigurationError(Problem("the file is binary", path, allowed="YAML in UTF-8"))
+        raise InputError(Problem("the file is binary", path, allowed="YAML in UTF-8"))
     if len(raw) > LARGEST_FILE:
         allowed = f"{LARGEST_FILE // 1024} KiB"
-        raise ConfigurationError(Problem("the file is too large", path, allowed=allowed))
+        raise InputError(Problem("the file is too large", path, allowed=allowed))
     try:
         return raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = raw[: error.start].count(b"\n") + 1
         message = f"byte 0x{raw[error.start]:02x} is not UTF-8"
-        raise ConfigurationError(Problem(message, path, line, allowed="YAML in UTF-8")) from None
+        raise InputError(Problem(message, path, line, allowed="YAML in UTF-8")) from None
 
 
 def _compose(path: Path, text: str) -> Node | None:
     try:
         node: Node | None = YAML(typ="safe", pure=True).compose(text)
     except RecursionError:
-        raise ConfigurationError(Problem("the values are nested too deeply", path)) from None
+        raise InputError(Problem("the values are nested too deeply", path)) from None
     except _READER_FAILURES as error:
         line = None
         message = "not valid YAML"
@@ -105,7 +105,7 @@ def _compose(path: Path, text: str) -> Node | None:
             mark = error.problem_mark or error.context_mark
             line = None if mark is None else mark.line + 1
             message = f"not valid YAML: {error.problem or error.context}"
-        raise ConfigurationError(Problem(_printable(message), path, line)) from None
+        raise InputError(Problem(_printable(message), path, line)) from None
     return node
 
 
@@ -221,8 +221,8 @@ class _Converter:
     def _report(self, node: Node, key: Key, message: str, allowed: str | None = None) -> None:
         self.problems.append(Problem(message, self.path, _line(node), key_path(key), allowed))
 
-    def _stop(self, node: Node, key: Key, message: str) -> ConfigurationError:
-        return ConfigurationError(Problem(message, self.path, _line(node), key_path(key)))
+    def _stop(self, node: Node, key: Key, message: str) -> InputError:
+        return InputError(Problem(message, self.path, _line(node), key_path(key)))
 
 
 def _line(node: Node) -> int:

@@ -11,10 +11,10 @@ from os import PathLike
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from expdesign.configuration import (
-    ConfigurationError,
+    InputError,
     Problem,
     RunConfiguration,
     load_run,
@@ -41,8 +41,6 @@ from expdesign.solver.random_start import InfeasibleLimitsError, random_start
 from expdesign.solver.search import NoDesignError, search
 from expdesign.trajectory import FourierTrajectory
 
-Array = NDArray[np.float64]
-
 ConfigurationLike = str | PathLike[str] | Mapping[str, Any] | RunConfiguration
 
 _PROBES = 3
@@ -63,7 +61,7 @@ def design(config: ConfigurationLike, monitor: Monitor | None = None) -> DesignR
 
     Raises
     ------
-    ConfigurationError
+    InputError
         The configuration is not valid.
     SingularInformationError
         The limits do not let some parameters be excited; it names them.
@@ -73,7 +71,7 @@ def design(config: ConfigurationLike, monitor: Monitor | None = None) -> DesignR
     configuration = config if isinstance(config, RunConfiguration) else load_run(config)
     began = time.perf_counter()
     if not configuration.robot.limits:
-        raise ConfigurationError(
+        raise InputError(
             [
                 Problem(
                     "neither robot nor run limit anything: there is no best motion",
@@ -191,12 +189,12 @@ def force_covariance(configuration: RunConfiguration) -> Array:
 
     Raises
     ------
-    ConfigurationError
+    InputError
         Neither robot nor run state the noise of the forces.
     """
     noise = configuration.robot.noise
     if noise is None or noise.force_covariance is None:
-        raise ConfigurationError(
+        raise InputError(
             [
                 Problem(
                     "the design needs the noise of the forces, and neither robot nor run state it",

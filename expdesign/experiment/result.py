@@ -4,18 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
+from constraints.arrays import Array
 from expdesign.configuration import RunConfiguration
 from expdesign.recheck import Recheck
 from expdesign.robot import Robot
 from expdesign.solver.search import SearchResult
 from expdesign.solver.start import status_text
 from expdesign.trajectory import FourierTrajectory
-
-Array = NDArray[np.float64]
-
 
 _WHOLE = 1e-6
 

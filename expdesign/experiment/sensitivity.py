@@ -16,9 +16,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import nnls
 
+from constraints.arrays import Array
 from expdesign.configuration import RunConfiguration
 from expdesign.experiment.design import build_workshop
 from expdesign.problem import DesignProblem
@@ -26,8 +26,6 @@ from expdesign.solver.continuation import finish_stage
 from expdesign.solver.jobs import Workshop
 from expdesign.solver.stage import run_stage
 from expdesign.trajectory import FourierTrajectory
-
-Array = NDArray[np.float64]
 
 FREQUENCY = "frequency"
 """Key of the bounds on the base frequency, which hold the motion as the limits do."""
@@ -70,7 +68,7 @@ def limit_sensitivity(
 
     Raises
     ------
-    ConfigurationError
+    InputError
         The run cannot be designed for.
     """
     shop = build_workshop(configuration)

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from constraints.arrays import Array
+from expdesign.configuration import Space
 from expdesign.export.rotation import from_roll_pitch_yaw, roll_pitch_yaw
 from expdesign.export.rows import Rows
-from expdesign.schema.export import Space
-
-Array = NDArray[np.float64]
 
 LENGTH_UNITS = {"m": 1.0, "mm": 1e3, "um": 1e6, "in": 1 / 0.0254}
 ANGLE_UNITS = {"rad": 1.0, "deg": 180 / np.pi}

@@ -17,7 +17,7 @@ def table_formats() -> Mapping[str, TableFormat]:
     """Return every format by its name, in alphabetical order of the modules.
 
     A file dropped into ``expdesign/export/formats``, and its name and options in
-    ``expdesign/schema/export.py``, are all that a new format needs.
+    ``expdesign/configuration/export.py``, are all that a new format needs.
     """
     found: dict[str, TableFormat] = {}
     for module in sorted(pkgutil.iter_modules(formats.__path__), key=lambda item: item.name):

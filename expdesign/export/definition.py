@@ -6,17 +6,13 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
+from constraints.arrays import Array
+from expdesign.configuration import ExportSection
 from expdesign.export.axes import Axes
 from expdesign.export.interpolation import Interpolation
 from expdesign.export.rows import Rows
 from expdesign.motion import ExecutableMotion
 from expdesign.robot import Robot
-from expdesign.schema import ExportSection
-
-Array = NDArray[np.float64]
 
 POSE_AXES = ("X", "Y", "Z", "U", "V", "W")
 

@@ -6,12 +6,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from expdesign.export.execution import Executed, ExecutedTable
 from expdesign.robot import Robot
-
-Array = NDArray[np.float64]
 
 BLOCK = 20_000
 """Times that are computed at once."""

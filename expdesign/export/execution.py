@@ -6,16 +6,14 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 
+from constraints.arrays import Array
 from expdesign.export.axes import Axes
 from expdesign.export.interpolation import Interpolation, differences, interpolated
 from expdesign.export.rows import Rows
 from expdesign.motion import ExecutableMotion
 from expdesign.robot import Robot
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,10 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-import numpy as np
-from numpy.typing import NDArray
-
-from expdesign.configuration import ConfigurationError, Problem
+from constraints.arrays import Array
+from expdesign.configuration import ExportSection, InputError, Problem
 from expdesign.export import ros_bag
 from expdesign.export.catalogue import table_formats
 from expdesign.export.definition import Settings, Task
@@ -20,9 +18,6 @@ from expdesign.export.rows import Rows
 from expdesign.export.settling import settled
 from expdesign.export.whole_motion import whole_motion
 from expdesign.runfolder.manifest import file_hash
-from expdesign.schema import ExportSection
-
-Array = NDArray[np.float64]
 
 _BAG = ".mcap"
 
@@ -89,11 +84,11 @@ def refuse_unreadable_name(section: ExportSection, path: Path, key: str) -> None
 
     Raises
     ------
-    ConfigurationError
+    InputError
         It tells the ending.
     """
     if section.encoding == "mcap" and path.suffix != _BAG:
-        raise ConfigurationError(
+        raise InputError(
             Problem(
                 f"'{path.name}' does not end in {_BAG}: ROS 2 would not know it for an MCAP bag",
                 key=key,
@@ -107,7 +102,7 @@ def refuse_missing_library(section: ExportSection, place: str = "") -> None:
 
     Raises
     ------
-    ConfigurationError
+    InputError
         It tells how to install it.
     """
     if section.encoding == "mcap":
@@ -136,7 +131,7 @@ def export_table(
 
     Raises
     ------
-    ConfigurationError
+    InputError
         An option cannot be kept, or a library is missing.
     ExportError
         The file is beyond a tolerance.

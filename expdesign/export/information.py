@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from expdesign.export.definition import Task
 from expdesign.export.deviation import blocks
 from expdesign.export.execution import ExecutedTable
@@ -17,8 +17,6 @@ from expdesign.information.fisher import (
     log_det,
     parameter_covariance,
 )
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

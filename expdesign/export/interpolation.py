@@ -5,12 +5,10 @@ from __future__ import annotations
 from enum import Enum
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 
+from constraints.arrays import Array
 from expdesign.export.rows import Rows
-
-Array = NDArray[np.float64]
 
 
 class Interpolation(Enum):

@@ -6,9 +6,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from constraints import Limit
+from constraints.arrays import Array
 from expdesign.export.catalogue import table_formats
 from expdesign.export.definition import Settings, Task
 from expdesign.export.deviation import Deviation, blocks, deviation
@@ -20,8 +20,6 @@ from expdesign.export.rows import Rows, TableError
 from expdesign.export.whole_motion import whole_motion
 from expdesign.recheck import LimitCheck
 from expdesign.robot import ExactModel, ForwardKinematicsError
-
-Array = NDArray[np.float64]
 
 LIMIT_SHARE = 1e-3
 """Largest excess over a limit, as a share of its range, that an executed table may have."""

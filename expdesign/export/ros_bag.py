@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from expdesign.configuration import ConfigurationError, Problem
+from expdesign.configuration import InputError, Problem
 from expdesign.export.definition import Settings
 from expdesign.export.ros_messages import FRAME, NANOSECONDS, PLATFORM, Points, message_type
 from expdesign.export.rows import TableError
@@ -42,11 +42,11 @@ def refuse_without_library(key: str = "encoding") -> None:
 
     Raises
     ------
-    ConfigurationError
+    InputError
         It tells how to install it.
     """
     if find_spec("rosbags") is None:
-        raise ConfigurationError(
+        raise InputError(
             Problem(
                 "MCAP bags are written with the library rosbags, which is not installed",
                 key=key,

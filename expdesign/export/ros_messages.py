@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from expdesign.export.definition import Settings
 from expdesign.export.rotation import (
     angle_derivatives,
@@ -19,8 +20,6 @@ from expdesign.export.rotation import (
     quaternions,
 )
 from expdesign.export.rows import Rows, TableError
-
-Array = NDArray[np.float64]
 
 JOINTS = "trajectory_msgs/msg/JointTrajectory"
 PLATFORM = "trajectory_msgs/msg/MultiDOFJointTrajectory"

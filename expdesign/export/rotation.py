@@ -6,10 +6,9 @@ Ours is R = Rx(φ) Ry(θ) Rz(ψ), rotations about moving axes.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-Array = NDArray[np.float64]
+from constraints.arrays import Array
 
 _OURS, _FIXED_AXES = "XYZ", "xyz"
 """SciPy's letters: upper case for moving axes, lower case for fixed ones."""

@@ -6,17 +6,15 @@ import itertools
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-from expdesign.configuration import ConfigurationError, Problem
+from constraints.arrays import Array
+from expdesign.configuration import InputError, Problem
 from expdesign.export.definition import Settings, TableFormat, Task
 from expdesign.export.deviation import Deviation, blocks, deviation
 from expdesign.export.execution import ExecutedTable
 from expdesign.export.interpolation import refined
 from expdesign.export.rows import Rows
 from expdesign.motion import ExecutableMotion
-
-Array = NDArray[np.float64]
 
 SHARE = 1e-3
 """Largest deviation of accelerations and forces, as a share of their limits' range."""
@@ -75,7 +73,7 @@ def chosen_times(form: TableFormat, task: Task, settings: Settings, place: str =
 
     Raises
     ------
-    ConfigurationError
+    InputError
         No step is short enough.
     """
     motion = task.motion
@@ -100,7 +98,7 @@ def _step(form: TableFormat, task: Task, settings: Settings, segment: int, place
         shares = (found.position / settings.tolerance, found.acceleration / SHARE)
         if np.nanmax([*shares, found.force / SHARE]) <= _RESERVE:
             return step
-    raise ConfigurationError(
+    raise InputError(
         Problem(
             f"with rows {1e3 * STEPS[-1]:g} ms apart the controller's path is still "
             f"{1e6 * found.position:.3g} µm from the design in the {motion.segments[segment].name},"

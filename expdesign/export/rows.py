@@ -8,8 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-
+from constraints.arrays import Array
 
 ON_THE_EDGE = 1e-9
 """s; how close to the measurement window's edge a row still belongs to it."""

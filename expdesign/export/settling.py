@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from constraints.arrays import Array
+from expdesign.configuration import ExportSection
 from expdesign.export.axes import ANGLE_UNITS, LENGTH_UNITS, Axes
 from expdesign.export.catalogue import table_formats
 from expdesign.export.definition import Settings, TableFormat, Task
 from expdesign.export.interpolation import Interpolation
 from expdesign.robot import Robot
-from expdesign.schema import ExportSection
-
-Array = NDArray[np.float64]
 
 TOLERANCES = {
     Interpolation.LINEAR: 10e-6,

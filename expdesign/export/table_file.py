@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from expdesign.configuration import ConfigurationError, Problem
+from expdesign.configuration import ExportSection, InputError, Problem
 from expdesign.export.catalogue import table_formats
 from expdesign.export.definition import Settings, Task
 from expdesign.export.execution import ExecutedTable
@@ -19,7 +19,6 @@ from expdesign.export.settling import settled
 from expdesign.motion import motion_from_record
 from expdesign.robot import Robot
 from expdesign.runfolder.manifest import file_hash
-from expdesign.schema import ExportSection
 from expdesign.trajectory import FourierTrajectory
 
 _AGAIN = "a table as `expdesign export` wrote it, with the record beside it; export it again"
@@ -99,12 +98,12 @@ def find_table_file(path: Path, robot: Robot, trajectory: FourierTrajectory) -> 
 
     Raises
     ------
-    ConfigurationError
+    InputError
         There is no such file, nothing tells what it holds, it cannot be read, or it was made of
         another design.
     """
     if not path.is_file():
-        raise ConfigurationError(
+        raise InputError(
             Problem("there is no such table", path, allowed="a file that `expdesign export` wrote")
         )
     place, motion, about = _record(path)
@@ -114,13 +113,13 @@ def find_table_file(path: Path, robot: Robot, trajectory: FourierTrajectory) -> 
         name, ways = str(motion["name"]), motion["ways"]
         period, sampling = (_positive(motion[key]) for key in ("controller_period", "sampling"))
     except (KeyError, TypeError, ValueError, OverflowError) as error:
-        raise ConfigurationError(
+        raise InputError(
             Problem("what it says of the table cannot be used", place, allowed=_AGAIN)
         ) from error
     try:
         found_motion = motion_from_record(ways, trajectory, robot.home)
     except ValueError as error:
-        raise ConfigurationError(
+        raise InputError(
             Problem(f"its motion is not that of the design: {error}", path, allowed=_AGAIN)
         ) from error
     task = Task(name, robot, found_motion, period, sampling, parameters=())
@@ -129,7 +128,7 @@ def find_table_file(path: Path, robot: Robot, trajectory: FourierTrajectory) -> 
         found = read_table_file(path, task, settled(section, task))
     except (TableError, OSError) as error:
         since = "; it was changed after it was exported" if changed else ""
-        raise ConfigurationError(
+        raise InputError(
             Problem(
                 f"the controller would not read this table: {error}{since}", path, allowed=_AGAIN
             )
@@ -161,7 +160,7 @@ def _record(path: Path) -> tuple[Path, dict[str, Any], dict[str, Any]]:
             found.append((place, data["motion"], about))
     if not found:
         names = " nor ".join(place.name for place in places)
-        raise ConfigurationError(
+        raise InputError(
             Problem(
                 f"nothing tells what the columns of this table are: neither {names} beside it "
                 "names it",
@@ -171,14 +170,14 @@ def _record(path: Path) -> tuple[Path, dict[str, Any], dict[str, Any]]:
         )
     for place, _, about in found:
         if not isinstance(about.get("sha256"), str):
-            raise ConfigurationError(
+            raise InputError(
                 Problem("it does not tell which file it is about", place, allowed=_AGAIN)
             )
     digest = file_hash(path)
     own = [record for record in found if record[2]["sha256"] == digest]
     if not own and len(found) > 1:
         names = " and ".join(place.name for place in places)
-        raise ConfigurationError(
+        raise InputError(
             Problem(
                 f"this table was changed after it was exported, and {names} both name it: which "
                 "of them holds for it cannot be told",

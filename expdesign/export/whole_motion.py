@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from expdesign.export.rows import in_window
 from expdesign.motion import ExecutableMotion
 from expdesign.robot import Robot
 from expdesign.runfolder.columns import TRAJECTORY, Column
-
-Array = NDArray[np.float64]
 
 WINDOW = Column("window", "1", "1 in the measurement window, 0 on the way to and from it")
 COLUMNS = (Column("t", "s", "time from the start of the motion"), *TRAJECTORY[1:], WINDOW)

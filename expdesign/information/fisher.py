@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg as sla
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from constraints.arrays import Array
 
 EXCITABLE = 1e-12
 """Smallest eigenvalue of the column-scaled F, relative to its largest, that counts as excited."""

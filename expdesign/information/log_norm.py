@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import logsumexp, softmax
 
-Array = NDArray[np.float64]
+from constraints.arrays import Array
 
 
 def log_sum_exp(logs: Array, power: float) -> tuple[float, Array, Array]:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from expdesign.configuration import RunConfiguration
 from expdesign.motion.executable import ExecutableMotion
 from expdesign.motion.jerk import JerkBound, jerk_bound, strut_jerk
@@ -12,8 +12,6 @@ from expdesign.motion.periods import PERIODS, Periods
 from expdesign.motion.ramp_limits import JERK
 from expdesign.recheck import LimitCheck, Recheck, check_limits, grid_points, states_at
 from expdesign.robot import ExactModel, Robot, robot_from
-
-Array = NDArray[np.float64]
 
 
 def check_motion(configuration: RunConfiguration, motion: ExecutableMotion) -> Recheck:

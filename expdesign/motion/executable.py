@@ -9,9 +9,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from constraints.arrays import Array
 from expdesign.trajectory import FourierTrajectory, PoseSamples
-
-Array = NDArray[np.float64]
 
 WHOLE = 1e-6
 """Steps by which a duration may differ from a whole number of them."""

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from expdesign.motion.ramp_problem import RampProblem
 from expdesign.motion.spline import FIXED, SplineRamp, derivatives
 from expdesign.recheck import Motion
-
-Array = NDArray[np.float64]
 
 _POINTS = 200
 _SHORTEST, _GROWTH, _COUNT = 0.05, 1.35, 20

@@ -7,15 +7,13 @@ from functools import cache
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
-from expdesign.configuration import ConfigurationError, Problem, RunConfiguration
+from constraints.arrays import Array
+from expdesign.configuration import InputError, Problem, RunConfiguration
+from expdesign.mechanism.graph import hexapod_graph
 from expdesign.motion.periods import Periods
 from expdesign.robot import Robot
 from expdesign.robot.batch import BatchFunction
-from expdesign.robot.graph import hexapod_graph
-
-Array = NDArray[np.float64]
 
 RISE = 0.02
 """Time in which a strut may reach its largest acceleration from zero, s, by the default bound."""
@@ -76,7 +74,7 @@ def jerk_bound(configuration: RunConfiguration, robot: Robot, orbit: Periods) ->
 
     Raises
     ------
-    ConfigurationError
+    InputError
         The designed motion itself exceeds `motion.jerk`.
     """
     times = np.linspace(0.0, orbit.trajectory.period, _POINTS)
@@ -86,7 +84,7 @@ def jerk_bound(configuration: RunConfiguration, robot: Robot, orbit: Periods) ->
     given = configuration.run.motion.jerk
     if given is not None:
         if np.max(own) > given:
-            raise ConfigurationError(
+            raise InputError(
                 Problem(
                     f"the designed motion itself has a strut jerk of {np.max(own):.4g} m/s^3",
                     file=configuration.file,

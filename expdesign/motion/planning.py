@@ -6,9 +6,9 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from expdesign.configuration import ConfigurationError, Problem, RunConfiguration
+from constraints.arrays import Array
+from expdesign.configuration import InputError, Problem, RunConfiguration
 from expdesign.motion.executable import WHOLE, ExecutableMotion
 from expdesign.motion.guess import guesses
 from expdesign.motion.jerk import JerkBound, jerk_bound
@@ -21,8 +21,6 @@ from expdesign.problem.reach import coordinate_reach
 from expdesign.recheck import LimitCheck, recheck
 from expdesign.robot import ExactModel, Robot, robot_from
 from expdesign.trajectory import FourierTrajectory
-
-Array = NDArray[np.float64]
 
 RAMP_IN, RAMP_OUT = "ramp in", "ramp out"
 PIECES = 12
@@ -56,7 +54,7 @@ def executable_motion(
 
     Raises
     ------
-    ConfigurationError
+    InputError
         The periods are not a whole number of controller steps, or the trajectory itself breaks
         a limit or `motion.jerk`.
     NoRampError
@@ -176,7 +174,7 @@ def _refuse_broken_steps(
 ) -> None:
     steps = trajectory.period / step
     if abs(steps - round(steps)) > WHOLE:
-        raise ConfigurationError(
+        raise InputError(
             Problem(
                 f"a period of {trajectory.period:.9g} s is {steps:.6f} controller steps: the "
                 "measurement window would not end on one",
@@ -195,7 +193,7 @@ def _refuse_broken_limits(
         return
     worst: LimitCheck = max(check.limits, key=lambda item: item.violation)
     row = f" of {worst.row}" if worst.row else ""
-    raise ConfigurationError(
+    raise InputError(
         Problem(
             f"the designed motion itself breaks this limit: {worst.title}{row} is "
             f"{worst.value:.6g} {worst.unit}, the bound {worst.bound:.6g} {worst.unit}",

@@ -6,17 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
+from constraints.arrays import Array, Mask
 from expdesign.motion.ramp_limits import JERK
 from expdesign.motion.ramp_problem import RampProblem, RampProgram
 from expdesign.motion.spline import SplineRamp
 from expdesign.recheck import TOLERANCE, check_limits
 from expdesign.solver.ipopt import solve_with_ipopt
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 RESERVE = 2e-3
 """Share of every limit's range that a ramp leaves free, away from its ends: room for what a

@@ -9,11 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from constraints import LimitDefinition
+from constraints.arrays import Array
 from expdesign.motion.jerk import strut_jerk, strut_jerk_kernel
 from expdesign.problem.limit_rows import LimitKernels
 from expdesign.robot import ExactModel, hexapod_graph
-
-Array = NDArray[np.float64]
 
 JERK = "strut_jerk"
 

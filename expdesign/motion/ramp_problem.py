@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from constraints.arrays import Array, Mask
 from expdesign.motion.ramp_limits import RampLimits
 from expdesign.motion.spline import (
     DEGREE,
@@ -17,9 +17,6 @@ from expdesign.motion.spline import (
     end_coefficients,
     reversed_in_time,
 )
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 _SHORTEST, _LONGEST = 0.02, 10.0
 """Bounds on the scaled duration."""

@@ -6,17 +6,15 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from constraints.arrays import Array
+from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.motion.executable import ExecutableMotion
 from expdesign.motion.periods import PERIODS, Periods
 from expdesign.motion.spline import FIXED, MotionState, SplineRamp
 from expdesign.trajectory import FourierTrajectory
 
-Array = NDArray[np.float64]
-
 _LEAST_POINTS = 2 * FIXED
-_COORDINATES = 6
 _MOST_PERIODS = 1_000_000
 _JUNCTION = 1e-9
 """m, rad, and per s and s²: by how much parts of one motion may differ where they meet.
@@ -84,7 +82,7 @@ def motion_from_record(
 
 def _ramp(record: Mapping[str, Any]) -> SplineRamp:
     duration, points = float(record["duration"]), np.array(record["control_points"], dtype=float)
-    if points.ndim != 2 or points.shape[1] != _COORDINATES or len(points) < _LEAST_POINTS:  # noqa: PLR2004 - rows and columns
+    if points.ndim != 2 or points.shape[1] != COORDINATES or len(points) < _LEAST_POINTS:  # noqa: PLR2004 - rows and columns
         raise ValueError(f"control points of the shape {points.shape}, not (N, 6)")
     if not (np.all(np.isfinite(points)) and 0 < duration < np.inf):
         raise ValueError("a ramp with numbers that are not finite")

@@ -6,12 +6,10 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
+from constraints.arrays import Array
 from expdesign.trajectory import PoseSamples
-
-Array = NDArray[np.float64]
 
 DEGREE = 5
 FIXED = 3

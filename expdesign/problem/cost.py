@@ -8,14 +8,13 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from expdesign.information.fisher import whitening
 from expdesign.information.spectral import Criterion, SpectralCost, spectral_cost
+from expdesign.mechanism.graph import Friction, HexapodGraph
 from expdesign.problem.variables import DesignVariables
 from expdesign.robot.batch import BatchFunction
-from expdesign.robot.graph import Friction, HexapodGraph
 from expdesign.trajectory import PhaseBasis
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

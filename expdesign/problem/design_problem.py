@@ -6,18 +6,15 @@ from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from constraints import Limit, LimitDefinition
+from constraints.arrays import Array, Mask
 from expdesign.information.spectral import Criterion
 from expdesign.problem.cost import InformationCost, RegressorKernels
 from expdesign.problem.limit_rows import LimitEvaluator, LimitKernels, LimitRows
 from expdesign.problem.reach import coordinate_reach
 from expdesign.problem.variables import DesignVariables
 from expdesign.robot import ExactModel, Robot, hexapod_graph
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)

@@ -7,16 +7,13 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from constraints import LimitDefinition
+from constraints.arrays import Array, Mask
+from expdesign.mechanism.graph import Friction, HexapodGraph
 from expdesign.problem.variables import DesignVariables
 from expdesign.robot.batch import BatchFunction
-from expdesign.robot.graph import Friction, HexapodGraph
 from expdesign.trajectory import PhaseBasis
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)

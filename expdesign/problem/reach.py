@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from expdesign.robot import ExactModel
-
-Array = NDArray[np.float64]
 
 LARGEST_ANGLE = np.pi / 2
 

@@ -6,11 +6,9 @@ from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from expdesign.trajectory import FourierTrajectory, PhaseBasis
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

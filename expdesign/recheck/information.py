@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from expdesign.information.fisher import (
     ScaledInformation,
     SingularInformationError,
@@ -17,8 +18,6 @@ from expdesign.information.fisher import (
 from expdesign.information.spectral import Criterion
 from expdesign.robot import Robot
 from expdesign.trajectory import FourierTrajectory
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

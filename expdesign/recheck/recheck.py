@@ -6,12 +6,10 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from expdesign.robot import ExactModel
 from expdesign.trajectory import FourierTrajectory, PoseSamples
-
-Array = NDArray[np.float64]
 
 FINER = 20
 """The grid has at least this many points for every sample of the design."""

@@ -8,14 +8,12 @@ from itertools import pairwise
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from constraints import Limit, LimitDefinition
+from constraints.arrays import Array
+from expdesign.mechanism.graph import Friction, hexapod_graph
 from expdesign.robot.batch import BatchFunction
-from expdesign.robot.graph import Friction, hexapod_graph
 from expdesign.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 
 @cache

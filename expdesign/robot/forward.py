@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from constraints.arrays import Array
+
 LengthsAndJacobian = Callable[[Array], tuple[Array, Array]]
 
 TOLERANCE = 1e-12

@@ -6,8 +6,8 @@ from functools import cache
 
 import casadi as ca
 
+from expdesign.mechanism.graph import Friction, hexapod_graph
 from expdesign.robot.batch import BatchFunction
-from expdesign.robot.graph import Friction, hexapod_graph
 
 STRUT_MOTION = (
     "strut_length",

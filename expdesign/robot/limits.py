@@ -8,8 +8,8 @@ import numpy as np
 
 from constraints import Limit, LimitDefinition, limit_definitions
 from expdesign.configuration import ResolvedRobot, shared_joint_pairs
-from expdesign.robot.geometry import STRUTS
-from expdesign.robot.graph import hexapod_graph
+from expdesign.mechanism.graph import hexapod_graph
+from expdesign.mechanism.hexapod import ACTUATORS
 
 
 def robot_limits(description: ResolvedRobot) -> tuple[Limit, ...]:
@@ -32,7 +32,7 @@ def robot_limits(description: ResolvedRobot) -> tuple[Limit, ...]:
         upper = np.broadcast_to(given.upper, len(labels)).copy()
         if definition.pairs:
             for i, j in shared_joint_pairs(description):
-                row = list(itertools.combinations(range(STRUTS), 2)).index((i, j))
+                row = list(itertools.combinations(range(ACTUATORS), 2)).index((i, j))
                 lower[row], upper[row] = -np.inf, np.inf
         limits.append(Limit(definition, lower, upper, labels, given.origin))
     return tuple(limits)
@@ -43,8 +43,8 @@ def row_labels(definition: LimitDefinition) -> tuple[str, ...]:
     if definition.components:
         return definition.components
     if definition.per_actuator:
-        return tuple(f"strut {j + 1}" for j in range(STRUTS))
+        return tuple(f"strut {j + 1}" for j in range(ACTUATORS))
     if definition.pairs:
-        pairs = itertools.combinations(range(STRUTS), 2)
+        pairs = itertools.combinations(range(ACTUATORS), 2)
         return tuple(f"struts {i + 1}-{j + 1}" for i, j in pairs)
     return ("",)

@@ -5,21 +5,19 @@ from __future__ import annotations
 from os import PathLike
 
 import numpy as np
-from numpy.typing import NDArray
 
 from constraints import Limit
+from constraints.arrays import Array
 from expdesign.configuration import (
-    ConfigurationError,
+    InputError,
     Problem,
     ResolvedLimit,
     ResolvedRobot,
     load_robot_description,
+    quantity_text,
 )
 from expdesign.robot.exact_limits import ExactModel
 from expdesign.robot.robot import Robot
-from expdesign.schema.display import quantity_text
-
-Array = NDArray[np.float64]
 
 
 def load_robot(source: str | PathLike[str]) -> Robot:
@@ -27,7 +25,7 @@ def load_robot(source: str | PathLike[str]) -> Robot:
 
     Raises
     ------
-    ConfigurationError
+    InputError
         The file is not a valid robot, or its home pose breaks a limit: what is wrong, where,
         and what is allowed.
     """
@@ -39,7 +37,7 @@ def robot_from(description: ResolvedRobot) -> Robot:
 
     Raises
     ------
-    ConfigurationError
+    InputError
         Every limit that is broken at home, with its value and bound.
     """
     robot = Robot.of(description)
@@ -50,7 +48,7 @@ def robot_from(description: ResolvedRobot) -> Robot:
     for limit, columns in zip(model.limits, model.columns(), strict=True):
         problems += _broken(limit, values[columns], description.limits[limit.key])
     if problems:
-        raise ConfigurationError(problems)
+        raise InputError(problems)
     return robot
 
 

@@ -7,18 +7,18 @@ from functools import cached_property
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from constraints import Limit
+from constraints.arrays import Array
 from expdesign.configuration import ResolvedRobot
+from expdesign.mechanism.geometry import Geometry, cardan_frames
+from expdesign.mechanism.graph import HexapodGraph, hexapod_graph, parameter_names
+from expdesign.mechanism.hexapod import ACTUATORS
+from expdesign.mechanism.rotation import rotation_matrix
 from expdesign.robot.forward import solve_pose
-from expdesign.robot.geometry import STRUTS, Geometry, cardan_frames
-from expdesign.robot.graph import HexapodGraph, hexapod_graph, parameter_names
 from expdesign.robot.kernels import length_kernel, motion_kernel, regressor_kernel
 from expdesign.robot.limits import robot_limits
-from expdesign.robot.rotation import rotation_matrix
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -201,7 +201,7 @@ class Robot:
 
 def _rows(name: str, value: ArrayLike) -> tuple[Array, bool]:
     array = np.asarray(value, dtype=float)
-    if array.ndim not in (1, 2) or array.shape[-1] != STRUTS:
+    if array.ndim not in (1, 2) or array.shape[-1] != ACTUATORS:
         raise ValueError(f"{name}: expected the shape (6,) or (N, 6), got {array.shape}")
     return np.atleast_2d(array), array.ndim == 1
 
@@ -213,5 +213,5 @@ def _states(*parts: ArrayLike) -> tuple[Array, bool]:
     for name, (array, _) in zip(names, rows, strict=True):
         if len(array) not in (1, count):
             raise ValueError(f"{name}: has {len(array)} rows, the others have {count}")
-    stacked = [np.broadcast_to(array, (count, STRUTS)) for array, _ in rows]
+    stacked = [np.broadcast_to(array, (count, ACTUATORS)) for array, _ in rows]
     return np.concatenate(stacked, axis=1), all(single for _, single in rows)

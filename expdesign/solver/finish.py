@@ -14,14 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
+from constraints.arrays import Array
 from expdesign.problem import DesignProblem
 from expdesign.recheck import Judge, Recheck, grid_points, recheck
 from expdesign.solver.ipopt import IpoptResult
 from expdesign.solver.shrink import GRID_MARGIN, shrink_to_limits
 from expdesign.solver.stage import Report, Stage, StageRecord, Tally, TracePoint, solve_best
 from expdesign.trajectory import FourierTrajectory, PhaseBasis
-
-Array = NDArray[np.float64]
 
 _CHECKS = 4
 _WORTHWHILE = 2e-3

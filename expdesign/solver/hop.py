@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from expdesign.problem import DesignProblem
 from expdesign.solver.continuation import coarse_points
 from expdesign.solver.stage import StageRecord
-
-Array = NDArray[np.float64]
 
 _SIZES = (0.1, 0.2, 0.4)
 _BEHIND = {"hop": 0.03, "sharp": 0.01}

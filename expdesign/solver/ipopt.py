@@ -9,10 +9,8 @@ from typing import Any, Literal, Protocol
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-
+from constraints.arrays import Array
 
 Curvature = Literal["gauss-newton", "limited-memory"]
 

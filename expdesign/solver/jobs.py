@@ -7,8 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from expdesign.problem import DesignProblem
 from expdesign.recheck import Judge
 from expdesign.solver.continuation import (
@@ -24,8 +24,6 @@ from expdesign.solver.progress import Monitor, SearchEvent
 from expdesign.solver.random_start import InfeasibleLimitsError, random_start
 from expdesign.solver.stage import TracePoint
 from expdesign.solver.start import StartResult, infeasible_start, run_start
-
-Array = NDArray[np.float64]
 
 _FINISH_ROUNDS = 4
 

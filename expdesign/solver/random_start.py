@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from expdesign.problem import DesignProblem
-
-Array = NDArray[np.float64]
 
 _DECAY = 0.7
 _BISECTIONS = 16

@@ -7,11 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from expdesign.problem import DesignProblem
 from expdesign.recheck import grid_points, states_at
 from expdesign.trajectory import FourierTrajectory
-
-Array = NDArray[np.float64]
 
 SMALLEST_FACTOR = 0.8
 _BISECTIONS = 14

@@ -6,14 +6,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from constraints.arrays import Array, Mask
 from expdesign.information.spectral import Criterion
 from expdesign.problem import DesignProblem, DesignProgram
 from expdesign.solver.ipopt import Curvature, IpoptResult, Iteration, solve_with_ipopt
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 FEASIBLE = 1e-3
 """Violation, as a share of a limit's range, below which an iterate counts as kept here; what is

@@ -7,16 +7,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from expdesign.problem import DesignProblem
 from expdesign.recheck import Judge, recheck
 from expdesign.solver.hop import Screening
 from expdesign.solver.progress import Monitor, SearchEvent
 from expdesign.solver.shrink import Shrunk, shrink_to_limits
 from expdesign.solver.stage import Stage, StageRecord, TracePoint, run_stage
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

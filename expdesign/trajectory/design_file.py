@@ -14,15 +14,14 @@ from typing import Any
 
 import numpy as np
 
-from expdesign.configuration import ConfigurationError, Problem
-from expdesign.schema.failure import shown
+from expdesign.configuration import InputError, Problem, shown
+from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.trajectory.fourier import FourierTrajectory
 
 NAME = "design.json"
 LARGEST_FILE = 64 * 1024 * 1024
 """Bytes; a design of a hundred harmonics with the record of its search is far smaller."""
 
-_COORDINATES = 6
 _MOST_SHOWN = 5
 _KEYS = {
     "harmonics": "a whole number n ≥ 1",
@@ -64,7 +63,7 @@ def read_design_file(source: str | PathLike[str]) -> DesignFile:
 
     Raises
     ------
-    ConfigurationError
+    InputError
         There is no such file, it is no JSON, or a key is missing or not what it should be; every
         problem with file and key.
     """
@@ -72,7 +71,7 @@ def read_design_file(source: str | PathLike[str]) -> DesignFile:
     data = _parsed(path)
     problems = list(_problems(path, data))
     if problems:
-        raise ConfigurationError(problems)
+        raise InputError(problems)
     trajectory = FourierTrajectory(
         float(data["omega"]), *(np.array(data[key], float) for key in ("lambda0", "mu", "nu"))
     )
@@ -86,7 +85,7 @@ def _found(source: Path) -> Path:
     path = source / NAME if source.is_dir() else source
     if not path.exists():
         where = "the folder has none" if source.is_dir() else "there is no such file or folder"
-        raise ConfigurationError(
+        raise InputError(
             Problem(where, path, allowed=f"a {NAME}, or a folder that `expdesign design` wrote")
         )
     return path
@@ -98,25 +97,23 @@ def _parsed(path: Path) -> dict[str, Any]:
         with path.open("rb") as stream:
             raw = stream.read(LARGEST_FILE + 1)
     except OSError as error:
-        raise ConfigurationError(
+        raise InputError(
             Problem(f"cannot be read: {error.strerror or error}", path, allowed=allowed)
         ) from error
     if len(raw) > LARGEST_FILE:
-        raise ConfigurationError(
+        raise InputError(
             Problem(f"larger than {LARGEST_FILE // 1024**2} MiB", path, allowed=allowed)
         )
     try:
         data = json.loads(raw.decode("utf-8"))
     except json.JSONDecodeError as error:
         problem = Problem(f"not JSON: {error.msg}", path, error.lineno, allowed=allowed)
-        raise ConfigurationError(problem) from error
+        raise InputError(problem) from error
     except (ValueError, RecursionError) as error:
         # Not UTF-8, a number of very many digits, or brackets without end.
-        raise ConfigurationError(Problem("not JSON that can be read", path, allowed=allowed)) from (
-            error
-        )
+        raise InputError(Problem("not JSON that can be read", path, allowed=allowed)) from (error)
     if not isinstance(data, dict):
-        raise ConfigurationError(Problem(f"holds {shown(data)}", path, 1, allowed=allowed))
+        raise InputError(Problem(f"holds {shown(data)}", path, 1, allowed=allowed))
     return data
 
 
@@ -140,10 +137,10 @@ def _problems(path: Path, data: dict[str, Any]) -> Iterator[Problem]:
                 f"{shown(omega)} is no frequency", path, key="omega", allowed=_KEYS["omega"]
             )
     if "lambda0" in data:
-        yield from _wrong_numbers(path, "lambda0", data["lambda0"], (_COORDINATES,))
+        yield from _wrong_numbers(path, "lambda0", data["lambda0"], (COORDINATES,))
     for key in ("mu", "nu"):
         if key in data and isinstance(harmonics, int) and known:
-            yield from _wrong_numbers(path, key, data[key], (_COORDINATES, harmonics))
+            yield from _wrong_numbers(path, key, data[key], (COORDINATES, harmonics))
 
 
 def _wrong_numbers(

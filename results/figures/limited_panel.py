@@ -7,13 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.axes import Axes
-from numpy.typing import NDArray
 
 from constraints import Limit
+from constraints.arrays import Array
 from results.style import FORBIDDEN, INK, MUTED, STRUT_COLOURS
 from results.units import DisplayUnit, handy_unit
-
-Array = NDArray[np.float64]
 
 _SHARE = 6.0
 """Limits are in view when their range is at most this many spans of the curves …"""

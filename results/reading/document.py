@@ -8,11 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from results.errors import MissingFileError, RunFolderError
-
-Array = NDArray[np.float64]
 
 _LONGEST = 60
 

@@ -6,12 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from results.errors import MissingFileError, RunFolderError
 from results.reading.table import Table
-
-Array = NDArray[np.float64]
 
 _NUMBERS = (
     "bias",

@@ -6,12 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from results.errors import RunFolderError
 from results.reading.table import Table
-
-Array = NDArray[np.float64]
 
 COORDINATES = ("x", "y", "z", "phi", "theta", "psi")
 _STRUTS = range(1, 7)

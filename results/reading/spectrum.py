@@ -6,11 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from results.reading.table import Table
-
-Array = NDArray[np.float64]
 
 _NOMINAL = "eigenvalue_nominal"
 

@@ -5,12 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
+from constraints.arrays import Array
 from results.reading.document import Document
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

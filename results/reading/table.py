@@ -8,11 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from results.errors import MissingFileError, RunFolderError
-
-Array = NDArray[np.float64]
 
 _HEADER_LINES = 2
 """The first row of a table stands in the file's second line."""

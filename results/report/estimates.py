@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from estimation.uncertainty.differences import FAMILY_LEVEL, Differences, hausman_test
 from results.reading.document import Document
 from results.report.table import Column, ReportTable, Value
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

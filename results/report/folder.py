@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from expdesign.configuration import ConfigurationError, Problem, RunConfiguration, load_run
+from expdesign.configuration import InputError, Problem, RunConfiguration, load_run
 from expdesign.runfolder.manifest import Manifest, StageEntry
 from results.errors import RunFolderError
 from results.figures.design.catalogue import DESIGN_FIGURES
@@ -68,7 +68,7 @@ class RunFolder:
 
         Raises
         ------
-        ConfigurationError
+        InputError
             It is none, or its `run.yaml` is not a valid run.
         """
         if not path.is_dir():
@@ -166,9 +166,9 @@ def _usable(manifest: Manifest | None) -> Manifest | None:
     return manifest if sound else None
 
 
-def _refused(path: Path, message: str) -> ConfigurationError:
+def _refused(path: Path, message: str) -> InputError:
     allowed = (
         "a folder that `expdesign run`, design, export, simulate, noise, estimate, validate or "
         "montecarlo wrote"
     )
-    return ConfigurationError(Problem(message, file=path, allowed=allowed))
+    return InputError(Problem(message, file=path, allowed=allowed))

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from constraints import limit_definitions
-from expdesign.configuration import ConfigurationError
+from expdesign.configuration import InputError
 from expdesign.experiment.design import build_workshop
 from expdesign.experiment.sensitivity import FREQUENCY, LimitSensitivity, sensitivity_at_design
 from expdesign.information.fisher import SingularInformationError
@@ -43,7 +43,7 @@ def design_sensitivity(record: DesignRecord) -> LimitSensitivity | None:
         if not (_same_limits(record) and _same_criterion(record, shop.judge, trajectory)):
             return None
         return sensitivity_at_design(shop, trajectory)
-    except (ConfigurationError, InfeasibleLimitsError, SingularInformationError):
+    except (InputError, InfeasibleLimitsError, SingularInformationError):
         return None
 
 

@@ -75,7 +75,7 @@ def write_report(path: Path, configuration: RunConfiguration | None = None) -> l
 
     Raises
     ------
-    ConfigurationError
+    InputError
         It is no run folder.
     RunFolderError
         A file of it is missing or does not hold what it should.

@@ -5,16 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from expdesign.configuration import ResolvedRobot
-from expdesign.configuration.geometry import rotation_matrix
+from constraints.arrays import Array
+from expdesign.configuration import ResolvedRobot, rotation_matrix
 from results.reading.motion import COORDINATES, Motion
 from results.reading.table import Table
 from results.report.content import ViewBlock
 from results.report.folder import RunFolder
-
-Array = NDArray[np.float64]
 
 _FRAMES = 240
 """Most instants of one period in the view: finer than the eye at the speed of the machine."""

@@ -2,7 +2,7 @@ import copy
 
 import pytest
 
-from expdesign.configuration import ConfigurationError, load_robot_description, load_run
+from expdesign.configuration import InputError, load_robot_description, load_run
 
 
 @pytest.fixture(scope="session")
@@ -27,7 +27,7 @@ def problems_of():
     """Return the problems of loading a run; fails when there are none."""
 
     def problems(source):
-        with pytest.raises(ConfigurationError) as caught:
+        with pytest.raises(InputError) as caught:
             load_run(source)
         return caught.value.problems
 

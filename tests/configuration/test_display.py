@@ -1,7 +1,7 @@
 import pytest
 
-from expdesign.schema.display import quantity_text
-from expdesign.schema.quantity import dimension_of
+from expdesign.configuration.display import quantity_text
+from expdesign.configuration.quantity import dimension_of
 
 
 @pytest.mark.parametrize(

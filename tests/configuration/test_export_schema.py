@@ -2,10 +2,9 @@
 
 import pytest
 
-from expdesign.configuration import ConfigurationError, load_run, resolved_yaml
+from expdesign.configuration import ExportSection, InputError, load_run, resolved_yaml
+from expdesign.configuration.export import OFFERS
 from expdesign.export import table_formats
-from expdesign.schema import ExportSection
-from expdesign.schema.export import OFFERS
 
 
 def run(*export):
@@ -64,7 +63,7 @@ def test_names_and_sections(tmp_path):
     ],
 )
 def test_what_is_refused(export, key, message):
-    with pytest.raises(ConfigurationError) as caught:
+    with pytest.raises(InputError) as caught:
         run(*export)
     assert (key, message) in [(p.key, p.message) for p in caught.value.problems]
 

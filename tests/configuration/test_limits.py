@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from constraints import limit_definitions
-from expdesign.configuration import ConfigurationError, load_robot_description
+from expdesign.configuration import InputError, load_robot_description
 from expdesign.configuration.document import Document
 from expdesign.configuration.limits import LimitSource, limits_as_written, resolve_limits
 
@@ -13,12 +13,12 @@ def _resolve(*raws):
     sources = [LimitSource(raw, Document({}), ("limits",)) for raw in raws]
     limits, length, problems = resolve_limits(sources)
     if problems:
-        raise ConfigurationError(problems)
+        raise InputError(problems)
     return limits, length
 
 
 def _problem(raw):
-    with pytest.raises(ConfigurationError) as caught:
+    with pytest.raises(InputError) as caught:
         _resolve(raw)
     (problem,) = caught.value.problems
     return problem
@@ -125,7 +125,7 @@ def test_unknown_limit_and_component_name_the_nearest():
 
 
 def test_all_problems_are_reported():
-    with pytest.raises(ConfigurationError) as caught:
+    with pytest.raises(InputError) as caught:
         _resolve({"tilt": -1, "strut_speed": 0, "unknown": 1}, {"alpha": 3})
     keys = [p.key for p in caught.value.problems]
     assert keys == ["limits.tilt", "limits.strut_speed", "limits.unknown", "limits.alpha"]

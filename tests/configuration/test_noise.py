@@ -3,10 +3,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from expdesign.configuration import ConfigurationError
+from expdesign.configuration import InputError, NoiseDescription
 from expdesign.configuration.document import Document
 from expdesign.configuration.noise import NoiseSource, resolve_noise
-from expdesign.schema import NoiseDescription
 
 STD = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]
 RING = [[0.5 ** min(abs(i - j), 6 - abs(i - j)) for j in range(6)] for i in range(6)]
@@ -18,12 +17,12 @@ def _resolve(*raws):
     ]
     _, noise, problems = resolve_noise(sources)
     if problems:
-        raise ConfigurationError(problems)
+        raise InputError(problems)
     return noise
 
 
 def _problem(*raws):
-    with pytest.raises(ConfigurationError) as caught:
+    with pytest.raises(InputError) as caught:
         _resolve(*raws)
     (problem,) = caught.value.problems
     return problem
@@ -154,6 +153,6 @@ def test_order_of_magnitude_does_not_decide_about_definiteness():
 def test_any_matrix_is_a_covariance_or_refused(matrix):
     try:
         noise = _resolve({"force_covariance": matrix})
-    except ConfigurationError:
+    except InputError:
         return
     np.linalg.cholesky(noise.force_covariance)

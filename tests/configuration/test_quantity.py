@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic_core import PydanticCustomError
 
-from expdesign.schema import quantity
-from expdesign.schema.quantity import (
+from expdesign.configuration import quantity
+from expdesign.configuration.quantity import (
     ACCELERATION,
     ANGLE,
     DAMPING,

@@ -4,10 +4,15 @@ import pickle
 import numpy as np
 import pytest
 
-from expdesign.configuration import ConfigurationError, load_robot_description
+from expdesign.configuration import (
+    GENERAL_PARAMETERS,
+    SYMMETRIC_PARAMETERS,
+    InputError,
+    RobotDescription,
+    load_robot_description,
+)
 from expdesign.configuration.document import document_from_mapping
 from expdesign.configuration.robot import RobotSource, resolve_robot
-from expdesign.schema import GENERAL_PARAMETERS, SYMMETRIC_PARAMETERS, RobotDescription
 
 
 @pytest.fixture
@@ -26,7 +31,7 @@ def refused(resolve):
     """Return the problems of resolving a robot."""
 
     def problems(mapping):
-        with pytest.raises(ConfigurationError) as caught:
+        with pytest.raises(InputError) as caught:
             resolve(mapping)
         return caught.value.problems
 

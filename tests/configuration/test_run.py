@@ -6,9 +6,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from expdesign.configuration import ConfigurationError, Problem, load_run, resolved_yaml
+from expdesign.configuration import (
+    InputError,
+    Problem,
+    RunDescription,
+    load_run,
+    resolved_yaml,
+)
 from expdesign.library import robot_names, run_names
-from expdesign.schema import RunDescription
 
 QUICK = settings(max_examples=50, deadline=None)
 
@@ -170,10 +175,10 @@ def test_nothing_is_reported_twice(run_mapping, problems_of):
 
 
 def test_error_survives_pickling():
-    error = ConfigurationError([Problem("a", key="b"), Problem("c")])
+    error = InputError([Problem("a", key="b"), Problem("c")])
     assert pickle.loads(pickle.dumps(error)).problems == error.problems
     with pytest.raises(ValueError, match="needs a problem"):
-        ConfigurationError([])
+        InputError([])
 
 
 # --- overrides and what follows from other sections ---------------------------------------------
@@ -361,7 +366,7 @@ NAMES = st.sampled_from([*SECTIONS, "harmonics", "samples", "criterion", "column
 def _loads_or_is_refused(mapping):
     try:
         configuration = load_run(mapping)
-    except ConfigurationError as error:
+    except InputError as error:
         for problem in error.problems:
             assert problem.message
             str(problem).encode("utf-8", "backslashreplace")

@@ -3,7 +3,7 @@
 import pytest
 from pydantic import ValidationError
 
-from expdesign.schema import RunDescription
+from expdesign.configuration import RunDescription
 
 
 def _run(**keys):

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from expdesign.configuration.problem import ConfigurationError
+from expdesign.configuration.problem import InputError
 from expdesign.configuration.yaml_reader import LARGEST_FILE, read_yaml
 
 
@@ -25,7 +25,7 @@ def refused(read):
     """Return the problems of reading a text."""
 
     def problems(content):
-        with pytest.raises(ConfigurationError) as caught:
+        with pytest.raises(InputError) as caught:
             read(content)
         return caught.value.problems
 
@@ -115,11 +115,11 @@ def test_refused_with_one_clear_problem(refused, content, says, line):
 
 
 def test_missing_file_and_folder(tmp_path):
-    with pytest.raises(ConfigurationError, match="no such file"):
+    with pytest.raises(InputError, match="no such file"):
         read_yaml(tmp_path / "missing.yaml")
-    with pytest.raises(ConfigurationError, match="folder"):
+    with pytest.raises(InputError, match="folder"):
         read_yaml(tmp_path)
-    with pytest.raises(ConfigurationError, match="cannot be read"):
+    with pytest.raises(InputError, match="cannot be read"):
         read_yaml(tmp_path / ("x" * 5000))
 
 
@@ -162,6 +162,6 @@ def _read_or_refuse(tmp_path_factory, content):
     path.write_bytes(raw)
     try:
         document = read_yaml(path)
-    except ConfigurationError:
+    except InputError:
         return
     assert isinstance(document.data, dict)

@@ -3,8 +3,7 @@
 import pytest
 
 from estimation.data.reading import read_measurement
-from expdesign.configuration import ConfigurationError, load_robot_description
-from expdesign.schema import DataSection
+from expdesign.configuration import DataSection, InputError, load_robot_description
 from tests.data.recordings import recording
 
 
@@ -33,7 +32,7 @@ def refused(read):
     """Return the problems for which a file is refused."""
 
     def problems(path, **section):
-        with pytest.raises(ConfigurationError) as caught:
+        with pytest.raises(InputError) as caught:
             read(path, **section)
         found = caught.value.problems
         assert all(problem.file == path for problem in found)

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from estimation.data.columns import Column, header_column, pick
-from expdesign.configuration import ConfigurationError
+from expdesign.configuration import InputError
 from tests.data.recordings import CHANNELS
 
 FILE = Path("m.csv")
@@ -16,7 +16,7 @@ def _columns(*texts):
 
 
 def _problems(columns, names):
-    with pytest.raises(ConfigurationError) as caught:
+    with pytest.raises(InputError) as caught:
         pick(columns, names, FILE, 1)
     return caught.value.problems
 

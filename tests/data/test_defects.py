@@ -5,9 +5,8 @@ import numpy as np
 import pytest
 
 from estimation.data.reading import read_measurement
-from expdesign.configuration import ConfigurationError, load_robot_description
+from expdesign.configuration import DataSection, InputError, load_robot_description
 from expdesign.robot import load_robot
-from expdesign.schema import DataSection
 from tests.data.recordings import recording, write_csv, write_hdf5
 
 
@@ -59,7 +58,7 @@ def test_cells_that_are_no_numbers(content, message, line, column, csv, refused)
 
 def test_the_message_as_the_user_sees_it(csv, read):
     path = csv([(17, "q3", "abc")])
-    with pytest.raises(ConfigurationError) as caught:
+    with pytest.raises(InputError) as caught:
         read(path)
     assert str(caught.value) == f"{path}:17: q3: 'abc' is no finite number"
 
@@ -290,7 +289,7 @@ def test_a_robot_without_length_limits_has_the_scale_of_its_home_pose(csv, rec, 
     )
     path = csv()
     assert np.array_equal(read_measurement(path, DataSection(), bare).lengths, rec.q)
-    with pytest.raises(ConfigurationError, match="half to twice the lengths at home"):
+    with pytest.raises(InputError, match="half to twice the lengths at home"):
         read_measurement(path, DataSection(units={"q": "in"}), bare)
 
 

@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from estimation.data.readers import delimited
-from expdesign.schema import DataSection
+from expdesign.configuration import DataSection
 from tests.data.recordings import CHANNELS, recording, write_csv
 
 

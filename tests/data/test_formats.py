@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from estimation.data.catalogue import file_formats, format_of
-from expdesign.configuration import ConfigurationError
+from expdesign.configuration import InputError
 from tests.data.recordings import WRITERS
 
 BINARY = [name for name in WRITERS if name not in ("recording.csv", "recording")]
@@ -74,7 +74,7 @@ def test_wrong_bytes_never_end_in_a_traceback(name, tmp_path, rec, read):
         path.write_bytes(wrong.tobytes())
         try:
             read(path)
-        except ConfigurationError:
+        except InputError:
             refusals += 1
     assert refusals
 

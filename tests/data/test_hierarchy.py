@@ -6,7 +6,7 @@ import pytest
 from scipy.io import savemat
 
 from estimation.data.readers import hdf5, matlab, matlab73
-from expdesign.schema import DataSection
+from expdesign.configuration import DataSection
 from tests.data.recordings import matlab73_file
 
 

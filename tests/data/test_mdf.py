@@ -5,8 +5,7 @@ import pytest
 from asammdf import MDF, Signal
 
 from estimation.data.readers import mdf
-from expdesign.configuration import ConfigurationError
-from expdesign.schema import DataSection
+from expdesign.configuration import DataSection, InputError
 from tests.data.recordings import write_mdf
 
 
@@ -26,7 +25,7 @@ def _signals(rec, kinds="qQ", unit="", factor=1.0, name="{}"):
 
 
 def _problems(path, **section):
-    with pytest.raises(ConfigurationError) as caught:
+    with pytest.raises(InputError) as caught:
         mdf.read(path, DataSection(**section))
     return caught.value.problems
 

@@ -5,8 +5,7 @@ import pytest
 
 from estimation.data import own_process
 from estimation.data.own_process import load_table_apart
-from expdesign.configuration import ConfigurationError
-from expdesign.schema import DataSection
+from expdesign.configuration import DataSection, InputError
 from tests.data.unruly_reader import FORMAT
 
 
@@ -31,7 +30,7 @@ def test_a_table_comes_back_whatever_the_library_prints(load, capfd):
     ("what", "message"), [("crash", "its library crashed (SIGSEGV)"), ("hoard", "allocate")]
 )
 def test_a_library_that_fails_is_bad_input(what, message, load, capfd):
-    with pytest.raises(ConfigurationError) as caught:
+    with pytest.raises(InputError) as caught:
         load(what)
     assert message in str(caught.value)
     assert "the file is damaged or not of the format unruly" in str(caught.value)
@@ -40,7 +39,7 @@ def test_a_library_that_fails_is_bad_input(what, message, load, capfd):
 
 def test_reading_that_does_not_end_is_bad_input(load, monkeypatch):
     monkeypatch.setattr(own_process, "_SECONDS", 2.0)
-    with pytest.raises(ConfigurationError, match="reading does not end"):
+    with pytest.raises(InputError, match="reading does not end"):
         load("hang")
 
 

@@ -13,12 +13,16 @@ from typer.testing import CliRunner
 import expdesign
 from constraints import limit_definitions, limits
 from expdesign.cli.app import app
-from expdesign.configuration import load_robot_description, load_run
+from expdesign.configuration import (
+    RobotDescription,
+    RunDescription,
+    load_robot_description,
+    load_run,
+)
+from expdesign.configuration.design import CRITERIA
 from expdesign.information.catalogue import criteria_by_key
 from expdesign.information.spectral import spectral_cost
 from expdesign.robot import ExactModel, robot_from
-from expdesign.schema import RobotDescription, RunDescription
-from expdesign.schema.design import CRITERIA
 from expdesign.solver import SearchEvent
 from tests.docs.pages import ROOT, blocks, parse
 
@@ -166,7 +170,7 @@ def test_the_limit_of_the_docs_bounds_what_it_says():
 
 
 def robot_rotation(angles):
-    rotation = importlib.import_module("expdesign.robot.rotation")
+    rotation = importlib.import_module("expdesign.mechanism.rotation")
     return rotation.rotation_matrix(ca.SX(ca.DM(angles)))
 
 
@@ -192,7 +196,7 @@ def test_both_forms_of_the_limit_of_the_docs_agree():
 
 @pytest.mark.usefixtures("with_limit")
 def test_the_limit_of_the_docs_refuses_a_home_that_breaks_it():
-    with pytest.raises(expdesign.ConfigurationError, match="inclination of the strut"):
+    with pytest.raises(expdesign.InputError, match="inclination of the strut"):
         _inclined("30 deg")
 
 

@@ -12,16 +12,7 @@ from estimation.data.catalogue import file_formats
 from estimation.montecarlo.tables import STATISTICS, repetition_columns
 from estimation.twin import Twin
 from estimation.twin.output import truth_record
-from expdesign.configuration import load_run
-from expdesign.configuration.limits import CHARACTERISTIC_LENGTH
-from expdesign.experiment.tables import TABLES
-from expdesign.export import table_formats
-from expdesign.information.catalogue import criteria_by_key
-from expdesign.library import robot_names, run_names
-from expdesign.recheck import TOLERANCE, grid_points
-from expdesign.robot.graph import HexapodGraph, parameter_unit
-from expdesign.runfolder.columns import MEASUREMENT, TRAJECTORY
-from expdesign.schema import (
+from expdesign.configuration import (
     GENERAL_PARAMETERS,
     STAGES,
     DataSection,
@@ -35,12 +26,21 @@ from expdesign.schema import (
     RobotDescription,
     RunDescription,
     TrajectorySection,
+    load_run,
 )
-from expdesign.schema.experiment import Cogging, Outliers, Quantisation, TrackingError
-from expdesign.schema.export import OFFERS
-from expdesign.schema.quantity import unit_dimension, unit_symbols
-from expdesign.schema.study import StudySection
-from expdesign.schema.validation import ValidationMotion
+from expdesign.configuration.experiment import Cogging, Outliers, Quantisation, TrackingError
+from expdesign.configuration.export import OFFERS
+from expdesign.configuration.limits import CHARACTERISTIC_LENGTH
+from expdesign.configuration.quantity import unit_dimension, unit_symbols
+from expdesign.configuration.study import StudySection
+from expdesign.configuration.validation_section import ValidationMotion
+from expdesign.experiment.tables import TABLES
+from expdesign.export import table_formats
+from expdesign.information.catalogue import criteria_by_key
+from expdesign.library import robot_names, run_names
+from expdesign.mechanism.graph import HexapodGraph, parameter_unit
+from expdesign.recheck import TOLERANCE, grid_points
+from expdesign.runfolder.columns import MEASUREMENT, TRAJECTORY
 from expdesign.trajectory import FourierTrajectory
 from results.figures.design.catalogue import DESIGN_FIGURES
 from results.figures.montecarlo.catalogue import STUDY_FIGURES

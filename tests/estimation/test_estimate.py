@@ -10,7 +10,7 @@ from estimation.identification import estimate
 from estimation.identification.output import write_estimate
 from estimation.identification.period_choice import choose_omega
 from estimation.processing import PeriodSource
-from expdesign.configuration import ConfigurationError, load_run
+from expdesign.configuration import InputError, load_run
 from expdesign.robot import robot_from
 from expdesign.trajectory import FourierTrajectory
 from tests.estimation.cases import PERIODS, ROBOT, STEP, measured, run, trajectory
@@ -152,7 +152,7 @@ def test_a_clock_that_is_off_is_told(off, periods):
 def test_another_period_is_refused_though_it_is_near(off):
     data = measured(MOTION)
     other = changed(data, time=data.time / (1 + off), step=data.step / (1 + off))
-    with pytest.raises(ConfigurationError, match="the lengths repeat after"):
+    with pytest.raises(InputError, match="the lengths repeat after"):
         estimate(run({"estimators": ["gm"]}), other, MOTION)
 
 
@@ -165,7 +165,7 @@ def test_a_machine_that_rests_for_most_of_its_period_is_not_refused():
     still = changed(data, lengths=lengths, forces=forces)
     omega, source = choose_omega(run(), still, MOTION)
     assert (omega, source) == (MOTION.omega, PeriodSource.DESIGN)
-    with pytest.raises(ConfigurationError, match="do not repeat with the design's period"):
+    with pytest.raises(InputError, match="do not repeat with the design's period"):
         choose_omega(run(), still, trajectory(170))
 
 
@@ -291,7 +291,7 @@ def test_pointwise_differentiation_is_biased_and_says_that_it_does_not_cover():
 
 def test_a_wrong_period_is_refused_with_the_right_one():
     other = trajectory(170)
-    with pytest.raises(ConfigurationError, match=r"repeat after (1|0\.99\d*|1\.00\d*) s"):
+    with pytest.raises(InputError, match=r"repeat after (1|0\.99\d*|1\.00\d*) s"):
         estimate(run(), measured(MOTION), other)
 
 
@@ -304,12 +304,12 @@ def test_a_wrong_period_is_refused_with_the_right_one():
     ],
 )
 def test_settings_that_do_not_fit_are_refused(section, message):
-    with pytest.raises(ConfigurationError, match=message):
+    with pytest.raises(InputError, match=message):
         estimate(run(section), measured(MOTION), MOTION)
 
 
 def test_noise_that_is_asked_for_and_not_there():
-    with pytest.raises(ConfigurationError, match="scatter between periods"):
+    with pytest.raises(InputError, match="scatter between periods"):
         estimate(run({"noise": "estimated"}), measured(MOTION, periods=1), MOTION)
 
 
@@ -329,13 +329,13 @@ def test_a_dead_channel_is_named(kind):
     values = getattr(data, kind).copy()
     values[:, 5] = values[0, 5]
     letter = "Q6" if kind == "forces" else "q6"
-    with pytest.raises(ConfigurationError, match=f"{letter}.*no noise at all"):
+    with pytest.raises(InputError, match=f"{letter}.*no noise at all"):
         estimate(run(), changed(data, **{kind: values}), MOTION)
 
 
 def test_a_cutoff_beyond_the_sampling_is_refused():
     settings = {"estimators": ["ls"], "differentiation": "butterworth", "cutoff": "150 Hz"}
-    with pytest.raises(ConfigurationError, match="half the sampling rate"):
+    with pytest.raises(InputError, match="half the sampling rate"):
         estimate(run(settings), measured(MOTION), MOTION)
 
 

@@ -9,8 +9,8 @@ from estimation.data.reading import read_measurement
 from estimation.identification.estimate import estimate, parameter_knowledge, run_estimators
 from estimation.identification.recording import prepare_experiment
 from estimation.twin import Twin
+from expdesign.configuration import DataSection
 from expdesign.information.fisher import information_matrix, parameter_covariance
-from expdesign.schema import DataSection
 from tests.estimation.cases import PERIODS, ROBOT, run, trajectory
 from tests.export.written import SAMPLING, written
 

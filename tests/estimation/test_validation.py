@@ -6,8 +6,8 @@ import pytest
 from estimation.identification import estimate
 from estimation.identification.output import write_estimate
 from estimation.validation import benchmark_motion, read_estimate, validate
-from expdesign.configuration import ConfigurationError, load_run
-from expdesign.schema.validation import ValidationMotion
+from expdesign.configuration import InputError, load_run
+from expdesign.configuration.validation_section import ValidationMotion
 from tests.estimation.cases import ROBOT, STEP, measured, run, trajectory
 
 MOTION = trajectory(seed=2)
@@ -70,7 +70,7 @@ def test_a_mirror_image_is_one(mirror, plane):
 def rotation(angles):
     import casadi as ca
 
-    from expdesign.robot.rotation import rotation_matrix
+    from expdesign.mechanism.rotation import rotation_matrix
 
     return ca.evalf(rotation_matrix(ca.SX(angles))).full()
 
@@ -128,12 +128,12 @@ def test_an_estimate_survives_its_file(folder):
 def test_what_is_no_estimate_is_refused(tmp_path, content):
     if content is not None:
         (tmp_path / "estimate.json").write_text(content)
-    with pytest.raises(ConfigurationError, match=r"estimate\.json"):
+    with pytest.raises(InputError, match=r"estimate\.json"):
         read_estimate(tmp_path, ROBOT)
 
 
 def test_a_run_without_motions_is_refused(folder):
-    with pytest.raises(ConfigurationError, match="names no motion"):
+    with pytest.raises(InputError, match="names no motion"):
         validate(run(), read_estimate(folder, ROBOT))
 
 
@@ -141,7 +141,7 @@ def test_an_estimate_of_another_robot_is_refused(folder, tmp_path):
     record = json.loads((folder / "estimate.json").read_text())
     record["robot"] = "rubin"
     (tmp_path / "estimate.json").write_text(json.dumps(record))
-    with pytest.raises(ConfigurationError, match="of the robot 'rubin', not of 'palida'"):
+    with pytest.raises(InputError, match="of the robot 'rubin', not of 'palida'"):
         read_estimate(tmp_path, ROBOT)
 
 

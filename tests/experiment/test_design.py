@@ -380,7 +380,7 @@ def test_limits_that_no_motion_keeps(limit, tiny):
 
 
 def test_one_harmonic_cannot_start_at_rest(tiny):
-    with pytest.raises(expdesign.ConfigurationError) as caught:
+    with pytest.raises(expdesign.InputError) as caught:
         expdesign.design(tiny(design={"start": "rest"}, trajectory={"harmonics": 1}))
     (problem,) = caught.value.problems
     assert problem.key == "design.start"
@@ -405,7 +405,7 @@ def test_the_noise_is_needed(tiny):
 
     robot = load_robot_description("palida").description.model_dump(mode="json", by_alias=True)
     del robot["noise"]
-    with pytest.raises(expdesign.ConfigurationError) as caught:
+    with pytest.raises(expdesign.InputError) as caught:
         expdesign.design(tiny(robot=robot))
     (problem,) = caught.value.problems
     assert problem.key == "noise"

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.io import loadmat, savemat
 
+from expdesign.configuration import ExportSection
 from expdesign.export import (
     ExportError,
     TableError,
@@ -12,7 +13,6 @@ from expdesign.export import (
     read_back,
     table_formats,
 )
-from expdesign.schema import ExportSection
 from tests.export.motions import task
 from tests.export.test_formats import EXPORTS, section
 

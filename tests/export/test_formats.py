@@ -8,10 +8,10 @@ import pytest
 from ruamel.yaml import YAML
 from scipy.spatial.transform import Rotation
 
+from expdesign.configuration import ExportSection
 from expdesign.export import export_table, file_name, table_formats
 from expdesign.export.exporting import ExportError
-from expdesign.robot.rotation import rotation_matrix
-from expdesign.schema import ExportSection
+from expdesign.mechanism.rotation import rotation_matrix
 from tests.export import reading
 from tests.export.motions import CASES, task
 

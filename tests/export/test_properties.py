@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
+from expdesign.configuration import ExportSection
 from expdesign.export import table_formats
 from expdesign.export.axes import Axes
 from expdesign.export.definition import Settings
@@ -21,8 +22,7 @@ from expdesign.export.rotation import (
     roll_pitch_yaw,
 )
 from expdesign.export.rows import Rows, TableError
-from expdesign.robot.rotation import angular_acceleration, angular_velocity, rotation_matrix
-from expdesign.schema import ExportSection
+from expdesign.mechanism.rotation import angular_acceleration, angular_velocity, rotation_matrix
 
 TEXT = ("xps-pvt", "pvt-csv", "pmac-pvt", "pi-wave", "linuxcnc-strut", "linuxcnc-gcode", "ros2")
 values = st.floats(-2000, 2000, allow_subnormal=False)

@@ -6,8 +6,8 @@ import subprocess
 import numpy as np
 import pytest
 
+from expdesign.configuration import ExportSection
 from expdesign.export import export_table
-from expdesign.schema import ExportSection
 from tests.export.motions import CASES, task
 from tests.export.test_formats import fixed_axes
 

@@ -2,8 +2,8 @@
 
 from functools import cache
 
+from expdesign.configuration import ExportSection
 from expdesign.export import Task, export_table, read_table_file
-from expdesign.schema import ExportSection
 from tests.estimation.cases import PERIODS, ROBOT, trajectory
 from tests.export.motions import motion_of
 

@@ -8,7 +8,7 @@ from estimation.montecarlo import run_study
 from estimation.montecarlo.cluster import ClusterError, cluster_repetitions
 from estimation.montecarlo.output import repetitions_table
 from estimation.montecarlo.repetition import Recipe
-from expdesign.configuration import ConfigurationError
+from expdesign.configuration import InputError
 from tests.montecarlo.examples import DESIGN, Watcher, small
 
 
@@ -45,7 +45,7 @@ def test_bad_input_that_shows_on_the_cluster(address, tmp_path):
         workers=None,
         scheduler=address,
     )
-    with pytest.raises(ConfigurationError) as error:
+    with pytest.raises(InputError) as error:
         run_study(configuration, DESIGN, tmp_path / "journal")
     assert error.value.problems[0].key == "estimate.noise"
 
@@ -77,7 +77,7 @@ def test_dask_is_optional(monkeypatch):
         return original(name, *arguments)
 
     monkeypatch.setattr(builtins, "__import__", without)
-    with pytest.raises(ConfigurationError) as error:
+    with pytest.raises(InputError) as error:
         list(cluster_repetitions("tcp://127.0.0.1:9", Recipe(small(), DESIGN), [1], lambda: False))
     assert error.value.problems[0].key == "scheduler"
     assert "expdesign[dask]" in error.value.problems[0].allowed

@@ -12,7 +12,7 @@ from estimation.montecarlo import run_study
 from estimation.montecarlo.output import repetitions_table, statistics_table, write_study
 from estimation.montecarlo.study import study_inputs
 from estimation.twin import Twin
-from expdesign.configuration import ConfigurationError
+from expdesign.configuration import InputError
 from tests.montecarlo.examples import DESIGN, Watcher, small
 from tests.twin.examples import motion
 
@@ -240,7 +240,7 @@ def study_estimate(outcome):
 
 
 def test_ml_without_a_fitted_motion_is_refused():
-    with pytest.raises(ConfigurationError) as error:
+    with pytest.raises(InputError) as error:
         run_study(small(estimate={"harmonics": "auto", "differentiation": "central"}), DESIGN)
     assert error.value.problems[0].key == "montecarlo.estimators"
 
@@ -253,7 +253,7 @@ def test_bad_input_that_shows_in_a_repetition(workers, tmp_path):
         experiment={"periods": 1, "sampling": 60},
         workers=workers,
     )
-    with pytest.raises(ConfigurationError) as error:
+    with pytest.raises(InputError) as error:
         run_study(configuration, DESIGN, tmp_path / "journal")
     assert error.value.problems[0].key == "estimate.noise"
     assert not (tmp_path / "journal").exists()

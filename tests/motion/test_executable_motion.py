@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from expdesign.configuration import ConfigurationError, load_run
+from expdesign.configuration import InputError, load_run
 from expdesign.experiment.design import build_workshop
 from expdesign.motion import NoRampError, check_motion, executable_motion
 from expdesign.motion import ramp as ramp_module
@@ -212,7 +212,7 @@ def test_where_the_optimisation_is_lost_a_guess_within_the_limits_is_taken(
 
 
 def test_a_jerk_below_the_designs_own_is_refused(configuration, orbit, with_motion):
-    with pytest.raises(ConfigurationError, match="itself has a strut jerk") as refused:
+    with pytest.raises(InputError, match="itself has a strut jerk") as refused:
         executable_motion(with_motion(configuration("palida", 5), jerk=10.0), orbit("palida", 5))
     assert refused.value.problems[0].key == "motion.jerk"
 
@@ -222,14 +222,14 @@ def test_a_trajectory_that_breaks_a_limit_is_refused(configuration, orbit):
     larger = FourierTrajectory(
         designed.omega, designed.lambda0, 1.3 * designed.mu, 1.3 * designed.nu
     )
-    with pytest.raises(ConfigurationError, match="itself breaks this limit"):
+    with pytest.raises(InputError, match="itself breaks this limit"):
         executable_motion(configuration("palida", 5), larger)
 
 
 def test_a_period_of_broken_steps_is_refused(configuration, orbit):
     designed = orbit("palida", 5)
     broken = FourierTrajectory(0.99997 * designed.omega, designed.lambda0, designed.mu, designed.nu)
-    with pytest.raises(ConfigurationError, match="controller steps"):
+    with pytest.raises(InputError, match="controller steps"):
         executable_motion(configuration("palida", 5), broken)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from ruamel.yaml import YAML
 
-from expdesign.configuration import ConfigurationError
+from expdesign.configuration import InputError
 from results.report.comparison.comparison import write_comparison
 from tests.report.html import Page
 
@@ -312,13 +312,13 @@ def test_what_cannot_be_compared(folder, twin, tmp_path, expdesign_says):
         ([folder, folder], "named twice"),
         ([folder, tmp_path], "no run folder"),
     ):
-        with pytest.raises(ConfigurationError, match=reason):
+        with pytest.raises(InputError, match=reason):
             compare(folders, tmp_path / "out")
-    with pytest.raises(ConfigurationError, match="overwrite"):
+    with pytest.raises(InputError, match="overwrite"):
         compare([folder, twin], twin)
     for stage in ("design", "estimate", "montecarlo"):
         (twin / f"{stage}.json").unlink()
-    with pytest.raises(ConfigurationError, match="nothing that could be compared"):
+    with pytest.raises(InputError, match="nothing that could be compared"):
         compare([folder, twin], tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
@@ -328,7 +328,7 @@ def test_precisions_that_are_none(folder, twin, tmp_path, text, expdesign_says):
     _, _, error = expdesign_says(
         "compare", folder, twin, "--out", tmp_path / "out", f"--precision={text}"
     )
-    assert isinstance(error, ConfigurationError)
+    assert isinstance(error, InputError)
     assert error.problems[0].key == "--precision"
 
 

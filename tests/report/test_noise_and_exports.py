@@ -6,11 +6,11 @@ import shutil
 import numpy as np
 import pytest
 
+from expdesign.configuration import ExportSection
 from expdesign.export import export_table
 from expdesign.export.readme import readme
 from expdesign.export.record import file_record, motion_record
 from expdesign.runfolder.atomic import write_json, write_text
-from expdesign.schema import ExportSection
 from results import RunFolderError
 from results.report.folder import RunFolder
 from results.report.run_report import run_page, write_report

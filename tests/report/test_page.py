@@ -6,7 +6,7 @@ import shutil
 
 import pytest
 
-from expdesign.configuration import ConfigurationError, load_run, resolved_yaml
+from expdesign.configuration import InputError, load_run, resolved_yaml
 from results import RunFolderError
 from results.report.run_report import write_report
 from tests.report.conftest import HOSTILE
@@ -184,12 +184,12 @@ def test_a_limit_that_is_broken_is_named(folder):
 def test_what_is_no_run_folder(tmp_path, folder, expdesign_says):
     (tmp_path / "empty").mkdir()
     for place, reason in ((tmp_path / "none", "no such folder"), (tmp_path / "empty", "run.yaml")):
-        with pytest.raises(ConfigurationError, match=reason):
+        with pytest.raises(InputError, match=reason):
             write_report(place)
     for file in folder.glob("*.json"):
         file.unlink()
     (folder / "report.html").unlink()
-    with pytest.raises(ConfigurationError, match="no results"):
+    with pytest.raises(InputError, match="no results"):
         write_report(folder)
     assert not (folder / "report.html").exists()
 

@@ -4,7 +4,7 @@ import pickle
 import numpy as np
 import pytest
 
-from expdesign.configuration import ConfigurationError
+from expdesign.configuration import InputError
 from results import DesignRecord, MissingFileError, RunFolderError, design_figures
 
 FILES = [
@@ -140,7 +140,7 @@ def test_singular_design_has_no_value(run):
 
 def test_wrong_run_file_is_a_configuration_error(run):
     edit(run.folder / "run.yaml", lambda text: text.replace("trajectory:", "trajectorie:"))
-    with pytest.raises(ConfigurationError, match="trajector"):
+    with pytest.raises(InputError, match="trajector"):
         DesignRecord.load(run.folder)
 
 

@@ -4,8 +4,8 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from expdesign.mechanism.graph import parameter_unit
 from expdesign.robot import Friction, Robot, hexapod_graph, load_robot, parameter_names
-from expdesign.robot.graph import parameter_unit
 from expdesign.robot.kernels import length_kernel, motion_kernel, regressor_kernel
 
 PASSIVE = slice(10, 12)

@@ -22,7 +22,7 @@ from estimation.studies.validation_study import Prediction
 from estimation.studies.variants import with_exact_lengths, with_section
 from estimation.studies.workers import StudyInterruptedError
 from estimation.twin import Twin
-from expdesign.configuration import ConfigurationError, load_run
+from expdesign.configuration import InputError, load_run
 from tests.estimation.cases import ROBOT, STEP, trajectory
 
 MOTION = trajectory(harmonics=2, seed=2)
@@ -218,13 +218,13 @@ def test_the_validation_names_the_struts_with_cogging_and_wrong_parameters():
 
 def test_a_parameter_or_motion_that_cannot_be_is_refused():
     general = {"kind": "validation", "repetitions": 3, "wrong": {"sx": 2}}
-    with pytest.raises(ConfigurationError, match="no parameter 'sx'"):
+    with pytest.raises(InputError, match="no parameter 'sx'"):
         run_validation_study(case(general), MOTION)
     recorded = {"kind": "validation", "motions": [{"motion": "file", "file": "x.csv"}]}
-    with pytest.raises(ConfigurationError, match="cannot be repeated"):
+    with pytest.raises(InputError, match="cannot be repeated"):
         run_validation_study(case(recorded), MOTION)
     short = {"kind": "validation", "motions": [{"motion": "circle", "periods": 1}]}
-    with pytest.raises(ConfigurationError, match="no scatter between periods"):
+    with pytest.raises(InputError, match="no scatter between periods"):
         run_validation_study(case(short), MOTION)
 
 
@@ -241,7 +241,7 @@ def test_a_parameter_or_motion_that_cannot_be_is_refused():
 def test_what_designs_cannot_be_compared_by_is_refused_before_anything_is_computed(
     study, sections, message
 ):
-    with pytest.raises(ConfigurationError, match=message):
+    with pytest.raises(InputError, match=message):
         run_design_study(case({"kind": "design", **study}, **sections))
 
 

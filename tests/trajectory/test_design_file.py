@@ -3,7 +3,7 @@ import json
 import numpy as np
 import pytest
 
-from expdesign.configuration import ConfigurationError
+from expdesign.configuration import InputError
 from expdesign.trajectory import FourierTrajectory, read_design_file
 from expdesign.trajectory import design_file as module
 
@@ -92,7 +92,7 @@ BAD = {
 def test_bad_values_are_named(case, file):
     changes, keys = BAD[case]
     file.write_text(json.dumps(record(**changes)), encoding="utf-8")
-    with pytest.raises(ConfigurationError) as caught:
+    with pytest.raises(InputError) as caught:
         read_design_file(file)
     found = [problem.key for problem in caught.value.problems]
     if case == "other harmonics":
@@ -122,7 +122,7 @@ def test_bad_values_are_named(case, file):
 )
 def test_what_is_no_json(content, line, file):
     file.write_bytes(content)
-    with pytest.raises(ConfigurationError) as caught:
+    with pytest.raises(InputError) as caught:
         read_design_file(file)
     (problem,) = caught.value.problems
     assert (problem.file, problem.line) == (file, line)
@@ -132,16 +132,16 @@ def test_what_is_no_json(content, line, file):
 def test_a_file_that_is_too_large(file, monkeypatch):
     monkeypatch.setattr(module, "LARGEST_FILE", 1024**2)
     file.write_text(" " * 1024**2 + json.dumps(record()))
-    with pytest.raises(ConfigurationError, match="larger than 1 MiB"):
+    with pytest.raises(InputError, match="larger than 1 MiB"):
         read_design_file(file)
 
 
 def test_what_is_missing(tmp_path):
-    with pytest.raises(ConfigurationError, match="the folder has none") as caught:
+    with pytest.raises(InputError, match="the folder has none") as caught:
         read_design_file(tmp_path)
     assert caught.value.problems[0].file == tmp_path / "design.json"
-    with pytest.raises(ConfigurationError, match="no such file or folder"):
+    with pytest.raises(InputError, match="no such file or folder"):
         read_design_file(tmp_path / "nowhere")
     (tmp_path / "design.json").mkdir()
-    with pytest.raises(ConfigurationError, match="cannot be read"):
+    with pytest.raises(InputError, match="cannot be read"):
         read_design_file(tmp_path)

@@ -10,7 +10,7 @@ import pytest
 
 from estimation.twin import Twin
 from estimation.twin.streams import Repeated, Shared, experiment_stream, repetition_stream
-from expdesign.configuration import ConfigurationError, load_run
+from expdesign.configuration import InputError, load_run
 from expdesign.robot import load_robot, robot_from
 from expdesign.trajectory import FourierTrajectory
 from tests.twin.examples import TINY, configuration, motion
@@ -323,5 +323,5 @@ def test_a_general_platform():
 @pytest.mark.parametrize("size", [1e200, 1e308])
 def test_a_motion_that_the_robot_cannot_make(size):
     wild = FourierTrajectory(np.pi, ROBOT.home, np.full((6, 1), size), np.zeros((6, 1)))
-    with pytest.raises(ConfigurationError, match="cannot make the motion"):
+    with pytest.raises(InputError, match="cannot make the motion"):
         Twin.of(configuration(periods=1, sampling=50), wild)

@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from estimation.twin.noise import SensorNoise
-from expdesign.configuration import ConfigurationError, load_run
+from expdesign.configuration import InputError, load_run
 from tests.twin.examples import configuration
 
 SAMPLES = 60_000
@@ -66,7 +66,7 @@ def test_noise_that_is_not_given_is_asked_for(missing, named):
     robot = run.run.robot.model_dump(exclude={"noise"})
     noise = {f"{what}_std": [1e-3] * 6 for what in {"force", "length"} - set(missing)}
     bare = load_run({"name": "n", "robot": robot, **({"noise": noise} if noise else {})})
-    with pytest.raises(ConfigurationError) as caught:
+    with pytest.raises(InputError) as caught:
         SensorNoise.of(bare)
     assert [problem.key for problem in caught.value.problems] == ["noise"] * len(named)
     for problem, what in zip(caught.value.problems, named, strict=True):

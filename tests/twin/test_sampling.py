@@ -4,8 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from estimation.twin.sampling import MOST_SAMPLES, SampleGrid
-from expdesign.configuration import ConfigurationError
-from expdesign.schema import ExperimentSection
+from expdesign.configuration import ExperimentSection, InputError
 
 
 def grid(period, **experiment):
@@ -74,7 +73,7 @@ def test_every_sample_lies_within_the_experiment(period, periods, sampling):
     ],
 )
 def test_impossible_numbers_of_samples(period, experiment, key):
-    with pytest.raises(ConfigurationError, match="samples") as caught:
+    with pytest.raises(InputError, match="samples") as caught:
         grid(period, **experiment)
     (problem,) = caught.value.problems
     assert problem.key == key

@@ -9,7 +9,7 @@ from scipy.interpolate import CubicHermiteSpline
 
 from estimation.twin import Twin
 from estimation.twin.table_motion import TableMotion
-from expdesign.configuration import ConfigurationError
+from expdesign.configuration import InputError
 from tests.estimation.cases import PERIODS, ROBOT, run, trajectory
 from tests.export.reading import xps
 from tests.export.written import SAMPLING, small_task, written
@@ -120,18 +120,18 @@ def test_a_phase_moves_the_beginning_of_the_design(tmp_path):
 
 
 def test_what_cannot_be_executed(coarse):
-    with pytest.raises(ConfigurationError, match="6 periods are to be measured, and the table"):
+    with pytest.raises(InputError, match="6 periods are to be measured, and the table"):
         Twin.of(run(experiment=EXPERIMENT | {"periods": 6}), coarse)
     rows = coarse.executed.rows
     half = replace(rows, times=rows.times[:60], position=rows.position[:60], rate=rows.rate[:60])
     short = replace(coarse, executed=replace(coarse.executed, rows=half))
-    with pytest.raises(ConfigurationError, match="inside the measurement window"):
+    with pytest.raises(InputError, match="inside the measurement window"):
         Twin.of(run(experiment=EXPERIMENT), short)
     other = replace(small_task().motion, trajectory=trajectory(seed=5))
     stranger = replace(coarse, executed=replace(coarse.executed, motion=other))
-    with pytest.raises(ConfigurationError, match="does not hold the design"):
+    with pytest.raises(InputError, match="does not hold the design"):
         Twin.of(run(experiment=EXPERIMENT), stranger)
     far = replace(rows, position=rows.position + 4e3)
     torn = replace(coarse, executed=replace(coarse.executed, rows=far))
-    with pytest.raises(ConfigurationError, match="does not hold the design"):
+    with pytest.raises(InputError, match="does not hold the design"):
         Twin.of(run(experiment=EXPERIMENT), torn)

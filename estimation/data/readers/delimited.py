@@ -8,15 +8,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from estimation.data.columns import header_column, pick
 from estimation.data.file_format import FileFormat
 from estimation.data.table import HEADER_LINE, RawTable
-from expdesign.configuration import ConfigurationError, Problem
-from expdesign.schema import DataSection
-
-Array = NDArray[np.float64]
+from expdesign.configuration import DataSection, InputError, Problem
 
 _MOST_PROBLEMS = 5
 _QUOTE = '"'
@@ -28,20 +25,20 @@ def read(path: Path, section: DataSection) -> RawTable:
 
     Raises
     ------
-    ConfigurationError
+    InputError
         It is no text, columns are missing, or lines have more or fewer columns than the header.
         Cells that are no numbers become NaN, their text is in the table.
     """
     header, _, body = _decoded(path).partition("\n")
     if not header.strip():
         message = "the file is empty" if not body.strip() else "the first line names no columns"
-        raise ConfigurationError(Problem(message, path, HEADER_LINE))
+        raise InputError(Problem(message, path, HEADER_LINE))
     delimiter = _delimiter(path, section, header)
     names = next(csv.reader([header], delimiter=delimiter))
     columns = [header_column(name, position) for position, name in enumerate(names)]
     try:
         picked = pick(columns, section.columns, path, HEADER_LINE)
-    except ConfigurationError as error:
+    except InputError as error:
         raise _with_delimiter_hint(error, path, header, delimiter) from None
     lines = body.rstrip().split("\n") if body.strip() else []
     cells, numbers = _Cells(lines, delimiter), None
@@ -98,7 +95,7 @@ def _decoded(path: Path) -> str:
         if "\0" not in text:
             return text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
         break
-    raise ConfigurationError(Problem("the file is no text", path, allowed="text in UTF-8"))
+    raise InputError(Problem("the file is no text", path, allowed="text in UTF-8"))
 
 
 def _delimiter(path: Path, section: DataSection, header: str) -> str:
@@ -111,15 +108,13 @@ def _delimiter(path: Path, section: DataSection, header: str) -> str:
     return section.delimiter
 
 
-def _with_delimiter_hint(
-    error: ConfigurationError, path: Path, header: str, delimiter: str
-) -> ConfigurationError:
+def _with_delimiter_hint(error: InputError, path: Path, header: str, delimiter: str) -> InputError:
     if delimiter in header:
         return error
     other = next((shown for mark, shown in _OTHER_DELIMITERS.items() if mark in header), None)
     if other is None:
         return error
-    return ConfigurationError(
+    return InputError(
         Problem(
             f"the header has no delimiter '{delimiter}'",
             path,
@@ -152,7 +147,7 @@ def _refuse_ragged(cells: _Cells, numbers: Sequence[int] | None, width: int, pat
     if len(bad) > _MOST_PROBLEMS:
         problems.append(Problem(f"{len(bad) - _MOST_PROBLEMS} more lines are like that", path))
     if problems:
-        raise ConfigurationError(problems)
+        raise InputError(problems)
 
 
 def _fast(

@@ -14,7 +14,7 @@ from estimation.data.file_format import FileFormat
 from estimation.data.hdf5_file import is_hdf5
 from estimation.data.hierarchy import NUMERIC, Leaf, leaf_columns, load_columns
 from estimation.data.table import RawTable
-from expdesign.schema import DataSection
+from expdesign.configuration import DataSection
 
 
 def read(path: Path, section: DataSection) -> RawTable:

@@ -7,7 +7,7 @@ from pathlib import Path
 from estimation.data.file_format import FileFormat
 from estimation.data.hdf5_file import is_hdf5, read_hdf5
 from estimation.data.table import RawTable
-from expdesign.schema import DataSection
+from expdesign.configuration import DataSection
 
 
 def read(path: Path, section: DataSection) -> RawTable:

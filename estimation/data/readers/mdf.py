@@ -9,16 +9,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from estimation.data.columns import OPTIONAL, Column, pick
 from estimation.data.file_format import FileFormat
 from estimation.data.hierarchy import NUMERIC
 from estimation.data.table import RawTable
-from expdesign.configuration import ConfigurationError, Problem
-from expdesign.schema import DataSection
-
-Array = NDArray[np.float64]
+from expdesign.configuration import DataSection, InputError, Problem
 
 _MASTER = "time stamps"
 
@@ -30,7 +27,7 @@ def read(path: Path, section: DataSection) -> RawTable:
 
     Raises
     ------
-    ConfigurationError
+    InputError
         Channels are missing, or have been recorded at different times.
     """
     with import_module("asammdf").MDF(path) as file:
@@ -97,7 +94,7 @@ def _refuse_other_times(
         if not np.array_equal(signals[channel].timestamps, times)
     ]
     if problems:
-        raise ConfigurationError(problems)
+        raise InputError(problems)
 
 
 def _text(item: Any) -> str:

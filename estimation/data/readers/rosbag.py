@@ -8,17 +8,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimation.data.columns import Column, pick
 from estimation.data.file_format import FileFormat
 from estimation.data.table import RawTable
-from expdesign.configuration import ConfigurationError, Problem
-from expdesign.schema import DataSection
-from expdesign.schema.data import FORCE_CHANNELS, LENGTH_CHANNELS
-from expdesign.schema.failure import shown
-
-Array = NDArray[np.float64]
+from expdesign.configuration import (
+    FORCE_CHANNELS,
+    LENGTH_CHANNELS,
+    DataSection,
+    InputError,
+    Problem,
+    shown,
+)
 
 _MESSAGE = "sensor_msgs/msg/JointState"
 _FIELDS = ("position", "velocity", "effort")
@@ -38,7 +39,7 @@ def read(path: Path, section: DataSection) -> RawTable:
 
     Raises
     ------
-    ConfigurationError
+    InputError
         There are no joint states, joints are missing from the topic or from some messages.
     """
     highlevel = import_module("rosbags.highlevel")
@@ -51,7 +52,7 @@ def read(path: Path, section: DataSection) -> RawTable:
                 topics.setdefault(connection.topic, []).append(connection)
         columns = _columns(bag, topics)
         if not columns:
-            raise ConfigurationError(
+            raise InputError(
                 Problem(f"there are no messages {_MESSAGE} in it", path, allowed="a topic of them")
             )
         picked = pick(columns, _joint_names(section.columns, columns), path)
@@ -103,7 +104,7 @@ def _one_topic(picked: Mapping[str, Column], path: Path) -> str:
     topics = {column.place[0]: column for column in picked.values()}
     if len(topics) > 1:
         some = " and ".join(f"'{column.label}'" for column in topics.values())
-        raise ConfigurationError(
+        raise InputError(
             Problem(f"the columns are of several topics: {some}", path, allowed="one topic")
         )
     return next(iter(topics))
@@ -139,11 +140,11 @@ def _table(bag: Any, connections: list[Any], picked: Mapping[str, Column], path:
     if problems:
         more = len(problems) - _MOST_PROBLEMS
         rest = [Problem(f"{more} more messages are like that", path)] if more > 0 else []
-        raise ConfigurationError([*problems[:_MOST_PROBLEMS], *rest])
+        raise InputError([*problems[:_MOST_PROBLEMS], *rest])
     if len(stamps) > 1 and not by_log_time and len(set(stamps)) == 1:
         message = "all messages have the same header.stamp: it was not set"
         allowed = f"data.columns: {{t: {_LOG_TIME}}} takes the time at which they were recorded"
-        raise ConfigurationError(Problem(message, path, key=_STAMP, allowed=allowed))
+        raise InputError(Problem(message, path, key=_STAMP, allowed=allowed))
     table = np.array(rows, dtype=np.float64).reshape(-1, len(joints))
     values = {channel: table[:, k].copy() for k, channel in enumerate(joints)}
     values["t"] = np.array([stamp - stamps[0] for stamp in stamps]) * _NANOSECOND

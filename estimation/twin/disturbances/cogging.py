@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from expdesign.schema.experiment import Cogging
-
-Array = NDArray[np.float64]
+from constraints.arrays import Array
+from expdesign.configuration import Cogging
 
 
 def cogging_force(lengths: Array, cogging: Cogging) -> Array:

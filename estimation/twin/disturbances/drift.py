@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-
-STRUTS = 6
+from constraints.arrays import Array
+from expdesign.mechanism.hexapod import ACTUATORS
 
 
 def final_drift(size: float, rng: np.random.Generator) -> Array:
     """Return the drift of the six lengths at the end of the experiment, m: size with its sign."""
-    return size * rng.choice((-1.0, 1.0), STRUTS)
+    return size * rng.choice((-1.0, 1.0), ACTUATORS)
 
 
 def length_drift(final: Array, time: Array, duration: float) -> Array:

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from expdesign.schema.experiment import Outliers
-
-Array = NDArray[np.float64]
-
-STRUTS = 6
+from constraints.arrays import Array
+from expdesign.configuration import Outliers
+from expdesign.mechanism.hexapod import ACTUATORS
 
 
 def gross_errors(outliers: Outliers, count: int, rng: np.random.Generator) -> tuple[Array, Array]:
@@ -18,7 +15,7 @@ def gross_errors(outliers: Outliers, count: int, rng: np.random.Generator) -> tu
     Every sample of every channel is hit with the probability `share`, independently of the
     others, and is then off by the size given, up or down with the same probability.
     """
-    uniform = rng.random((count, 2 * STRUTS))
+    uniform = rng.random((count, 2 * ACTUATORS))
     up, down = uniform < outliers.share / 2, uniform >= 1 - outliers.share / 2
     signs = up.astype(float) - down
-    return outliers.length * signs[:, :STRUTS], outliers.force * signs[:, STRUTS:]
+    return outliers.length * signs[:, :ACTUATORS], outliers.force * signs[:, ACTUATORS:]

@@ -6,14 +6,12 @@ import re
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from expdesign.export.definition import Settings, TableFormat
 from expdesign.export.interpolation import Interpolation
 from expdesign.export.rows import Rows, TableError
 from expdesign.export.text_table import lines, number
-
-Array = NDArray[np.float64]
 
 LETTERS = ("X", "Y", "Z", "A", "B", "C")
 LONGEST = 4095.9998

@@ -5,14 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from expdesign.export.definition import POSE_AXES, Settings, TableFormat
 from expdesign.export.interpolation import Interpolation
 from expdesign.export.rows import Rows, TableError
 from expdesign.export.text_table import lines, numbers
-
-Array = NDArray[np.float64]
 
 _TIME_DIGITS = 8
 _CELLS = 13

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from expdesign.information.log_norm import log_sum_exp
-
-Array = NDArray[np.float64]
 
 
 class AOptimality:

@@ -6,12 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.axes import Axes
-from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from results.style import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION
 from results.symbols import symbol
-
-Array = NDArray[np.float64]
 
 COLOURS = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY)
 MARKERS = ("o", "s", "^", "D", "v", "P")

@@ -9,8 +9,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from expdesign.information.catalogue import criteria_by_key
 from expdesign.recheck import TOLERANCE
 from results.figures.definition import FigureDefinition
@@ -18,8 +18,6 @@ from results.reading.traces import Trace
 from results.record import DesignRecord
 from results.style import EMPHASIS, GREY, INK, ORANGE, new_figure
 from results.units import plain_number
-
-Array = NDArray[np.float64]
 
 FLOOR = TOLERANCE
 """Smaller violations are drawn here: the recheck counts such a limit as kept."""

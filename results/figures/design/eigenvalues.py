@@ -6,13 +6,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
-from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from results.figures.definition import FigureDefinition
 from results.record import DesignRecord
 from results.style import ALERT, EMPHASIS, MUTED, new_figure
-
-Array = NDArray[np.float64]
 
 _HEADROOM = 0.2
 """Free above the largest eigenvalue, for the text there, as a share of the decades shown."""

@@ -10,14 +10,12 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 from matplotlib.transforms import Bbox
-from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from results.figures.definition import FigureDefinition
 from results.record import DesignRecord
 from results.style import EMPHASIS, FAINT, INK, MUTED, STRUT_COLOURS, new_figure
 from results.units import DisplayUnit, handy_unit
-
-Array = NDArray[np.float64]
 
 _ELEVATION, _AZIMUTH = 20.0, -62.0
 _NAME_AT = 0.3

@@ -7,16 +7,14 @@ from matplotlib.axes import Axes
 from matplotlib.container import Container
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
-from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from expdesign.experiment.identifiable import IDENTIFIABLE
 from results.figures.definition import FigureDefinition
 from results.figures.legends import legend_above
 from results.record import DesignRecord
 from results.style import ALERT, EMPHASIS, MUTED, SECOND, new_figure
 from results.symbols import symbol
-
-Array = NDArray[np.float64]
 
 _IDENTIFIABLE = 100 * IDENTIFIABLE
 _WIDTH = 0.38

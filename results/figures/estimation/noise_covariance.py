@@ -8,12 +8,11 @@ from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from estimation.diagnostics.noise_tests import NoiseTests
 from results.figures.definition import FigureDefinition
 from results.style import BLUE, INK, STRUT_COLOURS, VERMILLION, new_figure
 from results.units import handy_unit
-
-Array = NDArray[np.float64]
 
 _COLOURS = LinearSegmentedColormap.from_list("correlation", [BLUE, "#ffffff", VERMILLION])
 _DARK = 0.6

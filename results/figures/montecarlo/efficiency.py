@@ -6,15 +6,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from results.figures.definition import FigureDefinition
 from results.figures.legends import legend_above
 from results.figures.montecarlo.series import parameter_axis, points
 from results.study_record import StudyRecord
 from results.style import MUTED, new_figure
-
-Array = NDArray[np.float64]
 
 NOMINAL = 95.0
 """What the intervals should cover, %."""

@@ -7,13 +7,11 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from results.reading.estimator_statistics import EstimatorStatistics
 from results.style import BLUE, GREEN, VERMILLION
 from results.symbols import symbol
-
-Array = NDArray[np.float64]
 
 Series = Sequence[EstimatorStatistics]
 

@@ -8,7 +8,7 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
-from expdesign.configuration import ConfigurationError, Problem
+from expdesign.configuration import InputError, Problem
 from expdesign.experiment.sensitivity import LimitSensitivity, limit_sensitivity
 from expdesign.runfolder.atomic import write_text
 from expdesign.trajectory import read_design_file
@@ -73,14 +73,14 @@ def write_comparison(
 
     Raises
     ------
-    ConfigurationError
+    InputError
         Folders that cannot be compared.
     RunFolderError
         A file of one is missing or does not hold what it should.
     """
     folders = open_folders(paths)
     if out.resolve() in {path.resolve() for path in paths}:
-        raise ConfigurationError(
+        raise InputError(
             Problem(
                 "the comparison would overwrite the report of a folder that it compares",
                 file=out,

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from expdesign.experiment.scaling import parameter_scaling
 from results.report.comparison.designs import ComparedDesign, DesignComparison
 from results.report.comparison.machines import COUNTED
 from results.report.table import Column, ReportTable, Value
-
-Array = NDArray[np.float64]
 
 
 def efficiencies(comparison: DesignComparison) -> dict[str, float | None]:

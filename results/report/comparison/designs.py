@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from expdesign.information.fisher import (
     SingularInformationError,
     log_det,
@@ -18,8 +18,6 @@ from results.reading.table import Table
 from results.record import DesignRecord
 from results.report.comparison.machines import differing, machines
 from results.report.folder import RunFolder
-
-Array = NDArray[np.float64]
 
 EXPLAINED = 0.1
 """Largest share of the cost's gradient that the limits may leave for multipliers to be shown."""

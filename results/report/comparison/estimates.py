@@ -7,10 +7,10 @@ from itertools import combinations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from estimation.uncertainty.differences import Differences, difference_test
-from expdesign.robot.graph import parameter_unit
+from expdesign.mechanism.graph import parameter_unit
 from expdesign.runfolder.manifest import file_hash
 from results.figures.comparison.series import ParameterSeries, Series
 from results.report.content import (
@@ -33,8 +33,6 @@ from results.report.folder import RunFolder
 from results.report.numerals import counted
 from results.report.stages.estimate import NAMES
 from results.report.table import Column, ReportTable, Value
-
-Array = NDArray[np.float64]
 
 _TWO_SIDED = 1.959963984540054
 """Half-width of a 95 % interval in standard deviations."""

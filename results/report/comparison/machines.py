@@ -11,11 +11,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from expdesign.configuration import ResolvedRobot
-
-Array = NDArray[np.float64]
 
 COUNTED = "joints, first cardan axes, gravity and noise of the forces"
 """What makes a machine, in words, where the parameters are the same."""

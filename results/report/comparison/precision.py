@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from results.figures.comparison.series import ParameterSeries, Series
 from results.report.comparison.designs import DesignComparison
 from results.report.table import Column, ReportTable, Value
-
-Array = NDArray[np.float64]
 
 
 def relative_std(comparison: DesignComparison, samples: float) -> dict[str, Array]:

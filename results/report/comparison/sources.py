@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from expdesign.configuration import ConfigurationError, Problem
+from expdesign.configuration import InputError, Problem
 from expdesign.runfolder.manifest import file_hash
 from results.report.content import Section, TableBlock
 from results.report.folder import STAGE_FILES, RunFolder
@@ -27,7 +27,7 @@ def open_folders(paths: Sequence[Path]) -> dict[str, RunFolder]:
 
     Raises
     ------
-    ConfigurationError
+    InputError
         There are fewer than two, one is named twice, one is no run folder, or has nothing that
         could be compared.
     """
@@ -43,7 +43,7 @@ def open_folders(paths: Sequence[Path]) -> dict[str, RunFolder]:
         if resolved[position] in resolved[:position]
     ]
     if problems:
-        raise ConfigurationError(problems)
+        raise InputError(problems)
     folders = dict(zip(_labels(resolved), (RunFolder.open(path) for path in paths), strict=True))
     problems += [
         Problem(
@@ -56,7 +56,7 @@ def open_folders(paths: Sequence[Path]) -> dict[str, RunFolder]:
         if not any(folder.has(stage) for stage in COMPARED)
     ]
     if problems:
-        raise ConfigurationError(problems)
+        raise InputError(problems)
     return folders
 
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from pathlib import PurePath
 
 import numpy as np
-from numpy.typing import NDArray
 
+from constraints.arrays import Array
 from results.reading.document import Document
 from results.reading.table import Table
 from results.report.content import (
@@ -33,8 +33,6 @@ from results.report.stages.findings import (
 from results.report.stages.noise import FIGURES as NOISE_FIGURES
 from results.report.stages.noise import shows_noise
 from results.report.table import Column, ReportTable, Value
-
-Array = NDArray[np.float64]
 
 FIGURES = ("estimates", "correlation")
 DIAGNOSTIC_FIGURES = ("residuals", "residual_dependence", "position_periodic")

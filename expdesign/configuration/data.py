@@ -6,15 +6,15 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
-from expdesign.schema.base import Section
-from expdesign.schema.failure import refusal, shown
-from expdesign.schema.quantity import (
+from expdesign.configuration.base import Section
+from expdesign.configuration.failure import refusal, shown
+from expdesign.configuration.quantity import (
     Duration,
     ForceConstant,
     Number,
     unit_dimension,
 )
-from expdesign.schema.scalars import FilledText, Text, known_key, one_of, one_or_six
+from expdesign.configuration.scalars import FilledText, Text, known_key, one_of, one_or_six
 
 LENGTH_CHANNELS = tuple(f"q{j}" for j in range(1, 7))
 FORCE_CHANNELS = tuple(f"Q{j}" for j in range(1, 7))

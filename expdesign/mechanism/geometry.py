@@ -6,11 +6,9 @@ from dataclasses import dataclass, fields
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-
-STRUTS = 6
+from constraints.arrays import Array
+from expdesign.mechanism.hexapod import ACTUATORS
 
 
 @dataclass(frozen=True)
@@ -75,10 +73,10 @@ class GeometrySymbols:
 
 def geometry_symbols() -> GeometrySymbols:
     """Create the graph's geometry input, laid out as `Geometry.vector`."""
-    base = ca.SX.sym("A", 3, STRUTS)
-    joints = ca.SX.sym("b", 3, STRUTS)
-    frames = tuple(ca.SX.sym(f"C{j + 1}", 3, 3) for j in range(STRUTS))
-    axes = ca.SX.sym("c", 3, STRUTS)
+    base = ca.SX.sym("A", 3, ACTUATORS)
+    joints = ca.SX.sym("b", 3, ACTUATORS)
+    frames = tuple(ca.SX.sym(f"C{j + 1}", 3, 3) for j in range(ACTUATORS))
+    axes = ca.SX.sym("c", 3, ACTUATORS)
     gravity = ca.SX.sym("g", 3)
     # CasADi stores by columns, NumPy by rows: the frames are transposed to match `vector`.
     vector = ca.vertcat(

@@ -8,11 +8,11 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, field_serializer
 
-from expdesign.schema.base import Section
-from expdesign.schema.failure import refusal, shown
-from expdesign.schema.parameters import ParameterName
-from expdesign.schema.quantity import Duration, Positive, Speed
-from expdesign.schema.scalars import Distinct, Seed, at_least, one_of, whole
+from expdesign.configuration.base import Section
+from expdesign.configuration.failure import refusal, shown
+from expdesign.configuration.parameters import ParameterName
+from expdesign.configuration.quantity import Duration, Positive, Speed
+from expdesign.configuration.scalars import Distinct, Seed, at_least, one_of, whole
 
 # A criterion is a file of its name; listing the files keeps this schema free of imports.
 _CRITERIA_FOLDER = Path(__file__).parents[1] / "information" / "criteria"

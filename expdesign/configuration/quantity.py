@@ -19,7 +19,7 @@ from typing import Annotated
 import pint
 from pydantic import AfterValidator, BeforeValidator
 
-from expdesign.schema.failure import refusal, shown
+from expdesign.configuration.failure import refusal, shown
 
 _NUMBER = r"[+-]?(?:\d{1,40}(?:\.\d{0,40})?|\.\d{1,40})(?:[eE][+-]?\d{1,3})?"
 _FACTOR = r"(?:[A-Za-zµμ]{1,12}|°)(?:(?:\^|\*\*)?-?[1-9])?"

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from expdesign.schema.base import Section
-from expdesign.schema.quantity import (
+from expdesign.configuration.base import Section
+from expdesign.configuration.quantity import (
     Force,
     ForceVariance,
     Length,
@@ -13,7 +13,7 @@ from expdesign.schema.quantity import (
     Number,
     Positive,
 )
-from expdesign.schema.scalars import exactly
+from expdesign.configuration.scalars import exactly
 
 _SIX = exactly(6, "values")
 _ROWS = exactly(6, "rows")

@@ -7,22 +7,22 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
 
-from expdesign.schema.base import Section
-from expdesign.schema.data import DataSection
-from expdesign.schema.design import DesignSection
-from expdesign.schema.estimate import EstimateSection
-from expdesign.schema.experiment import ExperimentSection
-from expdesign.schema.export import ExportSections
-from expdesign.schema.failure import refusal, shown
-from expdesign.schema.montecarlo import MonteCarloSection
-from expdesign.schema.motion import MotionSection
-from expdesign.schema.noise import NoiseDescription
-from expdesign.schema.report import ReportSection
-from expdesign.schema.robot import RawMapping, RobotDescription
-from expdesign.schema.scalars import FilledText, Name, Text, at_least, whole
-from expdesign.schema.study import StudySection
-from expdesign.schema.trajectory import TrajectorySection
-from expdesign.schema.validation import ValidationMotion
+from expdesign.configuration.base import Section
+from expdesign.configuration.data import DataSection
+from expdesign.configuration.design import DesignSection
+from expdesign.configuration.estimate import EstimateSection
+from expdesign.configuration.experiment import ExperimentSection
+from expdesign.configuration.export import ExportSections
+from expdesign.configuration.failure import refusal, shown
+from expdesign.configuration.montecarlo import MonteCarloSection
+from expdesign.configuration.motion import MotionSection
+from expdesign.configuration.noise_section import NoiseDescription
+from expdesign.configuration.report import ReportSection
+from expdesign.configuration.robot_section import RawMapping, RobotDescription
+from expdesign.configuration.scalars import FilledText, Name, Text, at_least, whole
+from expdesign.configuration.study import StudySection
+from expdesign.configuration.trajectory import TrajectorySection
+from expdesign.configuration.validation_section import ValidationMotion
 
 _DEFAULT_WORKERS = 2
 _LARGEST_WORKERS = 1024

@@ -6,11 +6,11 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, model_validator
 
-from expdesign.schema.base import Section
-from expdesign.schema.failure import refusal
-from expdesign.schema.quantity import Length, Number, Positive, Speed
-from expdesign.schema.robot import Pose
-from expdesign.schema.scalars import FilledText, at_least, exactly, one_of, whole
+from expdesign.configuration.base import Section
+from expdesign.configuration.failure import refusal
+from expdesign.configuration.quantity import Length, Number, Positive, Speed
+from expdesign.configuration.robot_section import Pose
+from expdesign.configuration.scalars import FilledText, at_least, exactly, one_of, whole
 
 Motion = Literal["circle", "line", "spline", "file"]
 Mirror = Literal["none", "xz", "yz"]

@@ -6,9 +6,9 @@ from typing import Annotated
 
 from pydantic import AfterValidator
 
-from expdesign.schema.base import Section
-from expdesign.schema.failure import refusal
-from expdesign.schema.quantity import (
+from expdesign.configuration.base import Section
+from expdesign.configuration.failure import refusal
+from expdesign.configuration.quantity import (
     Angle,
     Force,
     Frequency,
@@ -17,7 +17,7 @@ from expdesign.schema.quantity import (
     Number,
     Positive,
 )
-from expdesign.schema.scalars import Ascending, Pair, Seed, one_or_six, whole
+from expdesign.configuration.scalars import Ascending, Pair, Seed, one_or_six, whole
 
 _LARGEST_COUNT = 100_000
 

@@ -6,10 +6,10 @@ from typing import Annotated
 
 from pydantic import model_validator
 
-from expdesign.schema.base import Section
-from expdesign.schema.failure import refusal
-from expdesign.schema.quantity import Duration, Frequency, Positive
-from expdesign.schema.scalars import Ascending, Pair, whole
+from expdesign.configuration.base import Section
+from expdesign.configuration.failure import refusal
+from expdesign.configuration.quantity import Duration, Frequency, Positive
+from expdesign.configuration.scalars import Ascending, Pair, whole
 
 _LARGEST_HARMONICS = 100
 _LARGEST_SAMPLES = 100_000

@@ -6,12 +6,12 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from expdesign.schema.base import Section
-from expdesign.schema.failure import refusal, shown
-from expdesign.schema.noise import NoiseDescription
-from expdesign.schema.parameters import GENERAL_ONLY, ParametersDescription
-from expdesign.schema.quantity import Acceleration, Angle, Length, Number
-from expdesign.schema.scalars import Name, Text, exactly, one_of
+from expdesign.configuration.base import Section
+from expdesign.configuration.failure import refusal, shown
+from expdesign.configuration.noise_section import NoiseDescription
+from expdesign.configuration.parameters import GENERAL_ONLY, ParametersDescription
+from expdesign.configuration.quantity import Acceleration, Angle, Length, Number
+from expdesign.configuration.scalars import Name, Text, exactly, one_of
 
 PlatformKind = Literal["symmetric", "general"]
 

@@ -6,10 +6,10 @@ from typing import Annotated, Literal, NamedTuple, get_args
 
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Tag, model_validator
 
-from expdesign.schema.base import Section
-from expdesign.schema.failure import nearest, refusal, shown
-from expdesign.schema.quantity import Duration, Length, Number, Positive
-from expdesign.schema.scalars import (
+from expdesign.configuration.base import Section
+from expdesign.configuration.failure import nearest, refusal, shown
+from expdesign.configuration.quantity import Duration, Length, Number, Positive
+from expdesign.configuration.scalars import (
     Distinct,
     Name,
     at_least,

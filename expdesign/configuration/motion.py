@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from expdesign.schema.base import Section
-from expdesign.schema.quantity import Jerk, Positive
-from expdesign.schema.scalars import one_of
+from expdesign.configuration.base import Section
+from expdesign.configuration.quantity import Jerk, Positive
+from expdesign.configuration.scalars import one_of
 
 Phase = Literal["start", "best"]
 

@@ -15,10 +15,11 @@ from types import MappingProxyType
 
 import casadi as ca
 
-from expdesign.robot.geometry import STRUTS, GeometrySymbols, geometry_symbols
-from expdesign.robot.platform import GENERAL, SYMMETRIC, platform_wrench_regressor
-from expdesign.robot.rotation import angular_acceleration, angular_velocity, rotation_matrix
-from expdesign.robot.strut import (
+from expdesign.mechanism.geometry import GeometrySymbols, geometry_symbols
+from expdesign.mechanism.hexapod import ACTUATORS
+from expdesign.mechanism.platform import GENERAL, SYMMETRIC, platform_wrench_regressor
+from expdesign.mechanism.rotation import angular_acceleration, angular_velocity, rotation_matrix
+from expdesign.mechanism.strut import (
     StrutKinematics,
     generalized_force_regressor,
     strut_kinematics,
@@ -41,7 +42,7 @@ class Friction(Enum):
 
 def parameter_names(*, general: bool) -> tuple[str, ...]:
     """Return the names of the regressor's columns: 24, or 29 for a general platform."""
-    actuators = range(1, STRUTS + 1)
+    actuators = range(1, ACTUATORS + 1)
     return (
         *STRUT_PARAMETERS,
         *(GENERAL if general else SYMMETRIC),
@@ -111,7 +112,7 @@ class HexapodGraph:
             # One width in m/s for the actuators; a passive joint slides by the angle that a
             # strut of the present length turns, so that its width is the same at the strut's end.
             length = self.kinematic["strut_length"]
-            arm = ca.vertcat(ca.SX.ones(STRUTS), length, length)
+            arm = ca.vertcat(ca.SX.ones(ACTUATORS), length, length)
             return ca.tanh(self.sliding * arm / self.width)
         return self.signs
 
@@ -151,13 +152,13 @@ def hexapod_graph(*, general: bool) -> HexapodGraph:
     pose, rate, acceleration = (ca.SX.sym(name, 6) for name in ("pose", "rate", "acceleration"))
     geometry = geometry_symbols()
     length_scale = ca.SX.sym("characteristic_length")
-    signs = ca.SX.sym("sign", 3 * STRUTS)
+    signs = ca.SX.sym("sign", 3 * ACTUATORS)
     rotation = rotation_matrix(pose[3:])
     omega = angular_velocity(pose[3:], rate[3:])
     domega = angular_acceleration(pose[3:], rate[3:], acceleration[3:])
     arms = rotation @ geometry.platform_joints
     struts = []
-    for j in range(STRUTS):
+    for j in range(ACTUATORS):
         arm = arms[:, j]
         turning = ca.cross(omega, arm)
         struts.append(
@@ -183,7 +184,7 @@ def hexapod_graph(*, general: bool) -> HexapodGraph:
         "beta_rate": _column(struts, "beta_rate"),
         "strut_direction": ca.horzcat(*(strut.direction for strut in struts)),
         "base_joints": geometry.base_joints,
-        "platform_joints": ca.repmat(pose[:3], 1, STRUTS) + arms,
+        "platform_joints": ca.repmat(pose[:3], 1, ACTUATORS) + arms,
         "platform_joint_axes": rotation @ geometry.platform_joint_axes,
     }
     # Columns of Gᵀ: the wrench of a unit force along each strut (l̇ = G V).
@@ -240,13 +241,13 @@ def _close(
         per_alpha = strut.along_alpha / (strut.length * strut.cos_beta)
         per_beta = strut.along_beta / strut.length
         inertial += _wrench(arms[:, j], per_alpha @ torque[0, :] + per_beta @ torque[1, :])
-        sign_alpha, sign_beta = signs[STRUTS + j], signs[2 * STRUTS + j]
+        sign_alpha, sign_beta = signs[ACTUATORS + j], signs[2 * ACTUATORS + j]
         passive += _wrench(arms[:, j], ca.horzcat(per_alpha * sign_alpha, per_beta * sign_beta))
     # ca.inv on SX is a QR factorisation: as accurate as the Jacobian's condition allows.
     carried = ca.inv(transposed) @ ca.horzcat(inertial, platform, passive)
     carried[:, : len(STRUT_PARAMETERS)] += ca.vertcat(*along)
     sliding = ca.diag(_column(struts, "length_rate"))
-    return ca.densify(ca.horzcat(carried, ca.diag(signs[:STRUTS]), sliding))
+    return ca.densify(ca.horzcat(carried, ca.diag(signs[:ACTUATORS]), sliding))
 
 
 def _wrench(arm: ca.SX, forces: ca.SX) -> ca.SX:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from expdesign.schema.base import Section
-from expdesign.schema.scalars import Distinct, Text, at_least, one_of
+from expdesign.configuration.base import Section
+from expdesign.configuration.scalars import Distinct, Text, at_least, one_of
 
 FigureFormat = Literal["png", "svg", "pdf"]
 

@@ -8,7 +8,7 @@ from typing import Annotated, Any, get_args
 
 from pydantic import AfterValidator, BeforeValidator
 
-from expdesign.schema.failure import nearest, refusal, shown
+from expdesign.configuration.failure import nearest, refusal, shown
 
 _NAME = re.compile(r"[A-Za-z0-9._-]+")
 _LONGEST_NAME = 100

@@ -7,14 +7,14 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, model_validator
 
-from expdesign.schema.base import Section
-from expdesign.schema.design import CRITERIA
-from expdesign.schema.experiment import Cogging, TrackingError
-from expdesign.schema.failure import refusal
-from expdesign.schema.parameters import ParameterName
-from expdesign.schema.quantity import Number
-from expdesign.schema.scalars import Distinct, at_least, exactly, one_of, whole
-from expdesign.schema.validation import ValidationMotion
+from expdesign.configuration.base import Section
+from expdesign.configuration.design import CRITERIA
+from expdesign.configuration.experiment import Cogging, TrackingError
+from expdesign.configuration.failure import refusal
+from expdesign.configuration.parameters import ParameterName
+from expdesign.configuration.quantity import Number
+from expdesign.configuration.scalars import Distinct, at_least, exactly, one_of, whole
+from expdesign.configuration.validation_section import ValidationMotion
 
 StudyKind = Literal["design", "identification", "validation"]
 Kinematics = Literal["exact", "fourier", "central"]

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from expdesign.schema.base import Section
-from expdesign.schema.estimate import Estimators
-from expdesign.schema.scalars import Seed, whole
+from expdesign.configuration.base import Section
+from expdesign.configuration.estimate import Estimators
+from expdesign.configuration.scalars import Seed, whole
 
 _LARGEST_REPETITIONS = 10_000_000
 

@@ -6,8 +6,8 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, SerializerFunctionWrapHandler, model_serializer
 
-from expdesign.schema.base import Section
-from expdesign.schema.quantity import (
+from expdesign.configuration.base import Section
+from expdesign.configuration.quantity import (
     DAMPING,
     FIRST_MOMENT,
     FORCE,
@@ -22,7 +22,7 @@ from expdesign.schema.quantity import (
     Mass,
     Torque,
 )
-from expdesign.schema.scalars import known_key
+from expdesign.configuration.scalars import known_key
 
 _RIGID: dict[str, Dimension] = {
     **dict.fromkeys(("p1", "p2", "p3"), INERTIA),

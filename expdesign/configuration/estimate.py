@@ -7,11 +7,11 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, field_serializer
 from pydantic_core import PydanticCustomError
 
-from expdesign.schema.base import Section
-from expdesign.schema.failure import refusal, shown
-from expdesign.schema.parameters import PARAMETER_DIMENSIONS, known_parameter
-from expdesign.schema.quantity import Frequency, Positive
-from expdesign.schema.scalars import Distinct, at_least, one_of
+from expdesign.configuration.base import Section
+from expdesign.configuration.failure import refusal, shown
+from expdesign.configuration.parameters import PARAMETER_DIMENSIONS, known_parameter
+from expdesign.configuration.quantity import Frequency, Positive
+from expdesign.configuration.scalars import Distinct, at_least, one_of
 
 Estimator = Literal["ls", "gm", "ml"]
 Differentiation = Literal["fourier", "central", "butterworth"]
