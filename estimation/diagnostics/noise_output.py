@@ -13,7 +13,8 @@ from estimation.diagnostics.noise_analysis import NoiseAnalysis
 from estimation.processing.noise import NoiseEstimate
 from expdesign.configuration import RunConfiguration, resolved_yaml
 from expdesign.runfolder.atomic import write_csv, write_json, write_text
-from expdesign.runfolder.columns import Column, add_columns
+from expdesign.runfolder.columns import add_columns
+from expdesign.runfolder.described import Column
 
 NOISE_COVARIANCE = (
     Column("quantity", "", "force or length"),

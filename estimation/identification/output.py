@@ -17,7 +17,8 @@ from estimation.processing.noise import NoiseEstimate, NoiseModel
 from estimation.uncertainty import correlation
 from expdesign.configuration import resolved_yaml
 from expdesign.runfolder.atomic import write_csv, write_json, write_text
-from expdesign.runfolder.columns import Column, add_columns
+from expdesign.runfolder.columns import add_columns
+from expdesign.runfolder.described import Column
 
 
 def write_estimate(

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from expdesign.runfolder.columns import TRAJECTORY, Column
+from expdesign.runfolder.columns import TRAJECTORY
+from expdesign.runfolder.described import Column
 
 ESTIMATES = (
     Column("estimator", "", "ls, gm or ml"),

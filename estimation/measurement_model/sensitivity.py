@@ -8,7 +8,8 @@ import numpy as np
 
 from constraints.arrays import Array
 from estimation.measurement_model.kernels import force_kernel
-from estimation.measurement_model.motion import COORDINATES, HarmonicMotion, MotionBasis
+from estimation.measurement_model.motion import HarmonicMotion, MotionBasis
+from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.robot import Robot
 from expdesign.robot.kernels import length_kernel
 

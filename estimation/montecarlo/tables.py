@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from expdesign.runfolder.columns import Column
+from expdesign.runfolder.described import Column
 
 _INTERVAL = "of the 95 % interval"
 

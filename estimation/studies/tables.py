@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from expdesign.runfolder.columns import Column
+from expdesign.runfolder.described import Column
 
 _SET = Column("set", "1", "set of initial parameters")
 _KINEMATICS = Column(

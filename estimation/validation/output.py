@@ -11,7 +11,8 @@ import pandas as pd
 from estimation.validation.validate import MotionValidation, ValidationResult
 from expdesign.configuration import resolved_yaml
 from expdesign.runfolder.atomic import write_csv, write_json, write_text
-from expdesign.runfolder.columns import Column, add_columns
+from expdesign.runfolder.columns import add_columns
+from expdesign.runfolder.described import Column
 
 VALIDATION = (
     Column("number", "1", "number of the motion"),

@@ -24,7 +24,7 @@ from expdesign.configuration.parameters import (
     SYMMETRIC_PARAMETERS,
     ParametersDescription,
 )
-from expdesign.configuration.problem import InputError, Problem
+from expdesign.configuration.problem import InputError, Problem, key_path
 from expdesign.configuration.quantity import (
     CURRENT,
     DURATION,
@@ -100,6 +100,7 @@ __all__ = [
     "find_robot",
     "find_run",
     "home_geometry",
+    "key_path",
     "load_robot_description",
     "load_run",
     "nearest",

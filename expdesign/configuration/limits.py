@@ -15,11 +15,12 @@ import numpy as np
 from pydantic_core import PydanticCustomError
 
 from constraints import LimitDefinition, limit_definitions
+from constraints.arrays import Array
 from expdesign.configuration.document import Document
 from expdesign.configuration.failure import nearest, refusal, shown
 from expdesign.configuration.problem import Key, Problem, key_path
 from expdesign.configuration.quantity import dimension_of
-from expdesign.configuration.resolved import Array, ResolvedLimit, read_only
+from expdesign.configuration.resolved import ResolvedLimit, read_only
 from expdesign.mechanism.hexapod import ACTUATORS
 
 CHARACTERISTIC_LENGTH = "characteristic_length"

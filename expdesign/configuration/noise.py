@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from constraints.arrays import Array
 from expdesign.configuration.document import Document
 from expdesign.configuration.noise_section import NoiseDescription
 from expdesign.configuration.problem import Key, Problem
-from expdesign.configuration.resolved import Array, ResolvedNoise, read_only
+from expdesign.configuration.resolved import ResolvedNoise, read_only
 
 _FAMILIES = ("force", "length")
 _TOLERANCE = 1e-9

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from constraints.arrays import Array
 from expdesign.configuration import geometry as geo
 from expdesign.configuration.consistency import parameter_warnings
 from expdesign.configuration.document import Document
@@ -18,7 +19,7 @@ from expdesign.configuration.noise import NoiseSource, resolve_noise
 from expdesign.configuration.noise_section import NoiseDescription
 from expdesign.configuration.parameters import GENERAL_PARAMETERS, SYMMETRIC_PARAMETERS
 from expdesign.configuration.problem import InputError, Key, Problem
-from expdesign.configuration.resolved import Array, ResolvedRobot, read_only
+from expdesign.configuration.resolved import ResolvedRobot, read_only
 from expdesign.configuration.robot_section import RobotDescription
 from expdesign.configuration.validation import validate
 from expdesign.configuration.yaml_reader import read_yaml

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from expdesign.runfolder.columns import Column
+from expdesign.runfolder.described import Column
 
 TABLES: dict[str, tuple[Column, ...]] = {
     "limits": (

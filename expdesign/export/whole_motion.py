@@ -8,7 +8,8 @@ from constraints.arrays import Array
 from expdesign.export.rows import in_window
 from expdesign.motion import ExecutableMotion
 from expdesign.robot import Robot
-from expdesign.runfolder.columns import TRAJECTORY, Column
+from expdesign.runfolder.columns import TRAJECTORY
+from expdesign.runfolder.described import Column
 
 WINDOW = Column("window", "1", "1 in the measurement window, 0 on the way to and from it")
 COLUMNS = (Column("t", "s", "time from the start of the motion"), *TRAJECTORY[1:], WINDOW)

@@ -1,67 +1,53 @@
-"""The columns of the tables: name, unit and meaning of each, for `columns.json`."""
+"""Columns that several tables have: time, pose, and what there is of every strut."""
 
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from expdesign.mechanism.hexapod import POSE, numbered
 from expdesign.runfolder.atomic import write_json
+from expdesign.runfolder.described import Column
 
 NAME = "columns.json"
 
 
-@dataclass(frozen=True)
-class Column:
-    """One column of a table. Values are SI and radians."""
-
-    name: str
-    unit: str
-    meaning: str
+def strutwise(prefix: str, unit: str, meaning: str, suffix: str = "") -> tuple[Column, ...]:
+    """Return a column for every strut: ``q1`` … ``q6``."""
+    names = enumerate(numbered(prefix, suffix), start=1)
+    return tuple(Column(name, unit, f"{meaning} of strut {number}") for number, name in names)
 
 
-_POSE = (
-    ("x", "m", "TCP position x, base frame"),
-    ("y", "m", "TCP position y, base frame"),
-    ("z", "m", "TCP position z, base frame"),
-    ("phi", "rad", "rotation φ about x"),
-    ("theta", "rad", "rotation θ about the moved y"),
-    ("psi", "rad", "rotation ψ about the moved z"),
-)
-_STRUTS = range(1, 7)
-
-
-def _derived(prefix: str, per: str, word: str) -> list[Column]:
-    return [
-        Column(f"{prefix}{name}", f"{unit}/{per}", f"{word} of {name}") for name, unit, _ in _POSE
-    ]
-
-
-def _strutwise(prefix: str, unit: str, meaning: str) -> list[Column]:
-    return [Column(f"{prefix}{j}", unit, f"{meaning} of strut {j}") for j in _STRUTS]
+def _derived(prefix: str, per: str, word: str) -> tuple[Column, ...]:
+    return tuple(
+        Column(f"{prefix}{c.name}", f"{c.unit}/{per}", f"{word} of {c.name}") for c in POSE
+    )
 
 
 TIME = Column("t", "s", "time from the start of the period")
+POSE_COLUMNS = tuple(Column(c.name, c.unit, c.meaning) for c in POSE)
+RATE_COLUMNS = _derived("d", "s", "rate")
+ACCELERATION_COLUMNS = _derived("dd", "s^2", "second time derivative")
 
 TRAJECTORY = (
     TIME,
-    *(Column(*entry) for entry in _POSE),
-    *_derived("d", "s", "rate"),
-    *_derived("dd", "s^2", "second time derivative"),
-    *_strutwise("q", "m", "length"),
-    *_strutwise("dq", "m/s", "speed"),
-    *_strutwise("ddq", "m/s^2", "acceleration"),
-    *_strutwise("alpha", "rad", "first cardan angle"),
-    *_strutwise("beta", "rad", "second cardan angle"),
-    *_strutwise("Q", "N", "actuator force at the nominal parameters, positive extends,"),
+    *POSE_COLUMNS,
+    *RATE_COLUMNS,
+    *ACCELERATION_COLUMNS,
+    *strutwise("q", "m", "length"),
+    *strutwise("dq", "m/s", "speed"),
+    *strutwise("ddq", "m/s^2", "acceleration"),
+    *strutwise("alpha", "rad", "first cardan angle"),
+    *strutwise("beta", "rad", "second cardan angle"),
+    *strutwise("Q", "N", "actuator force at the nominal parameters, positive extends,"),
 )
 """Columns of `trajectory.csv`."""
 
 MEASUREMENT = (
     Column("t", "s", "time from the start of the experiment"),
-    *_strutwise("q", "m", "measured length"),
-    *_strutwise("Q", "N", "measured actuator force, positive extends,"),
+    *strutwise("q", "m", "measured length"),
+    *strutwise("Q", "N", "measured actuator force, positive extends,"),
     Column("period", "1", "number of the period, from 1"),
 )
 """Columns of `measurement.csv`; the last one is optional in a file that is read."""

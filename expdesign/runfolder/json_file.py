@@ -1,0 +1,182 @@
+"""JSON files of a run folder: one frozen type each, which writes and reads its file."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any, ClassVar, Self
+
+from pydantic import ConfigDict, ValidationError
+
+from expdesign.configuration import InputError, Problem, key_path, shown
+from expdesign.runfolder.atomic import write_json
+from expdesign.runfolder.described import Column, checker, field_columns
+
+LARGEST_FILE = 64 * 1024 * 1024
+"""Bytes that are read of a file at most."""
+
+FORMAT = "format"
+"""The key of the format number; a file without it was written before there was one: format 0."""
+
+
+class MissingFileError(InputError):
+    """A file that is needed is not in the run folder.
+
+    Parameters
+    ----------
+    path : Path
+    remedy : str
+        What writes it.
+    """
+
+    def __init__(self, path: Path, remedy: str) -> None:
+        super().__init__(Problem("there is no such file", path, allowed=remedy))
+        self.path, self.remedy = path, remedy
+
+    def __reduce__(self) -> tuple[type[MissingFileError], tuple[Path, str]]:  # type: ignore[override]
+        return type(self), (self.path, self.remedy)
+
+
+class JsonFile:
+    """Base of the frozen dataclasses that are a JSON file each.
+
+    Every field is ``Annotated`` with `described`: that is the documentation of its key. Keys that
+    are not known are left alone, so that a later version may add some within a format.
+
+    Attributes
+    ----------
+    FILE : str
+        Path in the run folder.
+    FORMAT : int
+        Number of the format, one more whenever a reader of the number before would go wrong.
+    WRITTEN_BY : str
+        What writes it, for the message that it is missing.
+    """
+
+    FILE: ClassVar[str]
+    FORMAT: ClassVar[int] = 1
+    WRITTEN_BY: ClassVar[str]
+    __pydantic_config__ = ConfigDict(arbitrary_types_allowed=True, extra="ignore")
+
+    @classmethod
+    def upgraded(cls, data: dict[str, Any], written: int) -> dict[str, Any]:
+        """Return what a file of an earlier format holds in the form of today's.
+
+        Parameters
+        ----------
+        data : dict
+            What stands in the file.
+        written : int
+            Its format, below `FORMAT`; 0 before formats had numbers.
+        """
+        del written
+        return data
+
+    @classmethod
+    def read(cls, place: Path) -> Self:
+        """Read the file.
+
+        Parameters
+        ----------
+        place : Path
+            A run folder, or the file itself.
+
+        Raises
+        ------
+        MissingFileError
+            There is none.
+        InputError
+            It is not JSON, of a newer format, or a key is missing or not of its kind; every
+            problem with file and key.
+        """
+        path = place / cls.FILE if place.is_dir() else place
+        if not path.is_file():
+            raise MissingFileError(path, cls.WRITTEN_BY)
+        data = read_mapping(path)
+        written = known_format(path, data.get(FORMAT, 0), cls.FORMAT)
+        try:
+            return checker(cls).validate_python(
+                cls.upgraded(data, written) if written < cls.FORMAT else data
+            )
+        except ValidationError as error:
+            raise InputError(_problems(path, error)) from error
+
+    def write(self, folder: Path) -> Path:
+        """Write the file into a run folder; NaN and ±inf become null."""
+        path = folder / self.FILE
+        write_json(path, {FORMAT: self.FORMAT, **self.as_data()})
+        return path
+
+    def as_data(self) -> dict[str, Any]:
+        """Return the keys of the file and their values."""
+        return checker(type(self)).dump_python(self)
+
+    @classmethod
+    def described_keys(cls) -> tuple[Column, ...]:
+        """Return name, unit and meaning of every key."""
+        return tuple(column for _, columns in field_columns(cls) for column in columns)
+
+
+def read_mapping(path: Path) -> dict[str, Any]:
+    """Read a JSON file that holds a mapping.
+
+    Raises
+    ------
+    InputError
+        It cannot be read, is too large, is not JSON, or holds something else.
+    """
+    allowed = "a JSON file that expdesign wrote"
+    try:
+        with path.open("rb") as stream:
+            raw = stream.read(LARGEST_FILE + 1)
+    except OSError as error:
+        message = f"cannot be read: {error.strerror or error}"
+        raise InputError(Problem(message, path, allowed=allowed)) from error
+    if len(raw) > LARGEST_FILE:
+        message = f"larger than {LARGEST_FILE // 1024**2} MiB"
+        raise InputError(Problem(message, path, allowed=allowed))
+    try:
+        data = json.loads(raw.decode("utf-8"))
+    except json.JSONDecodeError as error:
+        problem = Problem(f"not JSON: {error.msg}", path, error.lineno, allowed=allowed)
+        raise InputError(problem) from error
+    except (ValueError, RecursionError) as error:
+        # Not UTF-8, a number of very many digits, or brackets without end.
+        raise InputError(Problem("not JSON that can be read", path, allowed=allowed)) from error
+    if not isinstance(data, dict):
+        raise InputError(Problem(f"holds {shown(data)}", path, 1, allowed=allowed))
+    return data
+
+
+def known_format(path: Path, found: object, newest: int) -> int:
+    """Return the format number of a file.
+
+    Raises
+    ------
+    InputError
+        It is no number, or newer than what this version reads.
+    """
+    if isinstance(found, bool) or not isinstance(found, int):
+        raise InputError(Problem(f"{shown(found)} is no format number", path, key=FORMAT))
+    if found > newest:
+        raise InputError(
+            Problem(
+                f"the file has format {found}, this version of expdesign reads up to {newest}",
+                path,
+                key=FORMAT,
+                allowed="a newer version of expdesign, or a file that this one wrote",
+            )
+        )
+    return found
+
+
+def _problems(path: Path, error: ValidationError) -> list[Problem]:
+    problems = []
+    for details in error.errors(include_url=False):
+        key = key_path(details["loc"])
+        if details["type"] == "missing":
+            problems.append(Problem("the key is missing", path, key=key))
+        else:
+            message = details["msg"].removeprefix("Value error, ")
+            problems.append(Problem(f"{shown(details['input'])}: {message}", path, key=key))
+    return problems

@@ -1,0 +1,278 @@
+"""CSV files of a run folder: their columns, how they are written and read, each in one place."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Generic, Self, TypeVar
+
+import numpy as np
+import pandas as pd
+from pydantic import ValidationError
+
+from constraints.arrays import Array
+from expdesign.configuration import InputError, Problem, shown
+from expdesign.runfolder.atomic import write_csv, write_json
+from expdesign.runfolder.described import Column, checker, field_columns
+from expdesign.runfolder.json_file import (
+    FORMAT,
+    MissingFileError,
+    known_format,
+    read_mapping,
+)
+
+COLUMNS_FILE = "columns.json"
+"""Unit and meaning of every column of every table of a folder, and the tables' formats."""
+
+_COLUMNS_FORMAT = 1
+_FORMATS = "formats"
+_FIRST_LINE = 2
+"""The first row of a table stands in the file's second line."""
+
+Row = TypeVar("Row")
+Block = TypeVar("Block")
+
+
+@dataclass(frozen=True)
+class Table:
+    """A CSV file: its place, its columns and its format.
+
+    Attributes
+    ----------
+    file : str
+        Path in the run folder.
+    written_by : str
+        What writes it, for the message that it is missing.
+    format : int
+        Number of the format, one more whenever a reader of the number before would go wrong.
+    """
+
+    file: str
+    written_by: str
+    format: int = field(default=1, kw_only=True)
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """The columns in their order."""
+        raise NotImplementedError
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of the columns."""
+        return tuple(column.name for column in self.columns)
+
+    def numbered(self, number: int) -> Self:
+        """Return the same table in the file of one of several: ``tables/motion_2.csv``."""
+        stem, ending = self.file.rsplit(".", 1)
+        return replace(self, file=f"{stem}_{number}.{ending}")
+
+    def is_in(self, folder: Path) -> bool:
+        """Tell whether a folder has the file."""
+        return (folder / self.file).is_file()
+
+    def write_frame(self, folder: Path, frame: pd.DataFrame) -> list[Path]:
+        """Write the file and tell of its columns in `columns.json`; return both paths."""
+        path = folder / self.file
+        write_csv(path, frame)
+        return [path, describe_tables(folder, [self])]
+
+    def read_frame(self, folder: Path) -> pd.DataFrame:
+        """Read the file, every cell as text; columns that are not known stay.
+
+        Raises
+        ------
+        MissingFileError
+            There is none.
+        InputError
+            It is no table, of a newer format, or columns are missing.
+        """
+        path = folder / self.file
+        if not path.is_file():
+            raise MissingFileError(path, self.written_by)
+        formats = _known_columns(folder).get(_FORMATS)
+        if isinstance(formats, dict):
+            known_format(path, formats.get(self.file, 0), self.format)
+        try:
+            frame = pd.read_csv(path, dtype=str, keep_default_na=False, encoding="utf-8")
+        except (OSError, ValueError) as error:
+            raise InputError(Problem(f"not a table that can be read: {error}", path)) from error
+        missing = [name for name in self.names if name not in frame.columns]
+        if missing:
+            raise InputError(Problem(f"columns are missing: {', '.join(missing)}", path))
+        return frame
+
+
+@dataclass(frozen=True)
+class RowTable(Table, Generic[Row]):
+    """A table with a frozen dataclass for every row, whose fields are `described`."""
+
+    row: type[Row]
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """One for every field of the row."""
+        return tuple(column for _, columns in field_columns(self.row) for column in columns)
+
+    def write(self, folder: Path, rows: Iterable[Row]) -> list[Path]:
+        """Write the rows; return the paths of the table and of `columns.json`."""
+        attributes = [name for name, _ in field_columns(self.row)]
+        cells = [[getattr(row, name) for name in attributes] for row in rows]
+        return self.write_frame(folder, pd.DataFrame(cells, columns=list(self.names), dtype=object))
+
+    def read(self, folder: Path) -> tuple[Row, ...]:
+        """Read the rows; cells may be empty where the field is `OpenNumber` or `MAY_BE_EMPTY`.
+
+        Raises
+        ------
+        InputError
+            As `read_frame`, or a cell is not of its kind: with line and column.
+        """
+        frame = self.read_frame(folder)
+        attributes = [name for name, _ in field_columns(self.row)]
+        names = list(self.names)
+        cells = [
+            dict(zip(attributes, row, strict=True))
+            for row in frame[names].itertuples(index=False, name=None)
+        ]
+        try:
+            return checker(tuple[self.row, ...]).validate_python(cells)  # type: ignore[name-defined]
+        except ValidationError as error:
+            details = error.errors(include_url=False)[0]
+            number, *place = details["loc"]
+            column = names[attributes.index(str(place[0]))] if place else ""
+            problem = Problem(
+                f"{shown(details['input'])}: {details['msg'].removeprefix('Value error, ')}",
+                folder / self.file,
+                int(number) + _FIRST_LINE,
+                f"column {column}",
+            )
+            raise InputError(problem) from error
+
+
+@dataclass(frozen=True)
+class ArrayTable(Table, Generic[Block]):
+    """A table of numbers alone: a frozen dataclass of arrays (N,) and (N, k), `array_columns`."""
+
+    block: type[Block]
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """Those of all arrays, side by side."""
+        return tuple(column for _, columns in field_columns(self.block) for column in columns)
+
+    def write(self, folder: Path, block: Block) -> list[Path]:
+        """Write the arrays; return the paths of the table and of `columns.json`."""
+        parts = [
+            np.asarray(getattr(block, name), dtype=np.float64).reshape(-1, len(columns))
+            for name, columns in field_columns(self.block)
+        ]
+        frame = pd.DataFrame(np.concatenate(parts, axis=1), columns=list(self.names))
+        return self.write_frame(folder, frame)
+
+    def read(self, folder: Path) -> Block:
+        """Read the arrays.
+
+        Raises
+        ------
+        InputError
+            As `read_frame`, or a cell is no finite number: with line and column.
+        """
+        frame = self.read_frame(folder)
+        parts: dict[str, Array] = {}
+        for name, columns in field_columns(self.block):
+            values = [_numbers(folder / self.file, frame, column.name) for column in columns]
+            parts[name] = values[0] if len(columns) == 1 else np.column_stack(values)
+        return self.block(**parts)
+
+
+@dataclass(frozen=True)
+class MatrixTable(Table):
+    """A table with further columns whose names are data: one for every parameter.
+
+    Attributes
+    ----------
+    keys : tuple of Column
+        The columns in front, texts.
+    entry : Column
+        What all the further columns hold; its name stands for theirs, ``"<parameter>"``.
+    """
+
+    keys: tuple[Column, ...]
+    entry: Column
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """The columns in front; `entry` tells of the others."""
+        return self.keys
+
+    def write(
+        self, folder: Path, parts: Iterable[tuple[Sequence[Sequence[str]], Sequence[str], Array]]
+    ) -> list[Path]:
+        """Write matrices below each other; return the paths of the table and of `columns.json`.
+
+        Parameters
+        ----------
+        folder : Path
+        parts : iterable of (keys, names, matrix)
+            The cells of the columns in front, row by row; the names of the further columns; and
+            their numbers.
+        """
+        frames = []
+        for keys, names, matrix in parts:
+            front = pd.DataFrame(list(keys), columns=list(self.names))
+            frames.append(pd.concat([front, pd.DataFrame(matrix, columns=list(names))], axis=1))
+        return self.write_frame(folder, pd.concat(frames, ignore_index=True))
+
+    def read(self, folder: Path) -> tuple[tuple[tuple[str, ...], ...], tuple[str, ...], Array]:
+        """Return the cells in front row by row, the names of the further columns, the numbers.
+
+        Raises
+        ------
+        InputError
+            As `read_frame`, or a cell is no finite number.
+        """
+        frame = self.read_frame(folder)
+        keys = tuple(frame[list(self.names)].itertuples(index=False, name=None))
+        names = tuple(str(name) for name in frame.columns if name not in self.names)
+        columns = [_numbers(folder / self.file, frame, name) for name in names]
+        return keys, names, np.column_stack(columns) if columns else np.empty((len(keys), 0))
+
+
+def describe_tables(folder: Path, tables: Iterable[Table]) -> Path:
+    """Tell unit and meaning of the tables' columns in `columns.json`, beside what stands there."""
+    path = folder / COLUMNS_FILE
+    known = _known_columns(folder)
+    formats = known.pop(_FORMATS, {})
+    formats = dict(formats) if isinstance(formats, dict) else {}
+    for table in tables:
+        formats[table.file] = table.format
+        columns = [*table.columns, *([table.entry] if isinstance(table, MatrixTable) else [])]
+        known[table.file] = [
+            {"name": c.name, "unit": c.unit, "meaning": c.meaning} for c in columns
+        ]
+    known.pop(FORMAT, None)
+    write_json(path, {FORMAT: _COLUMNS_FORMAT, _FORMATS: formats, **known})
+    return path
+
+
+def _known_columns(folder: Path) -> dict[str, Any]:
+    """Return what `columns.json` says, nothing when there is none or it cannot be used."""
+    path = folder / COLUMNS_FILE
+    if not path.is_file():
+        return {}
+    try:
+        return read_mapping(path)
+    except InputError:
+        return {}
+
+
+def _numbers(path: Path, frame: pd.DataFrame, name: str) -> Array:
+    cells = frame[name]
+    values = pd.to_numeric(cells, errors="coerce").to_numpy(dtype=np.float64)
+    wrong = np.flatnonzero(~np.isfinite(values))
+    if wrong.size:
+        row = int(wrong[0])
+        message = f"{shown(cells.iloc[row])} is no finite number"
+        raise InputError(Problem(message, path, row + _FIRST_LINE, f"column {name}"))
+    return values
