@@ -1,9 +1,8 @@
 """Checks of a trajectory that share nothing with the optimiser but the graph."""
 
 from expdesign.recheck.information import Judge
+from expdesign.recheck.limit_check import TOLERANCE, LimitCheck
 from expdesign.recheck.recheck import (
-    TOLERANCE,
-    LimitCheck,
     Motion,
     Recheck,
     check_limits,

@@ -8,6 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from constraints.arrays import Array
+from expdesign.recheck.limit_check import TOLERANCE, LimitCheck
 from expdesign.robot import ExactModel
 from expdesign.trajectory import FourierTrajectory, PoseSamples
 
@@ -18,44 +19,12 @@ _ZOOMS = 4
 _ZOOM_POINTS = 33
 _MOST_CANDIDATES = 48
 
-TOLERANCE = 1e-6
-"""Largest excess over a bound, as a share of the limit's range, that counts as kept."""
-
 
 class Motion(Protocol):
     """Anything that moves the platform: a trajectory, or a motion from rest to rest."""
 
     def sample(self, times: Array) -> PoseSamples:
         """Return pose, rate and acceleration at times, s."""
-
-
-@dataclass(frozen=True)
-class LimitCheck:
-    """The worst moment of one limit.
-
-    Attributes
-    ----------
-    key, title, unit, origin : str
-        The limit and where it was given.
-    row : str
-        Component, strut or pair of struts.
-    value, bound : float
-        Worst value and the bound that it comes closest to (or breaks), SI.
-    violation : float
-        Excess over the bound as a share of the limit's range; negative: what is left.
-    time : float
-        When, s from the start of the period or of the motion.
-    """
-
-    key: str
-    title: str
-    unit: str
-    origin: str
-    row: str
-    value: float
-    bound: float
-    violation: float
-    time: float
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,37 @@
+"""A judged limit as a row of a table, and what follows from it."""
+
+import numpy as np
+import pytest
+
+from expdesign.recheck import TOLERANCE, LimitCheck
+from expdesign.runfolder import RowTable
+
+LIMITS = RowTable("tables/limits.csv", "`expdesign design`", LimitCheck)
+SPEED = LimitCheck(
+    "strut_speed", "strut speed", "strut 4", "m/s", -1.5, -2.0, -0.125, 1.25, "robot.yaml"
+)
+BROKEN = LimitCheck("tilt", "tilt", "", "rad", np.nan, 0.3, np.inf, 0.5, "robot.yaml")
+
+
+def test_a_table_of_checks_is_read_as_it_was_written(tmp_path):
+    LIMITS.write(tmp_path, [SPEED, BROKEN])
+
+    kept, broken = LIMITS.read(tmp_path)
+
+    assert kept == SPEED
+    assert np.isnan(broken.value)
+    assert not broken.kept
+
+
+def test_a_limit_is_kept_within_the_tolerance_of_its_range():
+    at = [
+        LimitCheck("tilt", "tilt", "", "rad", 0.3, 0.3, excess, 0.0, "")
+        for excess in (-1.0, 0.0, TOLERANCE, 1.01 * TOLERANCE, np.nan)
+    ]
+
+    assert [check.kept for check in at] == [True, True, True, False, False]
+
+
+def test_what_is_used_counts_from_the_middle_of_the_range():
+    assert SPEED.used == pytest.approx(0.75)
+    assert (SPEED.strut, BROKEN.strut) == (4, None)
