@@ -24,7 +24,7 @@ from estimation.montecarlo.statistics import ParameterStatistics, PooledStatisti
 from estimation.twin import Twin
 from expdesign.configuration import load_run
 from expdesign.robot import robot_from
-from expdesign.trajectory import FourierTrajectory, read_design_file
+from expdesign.trajectory import FourierTrajectory, TrajectoryFile
 from results import StudyRecord, study_figures
 from results.figures.montecarlo import bias
 from results.figures.saving import save_figures
@@ -236,7 +236,7 @@ SECTIONS: dict[str, tuple[Callable[[int], Iterator[Row]], int]] = {
 
 @cache
 def _design() -> FourierTrajectory:
-    return read_design_file(Path(__file__).parent / "designs" / "palida.json").trajectory
+    return TrajectoryFile.read(Path(__file__).parent / "designs" / "palida.json").trajectory
 
 
 def _folder(name: str) -> Path:

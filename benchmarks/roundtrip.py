@@ -25,7 +25,7 @@ from expdesign.export import Task, export_table, read_table_file
 from expdesign.information.fisher import information_matrix, parameter_covariance
 from expdesign.motion import executable_motion
 from expdesign.robot import Robot, robot_from
-from expdesign.trajectory import FourierTrajectory, read_design_file
+from expdesign.trajectory import FourierTrajectory, TrajectoryFile
 
 TITLE = "Round trip over a controller table"
 
@@ -40,7 +40,7 @@ _IDENTIFIED = 0.5
 
 def rows() -> Iterator[Row]:
     """Yield the rows of the table."""
-    design = read_design_file(Path(__file__).parent / "designs" / "palida.json").trajectory
+    design = TrajectoryFile.read(Path(__file__).parent / "designs" / "palida.json").trajectory
     run = load_run({"name": "roundtrip", "robot": "palida", "estimate": {"noise": "given"}})
     robot = robot_from(run.robot)
     with TemporaryDirectory() as folder:

@@ -160,11 +160,11 @@ def recorded_designs(
 ) -> list[FourierTrajectory | None]:
     """Return the trajectory of each recording: those given, or the run folder's, or None."""
     from expdesign.configuration import InputError, Problem
-    from expdesign.trajectory import read_design_file
+    from expdesign.trajectory import TrajectoryFile
 
     if not given:
         own = folder / "design.json"
-        found = [read_design_file(own).trajectory] if own.is_file() else [None]
+        found = [TrajectoryFile.read(own).trajectory] if own.is_file() else [None]
         return list(found) * recordings
     if len(given) not in (1, recordings):
         raise InputError(
@@ -175,7 +175,7 @@ def recorded_designs(
             )
         )
     named: list[FourierTrajectory | None] = [
-        read_design_file(path.absolute()).trajectory for path in given
+        TrajectoryFile.read(path.absolute()).trajectory for path in given
     ]
     return named * (recordings if len(named) == 1 else 1)
 

@@ -113,9 +113,9 @@ def _found_motion(
 
 
 def _trajectory(folder: Path) -> FourierTrajectory:
-    from expdesign.trajectory import read_design_file
+    from expdesign.trajectory import TrajectoryFile
 
-    return read_design_file(folder).trajectory
+    return TrajectoryFile.read(folder).trajectory
 
 
 def _digits(trajectory: FourierTrajectory) -> str:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from estimation.twin import Truth
     from expdesign.configuration import RunConfiguration
     from expdesign.export import TableFile
-    from expdesign.trajectory import DesignFile
+    from expdesign.trajectory import TrajectoryFile
 
 STAGE = "experiment"
 
@@ -152,14 +152,14 @@ def experiment_stage(
     return summary
 
 
-def _table(configuration: RunConfiguration, found: DesignFile, path: Path) -> TableFile:
+def _table(configuration: RunConfiguration, found: TrajectoryFile, path: Path) -> TableFile:
     from expdesign.export import find_table_file
     from expdesign.robot import robot_from
 
     return find_table_file(path, robot_from(configuration.robot), found.trajectory)
 
 
-def trajectory_text(found: DesignFile) -> str:
+def trajectory_text(found: TrajectoryFile) -> str:
     """Return the coefficients of a design with all digits: what the experiment is made from."""
     return " ".join(value.hex() for value in found.trajectory.vector().tolist())
 
@@ -169,7 +169,7 @@ def folder_design(folder: Path) -> str:
     return trajectory_text(design_to_execute(folder, None))
 
 
-def design_to_execute(folder: Path, design: Path | None) -> DesignFile:
+def design_to_execute(folder: Path, design: Path | None) -> TrajectoryFile:
     """Read the design that was asked for, or the run folder's own.
 
     Raises
@@ -178,10 +178,10 @@ def design_to_execute(folder: Path, design: Path | None) -> DesignFile:
         There is none.
     """
     from expdesign.configuration import InputError, Problem
-    from expdesign.trajectory import read_design_file
+    from expdesign.trajectory import TrajectoryFile
 
     if design is not None:
-        return read_design_file(design.absolute())
+        return TrajectoryFile.read(design.absolute())
     if not (folder / "design.json").exists():
         raise InputError(
             Problem(
@@ -192,10 +192,10 @@ def design_to_execute(folder: Path, design: Path | None) -> DesignFile:
                 "for `expdesign run`",
             )
         )
-    return read_design_file(folder)
+    return TrajectoryFile.read(folder)
 
 
-def design_doubts(configuration: RunConfiguration, found: DesignFile) -> list[str]:
+def design_doubts(configuration: RunConfiguration, found: TrajectoryFile) -> list[str]:
     """Return what is odd about executing a design in this run."""
     doubts = []
     if found.robot is not None and found.robot != configuration.robot.name:

@@ -92,7 +92,7 @@ class JsonFile:
         path = place / cls.FILE if place.is_dir() else place
         if not path.is_file():
             raise MissingFileError(path, cls.WRITTEN_BY)
-        data = read_mapping(path)
+        data = read_mapping(path, f"what is written by {cls.WRITTEN_BY}")
         written = known_format(path, data.get(FORMAT, 0), cls.FORMAT)
         try:
             return checker(cls).validate_python(
@@ -117,7 +117,7 @@ class JsonFile:
         return tuple(column for _, columns in field_columns(cls) for column in columns)
 
 
-def read_mapping(path: Path) -> dict[str, Any]:
+def read_mapping(path: Path, allowed: str = "a JSON file that expdesign wrote") -> dict[str, Any]:
     """Read a JSON file that holds a mapping.
 
     Raises
@@ -125,7 +125,6 @@ def read_mapping(path: Path) -> dict[str, Any]:
     InputError
         It cannot be read, is too large, is not JSON, or holds something else.
     """
-    allowed = "a JSON file that expdesign wrote"
     try:
         with path.open("rb") as stream:
             raw = stream.read(LARGEST_FILE + 1)

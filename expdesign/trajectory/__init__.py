@@ -1,6 +1,13 @@
 """Excitation trajectories."""
 
-from expdesign.trajectory.design_file import DesignFile, read_design_file
+from expdesign.trajectory.design_file import FourierKeys, TrajectoryFile, fourier_keys
 from expdesign.trajectory.fourier import FourierTrajectory, PhaseBasis, PoseSamples
 
-__all__ = ["DesignFile", "FourierTrajectory", "PhaseBasis", "PoseSamples", "read_design_file"]
+__all__ = [
+    "FourierKeys",
+    "FourierTrajectory",
+    "PhaseBasis",
+    "PoseSamples",
+    "TrajectoryFile",
+    "fourier_keys",
+]

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from constraints.arrays import Array
+from expdesign.mechanism.hexapod import COORDINATES
 
 
 @dataclass(frozen=True)
@@ -47,7 +48,11 @@ class FourierTrajectory:
         size = np.shape(self.mu)
         if len(size) != 2 or size[1] < 1:  # noqa: PLR2004 - rows and columns
             raise ValueError(f"mu has the shape {size}, not (6, n) with n ≥ 1")
-        for name, shape in (("lambda0", (6,)), ("mu", (6, size[1])), ("nu", (6, size[1]))):
+        for name, shape in (
+            ("lambda0", (COORDINATES,)),
+            ("mu", (COORDINATES, size[1])),
+            ("nu", (COORDINATES, size[1])),
+        ):
             value = np.array(getattr(self, name), dtype=float)
             if value.shape != shape:
                 raise ValueError(f"{name} has the shape {value.shape}, not {shape}")
@@ -71,10 +76,10 @@ class FourierTrajectory:
     def from_vector(cls, vector: ArrayLike) -> FourierTrajectory:
         """Build from the 12 n + 7 variables in the order of `vector`."""
         values = np.asarray(vector, dtype=float)
-        harmonics, rest = divmod(values.size - 7, 12)
+        harmonics, rest = divmod(values.size - COORDINATES - 1, 2 * COORDINATES)
         if values.ndim != 1 or rest or harmonics < 1:
             raise ValueError(f"a trajectory has 12 n + 7 variables, not {values.size}")
-        table = values[:-1].reshape(6, 2 * harmonics + 1)
+        table = values[:-1].reshape(COORDINATES, 2 * harmonics + 1)
         return cls(
             float(values[-1]), table[:, 0], table[:, 1 : harmonics + 1], table[:, harmonics + 1 :]
         )

@@ -309,7 +309,7 @@ def test_a_design_that_is_nowhere(expdesign, run_file, tmp_path):
     refused(
         *(expdesign, run_file(), "--design", tmp_path / "nowhere"),
         out=tmp_path / "out",
-        named=["nowhere", "no such file or folder"],
+        named=["nowhere", "no such file"],
     )
 
 

@@ -17,7 +17,7 @@ from expdesign.experiment.sensitivity import (
 )
 from expdesign.solver.continuation import finish_stage
 from expdesign.solver.stage import run_stage
-from expdesign.trajectory import read_design_file
+from expdesign.trajectory import TrajectoryFile
 
 
 def test_multipliers_of_a_known_optimum():
@@ -92,7 +92,7 @@ def _wider(limit, share):
 def test_gains_at_a_design_are_about_those_at_the_optimum_beside_it():
     run = load_run("palida")
     file = Path(__file__).parents[2] / "benchmarks" / "designs" / "palida.json"
-    trajectory = read_design_file(file).trajectory
+    trajectory = TrajectoryFile.read(file).trajectory
     exact = limit_sensitivity(run, trajectory)
     rough = sensitivity_at_design(build_workshop(run), trajectory)
     assert rough.unexplained < 0.03

@@ -12,7 +12,7 @@ from expdesign.motion import ExecutableMotion, motion_from_record
 from expdesign.motion.periods import Periods as RealPeriods
 from expdesign.motion.spline import MotionState, SplineRamp, end_coefficients, reversed_in_time
 from expdesign.robot import ExactModel, load_robot
-from expdesign.trajectory import FourierTrajectory, PoseSamples, read_design_file
+from expdesign.trajectory import FourierTrajectory, PoseSamples, TrajectoryFile
 
 # w(s) of s = 0 … 1 with w(0) = 0, w(1) = 1 and three vanishing derivatives at both ends.
 BLEND = np.polynomial.Polynomial([0, 0, 0, 0, 35, -84, 70, -20])
@@ -92,7 +92,7 @@ def task(name="palida", harmonics=5):
     """Return a task whose motion uses the limits up to a few percent; a design all of them."""
     robot = load_robot(name.split()[0])
     if (name, harmonics) == DESIGNED:
-        trajectory = read_design_file(REFERENCE).trajectory
+        trajectory = TrajectoryFile.read(REFERENCE).trajectory
         ways = json.loads(REFERENCE.read_text(encoding="utf-8"))["ways"]
         return _task(robot, motion_from_record(ways, trajectory, robot.home))
     model = ExactModel(robot, robot.limits)

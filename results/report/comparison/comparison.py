@@ -11,7 +11,7 @@ from pathlib import Path
 from expdesign.configuration import InputError, Problem
 from expdesign.experiment.sensitivity import LimitSensitivity, limit_sensitivity
 from expdesign.runfolder.atomic import write_text
-from expdesign.trajectory import read_design_file
+from expdesign.trajectory import TrajectoryFile
 from results.figures.comparison import estimates as estimates_figure
 from results.figures.comparison import precision as precision_figure
 from results.figures.saving import save_figures
@@ -129,7 +129,8 @@ def _page(
         if with_sensitivity:
             found = {
                 design.label: limit_sensitivity(
-                    design.record.configuration, read_design_file(design.record.folder).trajectory
+                    design.record.configuration,
+                    TrajectoryFile.read(design.record.folder).trajectory,
                 )
                 for design in designs
             }
