@@ -28,25 +28,8 @@ _DEFAULT_WORKERS = 2
 _LARGEST_WORKERS = 1024
 _ADDRESS = re.compile(r"(?:tcp|tls|ucx|ws|wss)://[A-Za-z0-9._\[\]:-]{1,250}:\d{1,5}")
 
-STAGES = (
-    "design",
-    "experiment",
-    "montecarlo",
-    "estimate",
-    "validate",
-    "study",
-    "export",
-    "report",
-)
-"""Sections that name a stage of the run, in the order in which they are done."""
-
-_LISTS = ("validate", "export")
-_SECTIONS = (
-    "trajectory",
-    "motion",
-    "data",
-    *(stage for stage in STAGES if stage not in (*_LISTS, "study")),
-)
+_STAGE = "names a stage of the run"
+"""Marks the sections that do; their order is that in which the stages are done."""
 
 
 def _address(value: str) -> str:
@@ -94,20 +77,20 @@ class RunDescription(Section):
         Discriminator(_name_or_inline),
     ]
     trajectory: TrajectorySection = TrajectorySection()
-    design: DesignSection = DesignSection()
+    design: Annotated[DesignSection, _STAGE] = DesignSection()
     motion: MotionSection = MotionSection()
     limits: RawMapping = Field(default_factory=dict)
     noise: NoiseDescription | None = None
-    experiment: ExperimentSection = ExperimentSection()
+    experiment: Annotated[ExperimentSection, _STAGE] = ExperimentSection()
     data: DataSection = DataSection()
-    montecarlo: MonteCarloSection = MonteCarloSection()
-    estimate: EstimateSection = EstimateSection()
-    validation: Annotated[tuple[ValidationMotion, ...], at_least(0, "motions")] = Field(
+    montecarlo: Annotated[MonteCarloSection, _STAGE] = MonteCarloSection()
+    estimate: Annotated[EstimateSection, _STAGE] = EstimateSection()
+    validation: Annotated[tuple[ValidationMotion, ...], at_least(0, "motions"), _STAGE] = Field(
         default=(), alias="validate"
     )
-    study: StudySection | None = None
-    export: ExportSections = ()
-    report: ReportSection = ReportSection()
+    study: Annotated[StudySection | None, _STAGE] = None
+    export: Annotated[ExportSections, _STAGE] = ()
+    report: Annotated[ReportSection, _STAGE] = ReportSection()
     workers: Annotated[int, whole(1, _LARGEST_WORKERS)] | None = None
     scheduler: Annotated[FilledText, AfterValidator(_address)] | None = None
 
@@ -117,9 +100,10 @@ class RunDescription(Section):
         if not isinstance(data, dict):
             return data
         given = dict(data)
-        for key, value in data.items():
-            if value is None and key in (*_SECTIONS, *_LISTS):
-                given[key] = [] if key in _LISTS else {}
+        for name, field in cls.model_fields.items():
+            key = field.alias or name
+            if key in data and data[key] is None and isinstance(field.default, Section | tuple):
+                given[key] = [] if isinstance(field.default, tuple) else {}
         if given.get("workers") is None and given.get("scheduler") is None:
             given["workers"] = _DEFAULT_WORKERS
         return given
@@ -137,8 +121,17 @@ class RunDescription(Section):
     @property
     def stages(self) -> tuple[str, ...]:
         """The stages that the file names, in the order in which they are done."""
-        named = {"validate" if key == "validation" else key for key in self.model_fields_set}
-        empty = {"validate"} if not self.validation else set()
-        empty |= {"export"} if not self.export else set()
-        empty |= {"study"} if self.study is None else set()
-        return tuple(stage for stage in STAGES if stage in named - empty)
+        named = self.model_fields_set
+        return tuple(
+            field.alias or name
+            for name, field in RunDescription.model_fields.items()
+            if _STAGE in field.metadata and name in named and getattr(self, name) not in (None, ())
+        )
+
+
+STAGES = tuple(
+    field.alias or name
+    for name, field in RunDescription.model_fields.items()
+    if _STAGE in field.metadata
+)
+"""Sections that name a stage of the run, in the order in which they are done."""
