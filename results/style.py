@@ -31,6 +31,13 @@ AXIS_COLOURS = ("#004488", "#bb5566", "#ddaa33")
 """x, y, z and φ, θ, ψ: Tol's high-contrast scheme, which keeps its order in grey."""
 AXIS_DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (4, 1.2, 1, 1.2)))
 
+ESTIMATOR_LOOKS: dict[str, dict[str, Any]] = {
+    "ls": {"color": VERMILLION, "marker": "s"},
+    "gm": {"color": GREEN, "marker": "^"},
+    "ml": {"color": BLUE, "marker": "o"},
+}
+"""Points of each estimator, in every figure: to be handed on to `errorbar`."""
+
 EMPHASIS = BLUE
 SECOND = SKY
 ALERT = VERMILLION

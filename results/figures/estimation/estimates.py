@@ -9,11 +9,9 @@ from matplotlib.figure import Figure
 from estimation.identification import EstimationResult
 from results.figures.definition import FigureDefinition
 from results.figures.legends import legend_above
-from results.style import EMPHASIS, GREY, MUTED, ORANGE, new_figure
+from results.style import ESTIMATOR_LOOKS, MUTED, new_figure
 from results.symbols import symbol
 
-_COLOURS = {"ls": GREY, "gm": ORANGE, "ml": EMPHASIS}
-_MARKERS = {"ls": "s", "gm": "D", "ml": "o"}
 _SPREAD = 0.5
 
 
@@ -36,9 +34,9 @@ def draw(result: EstimationResult) -> Figure:
                 position[free] + shift,
                 ((estimate.values - result.knowledge.nominal) / unit)[free],
                 yerr=(width / unit)[free],
-                fmt=_MARKERS[name],
+                **ESTIMATOR_LOOKS[name],
+                linestyle="none",
                 markersize=3.0,
-                color=_COLOURS[name],
                 elinewidth=1.0,
                 capsize=1.5,
                 label=name.upper(),

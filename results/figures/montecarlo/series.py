@@ -10,13 +10,12 @@ from matplotlib.axes import Axes
 
 from constraints.arrays import Array
 from results.reading.estimator_statistics import EstimatorStatistics
-from results.style import BLUE, GREEN, VERMILLION
+from results.style import BLACK, ESTIMATOR_LOOKS
 from results.symbols import symbol
 
 Series = Sequence[EstimatorStatistics]
 
-_COLOURS = {"ls": VERMILLION, "gm": GREEN, "ml": BLUE}
-_MARKS = {"ls": "s", "gm": "^", "ml": "o"}
+_OTHER_LOOK = {"color": BLACK, "marker": "D"}
 _WIDTH = 0.56
 
 
@@ -56,8 +55,8 @@ def points(axes: Axes, series: Series, number: int, values: Array, bars: Array) 
         place + shift,
         values,
         yerr=np.nan_to_num(np.maximum(bars, 0.0)),
-        fmt=_MARKS.get(one.estimator, "D"),
-        color=_COLOURS.get(one.estimator, "black"),
+        **ESTIMATOR_LOOKS.get(one.estimator, _OTHER_LOOK),
+        linestyle="none",
         markersize=3.2,
         elinewidth=0.9,
         capsize=0,

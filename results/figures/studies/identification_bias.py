@@ -10,10 +10,8 @@ from estimation.studies import IdentificationStudy
 from estimation.studies.identification_study import ESTIMATORS
 from results.figures.definition import FigureDefinition
 from results.figures.studies.parameter_places import parameter_places
-from results.style import BLUE, FAINT, GREEN, INK, VERMILLION, new_figure
+from results.style import ESTIMATOR_LOOKS, FAINT, INK, new_figure
 
-_COLOURS = {"ls": VERMILLION, "gm": GREEN, "ml": BLUE}
-_MARKS = {"ls": "s", "gm": "^", "ml": "o"}
 _SHIFT = {"ls": -0.25, "gm": 0.0, "ml": 0.25}
 _ERRORS = 3.0
 
@@ -35,8 +33,8 @@ def draw(study: IdentificationStudy) -> Figure:
                 np.arange(len(names)) + _SHIFT[name],
                 value,
                 yerr=bar,
-                fmt=_MARKS[name],
-                color=_COLOURS[name],
+                **ESTIMATOR_LOOKS[name],
+                linestyle="none",
                 markersize=3.2,
                 elinewidth=0.9,
                 label=name.upper(),
