@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 import casadi as ca
 import numpy as np
@@ -12,9 +13,9 @@ from constraints.arrays import Array
 from constraints.definition import LimitDefinition, Quantities
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Limit:
-    """Bounds on the rows of one `LimitDefinition`.
+    """Bounds on the rows of one `LimitDefinition`: from the configuration to the report.
 
     Attributes
     ----------
@@ -25,6 +26,8 @@ class Limit:
         What each row stands for: ``"x"``, ``"strut 3"``, ``"struts 1-4"`` or ``""``.
     origin : str
         Where the bounds were given, e.g. ``"palida.yaml: limits.strut_speed"``.
+    file, line : Path, int
+        That file and the line there; None for a mapping.
     """
 
     definition: LimitDefinition
@@ -32,6 +35,8 @@ class Limit:
     upper: Array
     labels: tuple[str, ...]
     origin: str
+    file: Path | None = None
+    line: int | None = None
 
     @property
     def key(self) -> str:

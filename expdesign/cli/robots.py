@@ -9,7 +9,8 @@ from expdesign.cli.output import JsonOption, results, write_json
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from expdesign.configuration import ResolvedLimit, ResolvedRobot
+    from constraints import Limit
+    from expdesign.configuration import ResolvedRobot
 
 _WIDEST = 100
 """Characters of a line that is still easy to read."""
@@ -78,22 +79,23 @@ def _home(robot: ResolvedRobot) -> dict[str, Any]:
     }
 
 
-def _limit(limit: ResolvedLimit) -> str:
+def _limit(limit: Limit) -> str:
     import numpy as np
 
-    from constraints import limit_definitions
-
-    definition = limit_definitions()[limit.key]
+    definition = limit.definition
     unit, factor = definition.unit, 1.0
     if unit == "rad":
         unit, factor = "deg", float(np.degrees(1.0))
     suffix = "" if unit == "1" else f" {unit}"
     rows = list(zip(limit.lower * factor, limit.upper * factor, strict=True))
-    alike = all(row == rows[0] for row in rows)
-    names = definition.components or tuple(f"strut {j}" for j in range(1, len(rows) + 1))
-    if alike:
+    if definition.pairs:
+        # Pairs that share a joint are left out; all others have the same bound.
+        rows = [row for row in rows if np.any(np.isfinite(row))]
+    if all(row == rows[0] for row in rows):
         return f"{definition.title} {_range(rows[0])}{suffix}"
-    parts = ", ".join(f"{name} {_range(row)}" for name, row in zip(names, rows, strict=True))
+    parts = ", ".join(
+        f"{label} {_range(row)}" for label, row in zip(limit.labels, rows, strict=True)
+    )
     return f"{definition.title} {parts}{suffix}"
 
 
@@ -111,8 +113,6 @@ def _range(row: tuple[float, float]) -> str:
 
 
 def _as_data(robot: ResolvedRobot) -> dict[str, Any]:
-    from constraints import limit_definitions
-
     return {
         "name": robot.name,
         "description": robot.description.description,
@@ -128,7 +128,7 @@ def _as_data(robot: ResolvedRobot) -> dict[str, Any]:
             key: {
                 "lower": limit.lower.tolist(),
                 "upper": limit.upper.tolist(),
-                "unit": limit_definitions()[key].unit,
+                "unit": limit.unit,
             }
             for key, limit in robot.limits.items()
         },

@@ -15,6 +15,7 @@ from expdesign.configuration.geometry import (
     rotation_matrix,
     shared_joint_pairs,
 )
+from expdesign.configuration.limits import row_labels
 from expdesign.configuration.montecarlo import MonteCarloSection
 from expdesign.configuration.motion import MotionSection
 from expdesign.configuration.noise_section import NoiseDescription
@@ -36,7 +37,6 @@ from expdesign.configuration.quantity import (
 )
 from expdesign.configuration.report import ReportSection
 from expdesign.configuration.resolved import (
-    ResolvedLimit,
     ResolvedNoise,
     ResolvedRobot,
     RunConfiguration,
@@ -83,7 +83,6 @@ __all__ = [
     "Prior",
     "Problem",
     "ReportSection",
-    "ResolvedLimit",
     "ResolvedNoise",
     "ResolvedRobot",
     "RobotDescription",
@@ -107,6 +106,7 @@ __all__ = [
     "quantity_text",
     "resolved_yaml",
     "rotation_matrix",
+    "row_labels",
     "shared_joint_pairs",
     "shown",
     "smoothing_widths",

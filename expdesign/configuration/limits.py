@@ -6,25 +6,24 @@ needs nothing here.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import itertools
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from pydantic_core import PydanticCustomError
 
-from constraints import LimitDefinition, limit_definitions
-from constraints.arrays import Array
+from constraints import Limit, LimitDefinition, limit_definitions
 from expdesign.configuration.document import Document
 from expdesign.configuration.failure import nearest, refusal, shown
 from expdesign.configuration.problem import Key, Problem, key_path
 from expdesign.configuration.quantity import dimension_of
-from expdesign.configuration.resolved import ResolvedLimit, read_only
-from expdesign.mechanism.hexapod import ACTUATORS
+from expdesign.configuration.resolved import read_only
+from expdesign.mechanism.hexapod import ACTUATORS, numbered
 
 CHARACTERISTIC_LENGTH = "characteristic_length"
-_PAIRS = ACTUATORS * (ACTUATORS - 1) // 2
+_PAIRS = tuple(itertools.combinations(range(ACTUATORS), 2))
 _ENDS = 2
 _PROBES = 65
 
@@ -40,21 +39,9 @@ class LimitSource:
     key: Key
 
 
-@dataclass(frozen=True)
-class _Given:
-    """What one source says of one limit: bounds by row, or by name of component."""
-
-    definition: LimitDefinition
-    rows: tuple[Bounds, ...]
-    components: Mapping[str, Bounds]
-    origin: str
-    file: Path | None
-    line: int | None
-
-
 def resolve_limits(
     sources: Sequence[LimitSource],
-) -> tuple[dict[str, ResolvedLimit], float | None, list[Problem]]:
+) -> tuple[dict[str, Limit], float | None, list[Problem]]:
     """Merge the limits of robot and run.
 
     Parameters
@@ -64,14 +51,14 @@ def resolve_limits(
 
     Returns
     -------
-    limits : dict of ResolvedLimit
+    limits : dict of Limit
         In the order of the catalogue.
     characteristic_length : float or None
         m; None when no source gives it.
     problems : list of Problem
         Of all sources, also of what is overridden.
     """
-    given: dict[str, _Given] = {}
+    given: dict[str, Limit] = {}
     length: float | None = None
     problems: list[Problem] = []
     for source in sources:
@@ -85,19 +72,24 @@ def resolve_limits(
                     given[name] = _overridden(given.get(name), limit)
             except PydanticCustomError as error:
                 problems.append(_problem(source.document, key, error))
-    resolved = {
-        name: _resolved(given[name], definition)
-        for name, definition in limit_definitions().items()
-        if name in given
-    }
+    resolved = {name: given[name] for name in limit_definitions() if name in given}
     return resolved, length, problems
 
 
-def limits_as_written(limits: Mapping[str, ResolvedLimit], length: float) -> dict[str, Any]:
+def with_shared_joints(limit: Limit, pairs: Iterable[tuple[int, int]]) -> Limit:
+    """Return a limit on pairs of struts without the pairs that share a joint: they have no gap."""
+    if not limit.definition.pairs:
+        return limit
+    shared = np.array([pair in set(pairs) for pair in _PAIRS])
+    lower, upper = np.where(shared, -np.inf, limit.lower), np.where(shared, np.inf, limit.upper)
+    return replace(limit, lower=read_only(lower), upper=read_only(upper))
+
+
+def limits_as_written(limits: Mapping[str, Limit], length: float) -> dict[str, Any]:
     """Return resolved limits as they can stand under ``limits:``, in SI units."""
     written: dict[str, Any] = {}
     for name, limit in limits.items():
-        definition = limit_definitions()[name]
+        definition = limit.definition
         rows = list(zip(limit.lower.tolist(), limit.upper.tolist(), strict=True))
         if definition.components:
             named = zip(definition.components, rows, strict=True)
@@ -128,50 +120,44 @@ def _positive(value: float) -> float:
     return value
 
 
-def _read(name: str, value: object, document: Document, key: Key) -> _Given:
+def _read(name: str, value: object, document: Document, key: Key) -> Limit:
     definitions = limit_definitions()
     if name not in definitions:
         valid = [*definitions, CHARACTERISTIC_LENGTH]
         raise refusal(f"unknown limit {shown(name)}", ", ".join(valid), nearest(name, valid))
     definition = definitions[name]
-    rows: tuple[Bounds, ...] = ()
-    components: dict[str, Bounds] = {}
+    labels = row_labels(definition)
     if definition.components:
-        components = _components(definition, value)
+        given = _components(definition, value)
+        rows = tuple(given.get(label, (-np.inf, np.inf)) for label in labels)
     else:
         rows = _rows(definition, value)
+    lower, upper = (read_only(np.broadcast_to(side, len(labels))) for side in np.transpose(rows))
     origin = f"{document.label}: {key_path(key)}"
-    return _Given(definition, rows, components, origin, document.file, document.line(key))
+    return Limit(definition, lower, upper, labels, origin, document.file, document.line(key))
 
 
-def _overridden(earlier: _Given | None, later: _Given) -> _Given:
+def _overridden(earlier: Limit | None, later: Limit) -> Limit:
+    """Return the later limit, with the earlier one's bounds of the rows that it leaves open."""
     if earlier is None:
         return later
-    return replace(later, components={**earlier.components, **later.components})
-
-
-def _resolved(given: _Given, definition: LimitDefinition) -> ResolvedLimit:
-    rows = given.rows
-    if definition.components:
-        free = (-np.inf, np.inf)
-        rows = tuple(given.components.get(name, free) for name in definition.components)
-    elif len(rows) == 1:
-        rows = rows * _row_count(definition)
-    bounds: Array = read_only(rows)
-    return ResolvedLimit(
-        given.definition.key,
-        read_only(bounds[:, 0]),
-        read_only(bounds[:, 1]),
-        given.origin,
-        given.file,
-        given.line,
+    free = np.isinf(later.lower) & np.isinf(later.upper)
+    return replace(
+        later,
+        lower=read_only(np.where(free, earlier.lower, later.lower)),
+        upper=read_only(np.where(free, earlier.upper, later.upper)),
     )
 
 
-def _row_count(definition: LimitDefinition) -> int:
+def row_labels(definition: LimitDefinition) -> tuple[str, ...]:
+    """Name the rows of a limit: components, struts (from 1), pairs of struts, or nothing."""
+    if definition.components:
+        return definition.components
     if definition.per_actuator:
-        return ACTUATORS
-    return _PAIRS if definition.pairs else 1
+        return numbered("strut ")
+    if definition.pairs:
+        return tuple(f"struts {i + 1}-{j + 1}" for i, j in _PAIRS)
+    return ("",)
 
 
 def _components(definition: LimitDefinition, value: object) -> dict[str, Bounds]:

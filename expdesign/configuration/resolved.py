@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from constraints import Limit
 from constraints.arrays import Array
 from expdesign.configuration.robot_section import RobotDescription
 from expdesign.configuration.run_section import RunDescription
@@ -18,33 +19,6 @@ def read_only(values: object) -> Array:
     array = np.array(values, dtype=np.float64)
     array.flags.writeable = False
     return array
-
-
-@dataclass(frozen=True, eq=False)
-class ResolvedLimit:
-    """Bounds on the rows of one limit.
-
-    Attributes
-    ----------
-    key : str
-        The limit's name, its key under ``limits:``.
-    lower, upper : (k,)
-        Bounds in SI units, ±inf where there is none. k: the limit's components, the six
-        actuators, the 15 pairs of actuators (also those that share a joint), or 1.
-    origin : str
-        Where the bounds were given, e.g. ``"palida.yaml: limits.strut_length"``.
-    file : Path or None
-        That file; None for a mapping.
-    line : int or None
-        The line there.
-    """
-
-    key: str
-    lower: Array
-    upper: Array
-    origin: str
-    file: Path | None = None
-    line: int | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +63,7 @@ class ResolvedRobot:
         r_alpha, r_beta, r1…r6, v1…v6.
     noise : ResolvedNoise or None
         None when neither robot nor run state any.
-    limits : dict of ResolvedLimit
+    limits : dict of Limit
         By key, in the order of the limits' catalogue. A limit that is missing does not limit.
     characteristic_length : float
         By which rotations are scaled in condition numbers, m.
@@ -109,7 +83,7 @@ class ResolvedRobot:
     platform: str
     parameters: Mapping[str, float]
     noise: ResolvedNoise | None
-    limits: Mapping[str, ResolvedLimit]
+    limits: Mapping[str, Limit]
     characteristic_length: float
     source: Path | None = None
     warnings: tuple[str, ...] = ()

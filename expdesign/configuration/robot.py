@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
 
@@ -14,7 +14,12 @@ from expdesign.configuration import geometry as geo
 from expdesign.configuration.consistency import parameter_warnings
 from expdesign.configuration.document import Document
 from expdesign.configuration.finding import find_robot
-from expdesign.configuration.limits import LimitSource, limits_as_written, resolve_limits
+from expdesign.configuration.limits import (
+    LimitSource,
+    limits_as_written,
+    resolve_limits,
+    with_shared_joints,
+)
 from expdesign.configuration.noise import NoiseSource, resolve_noise
 from expdesign.configuration.noise_section import NoiseDescription
 from expdesign.configuration.parameters import GENERAL_PARAMETERS, SYMMETRIC_PARAMETERS
@@ -135,7 +140,7 @@ def resolve_robot(
             "limits": limits_as_written(resolved_limits, length),
         }
     )
-    return ResolvedRobot(
+    robot = ResolvedRobot(
         name=description.name,
         description=written,
         home=read_only(description.home),
@@ -152,6 +157,11 @@ def resolve_robot(
         source=document.file,
         warnings=tuple(warnings),
     )
+    pairs = geo.shared_joint_pairs(robot)
+    limits_of_pairs = {
+        key: with_shared_joints(limit, pairs) for key, limit in resolved_limits.items()
+    }
+    return replace(robot, limits=limits_of_pairs)
 
 
 def _noise_source(noise: NoiseDescription, source: RobotSource) -> NoiseSource:

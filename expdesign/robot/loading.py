@@ -11,7 +11,6 @@ from constraints.arrays import Array
 from expdesign.configuration import (
     InputError,
     Problem,
-    ResolvedLimit,
     ResolvedRobot,
     load_robot_description,
     quantity_text,
@@ -46,13 +45,13 @@ def robot_from(description: ResolvedRobot) -> Robot:
     values = model.values(state)[0]
     problems = []
     for limit, columns in zip(model.limits, model.columns(), strict=True):
-        problems += _broken(limit, values[columns], description.limits[limit.key])
+        problems += _broken(limit, values[columns])
     if problems:
         raise InputError(problems)
     return robot
 
 
-def _broken(limit: Limit, values: Array, given: ResolvedLimit) -> list[Problem]:
+def _broken(limit: Limit, values: Array) -> list[Problem]:
     """Return what is wrong with the rows of a limit at home: rows with the same bounds at once."""
     groups: dict[tuple[float, float], list[int]] = {}
     for row, value in enumerate(values):
@@ -62,8 +61,8 @@ def _broken(limit: Limit, values: Array, given: ResolvedLimit) -> list[Problem]:
         Problem(
             f"the home pose breaks this limit: {limit.definition.title}{_where(limit, rows)} is "
             f"{_span(values[rows], limit.unit)}",
-            file=given.file,
-            line=given.line,
+            file=limit.file,
+            line=limit.line,
             key=f"limits.{limit.key}",
             allowed=_allowed(*bounds, limit.unit),
             nearest=_in_millimetres(*bounds, values[rows], limit.unit),

@@ -18,7 +18,6 @@ from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.rotation import rotation_matrix
 from expdesign.robot.forward import solve_pose
 from expdesign.robot.kernels import length_kernel, motion_kernel, regressor_kernel
-from expdesign.robot.limits import robot_limits
 
 
 @dataclass(frozen=True)
@@ -111,10 +110,10 @@ class Robot:
         """(g,) geometry input of the graph."""
         return self.geometry.vector()
 
-    @cached_property
+    @property
     def limits(self) -> tuple[Limit, ...]:
-        """The limits that its file (and the run's) gives, ready for the graph."""
-        return robot_limits(self.description)
+        """The limits that its file (and the run's) gives, in the order of the catalogue."""
+        return tuple(self.description.limits.values())
 
     def inverse_kinematics(self, pose: ArrayLike) -> Array:
         """Return strut lengths, m: (6,) or (N, 6) like the pose (m, rad)."""

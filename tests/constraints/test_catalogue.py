@@ -1,4 +1,3 @@
-import dataclasses
 import importlib
 import sys
 
@@ -8,7 +7,6 @@ import pytest
 from constraints import limit_definitions, limits
 from expdesign.configuration import load_robot_description
 from expdesign.robot import ExactModel, robot_from
-from expdesign.robot.limits import robot_limits
 
 NEW = """\
 from constraints.definition import LimitDefinition
@@ -101,9 +99,12 @@ def test_constraints_know_no_other_package():
 
 
 def test_limits_of_a_robot_follow_the_catalogue():
-    description = load_robot_description("palida")
-    found = [limit.key for limit in robot_limits(description)]
-    assert found == [key for key in limit_definitions() if key in description.limits]
-    fewer = dataclasses.replace(description, limits={"tilt": description.limits["tilt"]})
-    assert [limit.key for limit in robot_limits(fewer)] == ["tilt"]
-    assert robot_limits(dataclasses.replace(description, limits={})) == ()
+    limits = load_robot_description("palida").limits
+    assert list(limits) == [key for key in limit_definitions() if key in limits]
+    assert all(limit.definition is limit_definitions()[key] for key, limit in limits.items())
+
+
+def test_struts_that_share_a_joint_keep_no_clearance():
+    limit = load_robot_description("linuxcnc").limits["strut_clearance"]
+    free = [label for label, low in zip(limit.labels, limit.lower, strict=True) if np.isinf(low)]
+    assert free == ["struts 1-6", "struts 2-3", "struts 4-5"]

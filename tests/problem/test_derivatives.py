@@ -5,7 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from expdesign.configuration import load_robot_description
+from constraints import Limit, limit_definitions
+from expdesign.configuration import load_robot_description, row_labels
 from expdesign.information.catalogue import criteria_by_key
 from expdesign.information.fisher import information_matrix
 from expdesign.problem import DesignVariables, build_problem
@@ -35,28 +36,29 @@ def palida():
     return load_robot("palida")
 
 
+def _in_order(limits):
+    return {key: limits[key] for key in limit_definitions() if key in limits}
+
+
 @pytest.fixture(scope="module")
 def everything(palida):
     """PaLiDA with all the limits that exist."""
     description = palida.description
-    base = description.limits["strut_length"]
+    bounds = {
+        "platform_joint_angle": (np.full(6, -np.inf), np.full(6, 0.6)),
+        "rotation": (np.array([-0.5, -0.4, -np.inf]), np.array([0.5, np.inf, np.inf])),
+    }
     more = {
-        "platform_joint_angle": dataclasses.replace(
-            base, key="platform_joint_angle", lower=np.full(6, -np.inf), upper=np.full(6, 0.6)
-        ),
-        "rotation": dataclasses.replace(
-            base,
-            key="rotation",
-            lower=np.array([-0.5, -0.4, -np.inf]),
-            upper=np.array([0.5, np.inf, np.inf]),
-        ),
+        key: Limit(definition, *bounds[key], row_labels(definition), "test")
+        for key, definition in limit_definitions().items()
+        if key in bounds
     }
     # The axes are not the default ones, so that no angle is zero at home.
     axes = np.add(description.platform_joint_axes, [0.1, -0.2, 0.05])
     axes /= np.linalg.norm(axes, axis=1, keepdims=True)
     return robot_from(
         dataclasses.replace(
-            description, limits={**description.limits, **more}, platform_joint_axes=axes
+            description, limits=_in_order({**description.limits, **more}), platform_joint_axes=axes
         )
     )
 

@@ -5,9 +5,9 @@ import pytest
 from scipy.optimize import brentq, minimize_scalar
 
 from constraints import Limit, limit_definitions
+from expdesign.configuration import row_labels
 from expdesign.recheck import TOLERANCE, check_limits, grid_points, recheck, states_at
 from expdesign.robot import ExactModel, Robot, load_robot
-from expdesign.robot.limits import row_labels
 from expdesign.trajectory import FourierTrajectory, PoseSamples
 
 SAMPLES = 50
