@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
-
-from expdesign.solver.progress import SearchEvent
+from typing import Any, Protocol
 
 
 class StudyMonitor(Protocol):
@@ -26,7 +24,7 @@ class StopRequest:
 
     monitor: StudyMonitor | None
 
-    def report(self, event: SearchEvent) -> None:
+    def report(self, event: Any) -> None:
         """Ignore the event."""
 
     def stop_requested(self) -> bool:

@@ -14,7 +14,6 @@ from threadpoolctl import threadpool_limits
 
 from constraints.arrays import Array
 from estimation.estimators import Knowledge
-from estimation.montecarlo.cluster import cluster_repetitions
 from estimation.montecarlo.journal import Journal
 from estimation.montecarlo.monitor import StopRequest, StudyMonitor
 from estimation.montecarlo.repetition import Outcome, Recipe, Repetition, Workbench
@@ -32,9 +31,8 @@ from expdesign.configuration import InputError, Problem, RunConfiguration, load_
 from expdesign.experiment.scaling import parameter_scaling
 from expdesign.robot import Robot
 from expdesign.runfolder.manifest import Manifest, text_hash
-from expdesign.solver.pool import Job, run_jobs
-from expdesign.solver.progress import Monitor
 from expdesign.trajectory import FourierTrajectory
+from expdesign.workers import Job, Monitor, cluster_jobs, run_jobs
 
 ConfigurationLike = str | PathLike[str] | Mapping[str, Any] | RunConfiguration
 
@@ -218,11 +216,10 @@ def _repetitions(
     stop = StopRequest(monitor)
     if not numbers:
         return
-    if configuration.run.scheduler is not None:
-        address = configuration.run.scheduler
-        yield from cluster_repetitions(address, recipe, numbers, stop.stop_requested)
-        return
     jobs = [Job(_repetition, (number,)) for number in numbers]
+    if configuration.run.scheduler is not None:
+        yield from cluster_jobs(configuration.run.scheduler, recipe, jobs, stop.stop_requested)
+        return
     yield from run_jobs(recipe, jobs, configuration.run.workers or 1, stop)
 
 

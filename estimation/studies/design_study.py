@@ -38,8 +38,7 @@ from expdesign.configuration import (
 from expdesign.experiment import DesignResult, design
 from expdesign.experiment.scaling import parameter_scaling
 from expdesign.robot import Robot, robot_from
-from expdesign.solver.pool import Job
-from expdesign.solver.progress import Monitor
+from expdesign.workers import Job, Monitor
 
 ESTIMATORS = ("ls", "gm")
 _SEEDS_APART = 1_000_003

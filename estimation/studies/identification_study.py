@@ -30,9 +30,8 @@ from estimation.uncertainty.differences import FAMILY_LEVEL, hausman_test
 from expdesign.configuration import RunConfiguration
 from expdesign.experiment.scaling import parameter_scaling
 from expdesign.robot import Robot, robot_from
-from expdesign.solver.pool import Job
-from expdesign.solver.progress import Monitor
 from expdesign.trajectory import FourierTrajectory
+from expdesign.workers import Job, Monitor
 
 ESTIMATORS = ("ls", "gm", "ml")
 _FEWEST = 3

@@ -30,9 +30,8 @@ from estimation.validation.motions import benchmark_motion
 from expdesign.configuration import InputError, Problem, RunConfiguration, ValidationMotion
 from expdesign.experiment.design import controller_period
 from expdesign.robot import Robot, robot_from
-from expdesign.solver.pool import Job
-from expdesign.solver.progress import Monitor
 from expdesign.trajectory import FourierTrajectory
+from expdesign.workers import Job, Monitor
 
 SITUATIONS = ("without", "unknown", "known")
 """Cogging in neither experiment; in the validation alone; in the identification too."""

@@ -8,7 +8,7 @@ from typing import Any
 from estimation.montecarlo import StudyMonitor
 from estimation.montecarlo.monitor import StopRequest
 from expdesign.configuration import RunConfiguration
-from expdesign.solver.pool import Job, run_jobs
+from expdesign.workers import Job, run_jobs
 
 
 class StudyInterruptedError(RuntimeError):

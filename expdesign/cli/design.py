@@ -70,7 +70,8 @@ def design_stage(configuration: RunConfiguration, folder: Path, *, as_json: bool
 
 def _computed(compute: Any, configuration: RunConfiguration, display: Any) -> DesignResult:
     from expdesign.information.fisher import SingularInformationError
-    from expdesign.solver import InfeasibleLimitsError, NoDesignError, WorkerDiedError
+    from expdesign.solver import InfeasibleLimitsError, NoDesignError
+    from expdesign.workers import WorkerDiedError
 
     try:
         result: DesignResult = compute(configuration, display)

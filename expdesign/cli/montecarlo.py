@@ -131,9 +131,8 @@ def _computed(
 ) -> Study:
     from estimation.estimators import UnidentifiableError
     from estimation.montecarlo import run_study
-    from estimation.montecarlo.cluster import ClusterError
     from estimation.montecarlo.journal import NAME
-    from expdesign.solver import WorkerDiedError
+    from expdesign.workers import ClusterError, WorkerDiedError
 
     try:
         return run_study(configuration, design, folder / NAME, monitor)

@@ -98,7 +98,8 @@ def _computed(
     from estimation.studies.variants import TooFewEstimatesError
     from estimation.studies.workers import StudyInterruptedError
     from expdesign.information.fisher import SingularInformationError
-    from expdesign.solver import InfeasibleLimitsError, NoDesignError, WorkerDiedError
+    from expdesign.solver import InfeasibleLimitsError, NoDesignError
+    from expdesign.workers import WorkerDiedError
 
     section = configuration.run.study
     try:

@@ -36,10 +36,10 @@ from expdesign.recheck import Judge
 from expdesign.robot import Robot, robot_from
 from expdesign.solver.continuation import coarse_points
 from expdesign.solver.jobs import SearchPlan, Workshop
-from expdesign.solver.progress import Monitor, SilentMonitor
 from expdesign.solver.random_start import InfeasibleLimitsError, random_start
 from expdesign.solver.search import NoDesignError, search
 from expdesign.trajectory import FourierTrajectory
+from expdesign.workers import Monitor, SilentMonitor
 
 ConfigurationLike = str | PathLike[str] | Mapping[str, Any] | RunConfiguration
 

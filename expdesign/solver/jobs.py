@@ -20,10 +20,11 @@ from expdesign.solver.continuation import (
 from expdesign.solver.finish import Finished, controller_omega, finish
 from expdesign.solver.hop import Screening, perturbed
 from expdesign.solver.population import Candidate
-from expdesign.solver.progress import Monitor, SearchEvent
+from expdesign.solver.progress import SearchEvent
 from expdesign.solver.random_start import InfeasibleLimitsError, random_start
 from expdesign.solver.stage import TracePoint
 from expdesign.solver.start import StartResult, infeasible_start, run_start
+from expdesign.workers import Monitor
 
 _FINISH_ROUNDS = 4
 

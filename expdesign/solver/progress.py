@@ -1,9 +1,8 @@
-"""What a search tells while it runs, and how it is asked to stop."""
+"""What a search reports while it runs."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
 
 
 @dataclass(frozen=True)
@@ -37,26 +36,3 @@ class SearchEvent:
     violation: float
     seconds: float
     status: str = ""
-
-
-class Monitor(Protocol):
-    """Takes events; says when to stop."""
-
-    def report(self, event: SearchEvent) -> None:
-        """Take one event."""
-        ...
-
-    def stop_requested(self) -> bool:
-        """Tell whether the search should end with what it has."""
-        ...
-
-
-class SilentMonitor:
-    """Takes every event and never stops."""
-
-    def report(self, event: SearchEvent) -> None:
-        """Ignore the event."""
-
-    def stop_requested(self) -> bool:
-        """Never."""
-        return False

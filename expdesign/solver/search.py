@@ -11,10 +11,10 @@ import numpy as np
 from expdesign.solver.finish import Finished
 from expdesign.solver.hop import Screening
 from expdesign.solver.jobs import Build, SearchPlan, finish_job, hop_job, newcomer_job, random_job
-from expdesign.solver.pool import Job, run_jobs
 from expdesign.solver.population import CAPACITY, Candidate, Population
-from expdesign.solver.progress import Monitor, SearchEvent
+from expdesign.solver.progress import SearchEvent
 from expdesign.solver.start import StartResult
+from expdesign.workers import Job, Monitor, run_jobs
 
 HOPS_AT_ONCE = 4
 """Hops from the same motions before they are renewed: the result must not depend on the workers."""

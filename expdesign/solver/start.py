@@ -12,9 +12,10 @@ from constraints.arrays import Array
 from expdesign.problem import DesignProblem
 from expdesign.recheck import Judge, recheck
 from expdesign.solver.hop import Screening
-from expdesign.solver.progress import Monitor, SearchEvent
+from expdesign.solver.progress import SearchEvent
 from expdesign.solver.shrink import Shrunk, shrink_to_limits
 from expdesign.solver.stage import Stage, StageRecord, TracePoint, run_stage
+from expdesign.workers import Monitor
 
 
 @dataclass(frozen=True)

@@ -5,10 +5,10 @@ import builtins
 import pytest
 
 from estimation.montecarlo import run_study
-from estimation.montecarlo.cluster import ClusterError, cluster_repetitions
 from estimation.montecarlo.output import repetitions_table
 from estimation.montecarlo.repetition import Recipe
 from expdesign.configuration import InputError
+from expdesign.workers import ClusterError, cluster_jobs
 from tests.montecarlo.examples import DESIGN, Watcher, small
 
 
@@ -52,7 +52,7 @@ def test_bad_input_that_shows_on_the_cluster(address, tmp_path):
 
 def test_no_scheduler_there(monkeypatch):
     pytest.importorskip("distributed")
-    monkeypatch.setattr("estimation.montecarlo.cluster._CONNECT_SECONDS", 1)
+    monkeypatch.setattr("expdesign.workers.cluster._CONNECT_SECONDS", 1)
     with pytest.raises(ClusterError, match=r"tcp://127.0.0.1:9 cannot be reached"):
         run_study(on_cluster("tcp://127.0.0.1:9"), DESIGN)
 
@@ -60,7 +60,7 @@ def test_no_scheduler_there(monkeypatch):
 @pytest.mark.slow
 def test_a_cluster_without_workers(monkeypatch):
     distributed = pytest.importorskip("distributed")
-    monkeypatch.setattr("estimation.montecarlo.cluster._CONNECT_SECONDS", 2)
+    monkeypatch.setattr("expdesign.workers.cluster._CONNECT_SECONDS", 2)
     with (
         distributed.LocalCluster(n_workers=0, processes=True, dashboard_address=":0") as cluster,
         pytest.raises(ClusterError, match="no workers"),
@@ -78,6 +78,6 @@ def test_dask_is_optional(monkeypatch):
 
     monkeypatch.setattr(builtins, "__import__", without)
     with pytest.raises(InputError) as error:
-        list(cluster_repetitions("tcp://127.0.0.1:9", Recipe(small(), DESIGN), [1], lambda: False))
+        list(cluster_jobs("tcp://127.0.0.1:9", Recipe(small(), DESIGN), [], lambda: False))
     assert error.value.problems[0].key == "scheduler"
     assert "expdesign[dask]" in error.value.problems[0].allowed

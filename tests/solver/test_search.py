@@ -7,12 +7,12 @@ import pickle
 import numpy as np
 import pytest
 
-from expdesign.solver import NoDesignError, SilentMonitor, search
+from expdesign.solver import NoDesignError, search
 from expdesign.solver.hop import Screening
 from expdesign.solver.jobs import hop_job, newcomer_job, random_job
-from expdesign.solver.pool import Job, run_jobs
 from expdesign.solver.population import Candidate
 from expdesign.solver.start import GIVEN_UP
+from expdesign.workers import Job, SilentMonitor, run_jobs
 
 QUICK = {"max_iterations": 4}
 

@@ -1,43 +1,45 @@
-"""Repetitions on a Dask cluster."""
+"""Jobs on a Dask cluster."""
 
 from __future__ import annotations
 
-import hashlib
 import pickle
 import threading
 from collections.abc import Callable, Iterator, Sequence
+from itertools import islice
 from typing import Any
 
-from threadpoolctl import threadpool_limits
-
-from estimation.montecarlo.repetition import Recipe, Repetition, Workbench
 from expdesign.configuration import InputError, Problem
+from expdesign.workers.job import Job, SilentMonitor
 
 _CONNECT_SECONDS = 20
 _WAITING = 2
-"""Repetitions under way for every thread of the cluster: one is worked on, one is ready."""
+"""Jobs under way for every thread of the cluster: one is worked on, one is ready."""
 
 
 class ClusterError(RuntimeError):
     """The cluster cannot be reached, or lost a worker for good."""
 
 
-def cluster_repetitions(
-    address: str, recipe: Recipe, numbers: Sequence[int], stop_requested: Callable[[], bool]
-) -> Iterator[Repetition]:
-    """Do repetitions on the cluster of a scheduler; yield them in the order in which they end.
+def cluster_jobs(
+    address: str,
+    build: Callable[[], Any],
+    jobs: Sequence[Job],
+    stop_requested: Callable[[], bool],
+) -> Iterator[Any]:
+    """Do jobs on the cluster of a scheduler; yield their results in the order in which they end.
 
-    Workers import this package: they need the same versions. A worker does one repetition at a
-    time, whatever number of threads it has.
+    Workers import this package: they need the same versions. A worker does one job at a time,
+    whatever number of threads it has. The jobs' monitor is silent.
 
     Parameters
     ----------
     address : str
         ``tcp://host:port``.
-    recipe : Recipe
-    numbers : sequence of int
+    build : callable
+        Picklable; builds what every job gets as its first argument, once per process.
+    jobs : sequence of Job
     stop_requested : callable
-        Asked after every repetition; those under way are then given up.
+        Asked after every job; those under way are then given up.
 
     Raises
     ------
@@ -56,13 +58,13 @@ def cluster_repetitions(
             client.wait_for_workers(1, timeout=_CONNECT_SECONDS)
         except TimeoutError as error:
             raise ClusterError(f"the cluster of {address} has no workers") from error
-        remaining = iter(numbers)
-        packed = client.scatter(pickle.dumps(recipe), broadcast=True, hash=False)
+        remaining = iter(jobs)
+        packed = client.scatter(pickle.dumps(build), broadcast=True, hash=False)
 
         def submit(count: int) -> list[Any]:
-            few = [number for _, number in zip(range(count), remaining, strict=False)]
-            # Not pure: another study's repetition with the same number is another task.
-            return [client.submit(_repetition, packed, number, pure=False) for number in few]
+            # Not pure: another study's job with the same arguments is another task.
+            few = islice(remaining, count)
+            return [client.submit(_in_cluster, packed, job, pure=False) for job in few]
 
         first = submit(_WAITING * sum(client.nthreads().values()))
         pool = as_completed(first, loop=client.loop)
@@ -94,15 +96,9 @@ def _library() -> tuple[Any, Any, type[BaseException]]:
     return Client, as_completed, KilledWorker
 
 
-_bench: dict[str, Workbench] = {}
 _one_at_a_time = threading.Lock()
 
 
-def _repetition(packed: bytes, number: int) -> Repetition:
-    """Do one repetition in a worker, which keeps the workbench of the last study."""
-    key = hashlib.sha256(packed).hexdigest()
-    with _one_at_a_time, threadpool_limits(1):
-        if key not in _bench:
-            _bench.clear()
-            _bench[key] = pickle.loads(packed)()
-        return _bench[key].repeat(number)
+def _in_cluster(recipe: bytes, job: Job) -> Any:
+    with _one_at_a_time:
+        return job.run(recipe, SilentMonitor())

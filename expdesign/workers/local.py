@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import pickle
 import queue
 import signal
@@ -16,23 +15,14 @@ from multiprocessing import Manager
 from typing import Any
 
 from joblib import Parallel, delayed, parallel_config
-from threadpoolctl import threadpool_limits
 
-from expdesign.solver.progress import Monitor, SearchEvent
+from expdesign.workers.job import Job, Monitor
 
 _POLL = 0.1
 
 
 class WorkerDiedError(RuntimeError):
     """A worker process ended without a result."""
-
-
-@dataclass(frozen=True)
-class Job:
-    """A call ``function(workshop, monitor, *arguments)``; function and arguments are picklable."""
-
-    function: Callable[..., Any]
-    arguments: tuple[Any, ...]
 
 
 def run_jobs(
@@ -58,33 +48,21 @@ def run_jobs(
         Whether jobs begin although a stop has been requested: those that save what there is.
         Otherwise they are left out, and fewer results come.
     """
-    workers = min(workers, len(jobs))
-    if workers <= 1:
-        yield from _in_process(build, jobs, monitor, after_stop=after_stop)
-    else:
-        yield from _in_processes(build, jobs, workers, monitor, after_stop=after_stop)
-
-
-def _in_process(
-    build: Callable[[], Any], jobs: Sequence[Job], monitor: Monitor, *, after_stop: bool
-) -> Iterator[Any]:
     recipe = pickle.dumps(build)
-    with threadpool_limits(1):
-        for job in jobs:
-            if monitor.stop_requested() and not after_stop:
-                return
-            yield job.function(_workshop(recipe), monitor, *job.arguments)
+    if min(workers, len(jobs)) > 1:
+        yield from _in_processes(
+            recipe, jobs, min(workers, len(jobs)), monitor, after_stop=after_stop
+        )
+        return
+    for job in jobs:
+        if monitor.stop_requested() and not after_stop:
+            return
+        yield job.run(recipe, monitor)
 
 
 def _in_processes(
-    build: Callable[[], Any],
-    jobs: Sequence[Job],
-    workers: int,
-    monitor: Monitor,
-    *,
-    after_stop: bool,
+    recipe: bytes, jobs: Sequence[Job], workers: int, monitor: Monitor, *, after_stop: bool
 ) -> Iterator[Any]:
-    recipe = pickle.dumps(build)
     with Manager() as manager:
         events, stop, done = manager.Queue(), manager.Event(), threading.Event()
         pump = threading.Thread(target=_pump, args=(events, stop, done, monitor), daemon=True)
@@ -145,7 +123,7 @@ class _Remote:
     events: Any
     stop: Any
 
-    def report(self, event: SearchEvent) -> None:
+    def report(self, event: Any) -> None:
         self.events.put(event)
 
     def stop_requested(self) -> bool:
@@ -159,17 +137,4 @@ def _in_worker(
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if stop.is_set() and not after_stop:
         return False, None
-    with threadpool_limits(1):
-        return True, job.function(_workshop(recipe), _Remote(events, stop), *job.arguments)
-
-
-_built: dict[str, Any] = {}
-
-
-def _workshop(recipe: bytes) -> Any:
-    """Build once per process; the last recipe stays."""
-    key = hashlib.sha256(recipe).hexdigest()
-    if key not in _built:
-        _built.clear()
-        _built[key] = pickle.loads(recipe)()
-    return _built[key]
+    return True, job.run(recipe, _Remote(events, stop))

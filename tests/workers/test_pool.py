@@ -7,7 +7,7 @@ import pytest
 from threadpoolctl import threadpool_info
 
 from expdesign.solver import SearchEvent
-from expdesign.solver.pool import Job, run_jobs
+from expdesign.workers import Job, run_jobs
 
 WORKERS = (1, 2)
 
@@ -30,20 +30,20 @@ def build():
     return {"built": os.getpid()}
 
 
-def sleeper(shop, monitor, index, seconds):
+def sleeper(built, monitor, index, seconds):
     time.sleep(seconds)
     monitor.report(SearchEvent(index, "blunt", 1, 0.5, 0.0, 0.0))
     threads = max((library["num_threads"] for library in threadpool_info()), default=1)
-    return index, os.getpid(), shop["built"], threads
+    return index, os.getpid(), built["built"], threads
 
 
-def failing(shop, monitor, index):
+def failing(built, monitor, index):
     if index == 1:
         raise ZeroDivisionError("job 1 is broken")
     return index
 
 
-def patient(shop, monitor, index):
+def patient(built, monitor, index):
     """Report until it is asked to stop; give up after ten seconds."""
     for iteration in range(1000):
         monitor.report(SearchEvent(index, "blunt", iteration, 0.0, 0.0, 0.0))
