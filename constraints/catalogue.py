@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import copyreg
 import importlib
 import pkgutil
 from functools import cache
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from constraints import limits
 from constraints.definition import LimitDefinition
@@ -30,3 +31,18 @@ def limit_definitions() -> Mapping[str, LimitDefinition]:
             raise ValueError(f"constraints/limits/{module.name}.py: '{definition.key}' is taken")
         found[definition.key] = definition
     return MappingProxyType(found)
+
+
+def _by_key(key: str) -> LimitDefinition:
+    return limit_definitions()[key]
+
+
+def _reduced(definition: LimitDefinition) -> str | tuple[Any, ...]:
+    if limit_definitions().get(definition.key) is definition:
+        return _by_key, (definition.key,)
+    return definition.__reduce_ex__(2)
+
+
+# A worker process has the same files: a definition goes there by its name, since the functions
+# that it holds may be lambdas.
+copyreg.pickle(LimitDefinition, _reduced)

@@ -1,4 +1,5 @@
 import importlib
+import pickle
 import sys
 
 import numpy as np
@@ -108,3 +109,10 @@ def test_struts_that_share_a_joint_keep_no_clearance():
     limit = load_robot_description("linuxcnc").limits["strut_clearance"]
     free = [label for label, low in zip(limit.labels, limit.lower, strict=True) if np.isinf(low)]
     assert free == ["struts 1-6", "struts 2-3", "struts 4-5"]
+
+
+def test_limits_reach_a_worker_process():
+    limits = load_robot_description("palida").limits
+    for key, limit in pickle.loads(pickle.dumps(limits)).items():
+        assert limit.definition is limits[key].definition
+        np.testing.assert_array_equal(limit.lower, limits[key].lower)
