@@ -125,9 +125,7 @@ def linearise(
             values,
             free_frequency=free_frequency,
         )
-        _, to_state = force_kernel(general=robot.general)(
-            state[part], signs[part], robot.geometry_vector, values
-        )
+        _, to_state = force_kernel(robot.terms)(state[part], signs[part], robot.machine, values)
         residuals.append(record.forces[part] - predicted.regressors @ values)
         regressors.append(predicted.regressors)
         slopes.append(predicted.slope)
@@ -173,7 +171,7 @@ def _phase_times(experiment: Experiment, cells: PhaseCells, times: Array) -> Arr
 def _sign_variance(robot: Robot, state: Array, signs: Array, unsure: Array, values: Array) -> Array:
     """Return Σ_i (∂Q/∂sign_i)² Var(sign_i), (S, 6); nearly all samples have no doubtful sign."""
     result = np.zeros((len(state), ACTUATORS))
-    kernel = force_kernel(general=robot.general)
+    kernel = force_kernel(robot.terms)
     for column in range(signs.shape[1]):
         rows = np.flatnonzero(unsure[:, column] > 1e-3)  # noqa: PLR2004 - below it nothing is seen
         if not len(rows):
@@ -182,7 +180,7 @@ def _sign_variance(robot: Robot, state: Array, signs: Array, unsure: Array, valu
         for end in (-1.0, 1.0):
             changed = signs[rows].copy()
             changed[:, column] = end
-            regressors, _ = kernel(state[rows], changed, robot.geometry_vector, values)
+            regressors, _ = kernel(state[rows], changed, robot.machine, values)
             ends.append(regressors @ values)
         result[rows] += ((ends[1] - ends[0]) / 2) ** 2 * unsure[rows, column][:, None]
     return result

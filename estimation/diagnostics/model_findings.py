@@ -13,7 +13,7 @@ from estimation.diagnostics.levels import CHI_SQUARE
 from estimation.diagnostics.whiteness_finding import whiteness_finding
 from estimation.diagnostics.wording import struts as strut_list
 from estimation.diagnostics.wording import verb
-from expdesign.mechanism.graph import parameter_unit
+from expdesign.mechanism.catalogue import parameter_unit
 
 
 def bias_finding(diagnosis: ExperimentDiagnosis) -> Finding:

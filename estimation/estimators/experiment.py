@@ -24,7 +24,7 @@ class Experiment:
     noise : NoiseModel
     fit : MotionFit or None
         None after pointwise differentiation.
-    spread : (S, 18) or None
+    spread : (S, s) or None
         Standard deviations of the rates of friction at the force samples.
     fitted_regressors : (R, 6, m)
         A at the samples, along the motion that was estimated from the lengths.
@@ -92,7 +92,7 @@ class Experiment:
         return self.record.force_times[rows]
 
     def signs(self, robot: Robot, motion: HarmonicMotion) -> Array:
-        """Return the expected friction signs along a motion, (S, 18)."""
+        """Return the expected friction signs along a motion, (S, s)."""
         if self.spread is None:
             raise ValueError("pointwise kinematics have no spread of their rates")
         return expected_signs(robot, motion, self.record.force_times, self.spread)
@@ -109,8 +109,8 @@ class Experiment:
 
 
 def regressors_along(robot: Robot, motion: HarmonicMotion, times: Array, signs: Array) -> Array:
-    """Return A at the times given, s, (S, 6, m), with the friction signs given, (S, 18)."""
+    """Return A at the times given, s, (S, 6, m), with the friction signs given, (S, s)."""
     state = motion.basis(times).state(motion.table)
-    kernel = held_regressor_kernel(general=robot.general)
-    (regressors,) = kernel(state, signs, robot.geometry_vector)
+    kernel = held_regressor_kernel(robot.terms)
+    (regressors,) = kernel(state, signs, robot.machine)
     return regressors

@@ -83,7 +83,7 @@ def joint_block(
         p.
     free : (m,) of bool
         Parameters that are estimated.
-    signs : (S, 18), optional
+    signs : (S, s), optional
         Friction signs; by default the expected ones along `motion`.
     """
     record = experiment.record

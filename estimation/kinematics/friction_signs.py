@@ -17,21 +17,22 @@ from estimation.kinematics.fourier_fit import CHUNK
 from estimation.measurement_model import HarmonicMotion
 from estimation.measurement_model.kernels import sliding_kernel
 from estimation.measurement_model.sensitivity import chain
+from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.robot import Robot
 
 
 def expected_signs(robot: Robot, motion: HarmonicMotion, times: Array, spread: Array) -> Array:
-    """Return E[sign] of l̇, α̇, β̇, (S, 18).
+    """Return E[sign] of the rates that the terms use, (S, s).
 
     Parameters
     ----------
     times : (S,)
         s.
-    spread : (S, 18)
+    spread : (S, s)
         Standard deviations of the rates (`rate_spread`); 0 gives the plain signs.
     """
     state = motion.basis(times).state(motion.table)
-    rates, _ = sliding_kernel()(state, robot.geometry_vector)
+    rates, _ = sliding_kernel(robot.terms)(state, robot.geometry_vector)
     doubtful = spread > 0
     scaled = np.divide(rates, np.sqrt(2) * spread, out=np.zeros_like(rates), where=doubtful)
     return np.where(doubtful, erf(scaled), np.sign(rates))
@@ -45,7 +46,7 @@ def rate_spread(
     *,
     free_frequency: bool = False,
 ) -> Array:
-    """Return the standard deviations of l̇, α̇, β̇ along an estimated motion, (S, 18).
+    """Return the standard deviations of the same rates along an estimated motion, (S, s).
 
     Parameters
     ----------
@@ -57,9 +58,9 @@ def rate_spread(
     for first in range(0, len(times), CHUNK):
         basis = motion.basis(times[first : first + CHUNK])
         state = basis.state(motion.table)
-        _, slope = sliding_kernel()(state, robot.geometry_vector)
-        full = np.zeros((len(state), 18, 18))
-        full[:, :, :12] = slope
+        _, slope = sliding_kernel(robot.terms)(state, robot.geometry_vector)
+        full = np.zeros((*slope.shape[:2], 3 * COORDINATES))
+        full[:, :, : 2 * COORDINATES] = slope
         carried = chain(full, basis, motion, orders=2, free=free_frequency)
         parts.append(np.linalg.norm(carried @ factor, axis=2))
     return np.concatenate(parts)

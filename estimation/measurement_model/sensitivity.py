@@ -71,15 +71,15 @@ def predict_forces(
 
     Parameters
     ----------
-    signs : (S, 18)
-        Friction signs of l̇, α̇, β̇ at the same instants.
+    signs : (S, s)
+        Friction signs of the rates that the terms use, at the same instants.
     parameters : (m,)
         SI.
     """
     basis = motion.basis(times)
     state = basis.state(motion.table)
-    kernel = force_kernel(general=robot.general)
-    regressors, slope = kernel(state, signs, robot.geometry_vector, parameters)
+    kernel = force_kernel(robot.terms)
+    regressors, slope = kernel(state, signs, robot.machine, parameters)
     return ForcePrediction(regressors, chain(slope, basis, motion, orders=3, free=free_frequency))
 
 

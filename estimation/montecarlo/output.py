@@ -13,7 +13,7 @@ import pandas as pd
 from estimation.montecarlo.study import Study
 from estimation.montecarlo.tables import STATISTICS, repetition_columns
 from expdesign.configuration import resolved_yaml
-from expdesign.mechanism.graph import parameter_unit
+from expdesign.mechanism.catalogue import parameter_unit
 from expdesign.runfolder.atomic import write_csv, write_json, write_text
 from expdesign.runfolder.columns import add_columns
 

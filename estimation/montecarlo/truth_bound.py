@@ -13,8 +13,6 @@ from estimation.montecarlo.repetition import Workbench
 from estimation.processing import NoiseModel, PeriodSource, make_record
 from estimation.uncertainty import cramer_rao_covariance
 
-_SIGNED = 18
-
 
 def bound_at_truth(bench: Workbench) -> Array:
     """Return the bound as a covariance, (m, m), SI; zero for fixed parameters.
@@ -54,9 +52,8 @@ def bound_at_truth(bench: Workbench) -> Array:
         free_frequency=free_frequency,
     )
     noise = NoiseModel(truth.force_covariance, truth.length_covariance, "given", "given")
-    experiment = Experiment.along(
-        bench.robot, record, noise, known, np.zeros((record.samples, _SIGNED))
-    )
+    spread = np.zeros((record.samples, bench.robot.graph.signs.numel()))
+    experiment = Experiment.along(bench.robot, record, noise, known, spread)
     return cramer_rao_covariance(
         bench.robot, [experiment], [motion], bench.knowledge, truth.parameter_vector
     )

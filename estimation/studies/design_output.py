@@ -15,7 +15,7 @@ from estimation.studies.design_study import ESTIMATORS, DesignStudy, Trial, tria
 from estimation.studies.tables import TABLES
 from estimation.uncertainty.differences import FAMILY_LEVEL
 from expdesign.experiment.scaling import parameter_scaling
-from expdesign.mechanism.graph import parameter_unit
+from expdesign.mechanism.catalogue import parameter_unit
 from expdesign.robot import Robot
 
 _CLEAR = 4.0

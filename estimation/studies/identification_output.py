@@ -17,7 +17,7 @@ from estimation.studies.identification_study import (
 )
 from estimation.studies.tables import TABLES
 from estimation.uncertainty.differences import FAMILY_LEVEL
-from expdesign.mechanism.graph import parameter_unit
+from expdesign.mechanism.catalogue import parameter_unit
 
 _RARE = 0.05
 

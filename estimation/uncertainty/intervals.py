@@ -10,7 +10,7 @@ from scipy import stats
 from constraints.arrays import Array
 from estimation.estimators import Knowledge, ParameterEstimate
 from expdesign.experiment.scaling import parameter_scaling
-from expdesign.mechanism.graph import parameter_unit
+from expdesign.mechanism.catalogue import parameter_unit
 from expdesign.robot import Robot
 
 LEVEL = 0.95

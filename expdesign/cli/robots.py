@@ -118,6 +118,7 @@ def _as_data(robot: ResolvedRobot) -> dict[str, Any]:
         "description": robot.description.description,
         "file": str(robot.source),
         "platform": robot.platform,
+        "terms": [term.name for term in robot.terms],
         "home": robot.home.tolist(),
         "base_joints": robot.base_joints.tolist(),
         "platform_joints": robot.platform_joints.tolist(),

@@ -19,12 +19,6 @@ from expdesign.configuration.limits import row_labels
 from expdesign.configuration.montecarlo import MonteCarloSection
 from expdesign.configuration.motion import MotionSection
 from expdesign.configuration.noise_section import NoiseDescription
-from expdesign.configuration.parameters import (
-    GENERAL_PARAMETERS,
-    PARAMETER_DIMENSIONS,
-    SYMMETRIC_PARAMETERS,
-    ParametersDescription,
-)
 from expdesign.configuration.problem import InputError, Problem, key_path
 from expdesign.configuration.quantity import (
     CURRENT,
@@ -58,14 +52,11 @@ __all__ = [
     "DURATION",
     "FORCE",
     "FORCE_CHANNELS",
-    "GENERAL_PARAMETERS",
     "LENGTH",
     "LENGTH_CHANNELS",
     "OFFERS",
-    "PARAMETER_DIMENSIONS",
     "STAGES",
     "STRUT_ONLY",
-    "SYMMETRIC_PARAMETERS",
     "Cogging",
     "DataSection",
     "DesignSection",
@@ -79,7 +70,6 @@ __all__ = [
     "MotionSection",
     "NoiseDescription",
     "Outliers",
-    "ParametersDescription",
     "Prior",
     "Problem",
     "ReportSection",

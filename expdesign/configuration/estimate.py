@@ -9,7 +9,7 @@ from pydantic_core import PydanticCustomError
 
 from expdesign.configuration.base import Section
 from expdesign.configuration.failure import refusal, shown
-from expdesign.configuration.parameters import PARAMETER_DIMENSIONS, known_parameter
+from expdesign.configuration.parameters import known_parameter, parsed_parameter
 from expdesign.configuration.quantity import Frequency, Positive
 from expdesign.configuration.scalars import Distinct, at_least, one_of
 
@@ -39,7 +39,7 @@ def _auto_or_count(value: object) -> Any:
 
 def _parsed(name: str, value: object) -> float:
     try:
-        return PARAMETER_DIMENSIONS[name].parse(value)
+        return parsed_parameter(name, value)
     except PydanticCustomError as error:
         context = error.context or {}
         raise refusal(error.message(), context["allowed"], key=name) from None

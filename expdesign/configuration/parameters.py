@@ -1,94 +1,194 @@
-"""The parameters of a hexapod: names, order, units (the project's model of a 6-UPS robot)."""
+"""The terms of a robot's model and their parameters, as the robot file names them."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated, Any
 
-from pydantic import BeforeValidator, SerializerFunctionWrapHandler, model_serializer
+from pydantic import BeforeValidator, Field, ValidationError, ValidationInfo, model_serializer
+from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from expdesign.configuration.base import Section
-from expdesign.configuration.quantity import (
-    DAMPING,
-    FIRST_MOMENT,
-    FORCE,
-    INERTIA,
-    MASS,
-    TORQUE,
-    Damping,
-    Dimension,
-    FirstMoment,
-    Force,
-    Inertia,
-    Mass,
-    Torque,
-)
+from expdesign.configuration.failure import nearest, refusal, shown
+from expdesign.configuration.quantity import dimension_of
 from expdesign.configuration.scalars import known_key
+from expdesign.mechanism.catalogue import DEFAULT, TERMS, known_parameters, terms_named
+from expdesign.mechanism.term import Constant, Parameter, Term, parameters_of
+from expdesign.mechanism.terms import rigid_platform
 
-_RIGID: dict[str, Dimension] = {
-    **dict.fromkeys(("p1", "p2", "p3"), INERTIA),
-    **dict.fromkeys(("p4", "p5"), FIRST_MOMENT),
-    **dict.fromkeys(("p6", "p7", "p8"), INERTIA),
-    "p9": FIRST_MOMENT,
-    "p10": MASS,
-}
-_GENERAL: dict[str, Dimension] = {
-    **dict.fromkeys(("sx", "sy"), FIRST_MOMENT),
-    **dict.fromkeys(("Ixy", "Ixz", "Iyz"), INERTIA),
-}
-_FRICTION: dict[str, Dimension] = {
-    **dict.fromkeys(("r_alpha", "r_beta"), TORQUE),
-    **dict.fromkeys(("r1", "r2", "r3", "r4", "r5", "r6"), FORCE),
-    **dict.fromkeys(("v1", "v2", "v3", "v4", "v5", "v6"), DAMPING),
-}
 
-GENERAL_ONLY = tuple(_GENERAL)
-"""Parameters that only a platform without symmetry has."""
+def known_parameter(value: object) -> str:
+    """Check that a text is a parameter of some term, naming the nearest when it is not."""
+    return known_key(tuple(known_parameters()), "parameter")(value)
 
-SYMMETRIC_PARAMETERS = (*_RIGID, *_FRICTION)
-"""The 24 parameters of a hexapod with a symmetric platform, in their order."""
 
-GENERAL_PARAMETERS = (*_RIGID, *_GENERAL, *_FRICTION)
-"""The 29 parameters of a hexapod with a general platform, in their order."""
-
-PARAMETER_DIMENSIONS: dict[str, Dimension] = {**_RIGID, **_GENERAL, **_FRICTION}
-
-known_parameter = known_key(GENERAL_PARAMETERS, "parameter")
 ParameterName = Annotated[str, BeforeValidator(known_parameter)]
 
 
-class ParametersDescription(Section):
-    """Nominal (a-priori) parameter values in SI units; they need not be physically consistent."""
+def parsed_parameter(name: str, value: object) -> float:
+    """Convert what stands in a file to the parameter's SI unit.
 
-    p1: Inertia
-    p2: Inertia
-    p3: Inertia
-    p4: FirstMoment
-    p5: FirstMoment
-    p6: Inertia
-    p7: Inertia
-    p8: Inertia
-    p9: FirstMoment
-    p10: Mass
-    sx: FirstMoment | None = None
-    sy: FirstMoment | None = None
-    Ixy: Inertia | None = None
-    Ixz: Inertia | None = None
-    Iyz: Inertia | None = None
-    r_alpha: Torque
-    r_beta: Torque
-    r1: Force
-    r2: Force
-    r3: Force
-    r4: Force
-    r5: Force
-    r6: Force
-    v1: Damping
-    v2: Damping
-    v3: Damping
-    v4: Damping
-    v5: Damping
-    v6: Damping
+    Raises
+    ------
+    pydantic_core.PydanticCustomError
+        If it is no such quantity.
+    """
+    return dimension_of(known_parameters()[name].unit).parse(value)
 
-    @model_serializer(mode="wrap")
-    def _without_absent(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        return {name: value for name, value in handler(self).items() if value is not None}
+
+class ConstantDescription(Section):
+    """The value of a term's constant, SI, and whether it shall be estimated too."""
+
+    value: float
+    estimate: bool = False
+
+
+class TermDescription(Section):
+    """A term by its name in the catalogue, with the constants that it has."""
+
+    name: str
+    constants: dict[str, ConstantDescription] = Field(default_factory=dict)
+
+    @model_serializer
+    def _as_written(self) -> str | dict[str, Any]:
+        if not self.constants:
+            return self.name
+        return {
+            self.name: {
+                key: constant.model_dump() if constant.estimate else constant.value
+                for key, constant in self.constants.items()
+            }
+        }
+
+
+def _terms(value: object) -> tuple[TermDescription, ...]:
+    """Judge the list as a whole: each term once, constants of those that have them."""
+    wanted = f"a list of terms: {', '.join(TERMS)}"
+    if not isinstance(value, list | tuple) or not value:
+        raise refusal(f"{shown(value)} is no list of terms", wanted)
+    found: dict[str, TermDescription] = {}
+    for item in value:
+        described = item if isinstance(item, TermDescription) else _term(item, wanted)
+        if described.name in found:
+            raise refusal(f"the term '{described.name}' is listed twice", "each one once")
+        found[described.name] = described
+    return tuple(found.values())
+
+
+def _term(item: object, wanted: str) -> TermDescription:
+    name: object = item
+    given: object = {}
+    if isinstance(item, Mapping) and len(item) == 1:
+        ((name, given),) = item.items()
+    if not isinstance(name, str) or name not in TERMS:
+        raise refusal(f"{shown(name)} is no term", wanted, nearest(name, TERMS))
+    constants = {constant.name: constant for constant in TERMS[name].constants}
+    allowed = ", ".join(constants) or f"the name '{name}' alone: this term has no constants"
+    if not isinstance(given, Mapping):
+        raise refusal(f"{shown(given)} is no mapping of constants", allowed)
+    for key in given:
+        if key not in constants:
+            raise refusal(
+                f"{shown(key)} is no constant of the term '{name}'",
+                allowed,
+                nearest(key, constants),
+            )
+    return TermDescription(
+        name=name,
+        constants={key: _constant(c, name, given.get(key)) for key, c in constants.items()},
+    )
+
+
+def _constant(constant: Constant, term: str, given: object) -> ConstantDescription:
+    key = f"{term}.{constant.name}"
+    dimension = dimension_of(constant.unit)
+    estimate: object = False
+    if isinstance(given, Mapping):
+        if odd := set(given) - {"value", "estimate"}:
+            raise refusal(f"unknown key {shown(odd.pop())} of {key}", "value, estimate")
+        estimate = given.get("estimate", False)
+        given = given.get("value")
+    if not isinstance(estimate, bool):
+        raise refusal(f"{key}: {shown(estimate)} is neither true nor false", "true, false")
+    if given is None:
+        given = constant.value
+    if given is None:
+        raise refusal(f"the constant {key} ({constant.meaning}) is missing", dimension.allowed)
+    return ConstantDescription(value=dimension.parse(given), estimate=estimate)
+
+
+def whose(name: object) -> str:
+    """Return, to be appended to a message, in which term a parameter is that a robot lacks."""
+    for term in TERMS.values():
+        if name in {parameter.name for parameter in term.parameters}:
+            kind = " with platform: general" if term is rigid_platform.GENERAL else ""
+            return f": it belongs to the term {term.name}{kind}"
+    return ""
+
+
+Terms = Annotated[tuple[TermDescription, ...], BeforeValidator(_terms)]
+
+DEFAULT_TERMS = _terms(DEFAULT)
+
+
+def chosen_terms(described: tuple[TermDescription, ...], platform: str) -> tuple[Term, ...]:
+    """Return the blocks that a robot file names, with its kind of platform."""
+    return terms_named((term.name for term in described), general=platform == "general")
+
+
+def _parameters(value: object, info: ValidationInfo) -> dict[str, float]:
+    """Read exactly the parameters of the robot's terms, in their order."""
+    if not isinstance(value, Mapping):
+        raise refusal(f"{shown(value)} is not a mapping", "parameters with their values")
+    if "terms" not in info.data or "platform" not in info.data:
+        return {}  # refused themselves: which parameters there are is not known
+    expected = {p.name: p for p in parameters_of(chosen_terms(**_choice(info.data)))}
+    found: dict[str, float] = {}
+    problems: list[InitErrorDetails] = []
+    for name in (*expected, *(name for name in value if name not in expected)):
+        try:
+            found[name] = _value(name, expected, value)
+        except PydanticCustomError as error:
+            problems.append({"type": error, "loc": (str(name),), "input": value.get(name)})
+        except KeyError:
+            problems.append({"type": "missing", "loc": (name,), "input": value})
+    if problems:
+        raise ValidationError.from_exception_data("parameters", problems)
+    return found
+
+
+def _choice(data: Mapping[str, Any]) -> dict[str, Any]:
+    return {"described": data["terms"], "platform": data["platform"]}
+
+
+def _value(name: str, expected: Mapping[str, Parameter], given: Mapping[str, object]) -> float:
+    """Return one value; raise KeyError where it is missing."""
+    if name not in expected:
+        message = f"no term of this robot has the parameter {shown(name)}"
+        raise refusal(message + whose(name), ", ".join(expected), nearest(name, expected))
+    default = expected[name].default
+    if given.get(name) is None and default is not None:
+        return default
+    return parsed_parameter(name, given[name])
+
+
+Parameters = Annotated[dict[str, float], BeforeValidator(_parameters)]
+
+
+def parameter_warnings(terms: tuple[Term, ...], values: Mapping[str, float]) -> list[str]:
+    """Return in words what no real bodies have: rounded tables and estimates have it.
+
+    Parameters
+    ----------
+    terms : tuple of Term
+    values : mapping
+        Nominal parameters, SI.
+    """
+    found = []
+    for parameter in parameters_of(terms):
+        value = values[parameter.name]
+        if value < parameter.lower or (parameter.strict and value == parameter.lower):
+            bound = "not positive" if parameter.strict else "negative"
+            found.append(f"{parameter.name} = {value:g} is {bound}")
+    found += [text for term in terms for text in term.impossible(values)]
+    return [f"physically inconsistent parameters: {text}" for text in found]

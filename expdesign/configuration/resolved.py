@@ -12,6 +12,7 @@ from constraints import Limit
 from constraints.arrays import Array
 from expdesign.configuration.robot_section import RobotDescription
 from expdesign.configuration.run_section import RunDescription
+from expdesign.mechanism.term import Term
 
 
 def read_only(values: object) -> Array:
@@ -58,9 +59,12 @@ class ResolvedRobot:
     platform_joint_axes : (6, 3)
         Reference axes of the platform joints, unit vectors in the platform frame.
     platform : {"symmetric", "general"}
+    terms : tuple of Term
+        Blocks of the regressor.
+    constants : tuple of float
+        Of the terms in their order, SI.
     parameters : dict
-        Nominal values by name in the order of the model: p1…p10, (sx, sy, Ixy, Ixz, Iyz,)
-        r_alpha, r_beta, r1…r6, v1…v6.
+        Nominal values by name, SI, in the order of the terms.
     noise : ResolvedNoise or None
         None when neither robot nor run state any.
     limits : dict of Limit
@@ -81,6 +85,8 @@ class ResolvedRobot:
     alpha_axes: Array
     platform_joint_axes: Array
     platform: str
+    terms: tuple[Term, ...]
+    constants: tuple[float, ...]
     parameters: Mapping[str, float]
     noise: ResolvedNoise | None
     limits: Mapping[str, Limit]

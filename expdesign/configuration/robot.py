@@ -11,7 +11,6 @@ import numpy as np
 
 from constraints.arrays import Array
 from expdesign.configuration import geometry as geo
-from expdesign.configuration.consistency import parameter_warnings
 from expdesign.configuration.document import Document
 from expdesign.configuration.finding import find_robot
 from expdesign.configuration.limits import (
@@ -22,7 +21,7 @@ from expdesign.configuration.limits import (
 )
 from expdesign.configuration.noise import NoiseSource, resolve_noise
 from expdesign.configuration.noise_section import NoiseDescription
-from expdesign.configuration.parameters import GENERAL_PARAMETERS, SYMMETRIC_PARAMETERS
+from expdesign.configuration.parameters import chosen_terms, parameter_warnings
 from expdesign.configuration.problem import InputError, Key, Problem
 from expdesign.configuration.resolved import ResolvedRobot, read_only
 from expdesign.configuration.robot_section import RobotDescription
@@ -128,14 +127,13 @@ def resolve_robot(
     if problems:
         raise InputError(problems)
 
-    parameters = _parameters(description)
-    warnings += parameter_warnings(parameters)
+    terms = chosen_terms(description.terms, description.platform)
+    warnings += parameter_warnings(terms, description.parameters)
     warnings += _symmetry_warnings(description.platform, platform_joints)
     written = description.model_copy(
         update={
             "alpha_axes": _nested(alpha_axes),
             "platform_joint_axes": _nested(joint_axes),
-            "parameters": description.parameters.model_copy(update=parameters),
             "noise": merged_noise,
             "limits": limits_as_written(resolved_limits, length),
         }
@@ -150,7 +148,9 @@ def resolve_robot(
         alpha_axes=read_only(alpha_axes),
         platform_joint_axes=read_only(joint_axes),
         platform=description.platform,
-        parameters=parameters,
+        terms=terms,
+        constants=tuple(c.value for term in description.terms for c in term.constants.values()),
+        parameters=description.parameters,
         noise=resolved_noise,
         limits=resolved_limits,
         characteristic_length=length,
@@ -191,11 +191,6 @@ def _directions(
         condition = geo.condition_at_home(home, length)
         problems = geo.geometry_problems(home, alpha_axes, condition, length, source.problem)
     return alpha_axes, joint_axes, problems
-
-
-def _parameters(description: RobotDescription) -> dict[str, float]:
-    names = GENERAL_PARAMETERS if description.platform == "general" else SYMMETRIC_PARAMETERS
-    return {name: getattr(description.parameters, name) or 0.0 for name in names}
 
 
 def _symmetry_warnings(platform: str, platform_joints: Array) -> list[str]:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, Field
 
 from expdesign.configuration.base import Section
 from expdesign.configuration.failure import refusal, shown
 from expdesign.configuration.noise_section import NoiseDescription
-from expdesign.configuration.parameters import GENERAL_ONLY, ParametersDescription
+from expdesign.configuration.parameters import DEFAULT_TERMS, Parameters, Terms
 from expdesign.configuration.quantity import Acceleration, Angle, Length, Number
 from expdesign.configuration.scalars import Name, Text, exactly, one_of
 
@@ -51,7 +51,11 @@ class RobotDescription(Section):
         Directions in the base and in the platform frame; any length but zero.
     platform : {"symmetric", "general"}
         10 or 15 rigid-body parameters of the platform.
-    parameters : ParametersDescription
+    terms : tuple of TermDescription
+        Blocks of the model that is linear in the parameters.
+    parameters : dict
+        Nominal (a-priori) values of the terms' parameters, SI; they need not be physically
+        consistent.
     noise : NoiseDescription, optional
     limits : dict
         As written; `expdesign.configuration` judges it by the limits that exist.
@@ -70,17 +74,7 @@ class RobotDescription(Section):
     alpha_axes: Annotated[tuple[Direction, ...], exactly(6, "axes")] | None = None
     platform_joint_axes: Annotated[tuple[Direction, ...], exactly(6, "axes")] | None = None
     platform: Annotated[PlatformKind, one_of(PlatformKind)] = "symmetric"
-    parameters: ParametersDescription
+    terms: Terms = DEFAULT_TERMS
+    parameters: Parameters
     noise: NoiseDescription | None = None
     limits: RawMapping = Field(default_factory=dict)
-
-    @model_validator(mode="after")
-    def _no_lateral_moments_when_symmetric(self) -> RobotDescription:
-        extra = [k for k in GENERAL_ONLY if getattr(self.parameters, k) is not None]
-        if self.platform == "symmetric" and extra:
-            raise refusal(
-                f"parameters {', '.join(extra)} are given for a symmetric platform",
-                "platform: general, or a platform without these parameters",
-                key="parameters",
-            )
-        return self

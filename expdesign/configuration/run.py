@@ -14,6 +14,7 @@ from expdesign.configuration.finding import absolute, find_robot, find_run
 from expdesign.configuration.limits import LimitSource, resolve_limits
 from expdesign.configuration.noise import NoiseSource
 from expdesign.configuration.noise_section import NoiseDescription
+from expdesign.configuration.parameters import whose
 from expdesign.configuration.problem import InputError, Problem
 from expdesign.configuration.resolved import ResolvedRobot, RunConfiguration
 from expdesign.configuration.robot import RobotSource, read_robot, resolve_robot
@@ -150,7 +151,7 @@ def _unknown_parameters(
     return [
         document.problem(
             key,
-            f"robot {robot.name} with its {robot.platform} platform has no parameter '{name}'",
+            f"no term of the robot {robot.name} has the parameter '{name}'{whose(name)}",
             ", ".join(valid),
             nearest(name, valid),
         )

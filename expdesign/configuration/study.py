@@ -15,6 +15,8 @@ from expdesign.configuration.parameters import ParameterName
 from expdesign.configuration.quantity import Number
 from expdesign.configuration.scalars import Distinct, at_least, exactly, one_of, whole
 from expdesign.configuration.validation_section import ValidationMotion
+from expdesign.mechanism.terms import actuator_friction
+from expdesign.mechanism.terms.rigid_platform import MASS
 
 StudyKind = Literal["design", "identification", "validation"]
 Kinematics = Literal["exact", "fourier", "central"]
@@ -29,7 +31,7 @@ _KEYS: dict[str, tuple[str, ...]] = {
 _LARGEST_COUNT = 100_000
 _MOST_SETS = 1000
 _FEWEST = 3
-_FRICTION = (*(f"r{j}" for j in range(1, 7)), *(f"v{j}" for j in range(1, 7)))
+_FRICTION = tuple(p.name for p in actuator_friction.TERM.parameters)
 
 
 def _factor(value: float) -> float:
@@ -90,7 +92,7 @@ class StudySection(Section):
         ValidationMotion(motion="circle", mirror="xz"),
     )
     wrong: dict[ParameterName, Annotated[Number, AfterValidator(_factor)]] = Field(
-        default_factory=lambda: {"p10": 1.2, **dict.fromkeys(_FRICTION, 0.5)}
+        default_factory=lambda: {MASS: 1.2} | dict.fromkeys(_FRICTION, 0.5)
     )
 
     @model_validator(mode="after")

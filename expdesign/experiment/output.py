@@ -16,7 +16,7 @@ from expdesign.experiment.scaling import parameter_scaling
 from expdesign.experiment.tables import TABLES
 from expdesign.information.catalogue import criteria_by_key
 from expdesign.information.fisher import ScaledInformation
-from expdesign.mechanism.graph import parameter_unit
+from expdesign.mechanism.catalogue import parameter_unit
 from expdesign.runfolder.atomic import write_csv, write_json, write_text
 from expdesign.runfolder.columns import TRAJECTORY, add_columns
 

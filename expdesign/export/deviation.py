@@ -79,8 +79,7 @@ def deviation(table: ExecutedTable, times: Array, executed: Executed, *, forces:
     )
     if not forces:
         return found
-    smooth = np.array([not name.startswith("r") for name in robot.parameter_names])
-    parameters = np.where(smooth, robot.parameters, 0.0)
+    parameters = np.where(robot.graph.jumping, 0.0, robot.parameters)
     pose, rate, acceleration = np.split(executed.states, 3, axis=1)
     force = robot.actuator_forces(pose, rate, acceleration, parameters) - robot.actuator_forces(
         *parts, parameters

@@ -1,4 +1,4 @@
-"""One strut between base cardan and platform joint: kinematics and forces in (α, β, l).
+"""One strut between base cardan and platform joint: its motion in (α, β, l).
 
 The end point B of a strut has the spherical coordinates (α, β, l) about its cardan centre A:
 u = (sin β, −sin α cos β, cos α cos β) in the cardan base frame C. Every energy of ring, stator
@@ -93,34 +93,20 @@ def strut_kinematics(
     )
 
 
-def generalized_force_regressor(strut: StrutKinematics, gravity: ca.SX) -> ca.SX:
-    """Return the (3, 5) regressor of (τ_α, τ_β, τ_l) for p1 … p5.
+def torque_wrench(strut: StrutKinematics, arm: ca.SX, torques: ca.SX) -> ca.SX:
+    """Return force and moment about the TCP, (6, k), of torques about the cardan axes.
 
-    From T = ½ p1 α̇² + ½ p2 cos²β α̇² + ½ p3 β̇² + p5 l (cos²β α̇² + β̇²) and
-    V = −(p4 + p5) g·u by Lagrange's equations; N·m for the angles, N for the length.
+    Parameters
+    ----------
+    strut : StrutKinematics
+    arm : (3, 1)
+        From the TCP to the platform joint B, base frame, m.
+    torques : (2, k)
+        About the axes of α and β, N·m.
     """
-    s, c, length = strut.sin_beta, strut.cos_beta, strut.length
-    dalpha, dbeta, dlength = strut.alpha_rate, strut.beta_rate, strut.length_rate
-    ddalpha, ddbeta = strut.alpha_acceleration, strut.beta_acceleration
-    # d/dt(cos²β α̇) and sin β cos β α̇²: what p2 sees; with 2 l in front, what p5 sees as well.
-    turning = c * (c * ddalpha - 2 * s * dbeta * dalpha)
-    centrifugal = s * c * dalpha**2
-    weight_alpha = -c * ca.dot(gravity, strut.along_alpha)
-    weight_beta = -ca.dot(gravity, strut.along_beta)
-    return ca.vertcat(
-        ca.horzcat(
-            ddalpha,
-            turning,
-            0,
-            weight_alpha,
-            weight_alpha + 2 * (length * turning + dlength * c**2 * dalpha),
-        ),
-        ca.horzcat(
-            0,
-            centrifugal,
-            ddbeta,
-            weight_beta,
-            weight_beta + 2 * (length * (ddbeta + centrifugal) + dlength * dbeta),
-        ),
-        ca.horzcat(0, 0, 0, 0, -(dbeta**2 + (c * dalpha) ** 2)),
-    )
+    # A torque about a cardan axis is a transverse force at B.
+    per_alpha = strut.along_alpha / (strut.length * strut.cos_beta)
+    per_beta = strut.along_beta / strut.length
+    forces = ca.horzcat(per_alpha, per_beta) @ torques
+    moments = ca.horzcat(*(ca.cross(arm, forces[:, k]) for k in range(forces.shape[1])))
+    return ca.vertcat(forces, moments)

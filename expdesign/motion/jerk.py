@@ -25,8 +25,7 @@ _POINTS = 4000
 @cache
 def strut_jerk_kernel() -> BatchFunction:
     """Return strut jerk (6,), m/s³, and its Jacobian (6, 24), of (pose … jerk) and geometry."""
-    # Lengths do not depend on the platform's parameters: one kernel serves both kinds.
-    graph = hexapod_graph(general=False)
+    graph = hexapod_graph()
     third = ca.SX.sym("pose_jerk", 6)
     moving = ca.vertcat(graph.rate, graph.acceleration, third)
     jerk = ca.jtimes(graph.kinematic["strut_acceleration"], graph.state, moving)

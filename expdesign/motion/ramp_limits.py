@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from constraints import LimitDefinition
 from constraints.arrays import Array
+from expdesign.mechanism.term import Term
 from expdesign.motion.jerk import strut_jerk, strut_jerk_kernel
 from expdesign.problem.limit_rows import LimitKernels
 from expdesign.robot import ExactModel, hexapod_graph
@@ -18,8 +19,8 @@ JERK = "strut_jerk"
 
 
 @cache
-def _kernels(definitions: tuple[LimitDefinition, ...], *, general: bool) -> LimitKernels:
-    return LimitKernels.of(hexapod_graph(general=general), definitions)
+def _kernels(definitions: tuple[LimitDefinition, ...], terms: tuple[Term, ...]) -> LimitKernels:
+    return LimitKernels.of(hexapod_graph(terms), definitions)
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,12 +113,12 @@ class RampLimits:
     @property
     def _limit_kernels(self) -> LimitKernels:
         definitions = tuple(limit.definition for limit in self.exact.limits)
-        return _kernels(definitions, general=self.exact.robot.general)
+        return _kernels(definitions, self.exact.robot.terms)
 
     def _fixed(self, width: float) -> tuple[Array, ...]:
         robot = self.exact.robot
         length = np.array([robot.characteristic_length])
-        return robot.geometry_vector, robot.parameters, length, np.array([width])
+        return robot.machine, robot.parameters, length, np.array([width])
 
     def _natural_bounds(self, margins: Array) -> tuple[Array, Array]:
         parts = [

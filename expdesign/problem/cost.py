@@ -30,7 +30,7 @@ class RegressorKernels:
         regressor = graph.regressor_with(Friction.SMOOTH)
         flat = ca.vec(regressor.T)
         slope = ca.cse(ca.jacobian(flat, graph.state))
-        fixed = [graph.geometry.vector, graph.width]
+        fixed = [graph.machine, graph.width]
         return cls(
             BatchFunction("regressor", [graph.state], fixed, [regressor]),
             BatchFunction("regressor_slope", [graph.state], fixed, [regressor, slope]),
@@ -44,8 +44,8 @@ class InformationCost:
     Attributes
     ----------
     kernels : RegressorKernels
-    geometry : (g,)
-        The graph's geometry input.
+    machine : (g,)
+        Geometry and constants, the graph's input.
     variables : DesignVariables
     covariance : (6, 6)
         Full Σ of the force noise, N².
@@ -59,7 +59,7 @@ class InformationCost:
     """
 
     kernels: RegressorKernels
-    geometry: Array
+    machine: Array
     variables: DesignVariables
     covariance: Array
     columns: NDArray[np.intp]
@@ -75,7 +75,7 @@ class InformationCost:
     def information(self, variables: Array, width: float) -> Array:
         """Return the scaled, smoothed F per sample, (k, k)."""
         states = self.variables.states(variables, self.basis())
-        (regressors,) = self.kernels.value(states, self.geometry, np.array([width]))
+        (regressors,) = self.kernels.value(states, self.machine, np.array([width]))
         white = self._whiten(regressors)
         stacked = white.reshape(-1, white.shape[2])
         return stacked.T @ stacked / self.samples
@@ -128,7 +128,7 @@ class InformationCost:
     ) -> tuple[Array, Array, SpectralCost]:
         """Return whitened A (N, 6, k), ∂A/∂state (N, 6, m, 18) and the criterion's derivatives."""
         states = self.variables.states(variables, basis)
-        regressors, slopes = self.kernels.derivative(states, self.geometry, np.array([width]))
+        regressors, slopes = self.kernels.derivative(states, self.machine, np.array([width]))
         white = self._whiten(regressors)
         information = np.tensordot(white, white, axes=([0, 1], [0, 1])) / len(white)
         cost = spectral_cost(information, self.criterion, level)

@@ -10,6 +10,7 @@ import numpy as np
 from constraints import Limit, LimitDefinition
 from constraints.arrays import Array, Mask
 from expdesign.information.spectral import Criterion
+from expdesign.mechanism.term import Term
 from expdesign.problem.cost import InformationCost, RegressorKernels
 from expdesign.problem.limit_rows import LimitEvaluator, LimitKernels, LimitRows
 from expdesign.problem.reach import coordinate_reach
@@ -199,13 +200,15 @@ class DesignProgram:
 
 
 @cache
-def _regressor_kernels(*, general: bool) -> RegressorKernels:
-    return RegressorKernels.of(hexapod_graph(general=general))
+def _regressor_kernels(terms: tuple[Term, ...]) -> RegressorKernels:
+    return RegressorKernels.of(hexapod_graph(terms))
 
 
 @cache
-def _limit_kernels(definitions: tuple[LimitDefinition, ...], *, general: bool) -> LimitKernels:
-    return LimitKernels.of(hexapod_graph(general=general), definitions)
+def _limit_kernels(
+    definitions: tuple[LimitDefinition, ...], terms: tuple[Term, ...]
+) -> LimitKernels:
+    return LimitKernels.of(hexapod_graph(terms), definitions)
 
 
 def build_problem(
@@ -245,8 +248,8 @@ def build_problem(
     variables = DesignVariables(harmonics, reach / 2, middle, (lowest, highest), highest)
     columns = np.array([robot.parameter_names.index(name) for name in names], dtype=np.intp)
     cost = InformationCost(
-        _regressor_kernels(general=robot.general),
-        robot.geometry_vector,
+        _regressor_kernels(robot.terms),
+        robot.machine,
         variables,
         covariance,
         columns,
@@ -255,9 +258,9 @@ def build_problem(
         samples,
     )
     evaluator = LimitEvaluator(
-        _limit_kernels(tuple(limit.definition for limit in robot.limits), general=robot.general),
+        _limit_kernels(tuple(limit.definition for limit in robot.limits), robot.terms),
         variables,
-        robot.geometry_vector,
+        robot.machine,
         robot.parameters,
         robot.characteristic_length,
     )

@@ -20,7 +20,7 @@ from expdesign.trajectory import PhaseBasis
 class LimitKernels:
     """All limits of one instant, in the form the optimiser sees.
 
-    The value takes state, geometry, parameters, characteristic length and the friction's width;
+    The value takes state, machine, parameters, characteristic length and the friction's width;
     the derivative is to the state.
     """
 
@@ -75,7 +75,7 @@ class LimitEvaluator:
 
     kernels: LimitKernels
     variables: DesignVariables
-    geometry: Array
+    machine: Array
     parameters: Array
     characteristic_length: float
 
@@ -96,7 +96,7 @@ class LimitEvaluator:
 
     def _fixed(self, width: float) -> tuple[Array, ...]:
         return (
-            self.geometry,
+            self.machine,
             self.parameters,
             np.array([self.characteristic_length]),
             np.array([width]),

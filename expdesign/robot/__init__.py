@@ -1,6 +1,6 @@
 """The hexapod: geometry, kinematics and the parameter-linear dynamics as one symbolic graph."""
 
-from expdesign.mechanism.graph import Friction, HexapodGraph, hexapod_graph, parameter_names
+from expdesign.mechanism.graph import Friction, HexapodGraph, hexapod_graph
 from expdesign.robot.exact_limits import ExactModel
 from expdesign.robot.forward import ForwardKinematicsError
 from expdesign.robot.loading import load_robot, robot_from
@@ -15,6 +15,5 @@ __all__ = [
     "StrutMotion",
     "hexapod_graph",
     "load_robot",
-    "parameter_names",
     "robot_from",
 ]

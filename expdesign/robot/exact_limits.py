@@ -12,17 +12,20 @@ import numpy as np
 from constraints import Limit, LimitDefinition
 from constraints.arrays import Array
 from expdesign.mechanism.graph import Friction, hexapod_graph
+from expdesign.mechanism.term import Term
 from expdesign.robot.batch import BatchFunction
 from expdesign.robot.robot import Robot
 
 
 @cache
-def _exact_kernel(definitions: tuple[LimitDefinition, ...], *, general: bool) -> BatchFunction:
-    graph = hexapod_graph(general=general)
+def _exact_kernel(
+    definitions: tuple[LimitDefinition, ...], terms: tuple[Term, ...]
+) -> BatchFunction:
+    graph = hexapod_graph(terms)
     quantities = graph.quantities(Friction.EXACT)
     rows = ca.vertcat(*(ca.densify(d.natural(quantities)) for d in definitions))
-    state, geometry, parameters, length, _ = graph.inputs(Friction.EXACT)
-    return BatchFunction("exact_limits", [state], [geometry, parameters, length], [rows])
+    state, machine, parameters, length, _ = graph.inputs(Friction.EXACT)
+    return BatchFunction("exact_limits", [state], [machine, parameters, length], [rows])
 
 
 @dataclass(frozen=True)
@@ -40,12 +43,10 @@ class ExactModel:
 
     def values(self, states: Array) -> Array:
         """Return every limited quantity, (N, R), in SI units at the states (N, 18)."""
-        kernel = _exact_kernel(
-            tuple(limit.definition for limit in self.limits), general=self.robot.general
-        )
+        kernel = _exact_kernel(tuple(limit.definition for limit in self.limits), self.robot.terms)
         (values,) = kernel(
             states,
-            self.robot.geometry_vector,
+            self.robot.machine,
             self.robot.parameters,
             np.array([self.robot.characteristic_length]),
         )

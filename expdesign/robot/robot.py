@@ -13,9 +13,10 @@ from constraints import Limit
 from constraints.arrays import Array
 from expdesign.configuration import ResolvedRobot
 from expdesign.mechanism.geometry import Geometry, cardan_frames
-from expdesign.mechanism.graph import HexapodGraph, hexapod_graph, parameter_names
+from expdesign.mechanism.graph import HexapodGraph, hexapod_graph
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.rotation import rotation_matrix
+from expdesign.mechanism.term import Term, parameters_of
 from expdesign.robot.forward import solve_pose
 from expdesign.robot.kernels import length_kernel, motion_kernel, regressor_kernel
 
@@ -74,9 +75,9 @@ class Robot:
         return self.description.name
 
     @property
-    def general(self) -> bool:
-        """True when the platform has its full ten rigid-body parameters."""
-        return self.description.platform == "general"
+    def terms(self) -> tuple[Term, ...]:
+        """Blocks of the regressor."""
+        return self.description.terms
 
     @property
     def home(self) -> Array:
@@ -91,7 +92,7 @@ class Robot:
     @property
     def parameter_names(self) -> tuple[str, ...]:
         """Names of the regressor's columns."""
-        return parameter_names(general=self.general)
+        return tuple(parameter.name for parameter in parameters_of(self.terms))
 
     @cached_property
     def parameters(self) -> Array:
@@ -102,13 +103,18 @@ class Robot:
 
     @property
     def graph(self) -> HexapodGraph:
-        """The symbolic graph, shared by all robots with this kind of platform."""
-        return hexapod_graph(general=self.general)
+        """The symbolic graph, shared by all robots with these terms."""
+        return hexapod_graph(self.terms)
 
     @cached_property
     def geometry_vector(self) -> Array:
         """(g,) geometry input of the graph."""
         return self.geometry.vector()
+
+    @cached_property
+    def machine(self) -> Array:
+        """(g + c,) geometry and constants of the terms: the input of what depends on the terms."""
+        return np.concatenate([self.geometry_vector, self.description.constants])
 
     @property
     def limits(self) -> tuple[Limit, ...]:
@@ -171,7 +177,7 @@ class Robot:
     def regressor(self, pose: ArrayLike, rate: ArrayLike, acceleration: ArrayLike) -> Array:
         """Return A of Q = A p with the exact signs of dry friction: (6, m) or (N, 6, m)."""
         state, single = _states(pose, rate, acceleration)
-        (regressors,) = regressor_kernel(general=self.general)(state, self.geometry_vector)
+        (regressors,) = regressor_kernel(self.terms)(state, self.machine)
         return regressors[0] if single else regressors
 
     def actuator_forces(

@@ -219,7 +219,7 @@ def test_parameters_must_be_the_robots(run_mapping, problems_of):
     }
     problems = problems_of(run_mapping)
     assert [p.key for p in problems] == ["design.parameters", "estimate.fixed", "estimate.bounds"]
-    assert "symmetric" in problems[0].message
+    assert "platform: general" in problems[0].message
     run_mapping["robot"]["platform"] = "general"
     load_run(run_mapping)
 

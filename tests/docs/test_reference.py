@@ -13,7 +13,6 @@ from estimation.montecarlo.tables import STATISTICS, repetition_columns
 from estimation.twin import Twin
 from estimation.twin.output import truth_record
 from expdesign.configuration import (
-    GENERAL_PARAMETERS,
     STAGES,
     DataSection,
     DesignSection,
@@ -38,7 +37,9 @@ from expdesign.experiment.tables import TABLES
 from expdesign.export import table_formats
 from expdesign.information.catalogue import criteria_by_key
 from expdesign.library import robot_names, run_names
-from expdesign.mechanism.graph import HexapodGraph, parameter_unit
+from expdesign.mechanism.catalogue import DEFAULT, TERMS, terms_named
+from expdesign.mechanism.graph import HexapodGraph
+from expdesign.mechanism.term import parameters_of
 from expdesign.recheck import TOLERANCE, grid_points
 from expdesign.runfolder.columns import MEASUREMENT, TRAJECTORY
 from expdesign.trajectory import FourierTrajectory
@@ -71,8 +72,10 @@ def _required(model):
             "home": [0, 0, 1, 0, 0, 0],
             "base_joints": [[j, 0, 0] for j in range(6)],
             "platform_joints": [[j, 1, 0] for j in range(6)],
-            "parameters": dict.fromkeys(GENERAL_PARAMETERS[:10], 1)
-            | dict.fromkeys(GENERAL_PARAMETERS[15:], 1),
+            "parameters": {
+                parameter.name: 1
+                for parameter in parameters_of(terms_named(DEFAULT, general=False))
+            },
         }
     small = {
         Cogging: {"amplitude": 12, "pitch": 0.03},
@@ -172,16 +175,24 @@ def test_every_criterion_is_told(page):
             assert ("larger is better" in rows[key][1]) == criterion.larger_is_better
 
 
+def parameter_rows():
+    """Return the rows of the table of parameters: those that differ in the name only are one."""
+    rows = {}
+    for term in TERMS.values():
+        for p in term.parameters:
+            bound = "" if p.lower == -np.inf else f"{'>' if p.strict else '≥'} {p.lower:g}"
+            unit = p.unit.replace("^2", "²")
+            rest = f"{unit} | {bound} | {p.scale.text} | `{term.name}` | {p.meaning}"
+            rows.setdefault(rest, []).append(f"`{p.name}`")
+    return [
+        f"{f'{names[0]} … {names[-1]}' if len(names) > 3 else ', '.join(names)} | {rest}"
+        for rest, names in rows.items()
+    ]
+
+
 def test_parameters_and_their_units():
     rows = table(DOCS / "model.md", "## Energies and parameters")
-    units = {}
-    for names, unit, _ in rows:
-        first, last = codes(names)[0], codes(names)[-1]
-        every = [f"{first[0]}{j}" for j in range(1, 7)] if "…" in names else codes(names)
-        assert every[-1] == last
-        units |= dict.fromkeys(every, unit.replace("²", "^2"))
-    assert tuple(units) == GENERAL_PARAMETERS
-    assert units == {name: parameter_unit(name) for name in GENERAL_PARAMETERS}
+    assert [" | ".join(row) for row in rows] == parameter_rows()
 
 
 def test_robots_and_runs_that_ship():

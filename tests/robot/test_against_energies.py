@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from expdesign.configuration import load_robot_description
+from expdesign.mechanism.catalogue import DEFAULT, terms_named
 from expdesign.robot import Robot, load_robot
 from tests.robot.energies import COLUMNS, Energies
 
@@ -39,7 +40,7 @@ def _random_robot(rng, template):
             base_joints=base,
             platform_joints=joints,
             alpha_axes=_unit(rng.normal(size=(6, 3))),
-            platform="general",
+            terms=terms_named(DEFAULT, general=True),
             parameters=dict(zip(COLUMNS, values, strict=True)),
             limits={},
             characteristic_length=float(np.sqrt(np.mean(np.sum(joints**2, axis=1)))),
@@ -122,7 +123,9 @@ def test_forces_and_motion_of_random_general_hexapods(seed, template):
 def test_symmetric_is_general_without_lateral_terms(template):
     extra = np.isin(COLUMNS, ["sx", "sy", "Ixy", "Ixz", "Iyz"])
     for robot, states in _cases(11, 5, template):
-        symmetric = Robot.of(dataclasses.replace(robot.description, platform="symmetric"))
+        symmetric = Robot.of(
+            dataclasses.replace(robot.description, terms=terms_named(DEFAULT, general=False))
+        )
         assert symmetric.parameter_names == tuple(np.array(COLUMNS)[~extra])
         np.testing.assert_allclose(
             symmetric.regressor(*states), robot.regressor(*states)[:, :, ~extra], rtol=1e-12

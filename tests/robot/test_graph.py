@@ -4,10 +4,12 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from expdesign.mechanism.graph import parameter_unit
-from expdesign.robot import Friction, Robot, hexapod_graph, load_robot, parameter_names
+from expdesign.mechanism.catalogue import DEFAULT, parameter_unit, terms_named
+from expdesign.mechanism.term import parameters_of
+from expdesign.robot import Friction, Robot, hexapod_graph, load_robot
 from expdesign.robot.kernels import length_kernel, motion_kernel, regressor_kernel
 
+SYMMETRIC, GENERAL = (terms_named(DEFAULT, general=general) for general in (False, True))
 PASSIVE = slice(10, 12)
 DRY = slice(12, 18)
 VISCOUS = slice(18, 24)
@@ -29,7 +31,7 @@ def states(palida):
 
 
 def _regressors(robot, states, friction, extra):
-    graph = hexapod_graph(general=robot.general)
+    graph = robot.graph
     state, geometry, _, _, symbol = graph.inputs(friction)
     function = ca.Function("A", [state, geometry, symbol], [graph.regressor_with(friction)])
     rows = np.concatenate(states, axis=1)
@@ -43,7 +45,7 @@ def _regressors(robot, states, friction, extra):
 
 def _sliding(robot, states):
     motion = robot.strut_motion(*states)
-    return np.concatenate([motion.length_rate, motion.alpha_rate, motion.beta_rate], axis=1)
+    return np.concatenate([motion.alpha_rate, motion.beta_rate, motion.length_rate], axis=1)
 
 
 # --- one graph ------------------------------------------------------------------------------------
@@ -53,22 +55,22 @@ def test_one_graph_serves_all_robots():
     first = load_robot("palida").graph
     for name in ("palida", "linuxcnc", "rubin", "mathworks", "dehaeze"):
         assert load_robot(name).graph is first
-    assert hexapod_graph(general=False) is first
-    assert hexapod_graph(general=True) is hexapod_graph(general=True)
-    assert hexapod_graph(general=True) is not first
+    assert hexapod_graph(SYMMETRIC) is first
+    assert hexapod_graph(GENERAL) is hexapod_graph(GENERAL)
+    assert hexapod_graph(GENERAL) is not first
 
 
 def test_kernels_are_compiled_once():
     assert length_kernel() is length_kernel()
     assert motion_kernel() is motion_kernel()
-    for general in (False, True):
-        assert regressor_kernel(general=general) is regressor_kernel(general=general)
+    for terms in (SYMMETRIC, GENERAL):
+        assert regressor_kernel(terms) is regressor_kernel(terms)
 
 
-@pytest.mark.parametrize("general", [False, True])
+@pytest.mark.parametrize(("terms", "columns"), [(SYMMETRIC, 24), (GENERAL, 29), ((), 0)])
 @pytest.mark.parametrize("friction", list(Friction))
-def test_nothing_but_the_inputs_is_in_the_graph(general, friction):
-    graph = hexapod_graph(general=general)
+def test_nothing_but_the_inputs_is_in_the_graph(terms, columns, friction):
+    graph = hexapod_graph(terms)
     inputs = graph.inputs(friction)
     quantities = graph.quantities(friction)
     outputs = [graph.regressor_with(friction), *quantities.values()]
@@ -76,7 +78,7 @@ def test_nothing_but_the_inputs_is_in_the_graph(general, friction):
     function = ca.Function("all", inputs, outputs)
     assert not function.has_free()
     assert function.size1_out(0) == 6
-    assert function.size2_out(0) == (29 if general else 24)
+    assert function.size2_out(0) == columns
 
 
 def test_the_geometry_is_an_input(palida, states):
@@ -90,7 +92,7 @@ def test_the_geometry_is_an_input(palida, states):
 
 def test_size_of_the_regressor():
     # The hand-structured regressor; the energies' automatic derivatives need 8 000 and more.
-    assert regressor_kernel(general=False).instructions < 4500
+    assert regressor_kernel(SYMMETRIC).instructions < 4500
 
 
 def test_quantities_have_their_documented_shapes(palida):
@@ -178,9 +180,9 @@ def test_smooth_friction_is_tanh_of_rate_over_width(palida, states):
         [
             np.tanh(rate / width)
             for rate in (
-                motion.length_rate,
                 motion.alpha_rate * motion.length,
                 motion.beta_rate * motion.length,
+                motion.length_rate,
             )
         ],
         axis=1,
@@ -292,18 +294,17 @@ def _dimension(unit):
     return total
 
 
-@pytest.mark.parametrize("general", [False, True])
-def test_units_of_the_parameters(general, palida, states):
+@pytest.mark.parametrize("terms", [SYMMETRIC, GENERAL])
+def test_units_of_the_parameters(terms, palida, states):
     """Force / parameter has a dimension: it shows when lengths and times are rescaled."""
     stretch, slow = 3.0, 1.7
     d = palida.description
-    kind = "general" if general else "symmetric"
-    names = parameter_names(general=general)
+    names = [parameter.name for parameter in parameters_of(terms)]
     p = dict.fromkeys(names, 1.0)
-    robot = _with(palida, platform=kind, parameters=p)
+    robot = _with(palida, terms=terms, parameters=p)
     other = _with(
         palida,
-        platform=kind,
+        terms=terms,
         parameters=p,
         base_joints=stretch * d.base_joints,
         platform_joints=stretch * d.platform_joints,
@@ -324,7 +325,9 @@ def test_units_of_the_parameters(general, palida, states):
 
 
 def test_names_of_the_parameters():
-    symmetric, general = parameter_names(general=False), parameter_names(general=True)
+    symmetric, general = (
+        tuple(p.name for p in parameters_of(terms)) for terms in (SYMMETRIC, GENERAL)
+    )
     assert len(symmetric) == 24
     assert len(general) == 29
     assert symmetric[:12] == (*(f"p{k}" for k in range(1, 11)), "r_alpha", "r_beta")

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from scipy import stats
 
 from estimation.studies import DesignStudy
-from expdesign.mechanism.graph import parameter_unit
+from expdesign.mechanism.catalogue import parameter_unit
 from results.figures.definition import FigureDefinition
 from results.style import BLUE, INK, VERMILLION, new_figure
 from results.symbols import symbol

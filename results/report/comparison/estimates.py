@@ -10,7 +10,7 @@ import numpy as np
 
 from constraints.arrays import Array
 from estimation.uncertainty.differences import Differences, difference_test
-from expdesign.mechanism.graph import parameter_unit
+from expdesign.mechanism.catalogue import parameter_unit
 from expdesign.runfolder.manifest import file_hash
 from results.figures.comparison.series import ParameterSeries, Series
 from results.report.content import (

@@ -32,8 +32,8 @@ def differing(one: ResolvedRobot, other: ResolvedRobot) -> tuple[str, ...]:
         ("noise of the forces", _force_covariance(one), _force_covariance(other)),
     )
     found = [words for words, first, second in pairs if not _same(first, second)]
-    if one.platform != other.platform:
-        found.append("model of the platform")
+    if one.terms != other.terms:
+        found.append("terms of the model")
     return tuple(found)
 
 

@@ -1,0 +1,46 @@
+"""The terms that exist. A new one is one file of `expdesign.mechanism.terms` and one line here."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from expdesign.mechanism.term import Parameter, Term, parameters_of
+from expdesign.mechanism.terms import (
+    actuator_friction,
+    force_offset,
+    passive_friction,
+    rigid_platform,
+    struts,
+)
+
+TERMS: dict[str, Term] = {
+    term.name: term
+    for term in (
+        struts.TERM,
+        rigid_platform.GENERAL,
+        passive_friction.TERM,
+        actuator_friction.TERM,
+        force_offset.TERM,
+    )
+}
+"""By their keys in the robot file's `terms`; the platform in its general form."""
+
+DEFAULT = ("struts", "rigid_platform", "passive_friction", "actuator_friction")
+"""Where a robot file lists none."""
+
+
+def terms_named(names: Iterable[str], *, general: bool) -> tuple[Term, ...]:
+    """Return the terms of these names, with the symmetric (5) or general (10) platform."""
+    chosen = (TERMS[name] for name in names)
+    swapped = {rigid_platform.GENERAL: rigid_platform.SYMMETRIC} if not general else {}
+    return tuple(swapped.get(term, term) for term in chosen)
+
+
+def known_parameters() -> dict[str, Parameter]:
+    """Return the parameters of every term that exists, by name."""
+    return {parameter.name: parameter for parameter in parameters_of(tuple(TERMS.values()))}
+
+
+def parameter_unit(name: str) -> str:
+    """Return the SI unit of a parameter by its name."""
+    return known_parameters()[name].unit

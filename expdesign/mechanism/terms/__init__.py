@@ -1,0 +1,1 @@
+"""Terms of the regressor: every module declares one block (see `expdesign.mechanism.term`)."""

@@ -1,0 +1,22 @@
+"""A constant force of each actuator: the zero of its force measurement, a bias of its current."""
+
+from __future__ import annotations
+
+import casadi as ca
+
+from expdesign.mechanism.hexapod import ACTUATORS
+from expdesign.mechanism.term import WEIGHT_SCALE, Columns, Instant, Term, per_actuator
+
+
+def _columns(_: Instant) -> Columns:
+    return Columns(along=ca.SX.eye(ACTUATORS))
+
+
+TERM = Term(
+    name="force_offset",
+    meaning="constant force of each actuator",
+    parameters=per_actuator(
+        "o", "N", "constant force of the actuators", scale=WEIGHT_SCALE, default=0.0
+    ),
+    columns=_columns,
+)

@@ -1,0 +1,127 @@
+"""The platform with the sliders' masses lumped at its joints: wrench linear in its parameters.
+
+Two blocks of the same name, between which the robot file's `platform` chooses.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+
+from expdesign.mechanism.term import (
+    FIRST_MOMENT_SCALE,
+    INERTIA_SCALE,
+    Columns,
+    Instant,
+    Parameter,
+    Term,
+)
+
+MASS = "p10"
+"""The parameter from which the scales of others are made."""
+
+_PRODUCTS = {"Ixy": (0, 1), "Ixz": (0, 2), "Iyz": (1, 2)}
+
+
+def _symmetric(instant: Instant) -> Columns:
+    return Columns(ca.horzcat(*_always(instant)))
+
+
+def _general(instant: Instant) -> Columns:
+    lateral = [_first_moment(instant, axis) for axis in (0, 1)]
+    products = [_inertia(instant, row, column) for row, column in _PRODUCTS.values()]
+    return Columns(ca.horzcat(*_always(instant), *lateral, *products))
+
+
+def _always(instant: Instant) -> list[ca.SX]:
+    weight = ca.vertcat(instant.acceleration - instant.gravity, ca.SX.zeros(3, 1))
+    moments = [_inertia(instant, axis, axis) for axis in range(3)]
+    return [*moments, _first_moment(instant, 2), weight]
+
+
+def _inertia(instant: Instant, row: int, column: int) -> ca.SX:
+    """Return the wrench of one entry of I about the TCP, platform frame."""
+    rotation = instant.kinematic["rotation_matrix"]
+    omega = rotation.T @ instant.angular_velocity
+    matrix = ca.DM.zeros(3, 3)
+    matrix[row, column] = matrix[column, row] = 1
+    momentum_rate = matrix @ (rotation.T @ instant.angular_acceleration)
+    momentum_rate += ca.cross(omega, matrix @ omega)
+    return ca.vertcat(ca.SX.zeros(3, 1), rotation @ momentum_rate)
+
+
+def _first_moment(instant: Instant, axis: int) -> ca.SX:
+    """Return the wrench of one component of the first moment s, platform frame."""
+    arm = instant.kinematic["rotation_matrix"][:, axis]
+    omega = instant.angular_velocity
+    force = ca.cross(instant.angular_acceleration, arm) + ca.cross(omega, ca.cross(omega, arm))
+    return ca.vertcat(force, ca.cross(arm, instant.acceleration - instant.gravity))
+
+
+def _impossible(p: Mapping[str, float]) -> list[str]:
+    """Judge mass, first moments and inertia together by the pseudo-inertia matrix."""
+    if any(p[parameter.name] <= parameter.lower for parameter in SYMMETRIC.parameters):
+        return []
+    inertia = np.diag([p["p6"], p["p7"], p["p8"]])
+    moments = np.array([p.get("sx", 0.0), p.get("sy", 0.0), p["p9"]])
+    for name, (i, j) in _PRODUCTS.items():
+        inertia[i, j] = inertia[j, i] = p.get(name, 0.0)
+    with np.errstate(all="ignore"):
+        # Positive definite for every body of positive density, and only then.
+        density = np.trace(inertia) / 2 * np.eye(3) - inertia
+        about_centre = density - np.outer(moments, moments) / p[MASS]
+    if not np.all(np.isfinite(about_centre)):
+        return ["the platform's parameters are too large to be judged"]
+    if np.linalg.eigvalsh(about_centre)[0] < 0:
+        return ["no body has the platform's mass, first moments and moments of inertia (p6…p10)"]
+    return []
+
+
+def _moment_of_inertia(name: str, axis: str, first: str, second: str) -> Parameter:
+    meaning = f"$I_{{{axis}{axis}E}} + m_3 \\sum (b_{first}^2 + b_{second}^2)$"
+    return Parameter(name, "kg m^2", meaning, INERTIA_SCALE, lower=0, strict=True)
+
+
+SYMMETRIC = Term(
+    name="rigid_platform",
+    meaning="the platform as a rigid body, with the sliders' masses at its joints",
+    parameters=(
+        _moment_of_inertia("p6", "x", "y", "z"),
+        _moment_of_inertia("p7", "y", "x", "z"),
+        _moment_of_inertia("p8", "z", "x", "y"),
+        Parameter("p9", "kg m", "$s_{zE} + m_3 \\sum b_z$", FIRST_MOMENT_SCALE),
+        Parameter(MASS, "kg", "$m_E + 6\\,m_3$", lower=0, strict=True),
+    ),
+    columns=_symmetric,
+    impossible=_impossible,
+)
+GENERAL = replace(
+    SYMMETRIC,
+    parameters=(
+        *SYMMETRIC.parameters,
+        *(
+            Parameter(
+                name,
+                "kg m",
+                "lateral first moments; general platform only",
+                FIRST_MOMENT_SCALE,
+                default=0.0,
+            )
+            for name in ("sx", "sy")
+        ),
+        *(
+            Parameter(
+                name,
+                "kg m^2",
+                "products of inertia as matrix entries; general platform only",
+                INERTIA_SCALE,
+                default=0.0,
+            )
+            for name in _PRODUCTS
+        ),
+    ),
+    columns=_general,
+)

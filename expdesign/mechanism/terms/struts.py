@@ -1,0 +1,99 @@
+"""Inertia and weight of the struts: ring and stator turn about A, the slider moves along u."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import casadi as ca
+
+from expdesign.mechanism.strut import StrutKinematics, torque_wrench
+from expdesign.mechanism.term import FIRST_MOMENT_SCALE, Columns, Instant, Parameter, Term
+
+_ROUNDING = 0.05
+"""Share by which published tables of estimates, rounded, were seen to break p2 ≤ p3."""
+
+_HARMLESS = ". By so little it is the rounding of a published table: harmless for the design"
+
+
+def _columns(instant: Instant) -> Columns:
+    wrench = ca.SX.zeros(6, len(TERM.parameters))
+    along = []
+    for j, strut in enumerate(instant.struts):
+        forces = generalized_force_regressor(strut, instant.gravity)
+        wrench += torque_wrench(strut, instant.arms[:, j], forces[:2, :])
+        along.append(forces[2, :])
+    return Columns(wrench, ca.vertcat(*along))
+
+
+def generalized_force_regressor(strut: StrutKinematics, gravity: ca.SX) -> ca.SX:
+    """Return the (3, 5) regressor of (τ_α, τ_β, τ_l) for p1 … p5.
+
+    From T = ½ p1 α̇² + ½ p2 cos²β α̇² + ½ p3 β̇² + p5 l (cos²β α̇² + β̇²) and
+    V = −(p4 + p5) g·u by Lagrange's equations; N·m for the angles, N for the length.
+    """
+    s, c, length = strut.sin_beta, strut.cos_beta, strut.length
+    dalpha, dbeta, dlength = strut.alpha_rate, strut.beta_rate, strut.length_rate
+    ddalpha, ddbeta = strut.alpha_acceleration, strut.beta_acceleration
+    # d/dt(cos²β α̇) and sin β cos β α̇²: what p2 sees; with 2 l in front, what p5 sees as well.
+    turning = c * (c * ddalpha - 2 * s * dbeta * dalpha)
+    centrifugal = s * c * dalpha**2
+    weight_alpha = -c * ca.dot(gravity, strut.along_alpha)
+    weight_beta = -ca.dot(gravity, strut.along_beta)
+    return ca.vertcat(
+        ca.horzcat(
+            ddalpha,
+            turning,
+            0,
+            weight_alpha,
+            weight_alpha + 2 * (length * turning + dlength * c**2 * dalpha),
+        ),
+        ca.horzcat(
+            0,
+            centrifugal,
+            ddbeta,
+            weight_beta,
+            weight_beta + 2 * (length * (ddbeta + centrifugal) + dlength * dbeta),
+        ),
+        ca.horzcat(0, 0, 0, 0, -(dbeta**2 + (c * dalpha) ** 2)),
+    )
+
+
+def _impossible(p: Mapping[str, float]) -> list[str]:
+    found = []
+    if p["p2"] > p["p3"]:
+        small = p["p2"] < (1 + _ROUNDING) * p["p3"]
+        found.append(
+            f"p2 = {p['p2']:g} exceeds p3 = {p['p3']:g}: the struts' inertia about their axis "
+            f"would be negative{_HARMLESS if small else ''}"
+        )
+    if p["p1"] + p["p2"] < 0:
+        found.append(f"p1 + p2 = {p['p1'] + p['p2']:g} is negative")
+    return found
+
+
+TERM = Term(
+    name="struts",
+    meaning="inertia and weight of ring, stator and slider of the struts",
+    parameters=(
+        Parameter(
+            "p1",
+            "kg m^2",
+            "$I_{zz1} + I_{yy2} + I_{zz3}$: ring about α, stator and slider about their axis",
+            lower=0,
+            strict=True,
+        ),
+        Parameter("p2", "kg m^2", "$I_{xx2} + I_{xx3} - I_{yy2} - I_{zz3}$"),
+        Parameter("p3", "kg m^2", "$I_{zz2} + I_{yy3}$", lower=0, strict=True),
+        Parameter(
+            "p4", "kg m", "first moment of the stator about $A$, along $u$", FIRST_MOMENT_SCALE
+        ),
+        Parameter(
+            "p5",
+            "kg m",
+            "first moment of the slider about $B$, along $u$ (negative)",
+            FIRST_MOMENT_SCALE,
+        ),
+    ),
+    columns=_columns,
+    impossible=_impossible,
+)
