@@ -20,7 +20,7 @@ def force_kernel(terms: tuple[Term, ...]) -> BatchFunction:
     return BatchFunction(
         "force_sensitivity",
         [graph.state, graph.signs],
-        [graph.machine, graph.parameters],
+        [graph.machine.vector, graph.parameters],
         [regressor, slope],
     )
 
@@ -30,7 +30,9 @@ def held_regressor_kernel(terms: tuple[Term, ...]) -> BatchFunction:
     """State (18), signs (s) → regressor A (6, m) with the signs given."""
     graph = hexapod_graph(terms)
     regressor = graph.regressor_with(Friction.HELD)
-    return BatchFunction("held_regressor", [graph.state, graph.signs], [graph.machine], [regressor])
+    return BatchFunction(
+        "held_regressor", [graph.state, graph.signs], [graph.machine.vector], [regressor]
+    )
 
 
 @cache

@@ -34,6 +34,29 @@ class Friction(Enum):
 
 
 @dataclass(frozen=True)
+class MachineSymbols:
+    """A robot as input of the graph: one graph serves every robot with the same terms.
+
+    Attributes
+    ----------
+    geometry : GeometrySymbols
+    constants : (c, 1)
+        Of the terms in their order.
+    nominal : (m, 1)
+        Nominal parameters, from which the load of an actuator is known that friction may take.
+    """
+
+    geometry: GeometrySymbols
+    constants: ca.SX
+    nominal: ca.SX
+
+    @property
+    def vector(self) -> ca.SX:
+        """All of it as one column, in the order of `Robot.machine`."""
+        return ca.vertcat(self.geometry.vector, self.constants, self.nominal)
+
+
+@dataclass(frozen=True)
 class HexapodGraph:
     """Symbols and expressions of one instant. SI units and radians.
 
@@ -42,8 +65,8 @@ class HexapodGraph:
     pose, rate, acceleration : (6, 1)
         λ, λ̇, λ̈.
     geometry : GeometrySymbols
-    constants : (c, 1)
-        Those of the terms in their order.
+    machine : MachineSymbols
+        What A depends on beside the state.
     rates : tuple of SlidingRate
         Those whose signs the terms use.
     signs : (s, 1)
@@ -65,7 +88,7 @@ class HexapodGraph:
     rate: ca.SX
     acceleration: ca.SX
     geometry: GeometrySymbols
-    constants: ca.SX
+    machine: MachineSymbols
     rates: tuple[SlidingRate, ...]
     signs: ca.SX
     width: ca.SX
@@ -78,11 +101,6 @@ class HexapodGraph:
     def state(self) -> ca.SX:
         """(18, 1): pose, rate and acceleration."""
         return ca.vertcat(self.pose, self.rate, self.acceleration)
-
-    @property
-    def machine(self) -> ca.SX:
-        """Geometry and constants: what A depends on beside the state, as one column."""
-        return ca.vertcat(self.geometry.vector, self.constants)
 
     @property
     def sliding(self) -> ca.SX:
@@ -136,7 +154,7 @@ class HexapodGraph:
             Friction.SMOOTH: self.width,
             Friction.HELD: self.signs,
         }[friction]
-        return [self.state, self.machine, self.parameters, self.length_scale, extra]
+        return [self.state, self.machine.vector, self.parameters, self.length_scale, extra]
 
 
 @cache
@@ -193,7 +211,12 @@ def hexapod_graph(terms: tuple[Term, ...] = ()) -> HexapodGraph:
     )
     rates = tuple(dict.fromkeys(rate for term in terms for rate in term.rates))
     signs = ca.SX.sym("sign", ACTUATORS * len(rates))
-    constants = ca.SX.sym("constant", sum(len(term.constants) for term in terms))
+    count = len(parameters_of(terms))
+    machine = MachineSymbols(
+        geometry,
+        constants=ca.SX.sym("constant", sum(len(term.constants) for term in terms)),
+        nominal=ca.SX.sym("nominal", count),
+    )
     instant = Instant(
         kinematic=kinematic,
         struts=tuple(struts),
@@ -204,39 +227,47 @@ def hexapod_graph(terms: tuple[Term, ...] = ()) -> HexapodGraph:
         gravity=geometry.gravity,
         signs=dict(zip(rates, ca.vertsplit(signs, ACTUATORS), strict=True)) if rates else {},
         constants={},
+        load=ca.SX.zeros(ACTUATORS),
     )
     return HexapodGraph(
         pose=pose,
         rate=rate,
         acceleration=acceleration,
         geometry=geometry,
-        constants=constants,
+        machine=machine,
         rates=rates,
         signs=signs,
         width=ca.SX.sym("width"),
-        parameters=ca.SX.sym("p", len(parameters_of(terms))),
+        parameters=ca.SX.sym("p", count),
         length_scale=length_scale,
-        regressor=ca.cse(_regressor(terms, instant, constants, transposed)),
+        regressor=ca.cse(_regressor(terms, instant, machine, transposed)),
         kinematic=kinematic,
     )
 
 
 def _regressor(
-    terms: tuple[Term, ...], instant: Instant, constants: ca.SX, transposed: ca.SX
+    terms: tuple[Term, ...], instant: Instant, machine: MachineSymbols, transposed: ca.SX
 ) -> ca.SX:
-    """Return A: every wrench is carried to the actuators, Q = G⁻ᵀ W, by one solution of all."""
-    wrenches, along, place = [], [], 0
-    for term in terms:
-        own = {c.name: constants[place + k] for k, c in enumerate(term.constants)}
-        place += len(own)
-        signs = {rate: instant.signs[rate] for rate in term.rates}
-        columns = term.columns(replace(instant, signs=signs, constants=own))
-        nothing = ca.SX(ACTUATORS, len(term.parameters))
-        wrenches.append(nothing if columns.wrench is None else columns.wrench)
-        along.append(nothing if columns.along is None else columns.along)
+    """Return A, (6, m): wrenches are carried to the actuators by Q = G⁻ᵀ W."""
     # ca.inv on SX is a QR factorisation: as accurate as the Jacobian's condition allows.
-    wrench, direct = (ca.horzcat(ca.SX(ACTUATORS, 0), *parts) for parts in (wrenches, along))
-    return ca.densify(ca.inv(transposed) @ wrench + direct)
+    carried = ca.inv(transposed)
+    regressor = ca.SX(ACTUATORS, 0)
+    load = ca.SX.zeros(ACTUATORS)
+    constants = iter(ca.vertsplit(machine.constants))
+    for term in terms:
+        own = {constant.name: next(constants) for constant in term.constants}
+        signs = {rate: instant.signs[rate] for rate in term.rates}
+        columns = term.columns(replace(instant, signs=signs, constants=own, load=load))
+        part = ca.SX(ACTUATORS, len(term.parameters))
+        if columns.wrench is not None:
+            part += carried @ columns.wrench
+        if columns.along is not None:
+            part += columns.along
+        if not term.rates:
+            first = regressor.shape[1]
+            load += part @ machine.nominal[first : first + part.shape[1]]
+        regressor = ca.horzcat(regressor, part)
+    return ca.densify(regressor)
 
 
 def _column(struts: list[StrutKinematics], name: str) -> ca.SX:

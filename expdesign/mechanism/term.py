@@ -149,6 +149,9 @@ class Instant:
         Signs (6, 1) of the rates that the term names.
     constants : mapping
         The term's constants by name.
+    load : (6, 1)
+        Force of the actuators at the nominal parameters by the terms listed before this one,
+        without those that take signs, N.
     """
 
     kinematic: Mapping[str, ca.SX]
@@ -160,6 +163,7 @@ class Instant:
     gravity: ca.SX
     signs: Mapping[SlidingRate, ca.SX]
     constants: Mapping[str, ca.SX]
+    load: ca.SX
 
 
 @dataclass(frozen=True)

@@ -43,4 +43,4 @@ def regressor_kernel(terms: tuple[Term, ...]) -> BatchFunction:
     """State (18) → regressor (6, m) with the exact signs of dry friction."""
     graph = hexapod_graph(terms)
     regressor = graph.regressor_with(Friction.EXACT)
-    return BatchFunction("regressor", [graph.state], [graph.machine], [regressor])
+    return BatchFunction("regressor", [graph.state], [graph.machine.vector], [regressor])

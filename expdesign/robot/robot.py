@@ -113,8 +113,8 @@ class Robot:
 
     @cached_property
     def machine(self) -> Array:
-        """(g + c,) geometry and constants of the terms: the input of what depends on the terms."""
-        return np.concatenate([self.geometry_vector, self.description.constants])
+        """(g + c + m,) geometry, constants and nominal parameters: input of all that has terms."""
+        return np.concatenate([self.geometry_vector, self.description.constants, self.parameters])
 
     @property
     def limits(self) -> tuple[Limit, ...]:
