@@ -7,7 +7,7 @@ from pathlib import Path
 
 from constraints import Limit
 from constraints.arrays import Array
-from expdesign.configuration import RunConfiguration, home_geometry, load_run
+from expdesign.configuration import RunConfiguration, load_run
 from expdesign.robot import Robot, robot_from
 from results.errors import MissingFileError
 from results.reading.limit_checks import LimitCheck, read_limit_checks
@@ -82,5 +82,4 @@ class DesignRecord:
     def home_joints(self) -> Array:
         """Return the platform joints B at home, base frame, m, (6, 3)."""
         robot = self.configuration.robot
-        home = home_geometry(robot.home, robot.base_joints, robot.platform_joints)
-        return robot.home[:3] + home.arms
+        return robot.struts_at(robot.home).joints

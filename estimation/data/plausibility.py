@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from constraints.arrays import Array
-from expdesign.configuration import LENGTH, ResolvedRobot, home_geometry
+from expdesign.configuration import LENGTH, ResolvedRobot
 
 UNITS = ("m", "mm", "cm", "in", "ft", "µm", "dm", "km")
 """Units that are tried when the lengths do not fit, the likeliest first."""
@@ -47,7 +47,7 @@ def length_range(robot: ResolvedRobot) -> LengthRange:
 
     That is half to twice the length at home, more than a telescope can do.
     """
-    home = home_geometry(robot.home, robot.base_joints, robot.platform_joints).lengths
+    home = robot.struts_at(robot.home).lengths
     limit = robot.limits.get(_LIMIT)
     if limit is None:
         return LengthRange(home / 2, home * 2, "half to twice the lengths at home")

@@ -16,13 +16,13 @@ def check(run: RunArgument, as_json: JsonOption = False) -> None:
 
     from expdesign.cli.folder import run_folder
     from expdesign.cli.run import STEPS, left_out, missing_design, performed, refuse_study
-    from expdesign.configuration import load_run, resolved_yaml, shared_joint_pairs
+    from expdesign.configuration import load_run, resolved_yaml
     from expdesign.robot import robot_from
 
     configuration = load_run(run)
     robot_from(configuration.robot)
     refuse_study(configuration)
-    pairs = [(i + 1, j + 1) for i, j in shared_joint_pairs(configuration.robot)]
+    pairs = [(i + 1, j + 1) for i, j in configuration.robot.shared_joint_pairs]
     wanted = configuration.stages or ("design",)
     done = performed(configuration)
     warnings = list(configuration.warnings)

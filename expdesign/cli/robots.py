@@ -22,9 +22,9 @@ def robots(as_json: JsonOption = False) -> None:
     Any of the names can stand as `robot:` in a run file; so can the path of a file of your own.
     """
     from expdesign.configuration import load_robot_description
-    from expdesign.library import robot_names
+    from expdesign.library import robot_files
 
-    found = [load_robot_description(name) for name in robot_names()]
+    found = [load_robot_description(name) for name in robot_files()]
     if as_json:
         write_json([_as_data(robot) for robot in found])
         return
@@ -70,12 +70,11 @@ def _geometry(robot: ResolvedRobot) -> str:
 
 
 def _home(robot: ResolvedRobot) -> dict[str, Any]:
-    from expdesign.configuration import condition_at_home, home_geometry
 
-    geometry = home_geometry(robot.home, robot.base_joints, robot.platform_joints)
+    geometry = robot.struts_at(robot.home)
     return {
         "strut_length": geometry.lengths.tolist(),
-        "jacobian_condition": condition_at_home(geometry, robot.characteristic_length),
+        "jacobian_condition": geometry.condition(robot.characteristic_length),
     }
 
 

@@ -1,4 +1,9 @@
-"""A YAML file, or a mapping in its place, as plain data with the line of every key."""
+"""A YAML file, or a mapping in its place, as plain data with the line of every key.
+
+A file is composed into nodes by ruamel.yaml's pure Python reader and only then converted, by this
+module: only the plain types of YAML's core schema, every key once, anchors expanded up to a
+bound, and the line of every key remembered.
+"""
 
 from __future__ import annotations
 
@@ -6,28 +11,41 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from numbers import Integral, Real
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import numpy as np
+from ruamel.yaml import YAML
+from ruamel.yaml.constructor import SafeConstructor
+from ruamel.yaml.error import MarkedYAMLError, YAMLError
+from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
-from expdesign.configuration.failure import shown
-from expdesign.configuration.problem import InputError, Key, Problem, key_path
+from expdesign.configuration.problem import InputError, Key, Problem, key_path, shown
 
-_LARGEST_COUNT = 100_000
+LARGEST_FILE = 512 * 1024
+"""Bytes; a robot with every key is a hundred times smaller."""
+
+LARGEST_EXPANSION = 50_000
+"""Values of a file after its anchors are expanded."""
+
+LARGEST_MAPPING = 100_000
+"""Values of a mapping that a program hands over."""
+
 _DEEPEST = 40
+_HALF_PAIR = "the text holds half of a surrogate pair"
+_TAG = "tag:yaml.org,2002:"
+_TEXT_TAGS = (f"{_TAG}str", f"{_TAG}timestamp", f"{_TAG}value")
+_MERGE = f"{_TAG}merge"
+
+# ruamel.yaml meets malformed input with these, too.
+_READER_FAILURES = (YAMLError, ValueError, LookupError, AttributeError, TypeError, AssertionError)
 
 
 @dataclass(frozen=True)
 class Document:
     """Plain data (dict, list, str, int, float, bool, None) and where it comes from.
 
-    Attributes
-    ----------
-    data : dict
-    file : Path or None
-        None for a mapping that was handed over by a program.
-    lines : dict
-        Line, from one, of every key and list item by its path.
+    `file` is None for a mapping that was handed over by a program; `lines` gives the line, from
+    one, of every key and list item by its path.
     """
 
     data: dict[str, Any]
@@ -58,6 +76,22 @@ class Document:
         return Problem(message, self.file, self.line(key), key_path(key), allowed, nearest)
 
 
+Value_co = TypeVar("Value_co", covariant=True)
+
+
+@dataclass(frozen=True)
+class Placed(Generic[Value_co]):
+    """A value of a document, and where it stands there."""
+
+    value: Value_co
+    document: Document
+    key: Key = ()
+
+    def problem(self, key: Key, message: str, allowed: str | None = None) -> Problem:
+        """Return a problem with what stands at a key of the value."""
+        return self.document.problem((*self.key, *key), message, allowed)
+
+
 def document_from_mapping(mapping: Mapping[Any, Any]) -> Document:
     """Copy a mapping to plain data: tuples and arrays become lists, NumPy numbers Python's.
 
@@ -80,7 +114,7 @@ class _Copier:
 
     def copy(self, value: Any, key: Key, depth: int) -> Any:
         self.count += 1
-        if depth > _DEEPEST or self.count > _LARGEST_COUNT:
+        if depth > _DEEPEST or self.count > LARGEST_MAPPING:
             raise InputError(
                 Problem("the mapping is nested too deeply or too large", key=key_path(key[:4]))
             )
@@ -99,8 +133,7 @@ class _Copier:
 
     def _text(self, value: str, key: Key) -> str:
         if any("\ud800" <= character <= "\udfff" for character in value):
-            message = "the text holds half of a surrogate pair"
-            self.problems.append(Problem(message, key=key_path(key)))
+            self.problems.append(Problem(_HALF_PAIR, key=key_path(key)))
         return value
 
     def _mapping(self, value: Mapping[Any, Any], key: Key, depth: int) -> dict[str, Any]:
@@ -113,3 +146,198 @@ class _Copier:
                 problem = Problem(f"the key {shown(name)} is no text", key=key_path(key))
                 self.problems.append(problem)
         return copied
+
+
+def read_yaml(path: Path) -> Document:
+    """Read one YAML file whose top level is a mapping.
+
+    Parameters
+    ----------
+    path : Path
+        A file in UTF-8 of at most `LARGEST_FILE` bytes.
+
+    Returns
+    -------
+    Document
+        Its data and the line of every key.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, a folder, empty, binary, not UTF-8, too large, no YAML or no
+        mapping; if a key stands twice, a tag asks for more than plain data, an anchor contains
+        itself, or the anchors expand to more than `LARGEST_EXPANSION` values.
+    """
+    text = _read_text(path)
+    node = _compose(path, text)
+    if node is None:
+        raise InputError(Problem("the file is empty", path))
+    converter = _Converter(path)
+    data = converter.convert(node, (), ())
+    if converter.problems:
+        raise InputError(converter.problems)
+    if not isinstance(data, dict):
+        raise InputError(
+            Problem(f"the file holds {shown(data)}", path, 1, allowed="a mapping of keys")
+        )
+    return Document(data, path, converter.lines)
+
+
+def _read_text(path: Path) -> str:
+    try:
+        with path.open("rb") as stream:
+            raw = stream.read(LARGEST_FILE + 1)
+    except FileNotFoundError:
+        raise InputError(Problem("there is no such file", path)) from None
+    except IsADirectoryError:
+        raise InputError(Problem("this is a folder, not a file", path)) from None
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise InputError(Problem(f"cannot be read: {reason}", path)) from None
+    if b"\0" in raw:
+        raise InputError(Problem("the file is binary", path, allowed="YAML in UTF-8"))
+    if len(raw) > LARGEST_FILE:
+        allowed = f"{LARGEST_FILE // 1024} KiB"
+        raise InputError(Problem("the file is too large", path, allowed=allowed))
+    try:
+        return raw.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = raw[: error.start].count(b"\n") + 1
+        message = f"byte 0x{raw[error.start]:02x} is not UTF-8"
+        raise InputError(Problem(message, path, line, allowed="YAML in UTF-8")) from None
+
+
+def _compose(path: Path, text: str) -> Node | None:
+    try:
+        node: Node | None = YAML(typ="safe", pure=True).compose(text)
+    except RecursionError:
+        raise InputError(Problem("the values are nested too deeply", path)) from None
+    except _READER_FAILURES as error:
+        line = None
+        message = "not valid YAML"
+        if isinstance(error, MarkedYAMLError):
+            mark = error.problem_mark or error.context_mark
+            line = None if mark is None else mark.line + 1
+            message = f"not valid YAML: {error.problem or error.context}"
+        raise InputError(Problem(_printable(message), path, line)) from None
+    return node
+
+
+def _printable(text: str) -> str:
+    return "".join(c if c.isprintable() else f"\\x{ord(c):02x}" for c in text)
+
+
+class _Converter:
+    """Nodes to plain data; collects the problems that do not stop it."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.lines: dict[Key, int] = {}
+        self.problems: list[Problem] = []
+        self._count = 0
+        self._scalars = SafeConstructor(loader=YAML(typ="safe", pure=True))
+
+    def convert(self, node: Node, key: Key, ancestors: tuple[int, ...]) -> Any:
+        self._count += 1
+        if self._count > LARGEST_EXPANSION:
+            raise self._stop(node, key[:2], f"more than {LARGEST_EXPANSION} values after expansion")
+        if id(node) in ancestors:
+            raise self._stop(node, key[:2], "the anchor contains itself")
+        if len(ancestors) > _DEEPEST:
+            raise self._stop(node, key[:2], "the values are nested too deeply")
+        within = (*ancestors, id(node))
+        if isinstance(node, ScalarNode):
+            return self._scalar(node, key)
+        if isinstance(node, SequenceNode) and self._plain(node, key, "seq"):
+            items = []
+            for position, item in enumerate(node.value):
+                self.lines[*key, position] = _line(item)
+                items.append(self.convert(item, (*key, position), within))
+            return items
+        if isinstance(node, MappingNode) and self._plain(node, key, "map"):
+            return self._mapping(node, key, within)
+        return None
+
+    def _mapping(self, node: MappingNode, key: Key, within: tuple[int, ...]) -> dict[str, Any]:
+        data: dict[str, Any] = {}
+        merged: dict[str, Any] = {}
+        for name_node, value_node in node.value:
+            if str(name_node.tag) == _MERGE:
+                merged = self._merged(value_node, key, within) | merged
+        for name_node, value_node in node.value:
+            if str(name_node.tag) == _MERGE:
+                continue
+            name = self._name(name_node, key)
+            if name is None:
+                continue
+            path = (*key, name)
+            if name in data:
+                first = self.lines[path]
+                self._report(name_node, path, f"the key stands twice; it is also in line {first}")
+                continue
+            self.lines[path] = _line(name_node)
+            data[name] = self.convert(value_node, path, within)
+        return data | {name: value for name, value in merged.items() if name not in data}
+
+    def _merged(self, node: Node, key: Key, within: tuple[int, ...]) -> dict[str, Any]:
+        parts = node.value if isinstance(node, SequenceNode) else [node]
+        merged: dict[str, Any] = {}
+        for part in parts:
+            value = self.convert(part, key, within) if isinstance(part, MappingNode) else None
+            if not isinstance(value, dict):
+                self._report(part, key, "only mappings can be merged with <<")
+                continue
+            merged = value | merged
+        return merged
+
+    def _name(self, node: Node, key: Key) -> str | None:
+        name = self._scalar(node, key) if isinstance(node, ScalarNode) else None
+        if isinstance(name, str):
+            return name
+        hint = "put it in quotes"
+        if isinstance(name, int | float) and not isinstance(name, bool):
+            hint += ", or write decimals with a point: a comma begins the next key or value"
+        self._report(node, key, f"a key is no text; {hint}")
+        return None
+
+    def _scalar(self, node: ScalarNode, key: Key) -> Any:
+        tag = str(node.tag)
+        text: str = node.value
+        value: Any = None
+        try:
+            if tag in _TEXT_TAGS:
+                text.encode()
+                value = text
+            elif tag == f"{_TAG}bool":
+                value = self._scalars.construct_yaml_bool(node)
+            elif tag == f"{_TAG}int":
+                value = self._scalars.construct_yaml_int(node)
+            elif tag == f"{_TAG}float":
+                value = self._scalars.construct_yaml_float(node)
+            elif tag != f"{_TAG}null":
+                self._refuse_tag(node, key)
+        except UnicodeEncodeError:
+            self._report(node, key, _HALF_PAIR)
+        except (ValueError, LookupError, OverflowError):
+            self._report(node, key, f"{shown(text)} cannot be read as what it is tagged")
+        return value
+
+    def _plain(self, node: Node, key: Key, kind: str) -> bool:
+        if str(node.tag) == f"{_TAG}{kind}":
+            return True
+        self._refuse_tag(node, key)
+        return False
+
+    def _refuse_tag(self, node: Node, key: Key) -> None:
+        tag = _printable(str(node.tag).replace(_TAG, "!!"))
+        self._report(node, key, f"the tag {tag} is not allowed", "plain data without tags")
+
+    def _report(self, node: Node, key: Key, message: str, allowed: str | None = None) -> None:
+        self.problems.append(Problem(message, self.path, _line(node), key_path(key), allowed))
+
+    def _stop(self, node: Node, key: Key, message: str) -> InputError:
+        return InputError(Problem(message, self.path, _line(node), key_path(key)))
+
+
+def _line(node: Node) -> int:
+    return int(node.start_mark.line) + 1

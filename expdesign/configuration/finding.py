@@ -1,45 +1,30 @@
-"""From what a user writes for a robot or a run to a file."""
+"""The file of a robot or a run: by the name of one that ships, or by a path."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from os import PathLike
 from pathlib import Path
 
-from expdesign.configuration.failure import nearest, shown
-from expdesign.configuration.problem import InputError, Problem
-from expdesign.library import robot_file, robot_names, run_file, run_names
+from expdesign.configuration.problem import InputError, Problem, nearest, shown
+from expdesign.library import robot_files, run_files
 
 _SUFFIXES = (".yaml", ".yml")
 
 
 def find_robot(name_or_path: str | PathLike[str], folder: Path | None = None) -> Path:
-    """Return the file of a robot.
-
-    Parameters
-    ----------
-    name_or_path : str or path-like
-        The name of a robot that ships, or a path.
-    folder : Path, optional
-        The folder that a relative path starts from; default: the current one.
+    """Return the file of a robot that ships or that a path leads to, from `folder` if relative.
 
     Raises
     ------
     InputError
-        If a name is not known; a path is not looked at.
+        If a name is not known; whether a path leads to a file is not checked.
     """
-    return _find(name_or_path, folder, "robot", robot_names(), robot_file)
+    return _find(name_or_path, "robot", robot_files(), folder)
 
 
 def find_run(name_or_path: str | PathLike[str]) -> Path:
-    """Return the file of a run, by the name of one that ships or by its path.
-
-    Raises
-    ------
-    InputError
-        If a name is not known; a path is not looked at.
-    """
-    return _find(name_or_path, None, "run", run_names(), run_file)
+    """Return the file of a run that ships or that a path leads to; errors as of `find_robot`."""
+    return _find(name_or_path, "run", run_files(), None)
 
 
 def absolute(path: str | PathLike[str], folder: Path | None = None) -> Path:
@@ -52,29 +37,25 @@ def absolute(path: str | PathLike[str], folder: Path | None = None) -> Path:
 
 
 def _find(
-    name_or_path: str | PathLike[str],
-    folder: Path | None,
-    kind: str,
-    names: Sequence[str],
-    file_of: Callable[[str], Path],
+    name_or_path: str | PathLike[str], kind: str, shipped: dict[str, Path], folder: Path | None
 ) -> Path:
-    if isinstance(name_or_path, str) and name_or_path in names:
-        return file_of(name_or_path)
     path = absolute(name_or_path, folder)
-    is_path = not isinstance(name_or_path, str) or _looks_like_path(name_or_path)
-    if is_path or _exists(path):
+    if not isinstance(name_or_path, str):
         return path
-    name = str(name_or_path)
-    message = f"no {kind} {shown(name)} ships, and there is no such file"
-    allowed = f"{', '.join(names)}, or the path of a {kind} file"
-    raise InputError(Problem(message, allowed=allowed, nearest=nearest(name, names)))
+    if name_or_path in shipped:
+        return shipped[name_or_path]
+    if _looks_like_path(name_or_path) or _is_file(path):
+        return path
+    message = f"no {kind} {shown(name_or_path)} ships, and there is no such file"
+    allowed = f"{', '.join(shipped)}, or the path of a {kind} file"
+    raise InputError(Problem(message, allowed=allowed, nearest=nearest(name_or_path, shipped)))
 
 
 def _looks_like_path(text: str) -> bool:
     return "/" in text or "\\" in text or text.lower().endswith(_SUFFIXES)
 
 
-def _exists(path: Path) -> bool:
+def _is_file(path: Path) -> bool:
     try:
         return path.is_file()
     except (OSError, ValueError):

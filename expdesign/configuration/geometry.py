@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from itertools import combinations
-from typing import Protocol
 
+import casadi as ca
 import numpy as np
 
 from constraints.arrays import Array
 from expdesign.configuration.problem import Problem
+from expdesign.mechanism.graph import hexapod_graph
+from expdesign.mechanism.hexapod import ACTUATORS
 
 LARGEST_CONDITION = 1e6
 """Of the inverse Jacobian at home, rotations scaled by the characteristic length."""
@@ -24,78 +27,65 @@ _VANISHING = 1e-6
 Report = Callable[..., Problem]
 
 
-class _Joints(Protocol):
-    @property
-    def base_joints(self) -> Array: ...
-    @property
-    def platform_joints(self) -> Array: ...
-
-
 @dataclass(frozen=True)
-class HomeGeometry:
-    """The struts at the home pose.
-
-    Attributes
-    ----------
-    rotation : (3, 3)
-        Platform to base, Rx(φ) Ry(θ) Rz(ψ).
-    arms : (6, 3)
-        From the TCP to the platform joints, base frame, m.
-    lengths : (6,)
-        m.
-    directions : (6, 3)
-        From base to platform joint, unit vectors in the base frame.
-    """
+class StrutGeometry:
+    """The struts at one pose, in the base frame."""
 
     rotation: Array
-    arms: Array
+    """(3, 3), platform to base."""
+    joints: Array
+    """(6, 3), platform joints, m."""
     lengths: Array
+    """(6,), m."""
     directions: Array
+    """(6, 3), unit vectors from base to platform joint."""
+    inverse_jacobian: Array
+    """(6, 6), strut speeds over velocity and angular velocity of the platform, 1 and m."""
+
+    def condition(self, characteristic_length: float) -> float:
+        """Return the condition number of the inverse Jacobian, rotations divided by a length."""
+        with np.errstate(all="ignore"):
+            jacobian = self.inverse_jacobian / np.repeat([1.0, characteristic_length], 3)
+        if not np.all(np.isfinite(jacobian)):
+            return float("inf")
+        values = np.linalg.svd(jacobian, compute_uv=False)
+        return float(values[0] / values[-1]) if values[-1] > 0 else float("inf")
 
 
-def home_geometry(home: Array, base_joints: Array, platform_joints: Array) -> HomeGeometry:
-    """Return the struts at the home pose; a strut without length has no finite direction."""
-    with np.errstate(all="ignore"):
-        rotation = rotation_matrix(*home[3:])
-        arms = platform_joints @ rotation.T
-        struts = home[:3] + arms - base_joints
-        lengths = np.linalg.norm(struts, axis=1)
-        directions = struts / lengths[:, None]
-    return HomeGeometry(rotation, arms, lengths, directions)
+@cache
+def _struts() -> ca.Function:
+    graph = hexapod_graph()
+    q = graph.kinematic
+    joints = [graph.geometry.base_joints, graph.geometry.platform_joints]
+    scaled = ca.substitute(q["inverse_jacobian"], graph.length_scale, 1)
+    outputs = [q["rotation_matrix"], q["platform_joints"].T, q["strut_length"]]
+    return ca.Function("struts", [graph.pose, *joints], [*outputs, q["strut_direction"].T, scaled])
 
 
-def rotation_matrix(phi: float, theta: float, psi: float) -> Array:
-    """Return Rx(φ) Ry(θ) Rz(ψ), rotations about moving axes, (3, 3)."""
-    cx, sx = np.cos(phi), np.sin(phi)
-    cy, sy = np.cos(theta), np.sin(theta)
-    cz, sz = np.cos(psi), np.sin(psi)
-    about_x = np.array([[1, 0, 0], [0, cx, -sx], [0, sx, cx]])
-    about_y = np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]])
-    about_z = np.array([[cz, -sz, 0], [sz, cz, 0], [0, 0, 1]])
-    return np.asarray(about_x @ about_y @ about_z, dtype=np.float64)
+def geometry_at(pose: Array, base_joints: Array, platform_joints: Array) -> StrutGeometry:
+    """Return the struts at a pose; a strut without length has no finite direction.
+
+    Parameters
+    ----------
+    pose : (6,)
+        m and rad.
+    base_joints, platform_joints : (6, 3)
+        Base frame and platform frame, m.
+    """
+    rotation, joints, lengths, directions, inverse_jacobian = (
+        np.array(value) for value in _struts()(pose, base_joints.T, platform_joints.T)
+    )
+    return StrutGeometry(rotation, joints, lengths[:, 0], directions, inverse_jacobian)
 
 
-def condition_at_home(geometry: HomeGeometry, characteristic_length: float) -> float:
-    """Return the condition number of the inverse Jacobian with rows [uᵀ, (R b × u)ᵀ / L]."""
-    with np.errstate(all="ignore"):
-        moments = np.cross(geometry.arms, geometry.directions) / characteristic_length
-        jacobian = np.hstack([geometry.directions, moments])
-    if not np.all(np.isfinite(jacobian)):
-        return float("inf")
-    values = np.linalg.svd(jacobian, compute_uv=False)
-    return float(values[0] / values[-1]) if values[-1] > 0 else float("inf")
-
-
-def unit_vectors(
-    vectors: Array, name: str, problem: Report, what: str
-) -> tuple[Array, list[Problem]]:
+def unit_vectors(vectors: Array, name: str, problem: Report) -> tuple[Array, list[Problem]]:
     """Normalise rows (n, 3); unit vectors stay as they are to the last bit.
 
     `problem` makes the record for the position of a row that is zero.
     """
     scale = np.max(np.abs(vectors), axis=1)
     problems = [
-        problem((name, int(j)), f"strut {j + 1}: the {what} is zero", "a direction [x, y, z]")
+        problem((name, int(j)), f"strut {j + 1}: the axis is zero", "a direction [x, y, z]")
         for j in np.flatnonzero(scale == 0)
     ]
     if problems:
@@ -126,7 +116,7 @@ def default_alpha_axes(base_joints: Array, problem: Report) -> tuple[Array, list
 
 
 def geometry_problems(
-    geometry: HomeGeometry, alpha_axes: Array, condition: float, length: float, problem: Report
+    geometry: StrutGeometry, alpha_axes: Array, length: float, problem: Report
 ) -> list[Problem]:
     """Return what makes the home pose unusable.
 
@@ -153,6 +143,7 @@ def geometry_problems(
         )
         for j in np.flatnonzero(sines < _ALONG)
     ]
+    condition = geometry.condition(length)
     if condition > LARGEST_CONDITION:
         value = f"{condition:.3g}" if np.isfinite(condition) else "infinite"
         problems.append(
@@ -166,40 +157,36 @@ def geometry_problems(
     return problems
 
 
-def shared_joint_pairs(robot: _Joints) -> tuple[tuple[int, int], ...]:
-    """Return the pairs of struts whose base or platform joints coincide within 1e-9 m.
+def shared_pairs(*joints: Array) -> tuple[tuple[int, int], ...]:
+    """Return the pairs of struts i < j, from zero, whose joints coincide within 1e-9 m.
 
-    Parameters
-    ----------
-    robot : ResolvedRobot
-        Or anything with `base_joints` and `platform_joints`, (6, 3), m.
-
-    Returns
-    -------
-    tuple of (int, int)
-        Positions from zero, i < j, in the order of ``itertools.combinations``.
+    `joints` are the positions of the base joints and those of the platform joints, (6, 3), m; it
+    is enough that one of them coincides.
     """
     return tuple(
         (i, j)
-        for i, j in combinations(range(len(robot.base_joints)), 2)
-        if any(
-            np.linalg.norm(joints[i] - joints[j]) <= _SAME_POINT
-            for joints in (robot.base_joints, robot.platform_joints)
-        )
+        for i, j in combinations(range(ACTUATORS), 2)
+        if any(np.linalg.norm(ends[i] - ends[j]) <= _SAME_POINT for ends in joints)
     )
 
 
-def asymmetric_sums(platform_joints: Array) -> dict[str, float]:
+def rms_radius(joints: Array) -> float:
+    """Return the root mean square of the distances of joints (6, 3) from their origin, m."""
+    return float(np.sqrt(np.mean(np.sum(joints**2, axis=1))))
+
+
+def asymmetric_sums(platform_joints: Array) -> dict[str, str]:
     """Return the sums over the platform joints that a symmetric platform needs to be zero.
 
     Σ bx, Σ by [m] and Σ bx·by, Σ bx·bz, Σ by·bz [m²] are the sliders' share of lateral first
-    moments and products of inertia; those below 1e-6 of their terms count as zero.
+    moments and products of inertia, as text with unit; those below 1e-6 of their terms count as
+    zero.
     """
     x, y, z = platform_joints.T
     terms = {"Σ bx": x, "Σ by": y, "Σ bx·by": x * y, "Σ bx·bz": x * z, "Σ by·bz": y * z}
-    radius = float(np.sqrt(np.mean(np.sum(platform_joints**2, axis=1))))
+    radius = rms_radius(platform_joints)
     return {
-        name: float(np.sum(values))
+        name: f"{np.sum(values):.3g} {'m²' if '·' in name else 'm'}"
         for name, values in terms.items()
         if abs(np.sum(values)) > _VANISHING * len(values) * radius ** (2 if "·" in name else 1)
     }

@@ -16,10 +16,9 @@ from pydantic_core import PydanticCustomError
 
 from constraints import Limit, LimitDefinition, limit_definitions
 from expdesign.configuration.document import Document
-from expdesign.configuration.failure import nearest, refusal, shown
-from expdesign.configuration.problem import Key, Problem, key_path
-from expdesign.configuration.quantity import dimension_of
-from expdesign.configuration.resolved import read_only
+from expdesign.configuration.problem import Key, Problem, key_path, nearest, refusal, shown
+from expdesign.configuration.values.lists import read_only
+from expdesign.configuration.values.quantity import dimension_of
 from expdesign.mechanism.hexapod import ACTUATORS, numbered
 
 CHARACTERISTIC_LENGTH = "characteristic_length"

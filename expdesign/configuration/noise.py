@@ -1,41 +1,72 @@
-"""`noise:` of robot and run together: covariances that are symmetric and positive definite."""
+"""`noise:` of robot and run: the section, and the covariances that follow from both together."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from constraints.arrays import Array
-from expdesign.configuration.document import Document
-from expdesign.configuration.noise_section import NoiseDescription
-from expdesign.configuration.problem import Key, Problem
-from expdesign.configuration.resolved import ResolvedNoise, read_only
+from expdesign.configuration.document import Placed
+from expdesign.configuration.problem import Problem
+from expdesign.configuration.section import Section
+from expdesign.configuration.values.lists import exactly, read_only
+from expdesign.configuration.values.quantity import (
+    Force,
+    ForceVariance,
+    Length,
+    LengthVariance,
+    Number,
+    Positive,
+)
+from expdesign.mechanism.hexapod import ACTUATORS
 
 _FAMILIES = ("force", "length")
 _TOLERANCE = 1e-9
 _SMALLEST_EIGENVALUE = 1e-10
 
+_VALUES = exactly(ACTUATORS, "values")
+_ROWS = exactly(ACTUATORS, "rows")
+_Correlation = Annotated[tuple[Annotated[tuple[Number, ...], _VALUES], ...], _ROWS]
+_ForceCovariance = Annotated[tuple[Annotated[tuple[ForceVariance, ...], _VALUES], ...], _ROWS]
+_LengthCovariance = Annotated[tuple[Annotated[tuple[LengthVariance, ...], _VALUES], ...], _ROWS]
 
-@dataclass(frozen=True)
-class NoiseSource:
-    """The section ``noise:`` of a file, and where it stands."""
 
-    noise: NoiseDescription
-    document: Document
-    key: Key
+class NoiseDescription(Section):
+    """Noise of one sample of the actuators, as the YAML states it.
+
+    A standard deviation with an optional correlation (default: none), or a covariance.
+    Whether they go together is checked after robot and run are merged.
+    """
+
+    force_std: Annotated[tuple[Annotated[Force, Positive], ...], _VALUES] | None = None
+    force_correlation: _Correlation | None = None
+    force_covariance: _ForceCovariance | None = None
+    length_std: Annotated[tuple[Annotated[Length, Positive], ...], _VALUES] | None = None
+    length_correlation: _Correlation | None = None
+    length_covariance: _LengthCovariance | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class ResolvedNoise:
+    """Covariances of one sample, (6, 6), symmetric positive definite; None where not known."""
+
+    force_covariance: Array | None
+    """N²."""
+    length_covariance: Array | None
+    """m²."""
 
 
 def resolve_noise(
-    sources: Sequence[NoiseSource],
+    sources: Sequence[Placed[NoiseDescription]],
 ) -> tuple[NoiseDescription | None, ResolvedNoise | None, list[Problem]]:
     """Merge the noise of robot and run.
 
     Parameters
     ----------
-    sources : sequence of NoiseSource
+    sources : sequence of Placed[NoiseDescription]
         Later ones override earlier ones key by key. A later covariance takes the place of an
         earlier standard deviation and correlation, a later standard deviation that of an
         earlier covariance.
@@ -51,18 +82,23 @@ def resolve_noise(
     if not sources:
         return None, None, []
     merged: dict[str, Any] = {}
-    places: dict[str, NoiseSource] = {}
+    places: dict[str, Placed[NoiseDescription]] = {}
     problems: list[Problem] = []
     for source in sources:
-        given = {k: v for k, v in source.noise if v is not None}
+        given = {k: v for k, v in source.value if v is not None}
         for family in _FAMILIES:
-            std, covariance = f"{family}_std", f"{family}_covariance"
-            if covariance in given and (std in given or f"{family}_correlation" in given):
-                other = std if std in given else f"{family}_correlation"
-                problems.append(_both(source, covariance, other))
+            std, correlation, covariance = _keys(family)
             if covariance in given:
+                problems += (
+                    source.problem(
+                        (covariance,),
+                        f"{covariance} and {other} are both given",
+                        f"{covariance}, or a standard deviation with an optional correlation",
+                    )
+                    for other in [key for key in (std, correlation) if key in given][:1]
+                )
                 merged.pop(std, None)
-                merged.pop(f"{family}_correlation", None)
+                merged.pop(correlation, None)
             if std in given:
                 merged.pop(covariance, None)
         merged |= given
@@ -79,51 +115,42 @@ def resolve_noise(
     return NoiseDescription(**merged), ResolvedNoise(*covariances), []
 
 
-def _both(source: NoiseSource, covariance: str, other: str) -> Problem:
-    return source.document.problem(
-        (*source.key, covariance),
-        f"{covariance} and {other} are both given",
-        f"{covariance}, or a standard deviation with an optional correlation",
-    )
+def _keys(family: str) -> tuple[str, str, str]:
+    return f"{family}_std", f"{family}_correlation", f"{family}_covariance"
 
 
 def _family(
-    family: str, merged: dict[str, Any], places: dict[str, NoiseSource]
+    family: str, merged: dict[str, Any], places: dict[str, Placed[NoiseDescription]]
 ) -> tuple[Array | None, list[Problem]]:
-    std, correlation = merged.get(f"{family}_std"), merged.get(f"{family}_correlation")
-    covariance = merged.get(f"{family}_covariance")
-    if covariance is not None:
-        name = f"{family}_covariance"
-        shape, scale = np.array(covariance, dtype=np.float64), np.ones(len(covariance))
-    elif std is not None:
-        name = f"{family}_std" if correlation is None else f"{family}_correlation"
-        scale = np.array(std, dtype=np.float64)
-        shape = np.eye(len(std)) if correlation is None else np.array(correlation)
-    elif correlation is not None:
-        name = f"{family}_correlation"
-        message = f"{name} is given without {family}_std"
-        return None, [_problem(name, places, message, f"{family}_std with it")]
+    std, correlation, covariance = _keys(family)
+    if covariance in merged:
+        name = covariance
+        shape, scale = np.array(merged[covariance], dtype=np.float64), np.ones(ACTUATORS)
+    elif std in merged:
+        name = correlation if correlation in merged else std
+        scale = np.array(merged[std], dtype=np.float64)
+        shape = np.array(merged.get(correlation, np.eye(ACTUATORS)))
+    elif correlation in merged:
+        message = f"{correlation} is given without {std}"
+        return None, [places[correlation].problem((correlation,), message, f"{std} with it")]
     else:
         return None, []
     with np.errstate(all="ignore"):
-        complaint = _complaint(shape)
-        if (
-            complaint is None
-            and std is not None
-            and np.max(np.abs(np.diag(shape) - 1)) > _TOLERANCE
-        ):
-            complaint = "the diagonal of a correlation is not 1"
+        wrong = _no_covariance(shape)
         matrix = (shape + shape.T) / 2 * np.outer(scale, scale)
+        is_correlation = np.max(np.abs(np.diag(shape) - 1)) <= _TOLERANCE
         finite = np.all(np.isfinite(matrix)) and np.all(np.diag(matrix) > 0)
-    if complaint is None and not finite:
-        complaint = "the values are too large or too small to be squared"
-    if complaint is not None:
-        return None, [_problem(name, places, complaint, "a symmetric positive definite matrix")]
+    if wrong is None and name != covariance and not is_correlation:
+        wrong = "the diagonal of a correlation is not 1"
+    if wrong is None and not finite:
+        wrong = "the values are too large or too small to be squared"
+    if wrong is not None:
+        return None, [places[name].problem((name,), wrong, "a symmetric positive definite matrix")]
     return read_only(matrix), []
 
 
-def _complaint(matrix: Array) -> str | None:
-    """Say why a matrix is no covariance; None when it is one."""
+def _no_covariance(matrix: Array) -> str | None:
+    """Return why a matrix is no covariance; None when it is one."""
     diagonal = np.diag(matrix)
     if np.any(diagonal <= 0):
         j = int(np.argmax(diagonal <= 0)) + 1
@@ -144,8 +171,3 @@ def _complaint(matrix: Array) -> str | None:
     if smallest < _SMALLEST_EIGENVALUE:
         return f"not positive definite: the smallest eigenvalue of the correlation is {smallest:g}"
     return None
-
-
-def _problem(name: str, places: dict[str, NoiseSource], message: str, allowed: str) -> Problem:
-    source = places[name]
-    return source.document.problem((*source.key, name), message, allowed)

@@ -8,10 +8,10 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator, Field, ValidationError, ValidationInfo, model_serializer
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
-from expdesign.configuration.base import Section
-from expdesign.configuration.failure import nearest, refusal, shown
-from expdesign.configuration.quantity import dimension_of
-from expdesign.configuration.scalars import known_key
+from expdesign.configuration.problem import nearest, refusal, shown
+from expdesign.configuration.section import Section
+from expdesign.configuration.values.quantity import dimension_of
+from expdesign.configuration.values.scalars import known
 from expdesign.mechanism.catalogue import DEFAULT, TERMS, known_parameters, terms_named
 from expdesign.mechanism.term import Constant, Parameter, Term, parameters_of
 from expdesign.mechanism.terms import rigid_platform
@@ -19,7 +19,7 @@ from expdesign.mechanism.terms import rigid_platform
 
 def known_parameter(value: object) -> str:
     """Check that a text is a parameter of some term, naming the nearest when it is not."""
-    return known_key(tuple(known_parameters()), "parameter")(value)
+    return known(tuple(known_parameters()), "parameter")(value)
 
 
 ParameterName = Annotated[str, BeforeValidator(known_parameter)]

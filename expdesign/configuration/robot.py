@@ -1,17 +1,20 @@
-"""Robots: from a file or a description to numbers that can be computed with."""
+"""Robots: the robot file, and the numbers that follow from it."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
+from typing import Annotated, Literal
 
 import numpy as np
+from pydantic import Field
 
+from constraints import Limit
 from constraints.arrays import Array
 from expdesign.configuration import geometry as geo
-from expdesign.configuration.document import Document
+from expdesign.configuration.document import Placed, read_yaml
 from expdesign.configuration.finding import find_robot
 from expdesign.configuration.limits import (
     LimitSource,
@@ -19,27 +22,110 @@ from expdesign.configuration.limits import (
     resolve_limits,
     with_shared_joints,
 )
-from expdesign.configuration.noise import NoiseSource, resolve_noise
-from expdesign.configuration.noise_section import NoiseDescription
-from expdesign.configuration.parameters import chosen_terms, parameter_warnings
-from expdesign.configuration.problem import InputError, Key, Problem
-from expdesign.configuration.resolved import ResolvedRobot, read_only
-from expdesign.configuration.robot_section import RobotDescription
-from expdesign.configuration.validation import validate
-from expdesign.configuration.yaml_reader import read_yaml
+from expdesign.configuration.noise import NoiseDescription, ResolvedNoise, resolve_noise
+from expdesign.configuration.parameters import (
+    DEFAULT_TERMS,
+    Parameters,
+    Terms,
+    chosen_terms,
+    parameter_warnings,
+)
+from expdesign.configuration.problem import InputError, Problem
+from expdesign.configuration.section import Section, validate
+from expdesign.configuration.values.lists import Direction, Point, Pose, exactly, read_only
+from expdesign.configuration.values.quantity import Acceleration
+from expdesign.configuration.values.scalars import Name, RawMapping, Text, one_of
+from expdesign.mechanism.hexapod import ACTUATORS
+from expdesign.mechanism.term import Term
+
+PlatformKind = Literal["symmetric", "general"]
+
+_Points = Annotated[tuple[Point, ...], exactly(ACTUATORS, "joints")]
+_Axes = Annotated[tuple[Direction, ...], exactly(ACTUATORS, "axes")]
 
 
-@dataclass(frozen=True)
-class RobotSource:
-    """A validated description, and where it stands."""
+class RobotDescription(Section):
+    """A hexapod as its YAML file states it, in SI units."""
 
+    name: Name
+    description: Text = ""
+    home: Pose
+    """x, y, z [m], phi, theta, psi [rad]."""
+    gravity: Annotated[tuple[Acceleration, ...], exactly(3, "components [x, y, z]")] = (
+        0.0,
+        0.0,
+        -9.81,
+    )
+    """Base frame, m/s²."""
+    base_joints: _Points
+    """(6, 3), base frame, m."""
+    platform_joints: _Points
+    """(6, 3), platform frame, m."""
+    alpha_axes: _Axes | None = None
+    """(6, 3), first cardan axes in the base frame; of any length but zero."""
+    platform_joint_axes: _Axes | None = None
+    """(6, 3), in the platform frame; of any length but zero."""
+    platform: Annotated[PlatformKind, one_of(PlatformKind)] = "symmetric"
+    """10 or 15 rigid-body parameters of the platform."""
+    terms: Terms = DEFAULT_TERMS
+    """Blocks of the model that is linear in the parameters."""
+    parameters: Parameters
+    """Nominal (a-priori) values of the terms' parameters; physically consistent or not."""
+    noise: NoiseDescription | None = None
+    limits: RawMapping = Field(default_factory=dict)
+    """As written; `resolve_limits` checks it by the limits that exist."""
+
+
+@dataclass(frozen=True, eq=False)
+class ResolvedRobot:
+    """A hexapod, ready to be computed with. The arrays are read-only, in SI units."""
+
+    name: str
     description: RobotDescription
-    document: Document
-    key: Key = ()
+    """The same robot as it could stand in a file, with every default and the run's limits and
+    noise."""
+    home: Array
+    """(6,): x, y, z [m], phi, theta, psi [rad]."""
+    gravity: Array
+    """(3,), base frame, m/s²."""
+    base_joints: Array
+    """(6, 3), base frame, m."""
+    platform_joints: Array
+    """(6, 3), platform frame, m."""
+    alpha_axes: Array
+    """(6, 3), first cardan axes, unit vectors in the base frame."""
+    platform_joint_axes: Array
+    """(6, 3), reference axes of the platform joints, unit vectors in the platform frame."""
+    platform: PlatformKind
+    terms: tuple[Term, ...]
+    """Blocks of the regressor."""
+    constants: tuple[float, ...]
+    """Of the terms in their order."""
+    parameters: Mapping[str, float]
+    """Nominal values by name, in the order of the terms."""
+    noise: ResolvedNoise | None
+    """None when neither robot nor run state any."""
+    limits: Mapping[str, Limit]
+    """By key, in the order of the limits' catalogue. A limit that is missing does not limit."""
+    characteristic_length: float
+    """By which rotations are scaled in condition numbers, m."""
+    source: Path | None = None
+    warnings: tuple[str, ...] = ()
+    """What is legal but odd."""
 
-    def problem(self, key: Key, message: str, allowed: str | None = None) -> Problem:
-        """Return a problem with a key of the robot."""
-        return self.document.problem((*self.key, *key), message, allowed)
+    @property
+    def parameter_names(self) -> tuple[str, ...]:
+        """Names of the parameters in their order."""
+        return tuple(self.parameters)
+
+    @property
+    def shared_joint_pairs(self) -> tuple[tuple[int, int], ...]:
+        """Pairs of struts i < j, from zero, whose base or platform joints are the same point."""
+        return geo.shared_pairs(self.base_joints, self.platform_joints)
+
+    def struts_at(self, pose: Array) -> geo.StrutGeometry:
+        """Return lengths, directions and inverse Jacobian at a pose (6,), m and rad."""
+        return geo.geometry_at(pose, self.base_joints, self.platform_joints)
 
 
 def load_robot_description(name_or_path: str | PathLike[str]) -> ResolvedRobot:
@@ -64,7 +150,7 @@ def load_robot_description(name_or_path: str | PathLike[str]) -> ResolvedRobot:
     return resolve_robot(read_robot(find_robot(name_or_path)))
 
 
-def read_robot(path: Path) -> RobotSource:
+def read_robot(path: Path) -> Placed[RobotDescription]:
     """Read and validate a robot file, without resolving it.
 
     Raises
@@ -74,62 +160,57 @@ def read_robot(path: Path) -> RobotSource:
     document = read_yaml(path)
     description, problems = validate(RobotDescription, document.data, document)
     if description is None:
-        # The limits are not the schema's: their problems shall be reported with the others.
+        # The limits are no pydantic model: their problems shall be reported with the others.
         limits = document.data.get("limits")
         if isinstance(limits, dict):
             problems += resolve_limits([LimitSource(limits, document, ("limits",))])[2]
         raise InputError(problems)
-    return RobotSource(description, document)
+    return Placed(description, document)
 
 
 def resolve_robot(
-    source: RobotSource,
+    source: Placed[RobotDescription],
     limits: Sequence[LimitSource] = (),
-    noise: Sequence[NoiseSource] = (),
+    noise: Sequence[Placed[NoiseDescription]] = (),
 ) -> ResolvedRobot:
-    """Resolve a robot together with what a run overrides.
-
-    Parameters
-    ----------
-    source : RobotSource
-    limits, noise : sequence, optional
-        What overrides the robot's own, key by key.
+    """Resolve a robot together with the limits and noise by which a run overrides its own.
 
     Raises
     ------
     InputError
         With everything that is wrong.
     """
-    description, document = source.description, source.document
+    description, document = source.value, source.document
     own_limits = LimitSource(description.limits, document, (*source.key, "limits"))
     resolved_limits, length, problems = resolve_limits([own_limits, *limits])
-    own_noise = description.noise
-    merged_noise, resolved_noise, found = resolve_noise(
-        [
-            *([] if own_noise is None else [_noise_source(own_noise, source)]),
-            *noise,
-        ]
-    )
+    if description.noise is not None:
+        noise = [Placed(description.noise, document, (*source.key, "noise")), *noise]
+    merged_noise, resolved_noise, found = resolve_noise(noise)
     problems += found
 
     warnings = []
     platform_joints = read_only(description.platform_joints)
-    if length is None:
-        with np.errstate(all="ignore"):
-            length = float(np.sqrt(np.mean(np.sum(platform_joints**2, axis=1))))
-        warnings.append(
-            f"limits.characteristic_length is not given: rotations are scaled by {length:.4g} m, "
-            "the rms radius of the platform joints"
-        )
     with np.errstate(all="ignore"):
-        alpha_axes, joint_axes, found = _directions(source, platform_joints, length)
+        if length is None:
+            length = geo.rms_radius(platform_joints)
+            warnings.append(
+                "limits.characteristic_length is not given: rotations are scaled by "
+                f"{length:.4g} m, the rms radius of the platform joints"
+            )
+        alpha_axes, joint_axes, found = _axes(source, platform_joints, length)
+        sums = {} if description.platform == "general" else geo.asymmetric_sums(platform_joints)
     problems += found
     if problems:
         raise InputError(problems)
 
     terms = chosen_terms(description.terms, description.platform)
     warnings += parameter_warnings(terms, description.parameters)
-    warnings += _symmetry_warnings(description.platform, platform_joints)
+    if sums:
+        warnings.append(
+            "the platform is declared symmetric, but sums over its joints do not vanish: "
+            f"{', '.join(f'{name} = {value}' for name, value in sums.items())}; "
+            "with `platform: general` the model is exact"
+        )
     written = description.model_copy(
         update={
             "alpha_axes": _nested(alpha_axes),
@@ -138,7 +219,8 @@ def resolve_robot(
             "limits": limits_as_written(resolved_limits, length),
         }
     )
-    robot = ResolvedRobot(
+    pairs = geo.shared_pairs(np.array(description.base_joints), platform_joints)
+    return ResolvedRobot(
         name=description.name,
         description=written,
         home=read_only(description.home),
@@ -152,61 +234,36 @@ def resolve_robot(
         constants=tuple(c.value for term in description.terms for c in term.constants.values()),
         parameters=description.parameters,
         noise=resolved_noise,
-        limits=resolved_limits,
+        limits={key: with_shared_joints(limit, pairs) for key, limit in resolved_limits.items()},
         characteristic_length=length,
         source=document.file,
         warnings=tuple(warnings),
     )
-    pairs = geo.shared_joint_pairs(robot)
-    limits_of_pairs = {
-        key: with_shared_joints(limit, pairs) for key, limit in resolved_limits.items()
-    }
-    return replace(robot, limits=limits_of_pairs)
 
 
-def _noise_source(noise: NoiseDescription, source: RobotSource) -> NoiseSource:
-    return NoiseSource(noise, source.document, (*source.key, "noise"))
-
-
-def _directions(
-    source: RobotSource, platform_joints: Array, length: float
+def _axes(
+    source: Placed[RobotDescription], platform_joints: Array, length: float
 ) -> tuple[Array, Array, list[Problem]]:
     """Return first cardan axes and platform joint axes, and what is wrong with the geometry."""
-    description = source.description
+    description = source.value
     base_joints = np.array(description.base_joints)
-    home = geo.home_geometry(np.array(description.home), base_joints, platform_joints)
+    home = geo.geometry_at(np.array(description.home), base_joints, platform_joints)
     if description.alpha_axes is None:
         alpha_axes, problems = geo.default_alpha_axes(base_joints, source.problem)
     else:
         given = np.array(description.alpha_axes)
-        alpha_axes, problems = geo.unit_vectors(given, "alpha_axes", source.problem, "axis")
+        alpha_axes, problems = geo.unit_vectors(given, "alpha_axes", source.problem)
     if description.platform_joint_axes is None:
         joint_axes = home.directions @ home.rotation
     else:
         given = np.array(description.platform_joint_axes)
-        name = "platform_joint_axes"
-        joint_axes, found = geo.unit_vectors(given, name, source.problem, "axis")
+        joint_axes, found = geo.unit_vectors(given, "platform_joint_axes", source.problem)
         problems += found
-    if not problems:
-        condition = geo.condition_at_home(home, length)
-        problems = geo.geometry_problems(home, alpha_axes, condition, length, source.problem)
-    return alpha_axes, joint_axes, problems
-
-
-def _symmetry_warnings(platform: str, platform_joints: Array) -> list[str]:
-    if platform != "symmetric":
-        return []
-    with np.errstate(all="ignore"):
-        sums = geo.asymmetric_sums(platform_joints)
-    if not sums:
-        return []
-    values = ", ".join(
-        f"{name} = {value:.3g} {'m²' if '·' in name else 'm'}" for name, value in sums.items()
+    return (
+        alpha_axes,
+        joint_axes,
+        problems or geo.geometry_problems(home, alpha_axes, length, source.problem),
     )
-    return [
-        f"the platform is declared symmetric, but sums over its joints do not vanish: {values}; "
-        "with `platform: general` the model is exact"
-    ]
 
 
 def _nested(array: Array) -> tuple[tuple[float, ...], ...]:

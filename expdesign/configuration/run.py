@@ -1,230 +1,182 @@
-"""Runs: from a file, a mapping or a validated model to a complete configuration."""
+"""The run file: which robot does which experiment, stage by stage."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
-from os import PathLike
+import re
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
-from expdesign.configuration.document import Document, document_from_mapping
-from expdesign.configuration.failure import nearest
-from expdesign.configuration.finding import absolute, find_robot, find_run
-from expdesign.configuration.limits import LimitSource, resolve_limits
-from expdesign.configuration.noise import NoiseSource
-from expdesign.configuration.noise_section import NoiseDescription
-from expdesign.configuration.parameters import whose
-from expdesign.configuration.problem import InputError, Problem
-from expdesign.configuration.resolved import ResolvedRobot, RunConfiguration
-from expdesign.configuration.robot import RobotSource, read_robot, resolve_robot
-from expdesign.configuration.robot_section import RobotDescription
-from expdesign.configuration.run_section import RunDescription
-from expdesign.configuration.smoothing import smoothing_widths
-from expdesign.configuration.validation import validate
-from expdesign.configuration.yaml_reader import read_yaml
+from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
 
-_ROUNDING = 1e-12
-_LEAST_HARMONICS_AT_REST = 2
-_NOISE_USED_BY = ("design", "experiment", "montecarlo")
+from expdesign.configuration.noise import NoiseDescription
+from expdesign.configuration.problem import refusal, shown
+from expdesign.configuration.robot import ResolvedRobot, RobotDescription
+from expdesign.configuration.section import Section
+from expdesign.configuration.sections.data import DataSection
+from expdesign.configuration.sections.design import DesignSection
+from expdesign.configuration.sections.estimate import EstimateSection, MonteCarloSection
+from expdesign.configuration.sections.experiment import ExperimentSection
+from expdesign.configuration.sections.export import ExportSections
+from expdesign.configuration.sections.study import StudySection
+from expdesign.configuration.sections.trajectory import MotionSection, TrajectorySection
+from expdesign.configuration.sections.validation import ValidationMotion
+from expdesign.configuration.values.lists import Distinct, at_least
+from expdesign.configuration.values.scalars import (
+    FilledText,
+    Name,
+    RawMapping,
+    Text,
+    one_of,
+    whole,
+)
+
+RUN_FORMAT = 1
+"""Number of the format of run files, one more whenever what stands in them changes its meaning."""
+
+_DEFAULT_WORKERS = 2
+_LARGEST_WORKERS = 1024
+_ADDRESS = re.compile(r"(?:tcp|tls|ucx|ws|wss)://[A-Za-z0-9._\[\]:-]{1,250}:\d{1,5}")
+
+FigureFormat = Literal["png", "svg", "pdf"]
 
 
-def load_run(
-    source: str | PathLike[str] | Mapping[str, Any] | RunDescription | RunConfiguration,
-) -> RunConfiguration:
-    """Load a run with its robot.
+class ReportSection(Section):
+    """Settings of the report."""
 
-    Parameters
-    ----------
-    source : str, path-like, mapping, RunDescription or RunConfiguration
-        The name of a run that ships, the path of a run file, or what such a file would hold.
-        Relative paths in a mapping start from the current folder. A configuration is returned
-        as it is.
+    title: Text | None = None
+    """Heading; default: the run's name."""
+    figures: Annotated[
+        tuple[Annotated[FigureFormat, one_of(FigureFormat)], ...], at_least(1, "formats"), Distinct
+    ] = ("png", "svg")
 
-    Returns
-    -------
-    RunConfiguration
-        Every default filled in, SI units, the robot with the run's limits and noise.
 
-    Raises
-    ------
-    InputError
-        With everything that is wrong, in the run and in its robot.
+def _address(value: str) -> str:
+    if not _ADDRESS.fullmatch(value):
+        raise refusal(
+            f"{shown(value)} is not the address of a scheduler", "tcp://host:port of a Dask cluster"
+        )
+    return value
+
+
+def _name_or_inline(value: object) -> str:
+    return "(inline)" if isinstance(value, dict | RobotDescription) else "(name)"
+
+
+def _known_format(value: object) -> object:
+    allowed = "a newer version of expdesign, or a file that this one wrote"
+    if value is not None and (isinstance(value, bool) or not isinstance(value, int) or value < 0):
+        raise refusal(f"{shown(value)} is no format number", f"{RUN_FORMAT}")
+    if value is not None and value > RUN_FORMAT:
+        message = f"the file has format {value}, this version of expdesign reads up to {RUN_FORMAT}"
+        raise refusal(message, allowed)
+    return value
+
+
+_STAGE = object()
+
+
+class RunDescription(Section):
+    """A run as its YAML file states it, in SI units.
+
+    Every section is there, with its defaults when the file does not name it; `stages` tells
+    which the file does name.
     """
-    if isinstance(source, RunConfiguration):
-        return source
-    document = _document(source)
-    run, problems = validate(RunDescription, document.data, document)
-    robot_source = _robot_source(run, document, problems)
-    robot: ResolvedRobot | None = None
-    overrides = _overrides(document, problems, report=robot_source is None or run is None)
-    if robot_source is not None:
-        try:
-            robot = resolve_robot(robot_source, *overrides)
-        except InputError as error:
-            problems += error.problems
-    if run is not None and robot is not None:
-        problems += _unknown_parameters(run, robot, document)
-        problems += _undesignable(run, document)
-    if problems or run is None or robot is None:
-        raise InputError(dict.fromkeys(problems))
-    return RunConfiguration(
-        run=_completed(run, robot, document.folder),
-        robot=robot,
-        file=document.file,
-        warnings=(*robot.warnings, *_warnings(run, robot)),
-    )
 
-
-def _document(source: str | PathLike[str] | Mapping[str, Any] | RunDescription) -> Document:
-    if isinstance(source, RunDescription):
-        return document_from_mapping(_as_written(source))
-    if isinstance(source, Mapping):
-        return document_from_mapping(source)
-    return read_yaml(find_run(source))
-
-
-def _as_written(run: RunDescription) -> dict[str, Any]:
-    """Return a model as a file would state it, so that it names the same stages."""
-    written = run.model_dump(by_alias=True)
-    named = {"validate" if key == "validation" else key for key in run.model_fields_set}
-    return {key: value for key, value in written.items() if key in named}
-
-
-def _robot_source(
-    run: RunDescription | None, document: Document, problems: list[Problem]
-) -> RobotSource | None:
-    """Find the robot even when the run is wrong, so that the problems of both are reported."""
-    named = document.data.get("robot") if run is None else run.robot
-    if isinstance(named, RobotDescription):
-        return RobotSource(named, document, ("robot",))
-    if not isinstance(named, str) or not named.strip():
-        return None
-    try:
-        path = find_robot(named, document.folder)
-    except InputError as error:
-        problems += (
-            document.problem(("robot",), p.message, p.allowed, p.nearest) for p in error.problems
-        )
-        return None
-    try:
-        return read_robot(path)
-    except InputError as error:
-        if path.is_file():
-            problems += error.problems
-        else:  # the place to look at is where it is named
-            problems += (
-                document.problem(("robot",), f"{path}: {p.message}") for p in error.problems
-            )
-        return None
-
-
-def _overrides(
-    document: Document, problems: list[Problem], *, report: bool
-) -> tuple[list[LimitSource], list[NoiseSource]]:
-    """Return the run's limits and noise; their problems only when no robot reports them."""
-    limits: list[LimitSource] = []
-    noise: list[NoiseSource] = []
-    raw = document.data.get("limits")
-    if isinstance(raw, dict):
-        limits = [LimitSource(raw, document, ("limits",))]
-        if report:
-            problems += resolve_limits(limits)[2]
-    stated = document.data.get("noise")
-    if isinstance(stated, dict):
-        description, _ = validate(NoiseDescription, stated, document, ("noise",))
-        if description is not None:
-            noise = [NoiseSource(description, document, ("noise",))]
-    return limits, noise
-
-
-def _unknown_parameters(
-    run: RunDescription, robot: ResolvedRobot, document: Document
-) -> list[Problem]:
-    named = {
-        ("design", "parameters"): run.design.parameters or (),
-        ("estimate", "fixed"): run.estimate.fixed,
-        ("estimate", "prior"): run.estimate.prior,
-        ("estimate", "bounds"): run.estimate.bounds,
-    }
-    valid = robot.parameter_names
-    return [
-        document.problem(
-            key,
-            f"no term of the robot {robot.name} has the parameter '{name}'{whose(name)}",
-            ", ".join(valid),
-            nearest(name, valid),
-        )
-        for key, names in named.items()
-        for name in names
-        if name not in valid
+    format: Annotated[int | None, BeforeValidator(_known_format)] = None
+    """`RUN_FORMAT` in every file that is written; a user's file needs none."""
+    name: Name
+    description: Text = ""
+    robot: Annotated[
+        Annotated[FilledText, Tag("(name)")] | Annotated[RobotDescription, Tag("(inline)")],
+        Discriminator(_name_or_inline),
     ]
+    """A robot that ships, a path relative to the run file, or the robot itself."""
+    trajectory: TrajectorySection = TrajectorySection()
+    design: Annotated[DesignSection, _STAGE] = DesignSection()
+    motion: MotionSection = MotionSection()
+    limits: RawMapping = Field(default_factory=dict)
+    """As written; they override the robot's key by key."""
+    noise: NoiseDescription | None = None
+    """Overrides the robot's key by key."""
+    experiment: Annotated[ExperimentSection, _STAGE] = ExperimentSection()
+    data: DataSection = DataSection()
+    montecarlo: Annotated[MonteCarloSection, _STAGE] = MonteCarloSection()
+    estimate: Annotated[EstimateSection, _STAGE] = EstimateSection()
+    validation: Annotated[tuple[ValidationMotion, ...], at_least(0, "motions"), _STAGE] = Field(
+        default=(), alias="validate"
+    )
+    study: Annotated[StudySection | None, _STAGE] = None
+    export: Annotated[ExportSections, _STAGE] = ()
+    report: Annotated[ReportSection, _STAGE] = ReportSection()
+    workers: Annotated[int, whole(1, _LARGEST_WORKERS)] | None = None
+    """Local processes; None when a scheduler is given."""
+    scheduler: Annotated[FilledText, AfterValidator(_address)] | None = None
+    """Address of a Dask cluster."""
 
+    @model_validator(mode="before")
+    @classmethod
+    def _empty_sections_take_defaults(cls, data: Any) -> Any:
+        if not isinstance(data, dict):
+            return data
+        given = dict(data)
+        for name, info in cls.model_fields.items():
+            key = info.alias or name
+            if data.get(key, key) is None and isinstance(info.default, Section | tuple):
+                given[key] = [] if info.default == () else {}
+        if given.get("workers") is None and given.get("scheduler") is None:
+            given["workers"] = _DEFAULT_WORKERS
+        return given
 
-def _undesignable(run: RunDescription, document: Document) -> list[Problem]:
-    """Name what is well-formed but cannot be designed."""
-    problems = []
-    if run.design.start == "rest" and run.trajectory.harmonics < _LEAST_HARMONICS_AT_REST:
-        problems.append(
-            document.problem(
-                ("design", "start"),
-                "a series of one harmonic that starts at rest never moves",
-                f"periodic, or trajectory.harmonics of at least {_LEAST_HARMONICS_AT_REST}",
+    @model_validator(mode="after")
+    def _workers_or_scheduler(self) -> RunDescription:
+        if self.workers is not None and self.scheduler is not None:
+            raise refusal(
+                "workers and scheduler are both given",
+                "workers or scheduler, not both",
+                key="scheduler",
             )
+        return self
+
+    @property
+    def stages(self) -> tuple[str, ...]:
+        """The stages that the file names, in the order in which they are done."""
+        return tuple(
+            stage
+            for stage, name in _STAGE_FIELDS.items()
+            if name in self.model_fields_set and getattr(self, name) not in (None, ())
         )
-    step = run.trajectory.controller_period or run.experiment.step
-    low, high = run.trajectory.frequency
-    if step > 1 / (2 * high):
-        problems.append(
-            document.problem(
-                ("experiment", "sampling"),
-                f"a sampling of {1 / step:g} Hz is too slow for motions of {1 / high:g} s",
-                f"at least {2 * high:g} Hz, or a trajectory.controller_period",
-            )
-        )
-        return problems
-    fewest = math.ceil(1 / (high * step) * (1 - _ROUNDING))
-    most = math.floor(1 / (low * step) * (1 + _ROUNDING))
-    if low < high and fewest > most:
-        problems.append(
-            document.problem(
-                ("trajectory", "frequency"),
-                f"no period between {1 / high:g} and {1 / low:g} s is a whole number of "
-                f"controller steps of {step:g} s",
-                f"a range that includes {1 / (fewest * step):g} Hz, or equal bounds",
-            )
-        )
-    return problems
 
 
-def _completed(run: RunDescription, robot: ResolvedRobot, folder: Path) -> RunDescription:
-    """Fill in what follows from other sections, and put the robot itself into the run."""
-    update: dict[str, Any] = {"robot": robot.description, "limits": {}, "noise": None}
-    if run.trajectory.controller_period is None:
-        step = run.experiment.step
-        update["trajectory"] = run.trajectory.model_copy(update={"controller_period": step})
-    if run.design.smoothing is None:
-        widths = smoothing_widths(robot)
-        update["design"] = run.design.model_copy(update={"smoothing": widths})
-    if run.data.file is not None:
-        file = str(absolute(run.data.file, folder))
-        update["data"] = run.data.model_copy(update={"file": file})
-    if any(motion.file is not None for motion in run.validation):
-        update["validation"] = tuple(
-            motion
-            if motion.file is None
-            else motion.model_copy(update={"file": str(absolute(motion.file, folder))})
-            for motion in run.validation
-        )
-    completed = run.model_copy(update=update)
-    # A copy counts what is updated as named; a stage is named by the user alone.
-    completed.model_fields_set.difference_update({"design"} - run.model_fields_set)
-    return completed
+_STAGE_FIELDS = {
+    info.alias or name: name
+    for name, info in RunDescription.model_fields.items()
+    if _STAGE in info.metadata
+}
+
+STAGES = tuple(_STAGE_FIELDS)
+"""Sections that name a stage of the run, in the order in which they are done."""
 
 
-def _warnings(run: RunDescription, robot: ResolvedRobot) -> list[str]:
-    users = [stage for stage in _NOISE_USED_BY if stage in run.stages]
-    forces_known = robot.noise is not None and robot.noise.force_covariance is not None
-    if users and not forces_known:
-        return [f"no noise of the forces is given; needed by: {', '.join(users)}"]
-    return []
+@dataclass(frozen=True, eq=False)
+class RunConfiguration:
+    """A run with its robot, every default filled in."""
+
+    run: RunDescription
+    """Its `robot` is the resolved robot's description with the run's own limits and noise in it,
+    its own `limits` and `noise` are therefore empty; paths are absolute."""
+    robot: ResolvedRobot
+    file: Path | None = None
+    """The run file; None for a mapping."""
+    warnings: tuple[str, ...] = ()
+    """Those of the robot and those of the run."""
+
+    @property
+    def name(self) -> str:
+        """The run's name."""
+        return self.run.name
+
+    @property
+    def stages(self) -> tuple[str, ...]:
+        """The stages that the run names, in the order in which they are done."""
+        return self.run.stages

@@ -7,8 +7,7 @@ import textwrap
 from collections.abc import Iterator
 from typing import Any
 
-from expdesign.configuration.resolved import RunConfiguration
-from expdesign.configuration.run_section import STAGES
+from expdesign.configuration.run import STAGES, RunConfiguration
 
 _HEADER = """\
 # Resolved configuration: every value that is used, with the defaults. Values are in SI units

@@ -7,25 +7,15 @@ from pathlib import Path
 _FOLDER = Path(__file__).parent
 
 
-def _names(kind: str) -> tuple[str, ...]:
-    return tuple(sorted(path.stem for path in (_FOLDER / kind).glob("*.yaml")))
+def robot_files() -> dict[str, Path]:
+    """Return the files of the robots that ship by their names, in alphabetical order."""
+    return _files("robots")
 
 
-def robot_names() -> tuple[str, ...]:
-    """Return the names of the robots that ship, in alphabetical order."""
-    return _names("robots")
+def run_files() -> dict[str, Path]:
+    """Return the files of the runs that ship by their names, in alphabetical order."""
+    return _files("runs")
 
 
-def run_names() -> tuple[str, ...]:
-    """Return the names of the runs that ship, in alphabetical order."""
-    return _names("runs")
-
-
-def robot_file(name: str) -> Path:
-    """Return the file of a robot that ships; `name` is one of `robot_names`."""
-    return _FOLDER / "robots" / f"{name}.yaml"
-
-
-def run_file(name: str) -> Path:
-    """Return the file of a run that ships; `name` is one of `run_names`."""
-    return _FOLDER / "runs" / f"{name}.yaml"
+def _files(kind: str) -> dict[str, Path]:
+    return dict(sorted((path.stem, path) for path in (_FOLDER / kind).glob("*.yaml")))

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from constraints.arrays import Array
-from expdesign.configuration import ResolvedRobot, rotation_matrix
+from expdesign.configuration import ResolvedRobot
 from results.reading.motion import COORDINATES, Motion
 from results.reading.table import Table
 from results.report.content import ViewBlock
@@ -67,12 +67,7 @@ def _view(folder: RunFolder, time: Array, pose: Array, force: Array, caption: st
 
 def joint_positions(robot: ResolvedRobot, pose: Array) -> Array:
     """Return the platform joints at poses (N, 6), base frame, m, (N, 6, 3)."""
-    return np.stack(
-        [
-            place[:3] + robot.platform_joints @ rotation_matrix(*place[3:]).T
-            for place in np.asarray(pose, dtype=np.float64)
-        ]
-    )
+    return np.stack([robot.struts_at(place).joints for place in pose])
 
 
 def _rounded(values: Array, digits: int) -> Any:

@@ -7,7 +7,7 @@ import pytest
 from ruamel.yaml import YAML
 
 from estimation.studies.tables import TABLES
-from expdesign.library import run_file
+from expdesign.library import run_files
 
 SMALL = {
     "trajectory": {
@@ -57,7 +57,7 @@ def runs(tmp_path_factory):
     place = tmp_path_factory.mktemp("paper")
     folders = {}
     for name, changes in STUDIES.items():
-        run = YAML(typ="safe").load(run_file(name).read_text(encoding="utf-8"))
+        run = YAML(typ="safe").load(run_files()[name].read_text(encoding="utf-8"))
         run |= SMALL | {"workers": 1}
         run["study"] |= changes
         file = place / f"{name}.yaml"

@@ -11,7 +11,7 @@ import typer
 import expdesign.cli.run as cli_run
 from expdesign.cli.errors import CommandFailed, run
 from expdesign.configuration import load_robot_description, load_run, resolved_yaml
-from expdesign.library import robot_names
+from expdesign.library import robot_files
 
 ROBOT = resolved_yaml(load_run("palida")).split("robot:\n")[1].split("\ntrajectory")[0]
 
@@ -33,7 +33,7 @@ def test_robots_lists_geometry_limits_and_source(expdesign, monkeypatch):
     status, out, err = expdesign("robots")
     assert (status, err) == (0, "")
     lines = out.splitlines()
-    assert [line for line in lines if line and not line.startswith(" ")] == list(robot_names())
+    assert [line for line in lines if line and not line.startswith(" ")] == list(robot_files())
     assert max(len(line) for line in lines) <= 100
     assert len(lines) < 80
     together = " ".join(out.split())

@@ -1,7 +1,6 @@
 import pytest
 
-from expdesign.configuration.display import quantity_text
-from expdesign.configuration.quantity import dimension_of
+from expdesign.configuration.values.quantity import dimension_of, quantity_text
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,7 @@
 import pytest
 
 from expdesign.configuration import ExportSection, InputError, load_run, resolved_yaml
-from expdesign.configuration.export import OFFERS
+from expdesign.configuration.sections.export import OFFERS
 from expdesign.export import table_formats
 
 
@@ -43,7 +43,7 @@ def test_names_and_sections(tmp_path):
         (
             [{"format": "xps-pvt", "order": [1, 1, 2, 3, 4, 5]}],
             "export[1].order",
-            "[1, 1, 2, 3, 4, 5] is no order of the six struts",
+            "[1, 1, 2, 3, 4, 5] is no order of the 6 struts",
         ),
         (
             ["csv", {"format": "xps-pvt", "offset": [0.6, 0.6]}],

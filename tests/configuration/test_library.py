@@ -4,14 +4,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from expdesign.configuration import (
-    condition_at_home,
-    home_geometry,
-    load_robot_description,
-    load_run,
-    shared_joint_pairs,
-)
-from expdesign.library import robot_names, run_names
+from expdesign.configuration import load_robot_description, load_run
+from expdesign.library import robot_files, run_files
 
 ROBOTS = ("dehaeze", "linuxcnc", "mathworks", "palida", "rubin")
 
@@ -22,15 +16,15 @@ def robot(request):
 
 
 def _home(robot):
-    return home_geometry(robot.home, robot.base_joints, robot.platform_joints)
+    return robot.struts_at(robot.home)
 
 
 def test_what_ships():
-    assert robot_names() == ROBOTS
-    assert {"palida", "palida-quick"} <= set(run_names())
+    assert tuple(robot_files()) == ROBOTS
+    assert {"palida", "palida-quick"} <= set(run_files())
 
 
-@pytest.mark.parametrize("name", run_names())
+@pytest.mark.parametrize("name", run_files())
 def test_runs_that_ship_load_without_a_robot_of_their_own(name):
     configuration = load_run(name)
     assert configuration.name == name
@@ -79,7 +73,7 @@ def test_lengths_at_home(name, length, tolerance):
 
 def test_condition_at_home():
     robot = load_robot_description("palida")
-    assert condition_at_home(_home(robot), 0.1) == pytest.approx(2.4011, abs=1e-4)
+    assert _home(robot).condition(0.1) == pytest.approx(2.4011, abs=1e-4)
 
 
 def test_home_is_well_inside_every_limit(robot):
@@ -93,7 +87,7 @@ def test_home_is_well_inside_every_limit(robot):
         "position": robot.home[:3],
         "rotation": robot.home[3:],
         "tilt": np.arccos(home.rotation[2, 2]),
-        "jacobian_condition": condition_at_home(home, robot.characteristic_length),
+        "jacobian_condition": home.condition(robot.characteristic_length),
         "actuator_force": _static_forces(robot, home),
         "strut_speed": np.zeros(6),
         "strut_acceleration": np.zeros(6),
@@ -110,11 +104,11 @@ def test_home_is_well_inside_every_limit(robot):
 
 def _static_forces(robot, home):
     """Forces that hold the robot still: gravity of platform, sliders and stators."""
-    p = robot.parameters
-    jacobian = np.hstack([home.directions, np.cross(home.arms, home.directions)])
+    p, arms = robot.parameters, home.joints - robot.home[:3]
+    jacobian = np.hstack([home.directions, np.cross(arms, home.directions)])
     force = -p["p10"] * robot.gravity
     moment = np.cross(home.rotation @ [0, 0, p["p9"]], -robot.gravity)
-    for arm, u, length in zip(home.arms, home.directions, home.lengths, strict=True):
+    for arm, u, length in zip(arms, home.directions, home.lengths, strict=True):
         at_joint = -(p["p4"] + p["p5"]) / length * (robot.gravity - u * (u @ robot.gravity))
         force = force + at_joint
         moment = moment + np.cross(arm, at_joint)
@@ -133,14 +127,14 @@ def test_cardan_angle_of_palida_at_home():
 
 
 def test_shared_joints():
-    assert shared_joint_pairs(load_robot_description("linuxcnc")) == ((0, 5), (1, 2), (3, 4))
+    assert load_robot_description("linuxcnc").shared_joint_pairs == ((0, 5), (1, 2), (3, 4))
     for name in set(ROBOTS) - {"linuxcnc"}:
-        assert shared_joint_pairs(load_robot_description(name)) == ()
+        assert load_robot_description(name).shared_joint_pairs == ()
 
 
 def test_struts_keep_their_clearance_at_home(robot):
     home = _home(robot)
-    shared = shared_joint_pairs(robot)
+    shared = robot.shared_joint_pairs
     steps = np.linspace(0, 1, 201)[:, None]
     axes = [
         a + steps * length * u

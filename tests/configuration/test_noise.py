@@ -4,8 +4,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from expdesign.configuration import InputError, NoiseDescription
-from expdesign.configuration.document import Document
-from expdesign.configuration.noise import NoiseSource, resolve_noise
+from expdesign.configuration.document import Document, Placed
+from expdesign.configuration.noise import resolve_noise
 
 STD = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]
 RING = [[0.5 ** min(abs(i - j), 6 - abs(i - j)) for j in range(6)] for i in range(6)]
@@ -13,7 +13,7 @@ RING = [[0.5 ** min(abs(i - j), 6 - abs(i - j)) for j in range(6)] for i in rang
 
 def _resolve(*raws):
     sources = [
-        NoiseSource(NoiseDescription.model_validate(raw), Document({}), ("noise",)) for raw in raws
+        Placed(NoiseDescription.model_validate(raw), Document({}), ("noise",)) for raw in raws
     ]
     _, noise, problems = resolve_noise(sources)
     if problems:

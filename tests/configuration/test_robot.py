@@ -9,8 +9,8 @@ from expdesign.configuration import (
     RobotDescription,
     load_robot_description,
 )
-from expdesign.configuration.document import document_from_mapping
-from expdesign.configuration.robot import RobotSource, resolve_robot
+from expdesign.configuration.document import Placed, document_from_mapping
+from expdesign.configuration.robot import resolve_robot
 
 
 @pytest.fixture
@@ -19,7 +19,7 @@ def resolve():
 
     def resolved(mapping):
         document = document_from_mapping(mapping)
-        return resolve_robot(RobotSource(RobotDescription.model_validate(mapping), document))
+        return resolve_robot(Placed(RobotDescription.model_validate(mapping), document))
 
     return resolved
 

@@ -13,7 +13,8 @@ from expdesign.configuration import (
     load_run,
     resolved_yaml,
 )
-from expdesign.library import robot_names, run_names
+from expdesign.configuration.run import RUN_FORMAT
+from expdesign.library import robot_files, run_files
 
 QUICK = settings(max_examples=50, deadline=None)
 
@@ -234,7 +235,7 @@ def test_missing_noise_is_a_warning(run_mapping):
 # --- the resolved configuration -----------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", run_names())
+@pytest.mark.parametrize("name", run_files())
 def test_round_trip_of_the_runs_that_ship(tmp_path, name):
     configuration = load_run(name)
     text = resolved_yaml(configuration)
@@ -243,7 +244,7 @@ def test_round_trip_of_the_runs_that_ship(tmp_path, name):
     assert resolved_yaml(again) == text
 
 
-@pytest.mark.parametrize("name", robot_names())
+@pytest.mark.parametrize("name", robot_files())
 def test_round_trip_of_the_robots_that_ship(tmp_path, name):
     configuration = load_run({"name": "a", "robot": name, "validate": [{"motion": "circle"}]})
     again = load_run(_write(tmp_path, resolved_yaml(configuration)))
@@ -395,3 +396,30 @@ def test_any_value_in_the_place_of_a_valid_one(data):
             place, key = inner, data.draw(st.sampled_from(keys))
         place[key] = data.draw(VALUES)
     _loads_or_is_refused(mapping)
+
+
+# --- format -------------------------------------------------------------------------------------
+
+
+def test_a_resolved_run_states_its_format_and_a_users_needs_none(tmp_path):
+    configuration = load_run(_write(tmp_path, "name: a\nrobot: palida\n"))
+    text = resolved_yaml(configuration)
+    assert f"\nformat: {RUN_FORMAT}\n" in text
+    _same(configuration, load_run(_write(tmp_path, text)))
+    _same(configuration, load_run(_write(tmp_path, text.replace(f"format: {RUN_FORMAT}\n", ""))))
+
+
+@pytest.mark.parametrize(
+    ("found", "says"),
+    [
+        (RUN_FORMAT + 1, f"format {RUN_FORMAT + 1}, this version of expdesign reads up to"),
+        ("one", "'one' is no format number"),
+        (-1, "-1 is no format number"),
+        (True, "True is no format number"),
+    ],
+)
+def test_a_newer_format_is_refused(tmp_path, problems_of, found, says):
+    path = _write(tmp_path, f"name: a\nformat: {found}\nrobot: palida\n")
+    (problem,) = problems_of(path)
+    assert says in problem.message
+    assert (problem.file, problem.line, problem.key) == (path, 2, "format")

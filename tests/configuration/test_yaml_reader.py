@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from expdesign.configuration.document import LARGEST_FILE, read_yaml
 from expdesign.configuration.problem import InputError
-from expdesign.configuration.yaml_reader import LARGEST_FILE, read_yaml
 
 
 @pytest.fixture

@@ -19,7 +19,7 @@ from expdesign.configuration import (
     load_robot_description,
     load_run,
 )
-from expdesign.configuration.design import CRITERIA
+from expdesign.configuration.sections.design import CRITERIA
 from expdesign.information.catalogue import criteria_by_key
 from expdesign.information.spectral import spectral_cost
 from expdesign.robot import ExactModel, robot_from

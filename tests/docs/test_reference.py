@@ -27,16 +27,21 @@ from expdesign.configuration import (
     TrajectorySection,
     load_run,
 )
-from expdesign.configuration.experiment import Cogging, Outliers, Quantisation, TrackingError
-from expdesign.configuration.export import OFFERS
 from expdesign.configuration.limits import CHARACTERISTIC_LENGTH
-from expdesign.configuration.quantity import unit_dimension, unit_symbols
-from expdesign.configuration.study import StudySection
-from expdesign.configuration.validation_section import ValidationMotion
+from expdesign.configuration.sections.experiment import (
+    Cogging,
+    Outliers,
+    Quantisation,
+    TrackingError,
+)
+from expdesign.configuration.sections.export import OFFERS
+from expdesign.configuration.sections.study import StudySection
+from expdesign.configuration.sections.validation import ValidationMotion
+from expdesign.configuration.values.quantity import unit_dimension, unit_symbols
 from expdesign.experiment.tables import TABLES
 from expdesign.export import table_formats
 from expdesign.information.catalogue import criteria_by_key
-from expdesign.library import robot_names, run_names
+from expdesign.library import robot_files, run_files
 from expdesign.mechanism.catalogue import DEFAULT, TERMS, terms_named
 from expdesign.mechanism.graph import HexapodGraph
 from expdesign.mechanism.term import parameters_of
@@ -197,9 +202,9 @@ def test_parameters_and_their_units():
 
 def test_robots_and_runs_that_ship():
     rows = table(ROBOTS, "## Robots that ship")
-    assert sorted(codes(row[0])[0] for row in rows) == sorted(robot_names())
+    assert sorted(codes(row[0])[0] for row in rows) == sorted(robot_files())
     text = RUN_FILES.read_text(encoding="utf-8")
-    for name in run_names():
+    for name in run_files():
         assert f"`{name}`:" in text
 
 

@@ -7,7 +7,7 @@ from estimation.identification import estimate
 from estimation.identification.output import write_estimate
 from estimation.validation import benchmark_motion, read_estimate, validate
 from expdesign.configuration import InputError, load_run
-from expdesign.configuration.validation_section import ValidationMotion
+from expdesign.configuration.sections.validation import ValidationMotion
 from tests.estimation.cases import ROBOT, STEP, measured, run, trajectory
 
 MOTION = trajectory(seed=2)

@@ -7,14 +7,16 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, model_validator
 
-from expdesign.configuration.base import Section
-from expdesign.configuration.design import CRITERIA
-from expdesign.configuration.experiment import Cogging, TrackingError
-from expdesign.configuration.failure import refusal
 from expdesign.configuration.parameters import ParameterName
-from expdesign.configuration.quantity import Number
-from expdesign.configuration.scalars import Distinct, at_least, exactly, one_of, whole
-from expdesign.configuration.validation_section import ValidationMotion
+from expdesign.configuration.problem import refusal
+from expdesign.configuration.section import Section
+from expdesign.configuration.sections.design import CRITERIA
+from expdesign.configuration.sections.experiment import Cogging, TrackingError
+from expdesign.configuration.sections.validation import ValidationMotion
+from expdesign.configuration.values.lists import Distinct, at_least, exactly
+from expdesign.configuration.values.quantity import Number
+from expdesign.configuration.values.scalars import one_of, whole
+from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.terms import actuator_friction
 from expdesign.mechanism.terms.rigid_platform import MASS
 
@@ -28,7 +30,6 @@ _KEYS: dict[str, tuple[str, ...]] = {
 }
 """Of each kind alone; `kind` and `repetitions` are of all."""
 
-_LARGEST_COUNT = 100_000
 _MOST_SETS = 1000
 _FEWEST = 3
 _FRICTION = tuple(p.name for p in actuator_friction.TERM.parameters)
@@ -41,59 +42,45 @@ def _factor(value: float) -> float:
 
 
 class StudySection(Section):
-    """A comparison on the digital twin; each kind takes the keys named for it.
-
-    Attributes
-    ----------
-    kind : {"design", "identification", "validation"}
-    repetitions : int
-        Simulated experiments: of every design, of every estimator, or identifications with the
-        validation that follows.
-    sets : int
-        Kind design: sets of initial parameters; set k searches from `design.seed` + k − 1.
-    criteria : (2,)
-        Kind design: the criteria that are compared.
-    kinematics : tuple of {"exact", "fourier", "central"}
-        Kind design: without noise of the lengths, or with it and one of the differentiations.
-    shown : tuple of str
-        Kind design: parameters whose distributions are drawn.
-    tracking_error : TrackingError
-        Kind identification: of the disturbed experiments.
-    cogging : Cogging
-        Kind validation: what the model does not know.
-    motions : tuple of ValidationMotion
-        Kind validation: motions that are predicted.
-    wrong : dict of float
-        Kind validation: factors of parameters, each wrong in turn.
-    """
+    """A comparison on the digital twin; each kind takes the keys named for it."""
 
     kind: Annotated[StudyKind, one_of(StudyKind)]
-    repetitions: Annotated[int, whole(_FEWEST, _LARGEST_COUNT)] = 100
+    repetitions: Annotated[int, whole(_FEWEST)] = 100
+    """Simulated experiments: of every design, of every estimator, or identifications with the
+    validation that follows."""
     sets: Annotated[int, whole(1, _MOST_SETS)] = 5
+    """Kind design: sets of initial parameters; set k searches from `design.seed` + k − 1."""
     criteria: Annotated[
         tuple[Annotated[str, one_of(CRITERIA)], ...], exactly(2, "criteria"), Distinct
     ] = ("d", "condition")
+    """Kind design: the criteria that are compared."""
     kinematics: Annotated[
         tuple[Annotated[Kinematics, one_of(Kinematics)], ...], at_least(1, "kinds"), Distinct
     ] = ("exact", "fourier", "central")
+    """Kind design: without noise of the lengths, or with it and one of the differentiations."""
     shown: Annotated[tuple[ParameterName, ...], at_least(1, "parameters"), Distinct] = (
         "p10",
         "r1",
         "v1",
     )
+    """Kind design: parameters whose distributions are drawn."""
     tracking_error: TrackingError = TrackingError(position=0.001, angle=math.radians(0.1))
+    """Kind identification: of the disturbed experiments."""
     cogging: Cogging = Cogging(
         amplitude=(0.0, 0.0, 14.8, 21.1, 0.0, 0.0),
-        pitch=(0.03,) * 6,
+        pitch=(0.03,) * ACTUATORS,
         phase=(0.0, 0.0, 0.3, 1.1, 0.0, 0.0),
     )
+    """Kind validation: what the model does not know."""
     motions: Annotated[tuple[ValidationMotion, ...], at_least(1, "motions")] = (
         ValidationMotion(motion="circle"),
         ValidationMotion(motion="circle", mirror="xz"),
     )
+    """Kind validation: motions that are predicted."""
     wrong: dict[ParameterName, Annotated[Number, AfterValidator(_factor)]] = Field(
         default_factory=lambda: {MASS: 1.2} | dict.fromkeys(_FRICTION, 0.5)
     )
+    """Kind validation: factors of parameters, each wrong in turn."""
 
     @model_validator(mode="after")
     def _keys_are_of_this_kind(self) -> StudySection:

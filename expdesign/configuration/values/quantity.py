@@ -19,7 +19,7 @@ from typing import Annotated
 import pint
 from pydantic import AfterValidator, BeforeValidator
 
-from expdesign.configuration.failure import refusal, shown
+from expdesign.configuration.problem import refusal, shown
 
 _NUMBER = r"[+-]?(?:\d{1,40}(?:\.\d{0,40})?|\.\d{1,40})(?:[eE][+-]?\d{1,3})?"
 _FACTOR = r"(?:[A-Za-zµμ]{1,12}|°)(?:(?:\^|\*\*)?-?[1-9])?"
@@ -80,14 +80,8 @@ _UNSIGNED = 2
 class Dimension:
     """A kind of physical quantity.
 
-    Attributes
-    ----------
-    name : str
-        The quantity with its article, for messages ("a length").
-    unit : str
-        The unit of a plain number.
-    example : str
-        A string that is accepted.
+    `name` has its article, for messages ("a length"); `unit` is that of a plain number; `example`
+    is a text that is accepted.
     """
 
     name: str
@@ -156,9 +150,9 @@ class Dimension:
             )
         scale, dimensions = factor
         if dimensions != _dimensionality(self.unit):
-            kind = _named(dimensions)
-            wrong = f"{shown(text)} is {kind}" if kind else f"{shown(text)} has the wrong unit"
-            raise refusal(f"{wrong}, not {self.name}", self.allowed)
+            kind = _of_dimensions(dimensions)
+            wrong = f"is {kind.name}" if kind else "has the wrong unit"
+            raise refusal(f"{shown(text)} {wrong}, not {self.name}", self.allowed)
         return float(Fraction(number) * scale)
 
 
@@ -232,8 +226,8 @@ def _dimensionality(unit: str) -> _Dimensionality:
     return factor[1]
 
 
-def _named(dimensions: _Dimensionality) -> str | None:
-    return next((d.name for d in _DIMENSIONS if _dimensionality(d.unit) == dimensions), None)
+def _of_dimensions(dimensions: _Dimensionality) -> Dimension | None:
+    return next((d for d in _DIMENSIONS if _dimensionality(d.unit) == dimensions), None)
 
 
 def dimension_of(unit: str) -> Dimension:
@@ -244,15 +238,10 @@ def dimension_of(unit: str) -> Dimension:
     ValueError
         If the unit is not known.
     """
-    wanted = _factor(unit)
-    if wanted is None:
-        raise ValueError(f"unit '{unit}' is not defined")
-    if not wanted[1]:
+    if not _dimensionality(unit):
         return NUMBER
-    for dimension in _DIMENSIONS:
-        if _factor(dimension.unit) == wanted:
-            return dimension
-    return Dimension(f"a value in {unit}", unit, f"1 {unit}")
+    known = (d for d in _DIMENSIONS if _factor(d.unit) == _factor(unit))
+    return next(known, Dimension(f"a value in {unit}", unit, f"1 {unit}"))
 
 
 def unit_dimension(unit: str) -> Dimension | None:
@@ -261,9 +250,7 @@ def unit_dimension(unit: str) -> Dimension | None:
         _QUANTITY.fullmatch(f"1 {unit}".translate(_SUPERSCRIPTS)) if len(unit) <= _LONGEST else None
     )
     factor = _factor(match.group(2)) if match and match.group(2) else None
-    if factor is None:
-        return None
-    return next((d for d in _DIMENSIONS if _dimensionality(d.unit) == factor[1]), None)
+    return None if factor is None else _of_dimensions(factor[1])
 
 
 def _positive(value: float) -> float:
@@ -298,3 +285,19 @@ Damping = Annotated[float, BeforeValidator(DAMPING.parse)]
 ForceVariance = Annotated[float, BeforeValidator(FORCE_VARIANCE.parse)]
 LengthVariance = Annotated[float, BeforeValidator(LENGTH_VARIANCE.parse)]
 ForceConstant = Annotated[float, BeforeValidator(FORCE_CONSTANT.parse)]
+
+
+_SHOWN_AS = {
+    "rad": ("deg", math.degrees(1.0)),
+    "rad/s": ("deg/s", math.degrees(1.0)),
+    "1": ("", 1.0),
+}
+
+
+def quantity_text(value: float, unit: str, digits: int = 6) -> str:
+    """Return an SI value with its unit, angles in degrees: ``"15 deg"``, ``"0.33 m"``, ``"12"``.
+
+    The unit is ``"1"`` for a bare number.
+    """
+    symbol, factor = _SHOWN_AS.get(unit, (unit, 1.0))
+    return f"{value * factor:.{digits}g} {symbol}".rstrip()

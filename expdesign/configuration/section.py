@@ -1,16 +1,22 @@
-"""Holding data against a model of the schema, with errors that a user can act on."""
+"""Sections of a file: pydantic models, and their errors as problems that a user can act on."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from typing import Any, TypeVar, get_args
 
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic_core import ErrorDetails
 
 from expdesign.configuration.document import Document
-from expdesign.configuration.failure import nearest, shown
-from expdesign.configuration.problem import Key, Problem
+from expdesign.configuration.problem import Key, Problem, nearest, shown
+
+
+class Section(BaseModel):
+    """A mapping of the YAML with a fixed set of keys; frozen, plain data in SI units."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, protected_namespaces=())
+
 
 Model = TypeVar("Model", bound=BaseModel)
 

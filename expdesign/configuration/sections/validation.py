@@ -6,53 +6,39 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, model_validator
 
-from expdesign.configuration.base import Section
-from expdesign.configuration.failure import refusal
-from expdesign.configuration.quantity import Length, Number, Positive, Speed
-from expdesign.configuration.robot_section import Pose
-from expdesign.configuration.scalars import FilledText, at_least, exactly, one_of, whole
+from expdesign.configuration.problem import refusal
+from expdesign.configuration.section import Section
+from expdesign.configuration.values.lists import Direction, Pose, at_least
+from expdesign.configuration.values.quantity import Length, Positive, Speed
+from expdesign.configuration.values.scalars import Count, FilledText, one_of
 
 Motion = Literal["circle", "line", "spline", "file"]
 Mirror = Literal["none", "xz", "yz"]
 
-_LARGEST_COUNT = 100_000
 
-
-def _direction(vector: tuple[float, ...]) -> tuple[float, ...]:
+def _not_zero(vector: tuple[float, ...]) -> tuple[float, ...]:
     if not any(vector):
         raise refusal("the vector is zero", "a direction [x, y, z]")
     return vector
 
 
 class ValidationMotion(Section):
-    """One motion for the comparison of measured and predicted forces.
-
-    Attributes
-    ----------
-    motion : {"circle", "line", "spline", "file"}
-    mirror : {"none", "xz", "yz"}
-        Plane in which the motion is mirrored.
-    periods : int
-    radius, speed : float
-        Of the circle, m, and of the TCP on circle and line, m/s.
-    normal : (3,)
-        Of the circle's plane, in the base frame.
-    poses : tuple of (6,) or None
-        Ends of the line, or points of the spline.
-    file : str or None
-        A recorded motion, relative to the run file.
-    """
+    """One motion for the comparison of measured and predicted forces."""
 
     motion: Annotated[Motion, one_of(Motion)]
     mirror: Annotated[Mirror, one_of(Mirror)] = "none"
-    periods: Annotated[int, whole(1, _LARGEST_COUNT)] = 10
+    """Plane in which the motion is mirrored."""
+    periods: Count = 10
     radius: Annotated[Length, Positive] = 0.15
+    """Of the circle, m."""
     speed: Annotated[Speed, Positive] = 1.0
-    normal: Annotated[
-        tuple[Number, ...], exactly(3, "components [x, y, z]"), AfterValidator(_direction)
-    ] = (0.0, -0.5, 0.8660254037844386)
+    """Of the TCP, m/s: on the circle, the largest on line and spline."""
+    normal: Annotated[Direction, AfterValidator(_not_zero)] = (0.0, -0.5, 0.8660254037844386)
+    """Of the circle's plane, base frame."""
     poses: Annotated[tuple[Pose, ...], at_least(2, "poses")] | None = None
+    """Ends of the line, or points of the spline."""
     file: FilledText | None = None
+    """A recorded motion, relative to the run file."""
 
     @model_validator(mode="after")
     def _motion_is_complete(self) -> ValidationMotion:

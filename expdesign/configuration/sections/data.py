@@ -4,37 +4,44 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
-from expdesign.configuration.base import Section
-from expdesign.configuration.failure import refusal, shown
-from expdesign.configuration.quantity import (
+from expdesign.configuration.problem import refusal, shown
+from expdesign.configuration.section import Section
+from expdesign.configuration.values.lists import per_strut
+from expdesign.configuration.values.quantity import (
+    CURRENT,
+    DURATION,
+    FORCE,
+    LENGTH,
+    Dimension,
     Duration,
     ForceConstant,
     Number,
     unit_dimension,
 )
-from expdesign.configuration.scalars import FilledText, Text, known_key, one_of, one_or_six
+from expdesign.configuration.values.scalars import FilledText, Text, one_of
+from expdesign.mechanism.hexapod import numbered
 
-LENGTH_CHANNELS = tuple(f"q{j}" for j in range(1, 7))
-FORCE_CHANNELS = tuple(f"Q{j}" for j in range(1, 7))
+LENGTH_CHANNELS = numbered("q")
+FORCE_CHANNELS = numbered("Q")
 CHANNELS = ("t", *LENGTH_CHANNELS, *FORCE_CHANNELS, "period")
 """Columns of a measurement; `period` is optional."""
 
-GROUPS = ("t", "q", "Q")
 TimeGrid = Literal["uniform", "stamped"]
 DecimalMark = Literal[".", ","]
 
-Channel = Annotated[str, BeforeValidator(known_key(CHANNELS, "channel"))]
-UnitKey = Annotated[
-    str,
-    BeforeValidator(
-        known_key((*GROUPS, *LENGTH_CHANNELS, *FORCE_CHANNELS), "channel or group of channels")
-    ),
-]
+_GROUPS: dict[str, tuple[str, tuple[Dimension, ...]]] = {
+    "t": ("a unit of time", (DURATION,)),
+    "q": ("a unit of length", (LENGTH,)),
+    "Q": ("a unit of force or of current", (FORCE, CURRENT)),
+}
+"""Units that the channels of a group may have."""
 
-_ADMITTED = {"t": ("a duration",), "q": ("a length",), "Q": ("a force", "a current")}
-_UNITS = {"t": "a unit of time", "q": "a unit of length", "Q": "a unit of force or of current"}
+_Channel = Annotated[str, one_of(CHANNELS, "channel")]
+_Units = Annotated[
+    str, one_of((*_GROUPS, *LENGTH_CHANNELS, *FORCE_CHANNELS), "channel or group of channels")
+]
 
 
 def _one_character(text: str) -> str:
@@ -57,44 +64,29 @@ class Delay(Section):
 
 
 class DataSection(Section):
-    """Where a measurement stands and how it is read.
-
-    Attributes
-    ----------
-    file : str or None
-        The measured file, relative to the run file; `--data` names another.
-    columns : dict
-        Channel (t, q1…q6, Q1…Q6, period) → name in the file. Default: the same names.
-    units : dict
-        Channel, or group t, q, Q → unit in the file. Default: SI.
-    delimiter, decimal : str
-        Between columns, and the decimal mark.
-    force_constants : (6,) or None
-        Force per ampere of the actuators, N/A, for files that hold currents.
-    start : float or None
-        Time of the trigger, s: rows before it are left out.
-    end : float or None
-        Time at which the measurement is over, s: rows from it on are left out.
-    delay : Delay
-    time : {"uniform", "stamped"}
-        Uniform time is replaced by the fitted grid, stamps are used as they are.
-    time_tolerance : float
-        Largest deviation from uniform time, as a share of a step.
-    """
+    """Where a measurement stands and how it is read."""
 
     file: FilledText | None = None
-    columns: dict[Channel, FilledText] = Field(default_factory=dict)
-    units: dict[UnitKey, FilledText] = Field(default_factory=dict)
+    """The measured file, relative to the run file; `--data` names another."""
+    columns: dict[_Channel, FilledText] = Field(default_factory=dict)
+    """Channel (t, q1 …, Q1 …, period) → name in the file. Default: the same names."""
+    units: dict[_Units, FilledText] = Field(default_factory=dict)
+    """Channel, or group t, q, Q → unit in the file. Default: SI."""
     delimiter: Annotated[Text, AfterValidator(_one_character)] = ","
     decimal: Annotated[DecimalMark, one_of(DecimalMark)] = "."
-    force_constants: Annotated[tuple[ForceConstant, ...], one_or_six("force constants")] | None = (
+    force_constants: Annotated[tuple[ForceConstant, ...], per_strut("force constants")] | None = (
         None
     )
+    """Force per ampere of the actuators, N/A, for files that hold currents."""
     start: Duration | None = None
+    """Time of the trigger, s: rows before it are left out."""
     end: Duration | None = None
+    """Time at which the measurement is over, s: rows from it on are left out."""
     delay: Delay = Delay()
     time: Annotated[TimeGrid, one_of(TimeGrid)] = "uniform"
+    """Uniform time is replaced by the fitted grid, stamps are used as they are."""
     time_tolerance: Annotated[Number, AfterValidator(_step_share)] = 0.01
+    """Largest deviation from uniform time, as a share of a step."""
 
     @model_validator(mode="after")
     def _marks_differ(self) -> DataSection:
@@ -119,13 +111,14 @@ class DataSection(Section):
     @model_validator(mode="after")
     def _units_fit(self) -> DataSection:
         for key, unit in self.units.items():
+            allowed, dimensions = _GROUPS[key[0]]
             dimension = unit_dimension(unit)
-            if dimension is None or dimension.name not in _ADMITTED[key[0]]:
-                raise refusal(f"'{unit}' is no unit for {key}", _UNITS[key[0]], key="units")
-            if dimension.name == "a current" and self.force_constants is None:
+            if dimension not in dimensions:
+                raise refusal(f"'{unit}' is no unit for {key}", allowed, key="units")
+            if dimension is CURRENT and self.force_constants is None:
                 raise refusal(
                     f"{key} is a current, but no force_constants are given",
-                    "force_constants: one value or six, in N/A",
+                    "force_constants: one value, or one for each actuator, in N/A",
                     key="units",
                 )
         return self

@@ -6,9 +6,10 @@ from typing import Annotated
 
 from pydantic import AfterValidator
 
-from expdesign.configuration.base import Section
-from expdesign.configuration.failure import refusal
-from expdesign.configuration.quantity import (
+from expdesign.configuration.problem import refusal
+from expdesign.configuration.section import Section
+from expdesign.configuration.values.lists import Ascending, Pair, per_strut
+from expdesign.configuration.values.quantity import (
     Angle,
     Force,
     Frequency,
@@ -17,9 +18,10 @@ from expdesign.configuration.quantity import (
     Number,
     Positive,
 )
-from expdesign.configuration.scalars import Ascending, Pair, Seed, one_or_six, whole
+from expdesign.configuration.values.scalars import Count, Seed, whole
+from expdesign.mechanism.hexapod import ACTUATORS
 
-_LARGEST_COUNT = 100_000
+_Harmonic = Annotated[int, whole(1, 1000)]
 
 
 def _share(value: float) -> float:
@@ -29,32 +31,25 @@ def _share(value: float) -> float:
 
 
 class TrackingError(Section):
-    """Periodic deviation of the executed from the designed motion, in other harmonics.
-
-    Attributes
-    ----------
-    position, angle : float
-        Size of the deviation of each coordinate, m and rad.
-    harmonics : (2,)
-        First and last harmonic that it contains.
-    """
+    """Periodic deviation of the executed from the designed motion, in other harmonics."""
 
     position: Annotated[Length, NotNegative] = 0.001
+    """Root mean square of the deviation of x, y and z each, m."""
     angle: Annotated[Angle, NotNegative] = 0.0
-    harmonics: Annotated[
-        tuple[Annotated[int, whole(1, 1000)], Annotated[int, whole(1, 1000)]], Pair, Ascending
-    ] = (6, 15)
+    """The same of φ, θ and ψ, rad."""
+    harmonics: Annotated[tuple[_Harmonic, _Harmonic], Pair, Ascending] = (6, 15)
+    """First and last harmonic that it contains."""
 
 
 class Cogging(Section):
     """A force periodic in the strut's length: amplitude · sin(2π length / pitch + phase).
 
-    Each is one value for all struts or six: amplitude in N, pitch in m, phase in rad.
+    One value for all struts, or one for each: amplitude in N, pitch in m, phase in rad.
     """
 
-    amplitude: Annotated[tuple[Annotated[Force, NotNegative], ...], one_or_six("amplitudes")]
-    pitch: Annotated[tuple[Annotated[Length, Positive], ...], one_or_six("pitches")]
-    phase: Annotated[tuple[Angle, ...], one_or_six("phases")] = (0.0,) * 6
+    amplitude: Annotated[tuple[Annotated[Force, NotNegative], ...], per_strut("amplitudes")]
+    pitch: Annotated[tuple[Annotated[Length, Positive], ...], per_strut("pitches")]
+    phase: Annotated[tuple[Angle, ...], per_strut("phases")] = (0.0,) * ACTUATORS
 
 
 class Quantisation(Section):
@@ -73,26 +68,17 @@ class Outliers(Section):
 
 
 class ExperimentSection(Section):
-    """Execution of the trajectory; disturbances are off unless given.
+    """Execution of the trajectory; disturbances are off unless given."""
 
-    Attributes
-    ----------
-    periods : int
-        Number of periods that are measured.
-    sampling : float
-        Of the measurement, Hz.
-    seed : int
-        Of noise and disturbances.
-    tracking_error, cogging, quantisation, outliers : section or None
-    drift : float
-        Slow change of the strut lengths over the experiment, m.
-    """
-
-    periods: Annotated[int, whole(1, _LARGEST_COUNT)] = 10
+    periods: Count = 10
+    """Number of periods that are measured."""
     sampling: Annotated[Frequency, Positive] = 1000.0
+    """Of the measurement, Hz."""
     seed: Seed = 1
+    """Of noise and disturbances."""
     tracking_error: TrackingError | None = None
     drift: Annotated[Length, NotNegative] = 0.0
+    """Slow change of the strut lengths, m at the end of the experiment."""
     cogging: Cogging | None = None
     quantisation: Quantisation | None = None
     outliers: Outliers | None = None

@@ -1,0 +1,185 @@
+"""`export:`, the controller tables that are written."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, NamedTuple
+
+from pydantic import AfterValidator, BeforeValidator, Discriminator, Tag, model_validator
+
+from expdesign.configuration.problem import refusal, shown
+from expdesign.configuration.section import Section
+from expdesign.configuration.values.lists import Distinct, at_least, exactly, per_strut
+from expdesign.configuration.values.quantity import Duration, Length, Number, Positive
+from expdesign.configuration.values.scalars import Name, known, one_of, whole
+from expdesign.mechanism.hexapod import ACTUATORS
+
+Space = Literal["strut", "pose"]
+LengthUnit = Literal["m", "mm", "um", "in"]
+AngleUnit = Literal["rad", "deg"]
+Encoding = Literal["yaml", "mcap"]
+
+_LARGEST_DIGITS = 15
+
+
+class Offer(NamedTuple):
+    """What one format can be asked for."""
+
+    spaces: tuple[Space, ...]
+    """Coordinates that it can hold, the default first."""
+    options: tuple[str, ...] = ()
+    """Keys that it takes beside `format`, `file`, `segment` and `tolerance`."""
+
+
+_OF_ACTUATORS = ("order", "sign", "offset")
+OFFERS: dict[str, Offer] = {
+    "csv": Offer(("strut",)),
+    "ros2": Offer(("strut", "pose"), ("space", "encoding", "digits", "axes", *_OF_ACTUATORS)),
+    "xps-pvt": Offer(
+        ("strut", "pose"),
+        ("space", "digits", "units", "angles", "axes", *_OF_ACTUATORS, "counts_per_metre"),
+    ),
+    "linuxcnc-gcode": Offer(("pose",), ("digits", "blend")),
+    "linuxcnc-strut": Offer(("strut",), ("digits", "units", *_OF_ACTUATORS, "counts_per_metre")),
+    "pmac-pvt": Offer(
+        ("strut", "pose"),
+        ("space", "digits", "units", "angles", "axes", *_OF_ACTUATORS, "counts_per_metre"),
+    ),
+    "pi-wave": Offer(("pose",), ("digits", "units", "angles")),
+    "pvt-csv": Offer(("strut",), ("digits", "units", "axes", *_OF_ACTUATORS)),
+    "mat": Offer(
+        ("strut", "pose"), ("space", "units", "angles", "axes", *_OF_ACTUATORS, "counts_per_metre")
+    ),
+}
+"""By the format's name."""
+
+_known_format = known(tuple(OFFERS), "choice")
+_ALWAYS = ("format", "file", "segment", "tolerance")
+_PMAC_AXES = tuple("ABCUVWXYZ")
+STRUT_ONLY = (*_OF_ACTUATORS, "counts_per_metre")
+"""Keys that say something of actuators: for tables of struts."""
+
+
+def _order(value: tuple[int, ...]) -> tuple[int, ...]:
+    if sorted(value) != list(range(1, ACTUATORS + 1)):
+        raise refusal(
+            f"{list(value)} is no order of the {ACTUATORS} struts",
+            f"the numbers 1 to {ACTUATORS}, each once: the strut on the controller's first axis "
+            "comes first",
+        )
+    return value
+
+
+def _sign(value: object) -> object:
+    if isinstance(value, bool) or value not in (1, -1):
+        raise refusal(f"{shown(value)} is not a sign", "1 or -1")
+    return value
+
+
+def _home_or_lengths(value: object) -> str:
+    return "(name)" if value == "home" else "(inline)"
+
+
+class ExportSection(Section):
+    """One table for a controller. What is None is the format's own default."""
+
+    format: Annotated[str, one_of(tuple(OFFERS))]
+    file: Name | None = None
+    """Name of the file in ``exports/`` without its ending; the format's name by default."""
+    space: Annotated[Space, one_of(Space)] | None = None
+    segment: Annotated[Duration, Positive] | None = None
+    """Time between two rows, s (for PVT tables the longest); chosen for PVT tables, and the
+    controller's period for others, when it is None."""
+    digits: Annotated[int, whole(0, _LARGEST_DIGITS)] | None = None
+    """Digits after the decimal point."""
+    units: Annotated[LengthUnit, one_of(LengthUnit)] | None = None
+    angles: Annotated[AngleUnit, one_of(AngleUnit)] | None = None
+    axes: Annotated[tuple[Name, ...], exactly(ACTUATORS, "names"), Distinct] | None = None
+    """Names of the axes, in the controller's order."""
+    order: (
+        Annotated[
+            tuple[Annotated[int, whole(1, ACTUATORS)], ...],
+            exactly(ACTUATORS, "numbers of struts"),
+            AfterValidator(_order),
+        ]
+        | None
+    ) = None
+    """Number of the strut on each of the controller's axes."""
+    sign: (
+        Annotated[tuple[Annotated[int, BeforeValidator(_sign)], ...], per_strut("signs")] | None
+    ) = None
+    """Of the struts by their number: position = sign · (length − offset) · counts."""
+    offset: (
+        Annotated[
+            Annotated[Literal["home"], Tag("(name)")]
+            | Annotated[tuple[Length, ...], per_strut("offsets"), Tag("(inline)")],
+            Discriminator(_home_or_lengths),
+        ]
+        | None
+    ) = None
+    """Length, m, at which the axis of a strut reads zero; ``"home"``: the length at home."""
+    counts_per_metre: (
+        Annotated[tuple[Annotated[Number, Positive], ...], per_strut("counts per metre")] | None
+    ) = None
+    tolerance: Annotated[Length, Positive] | None = None
+    """Largest deviation of a strut's length from the design, m."""
+    blend: Annotated[Length, Positive] | None = None
+    """Path tolerance of LinuxCNC's G64, m."""
+    encoding: Annotated[Encoding, one_of(Encoding)] | None = None
+
+    @model_validator(mode="after")
+    def _format_takes_the_options(self) -> ExportSection:
+        takes = (*_ALWAYS, *OFFERS[self.format].options)
+        for key in type(self).model_fields:
+            if getattr(self, key) is not None and key not in takes:
+                raise refusal(f"{self.format} has no option '{key}'", ", ".join(takes), key=key)
+        return self
+
+    @model_validator(mode="after")
+    def _options_fit_each_other(self) -> ExportSection:
+        of_actuators = [key for key in STRUT_ONLY if getattr(self, key) is not None]
+        if self.coordinates == "pose" and of_actuators:
+            key = of_actuators[0]
+            message = f"'{key}' is about actuators, the table holds poses"
+            raise refusal(message, "with space: strut only", key=key)
+        if self.encoding == "mcap" and self.digits is not None:
+            message = "a bag holds numbers with all their digits"
+            raise refusal(message, "with encoding: yaml only", key="digits")
+        unknown = [name for name in self.axes or () if name not in _PMAC_AXES]
+        if self.format == "pmac-pvt" and unknown:
+            allowed = f"{ACTUATORS} of the letters {' '.join(_PMAC_AXES)}"
+            raise refusal(f"'{unknown[0]}' is no axis of a PMAC", allowed, key="axes")
+        if self.units is not None and self.counts_per_metre is not None:
+            message = "units and counts_per_metre are both given"
+            raise refusal(message, "one of the two", key="units")
+        return self
+
+    @property
+    def coordinates(self) -> Space:
+        """Coordinates of the table: what was asked for, or the format's default."""
+        return self.space or OFFERS[self.format].spaces[0]
+
+    @property
+    def stem(self) -> str:
+        """Name of the file without its ending."""
+        return self.file or self.format
+
+
+def _section(value: object) -> object:
+    """Let a format's name stand for the format with its defaults."""
+    return {"format": _known_format(value)} if isinstance(value, str) else value
+
+
+def _files_differ(sections: tuple[ExportSection, ...]) -> tuple[ExportSection, ...]:
+    stems = [section.stem for section in sections]
+    for position, stem in enumerate(stems):
+        if stem in stems[:position]:
+            raise refusal(f"'{stem}' is listed twice", "each one once, or with a file: of its own")
+    return sections
+
+
+ExportSections = Annotated[
+    tuple[Annotated[ExportSection, BeforeValidator(_section)], ...],
+    at_least(0, "formats"),
+    AfterValidator(_files_differ),
+]
+"""Names of formats, or sections with options."""

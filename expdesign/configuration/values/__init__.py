@@ -1,0 +1,1 @@
+"""Values in YAML files: quantities with units, names, numbers, choices and lists."""

@@ -1,0 +1,112 @@
+"""Validators of what is no physical quantity: names, texts, whole numbers and choices."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from typing import Annotated, Any, get_args
+
+from pydantic import AfterValidator, BeforeValidator, PlainSerializer
+from pydantic_core import PydanticCustomError
+
+from expdesign.configuration.problem import nearest, refusal, shown
+
+_NAME = re.compile(r"[A-Za-z0-9._-]+")
+_LONGEST_NAME = 100
+_LARGEST_SEED = 2**63 - 1
+_LARGEST_COUNT = 100_000
+
+
+def _name(value: object) -> str:
+    allowed = "letters, digits, '.', '_' and '-'"
+    if not isinstance(value, str):
+        raise refusal(f"{shown(value)} is no text; put a name in quotes", allowed)
+    if not _NAME.fullmatch(value) or value.strip(".") == "":
+        raise refusal(f"{shown(value)} is not a name", allowed)
+    if len(value) > _LONGEST_NAME:
+        raise refusal(
+            f"a name of {len(value)} characters is too long", f"{_LONGEST_NAME} characters"
+        )
+    return value
+
+
+def _text(value: object) -> str:
+    if not isinstance(value, str):
+        raise refusal(f"{shown(value)} is no text", "text; put it in quotes")
+    return value
+
+
+def _filled(value: str) -> str:
+    if not value.strip():
+        raise refusal("the text is empty", "a text")
+    return value
+
+
+Name = Annotated[str, BeforeValidator(_name)]
+"""A name that is safe as a folder on every system."""
+
+Text = Annotated[str, BeforeValidator(_text)]
+FilledText = Annotated[Text, AfterValidator(_filled)]
+
+
+def whole(minimum: int, maximum: int = _LARGEST_COUNT) -> BeforeValidator:
+    """Return a validator for whole numbers; booleans, texts and fractions are refused."""
+
+    def check(value: object) -> int:
+        allowed = f"a whole number from {minimum} to {maximum}"
+        if isinstance(value, bool) or not isinstance(value, int):
+            raise refusal(f"{shown(value)} is not a whole number", allowed)
+        if not minimum <= value <= maximum:
+            raise refusal(f"{shown(value)} is out of range", allowed)
+        return value
+
+    return BeforeValidator(check)
+
+
+Count = Annotated[int, whole(1)]
+Seed = Annotated[int, whole(0, _LARGEST_SEED)]
+
+
+def known(choices: Sequence[str], kind: str) -> Callable[[object], str]:
+    """Return a check that a text is one of the choices, which names the nearest when it is not."""
+
+    def check(value: object) -> str:
+        if not isinstance(value, str) or value not in choices:
+            allowed = " | ".join(choices)
+            raise refusal(f"{shown(value)} is not a {kind}", allowed, nearest(value, choices))
+        return value
+
+    return check
+
+
+def one_of(choice: Any, kind: str = "choice") -> BeforeValidator:
+    """Return a validator for the texts of a `Literal`, or for those given in a tuple."""
+    return BeforeValidator(known(choice if isinstance(choice, tuple) else get_args(choice), kind))
+
+
+def word_for_none(word: str, otherwise: BeforeValidator) -> tuple[BeforeValidator, PlainSerializer]:
+    """Return validator and serializer of a value that is None in Python and a word in the file."""
+    accepted: Callable[[object], Any] = otherwise.func  # type: ignore[assignment] # takes no info
+
+    def check(value: object) -> Any:
+        if isinstance(value, str) and value == word:
+            return None
+        try:
+            return accepted(value)
+        except PydanticCustomError as error:
+            allowed = f"{word}, or {(error.context or {})['allowed']}"
+            raise refusal(error.message(), allowed) from None
+
+    return BeforeValidator(check), PlainSerializer(lambda value: word if value is None else value)
+
+
+def _mapping(value: object) -> object:
+    if value is None:
+        return {}
+    if not isinstance(value, dict):
+        raise refusal(f"{shown(value)} is not a mapping", "keys with their values")
+    return value
+
+
+RawMapping = Annotated[dict[str, Any], BeforeValidator(_mapping)]
+"""A mapping whose keys are checked by whoever knows them."""
