@@ -6,16 +6,11 @@ from collections.abc import Collection
 from dataclasses import replace
 from pathlib import Path
 
-from estimation.studies import DesignStudy, IdentificationStudy, ValidationStudy
-from estimation.studies.output import AnyStudy
+from estimation.studies import DesignStudy, Study, ValidationStudy
 from estimation.validation import MotionValidation
 from results.figures.estimation import prediction
 from results.figures.saving import FORMATS, save_figures
-from results.figures.studies.catalogue import (
-    DESIGN_STUDY_FIGURES,
-    IDENTIFICATION_STUDY_FIGURES,
-    VALIDATION_STUDY_FIGURES,
-)
+from results.figures.studies.catalogue import RECORD_FIGURES, REPETITIONS_FIGURE
 
 _SITUATIONS = {
     "without": "no cogging",
@@ -25,16 +20,18 @@ _SITUATIONS = {
 
 
 def comparison_study_figures(
-    study: AnyStudy, folder: Path, formats: Collection[str] = FORMATS
+    study: Study, folder: Path, formats: Collection[str] = FORMATS
 ) -> tuple[Path, ...]:
     """Draw the figures of a study into ``figures/``; return the files."""
     place = folder / "figures"
+    paths: tuple[Path, ...] = ()
     if isinstance(study, DesignStudy):
-        return save_figures(DESIGN_STUDY_FIGURES, study, place, formats=formats)
-    if isinstance(study, IdentificationStudy):
-        return save_figures(IDENTIFICATION_STUDY_FIGURES, study, place, formats=formats)
-    paths = save_figures(VALIDATION_STUDY_FIGURES, study, place, formats=formats)
-    return paths + _predictions(study, place, formats)
+        paths = save_figures((REPETITIONS_FIGURE,), study, place, formats=formats)
+    definitions = RECORD_FIGURES[study.section.kind]
+    paths += save_figures(definitions, study.record, place, formats=formats)
+    if isinstance(study, ValidationStudy):
+        paths += _predictions(study, place, formats)
+    return paths
 
 
 def _predictions(study: ValidationStudy, place: Path, formats: Collection[str]) -> tuple[Path, ...]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,8 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from estimation.montecarlo import StudyMonitor
-    from estimation.studies.claim import Claim
-    from estimation.studies.output import AnyStudy
+    from estimation.studies import Claim, Study
     from expdesign.configuration import RunConfiguration
     from expdesign.trajectory import FourierTrajectory
 
@@ -33,7 +33,6 @@ def study_stage(configuration: RunConfiguration, folder: Path, *, as_json: bool)
     CommandFailed
         Interrupted, workers died, or something could not be designed or estimated.
     """
-    from estimation.studies.output import claims, write_comparison
     from expdesign.cli.counting import StudyDisplay
     from expdesign.cli.stages import clear_outdated, record_stage
     from results import comparison_study_figures
@@ -51,17 +50,17 @@ def study_stage(configuration: RunConfiguration, folder: Path, *, as_json: bool)
             study = _computed(configuration, trajectory, display)
         clear_outdated(STAGE, configuration, folder, made_from)
         stage.files = [
-            *write_comparison(study, folder),
+            *study.write(folder),
             *comparison_study_figures(study, folder, configuration.run.report.figures),
         ]
         stage.status = "done"
-        found_claims = claims(study)
+        found_claims = study.record.summary.claims
         stage.message = counted(found_claims)
     if not as_json:
         _show(found_claims, folder)
     return {
         "folder": str(folder),
-        "claims": [claim.as_dict() for claim in found_claims],
+        "claims": [asdict(claim) for claim in found_claims],
         "seconds": time.perf_counter() - began,
     }
 
@@ -87,27 +86,16 @@ def counted(found: Sequence[Claim]) -> str:
 
 def _computed(
     configuration: RunConfiguration, trajectory: FourierTrajectory | None, monitor: StudyMonitor
-) -> AnyStudy:
+) -> Study:
     from estimation.estimators import UnidentifiableError
     from estimation.kinematics.fourier_fit import MotionFitError
-    from estimation.studies import (
-        run_design_study,
-        run_identification_study,
-        run_validation_study,
-    )
-    from estimation.studies.variants import TooFewEstimatesError
-    from estimation.studies.workers import StudyInterruptedError
+    from estimation.studies import StudyInterruptedError, TooFewEstimatesError, run_study
     from expdesign.information.fisher import SingularInformationError
     from expdesign.solver import InfeasibleLimitsError, NoDesignError
     from expdesign.workers import WorkerDiedError
 
-    section = configuration.run.study
     try:
-        if trajectory is None:
-            return run_design_study(configuration, monitor)
-        if section is not None and section.kind == "identification":
-            return run_identification_study(configuration, trajectory, monitor)
-        return run_validation_study(configuration, trajectory, monitor)
+        return run_study(configuration, trajectory, monitor)
     except (
         UnidentifiableError,
         MotionFitError,

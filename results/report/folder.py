@@ -14,11 +14,7 @@ from results.figures.design.catalogue import DESIGN_FIGURES
 from results.figures.estimation import prediction
 from results.figures.estimation.catalogue import DIAGNOSTIC_FIGURES, ESTIMATE_FIGURES
 from results.figures.montecarlo.catalogue import STUDY_FIGURES
-from results.figures.studies.catalogue import (
-    DESIGN_STUDY_FIGURES,
-    IDENTIFICATION_STUDY_FIGURES,
-    VALIDATION_STUDY_FIGURES,
-)
+from results.figures.studies.catalogue import RECORD_FIGURES, REPETITIONS_FIGURE
 from results.reading.document import Document
 from results.report.content import FigureBlock
 
@@ -40,9 +36,8 @@ _CAPTIONS = {
     **{figure.key: figure.caption for figure in DIAGNOSTIC_FIGURES},
     prediction.FIGURE.key: prediction.FIGURE.caption,
     **{figure.key: figure.caption for figure in STUDY_FIGURES},
-    **{figure.key: figure.caption for figure in DESIGN_STUDY_FIGURES},
-    **{figure.key: figure.caption for figure in IDENTIFICATION_STUDY_FIGURES},
-    **{figure.key: figure.caption for figure in VALIDATION_STUDY_FIGURES},
+    REPETITIONS_FIGURE.key: REPETITIONS_FIGURE.caption,
+    **{one.key: one.caption for figures in RECORD_FIGURES.values() for one in figures},
 }
 
 

@@ -6,7 +6,7 @@ import json
 import pytest
 from ruamel.yaml import YAML
 
-from estimation.studies.tables import TABLES
+from estimation.studies.records import TABLES
 from expdesign.library import run_files
 
 SMALL = {

@@ -1,26 +1,23 @@
 """The three studies, small: from the run file to what they show."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from estimation.montecarlo.repetition import Recipe
 from estimation.studies import (
-    run_design_study,
-    run_identification_study,
-    run_validation_study,
+    DesignStudy,
+    IdentificationStudy,
+    StudyInterruptedError,
+    ValidationStudy,
 )
-from estimation.studies.design_output import rigid_body
-from estimation.studies.design_study import Agreement, Trial
-from estimation.studies.identification_output import identification_claims
-from estimation.studies.identification_study import CASES, CaseResult, Hausman, Identification
-from estimation.studies.linear_prediction import linear_covariances
-from estimation.studies.output import claims
-from estimation.studies.validation_study import Prediction
-from estimation.studies.variants import with_exact_lengths, with_section
-from estimation.studies.workers import StudyInterruptedError
+from estimation.studies.design_study import rigid_body
+from estimation.studies.design_trials import Agreement, Trial, linear_covariances
+from estimation.studies.identification_cases import CASES, CaseResult, Identification
+from estimation.studies.identification_study import bias_claim
+from estimation.studies.study import with_exact_lengths, with_section
+from estimation.studies.validation_runs import Prediction
 from estimation.twin import Twin
 from expdesign.configuration import InputError, load_run
 from tests.estimation.cases import ROBOT, STEP, trajectory
@@ -101,7 +98,7 @@ def test_rigid_bodies_and_friction_are_told_apart():
 
 @pytest.fixture(scope="module")
 def identification():
-    return run_identification_study(case({"kind": "identification", "repetitions": 12}), MOTION)
+    return IdentificationStudy.run(case({"kind": "identification", "repetitions": 12}), MOTION)
 
 
 def test_only_ml_stays_at_the_truth_when_the_information_is_disturbed(identification):
@@ -130,7 +127,7 @@ def test_the_hausman_test_tells_a_disturbed_information_matrix(identification):
 
 
 def test_claims_of_the_identification(identification):
-    found = claims(identification)
+    found = list(identification.claims())
     judged = [claim for claim in found if claim.holds is not None]
     assert len(judged) > 8
     broken = [claim for claim in judged if not claim.holds]
@@ -141,32 +138,29 @@ PARAMETERS = 24
 
 
 def simulated_case(rng, experiments, bias, which):
-    """Return a study of one disturbed case whose ML estimates have a known bias."""
+    """Return a disturbed case whose estimates have a known bias."""
     mixing = np.eye(PARAMETERS) + 0.2 * np.tri(PARAMETERS)
     errors = rng.normal(size=(experiments, PARAMETERS)) @ mixing.T
     errors[:, which] += bias * mixing[which] @ np.ones(PARAMETERS)
     one = np.ones(PARAMETERS)
-    hausman = Hausman(one, one, 1.0)
     found = tuple(
         Identification(
-            dict.fromkeys(("ls", "gm", "ml"), row), {"ls": one, "gm": one, "ml": one}, hausman, 3
+            dict.fromkeys(("ls", "gm", "ml"), row), {"ls": one, "gm": one, "ml": one}, None, 3
         )
         for row in errors
     )
+    return CaseResult(CASES[1], np.zeros(PARAMETERS), found, 0)
+
+
+def bias_claims(result):
     names = tuple(f"a{k}" for k in range(PARAMETERS))
-    return SimpleNamespace(
-        cases=(CaseResult(CASES[1], np.zeros(PARAMETERS), found, 0),),
-        identified=np.ones(PARAMETERS, dtype=bool),
-        knowledge=SimpleNamespace(names=names),
-    )
+    everyone = np.ones(PARAMETERS, dtype=bool)
+    return [bias_claim(result, name, names, everyone) for name in ("ls", "gm", "ml")]
 
 
-def verdicts(study):
-    return {
-        claim.statement.split(":")[0].split(", ")[1]: claim.holds
-        for claim in identification_claims(study)
-        if "the mean of" in claim.statement
-    }
+def verdicts(result):
+    found = zip(("LS", "GM", "ML"), bias_claims(result), strict=True)
+    return {name: claim.holds for name, claim in found}
 
 
 @pytest.mark.parametrize("experiments", [3, 6, 20])
@@ -186,7 +180,7 @@ def test_chance_makes_no_bias_in_more_studies_than_said(experiments):
 def test_a_bias_is_found_with_few_experiments():
     rng = np.random.default_rng(6)
     assert verdicts(simulated_case(rng, 6, 100.0, 3)) == {"LS": True, "GM": True, "ML": False}
-    (claim, *_) = identification_claims(simulated_case(rng, 6, 3000.0, 3))
+    (claim, *_) = bias_claims(simulated_case(rng, 6, 3000.0, 3))
     assert claim.statement == "pointwise, LS: the mean of 6 estimates is biased"
     assert claim.value.startswith("1 of 24 identified parameters are beyond 8.29 ")
     assert "in at most 1 % of such studies (t, 5 degrees of freedom); worst a3, " in claim.value
@@ -204,13 +198,13 @@ def test_the_validation_names_the_struts_with_cogging_and_wrong_parameters():
             "wrong": {"p10": 1.2, "r_alpha": 0.99},
         }
     )
-    study = run_validation_study(config, MOTION)
+    study = ValidationStudy.run(config, MOTION)
     assert study.as_expected("without", 0).hits == 3
     assert study.everywhere_as_expected("unknown").hits == 3
     assert study.power("p10").hits == 3
     assert study.power("r_alpha").hits < 3
     assert study.tests_against("p10")
-    told = claims(study)[-2]
+    told = list(study.claims())[-2]
     assert told.statement.startswith("a parameter that is wrong on purpose (p10 by 1.2, r_alpha")
     assert told.value.startswith("1 of 2 parameters; tests that fail: ")
     assert "the power is below 80 % for r_alpha (" in told.value
@@ -219,13 +213,13 @@ def test_the_validation_names_the_struts_with_cogging_and_wrong_parameters():
 def test_a_parameter_or_motion_that_cannot_be_is_refused():
     general = {"kind": "validation", "repetitions": 3, "wrong": {"sx": 2}}
     with pytest.raises(InputError, match="no parameter 'sx'"):
-        run_validation_study(case(general), MOTION)
+        ValidationStudy.run(case(general), MOTION)
     recorded = {"kind": "validation", "motions": [{"motion": "file", "file": "x.csv"}]}
     with pytest.raises(InputError, match="cannot be repeated"):
-        run_validation_study(case(recorded), MOTION)
+        ValidationStudy.run(case(recorded), MOTION)
     short = {"kind": "validation", "motions": [{"motion": "circle", "periods": 1}]}
     with pytest.raises(InputError, match="no scatter between periods"):
-        run_validation_study(case(short), MOTION)
+        ValidationStudy.run(case(short), MOTION)
 
 
 @pytest.mark.parametrize(
@@ -242,7 +236,7 @@ def test_what_designs_cannot_be_compared_by_is_refused_before_anything_is_comput
     study, sections, message
 ):
     with pytest.raises(InputError, match=message):
-        run_design_study(case({"kind": "design", **study}, **sections))
+        DesignStudy.run(case({"kind": "design", **study}, **sections))
 
 
 def test_a_test_that_was_refused_is_no_verdict():
@@ -256,5 +250,5 @@ def test_a_study_that_is_stopped_says_how_far_it_was():
     stop = Stop(after=2)
     config = case({"kind": "identification", "repetitions": 5})
     with pytest.raises(StudyInterruptedError, match="2 of 5"):
-        run_identification_study(config, MOTION, stop)
+        IdentificationStudy.run(config, MOTION, stop)
     assert stop.seen == [(1, 5), (2, 5)]

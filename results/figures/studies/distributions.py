@@ -7,7 +7,8 @@ from matplotlib.figure import Figure
 from scipy import stats
 
 from estimation.studies import DesignStudy
-from expdesign.mechanism.catalogue import parameter_unit
+from estimation.studies.design_study import shown_kinematics
+from expdesign.mechanism.graph import parameter_unit
 from results.figures.definition import FigureDefinition
 from results.style import BLUE, INK, VERMILLION, new_figure
 from results.symbols import symbol
@@ -20,7 +21,7 @@ _BINS = 16
 def draw(study: DesignStudy) -> Figure:
     """Draw histograms of the first set's LS estimates and the normal distributions fitted."""
     section = study.section
-    kinematics = "fourier" if "fourier" in section.kinematics else section.kinematics[0]
+    kinematics = shown_kinematics(section.kinematics)
     pair = study.sets[0]
     names = study.robot.parameter_names
     shown = [name for name in section.shown if name in names]

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from estimation.studies import ValidationStudy
-from estimation.studies.validation_study import SITUATIONS
+from estimation.studies import StudyRecord
+from estimation.studies.records import VARIANCES
+from expdesign.mechanism.hexapod import ACTUATORS
 from results.figures.definition import FigureDefinition
 from results.style import ALERT, BLUE, FAINT, MUTED, new_figure
 
@@ -16,23 +17,24 @@ _TITLES = {
     "known": "in the identification too",
 }
 _WIDTH = 0.38
+_MOST = 0.5
 
 
-def draw(study: ValidationStudy) -> Figure:
+def draw(study: StudyRecord) -> Figure:
     """Draw mean variances of all runs; actuators that fail in most runs are marked."""
-    figure = new_figure(1.2 + 1.7 * len(study.motions))
-    panels = figure.subplots(
-        len(study.motions), len(SITUATIONS), sharex=True, sharey=True, squeeze=False
-    )
-    places = np.arange(6)
-    for row, motion in enumerate(study.motions):
-        for column, situation in enumerate(SITUATIONS):
+    rows = study.rows(VARIANCES)
+    motions = list(dict.fromkeys(row.motion for row in rows))
+    figure = new_figure(1.2 + 1.7 * len(motions))
+    panels = figure.subplots(len(motions), len(_TITLES), sharex=True, sharey=True, squeeze=False)
+    places = np.arange(ACTUATORS)
+    for row, motion in enumerate(motions):
+        for column, (situation, title) in enumerate(_TITLES.items()):
             axes = panels[row][column]
-            found = [run.situations[situation][row] for run in study.runs]
-            model = np.mean([one.variance_model_error for one in found], axis=0)
-            noise = np.mean([one.variance_measurement_error for one in found], axis=0)
-            fails = np.mean([one.failed for one in found], axis=0)
-            colours = [ALERT if share > 0.5 else BLUE for share in fails]  # noqa: PLR2004
+            found = [one for one in rows if (one.situation, one.motion) == (situation, motion)]
+            model = np.array([one.variance_model_error for one in found])
+            noise = np.array([one.variance_measurement_error for one in found])
+            fails = np.array([one.fails / one.runs for one in found])
+            colours = [ALERT if share > _MOST else BLUE for share in fails]
             axes.bar(places - _WIDTH / 2, model, _WIDTH, color=colours, zorder=3)
             axes.bar(places + _WIDTH / 2, noise, _WIDTH, color=FAINT, zorder=3)
             for place, share, height in zip(places, fails, np.maximum(model, noise), strict=True):
@@ -50,7 +52,7 @@ def draw(study: ValidationStudy) -> Figure:
             axes.tick_params(axis="x", length=0)
             axes.grid(visible=False, axis="x")
             if row == 0:
-                axes.set_title(_TITLES[situation])
+                axes.set_title(title)
             if column == 0:
                 axes.set_ylabel(f"{motion} (N²)")
     panels[-1][1].set_xlabel("Actuator")

@@ -1,0 +1,248 @@
+"""Designs by two criteria from the same initial parameters, each executed many times."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from constraints.arrays import Array
+from estimation.montecarlo import StudyMonitor
+from estimation.montecarlo.repetition import Recipe
+from estimation.studies.study import (
+    TooFewEstimatesError,
+    results_of,
+    study_section,
+    unknown_parameters,
+    with_exact_lengths,
+    with_section,
+)
+from estimation.twin import Twin
+from expdesign.configuration import InputError, Kinematics, Problem, RunConfiguration
+from expdesign.experiment import DesignResult, design
+from expdesign.mechanism.hexapod import ACTUATORS
+from expdesign.robot import Robot
+from expdesign.workers import Job, Monitor
+
+ESTIMATORS = ("ls", "gm")
+_SEEDS_APART = 1_000_003
+
+
+@dataclass(frozen=True, eq=False)
+class Agreement:
+    """Achieved over predicted variance, pooled over the parameters.
+
+    Attributes
+    ----------
+    ratio, std_error : float
+        1 when the prediction is right; the error comes from the scatter between repetitions.
+    """
+
+    ratio: float
+    std_error: float
+
+    @property
+    def z(self) -> float:
+        """How many standard errors the ratio is off."""
+        return (self.ratio - 1) / self.std_error
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """One criterion from one set of initial parameters.
+
+    Attributes
+    ----------
+    number : int
+        Of the set, from 1.
+    criterion : str
+    design : DesignResult
+    predicted : dict of (m, m)
+        Covariances of LS and GM with exact kinematics.
+    values : dict of dict of (K, m)
+        Estimates, by kinematics and estimator, SI.
+    failed : dict of int
+        Repetitions without an estimate, by kinematics.
+    """
+
+    number: int
+    criterion: str
+    design: DesignResult
+    predicted: dict[str, Array]
+    values: dict[str, dict[str, Array]]
+    failed: dict[str, int]
+
+    @property
+    def name(self) -> str:
+        """Of its folder."""
+        return trial_name(self.number, self.criterion)
+
+    def predicted_std(self, estimator: str) -> Array:
+        """Return the standard deviations predicted with exact kinematics, (m,), SI."""
+        return np.asarray(np.sqrt(np.diag(self.predicted[estimator])))
+
+    def agreement(self, kinematics: str, estimator: str) -> Agreement:
+        """Return how the achieved variances compare with the predicted ones."""
+        values = self.values[kinematics][estimator]
+        count = len(values)
+        off = (values - values.mean(axis=0)) ** 2 * count / (count - 1)
+        squares = np.mean(off / np.diag(self.predicted[estimator]), axis=1)
+        return Agreement(float(np.mean(squares)), float(np.std(squares, ddof=1) / np.sqrt(count)))
+
+
+def run_trials(
+    configuration: RunConfiguration, robot: Robot, monitor: StudyMonitor | None
+) -> tuple[Trial, ...]:
+    """Design with both criteria from every set of initial parameters, and execute each many times.
+
+    Raises
+    ------
+    InputError, NoDesignError, InfeasibleLimitsError, SingularInformationError
+        A design failed.
+    TooFewEstimatesError
+        Too many repetitions could not be estimated.
+    StudyInterruptedError
+        A stop was requested.
+    """
+    section = study_section(configuration)
+    pairs = [(k, c) for k in range(1, section.sets + 1) for c in section.criteria]
+    total = len(pairs) * (1 + len(section.kinematics))
+    build = partial(_Bench, configuration)
+    jobs = [Job(_designed, pair) for pair in pairs]
+    designs = list(results_of(configuration, build, jobs, monitor, (0, total)))
+    wanted = [(index, k) for index in range(len(pairs)) for k in section.kinematics]
+    jobs = [Job(_executed, (index, designs[index], k)) for index, k in wanted]
+    found = list(results_of(configuration, build, jobs, monitor, (len(pairs), total)))
+    size = len(robot.parameter_names)
+    for (index, kinematics), (values, failed) in zip(wanted, found, strict=True):
+        if len(values["ls"]) <= size:
+            raise TooFewEstimatesError(
+                f"design {trial_name(*pairs[index])}, kinematics {kinematics}: {failed} of "
+                f"{section.repetitions} repetitions have no estimate; the covariance of {size} "
+                f"parameters takes more than {size}"
+            )
+    trials = []
+    for index, (pair, made) in enumerate(zip(pairs, designs, strict=True)):
+        twin = _recipe(configuration, index, made, "exact")().twin
+        values: dict[str, dict[str, Array]] = {}
+        failures: dict[str, int] = {}
+        for (own, kinematics), one in zip(wanted, found, strict=True):
+            if own == index:
+                values[kinematics], failures[kinematics] = one
+        trials.append(Trial(*pair, made, linear_covariances(robot, twin), values, failures))
+    return tuple(trials)
+
+
+def refuse_unfit_design_study(configuration: RunConfiguration, robot: Robot) -> None:
+    """Refuse what a comparison of all parameters' covariances cannot have.
+
+    Raises
+    ------
+    InputError
+        Too few repetitions, or something that is known of the parameters or left out of them.
+    """
+    section, run = study_section(configuration), configuration.run
+    size = len(robot.parameter_names)
+    found: list[tuple[str, str, str]] = []
+    if section.repetitions <= size:
+        message = f"{section.repetitions} repetitions do not give a covariance of {size} parameters"
+        found.append(("study.repetitions", message, f"more than {size}"))
+    message = (
+        "the covariances of two designs are compared over all parameters, with nothing known of "
+        "them"
+    )
+    found += [
+        (f"estimate.{key}", message, "nothing")
+        for key in ("fixed", "prior", "bounds")
+        if getattr(run.estimate, key)
+    ]
+    if run.design.parameters is not None:
+        found.append(("design.parameters", "the designs of a study judge all parameters", "all"))
+    problems = [
+        Problem(message, file=configuration.file, key=key, allowed=allowed)
+        for key, message, allowed in found
+    ]
+    problems += unknown_parameters(configuration, robot, "study.shown", section.shown)
+    if problems:
+        raise InputError(problems)
+
+
+def trial_name(number: int, criterion: str) -> str:
+    """Return the name of a trial's folder."""
+    return f"{number}-{criterion}"
+
+
+@dataclass(frozen=True)
+class _Bench:
+    """What every job shares."""
+
+    configuration: RunConfiguration
+
+
+def _designed(bench: _Bench, monitor: Monitor, number: int, criterion: str) -> DesignResult:
+    configuration = bench.configuration
+    run = configuration.run
+    changed = with_section(
+        configuration, "design", criterion=criterion, seed=run.design.seed + number - 1
+    )
+    name = f"{run.name}-{trial_name(number, criterion)}"
+    own = changed.run.model_copy(update={"name": name, "workers": 1, "study": None})
+    return design(RunConfiguration(own, configuration.robot, configuration.file), monitor)
+
+
+def _executed(
+    bench: _Bench, _monitor: Monitor, index: int, result: DesignResult, kinematics: Kinematics
+) -> tuple[dict[str, Array], int]:
+    """Return estimates by estimator, (K, m), and how many repetitions have none."""
+    workbench = _recipe(bench.configuration, index, result, kinematics)()
+    count = study_section(bench.configuration).repetitions
+    values: dict[str, list[Array]] = {name: [] for name in ESTIMATORS}
+    failed = 0
+    for number in range(1, count + 1):
+        outcomes = workbench.repeat(number).outcomes
+        found = {name: outcomes[name].values for name in ESTIMATORS}
+        if any(value is None for value in found.values()):
+            failed += 1
+            continue
+        for name, value in found.items():
+            values[name].append(np.asarray(value))
+    return {name: np.array(rows) for name, rows in values.items()}, failed
+
+
+def _recipe(
+    configuration: RunConfiguration, index: int, result: DesignResult, kinematics: Kinematics
+) -> Recipe:
+    """Return how to repeat one design's experiment; no two designs share their noise."""
+    seed = configuration.run.montecarlo.seed + _SEEDS_APART * (index + 1)
+    changed = with_section(configuration, "montecarlo", estimators=ESTIMATORS, seed=seed)
+    differentiation = "central" if kinematics == "central" else "fourier"
+    changed = with_section(changed, "estimate", differentiation=differentiation)
+    if kinematics == "exact":
+        changed = with_exact_lengths(changed)
+    return Recipe(changed, result.trajectory)
+
+
+def linear_covariances(robot: Robot, twin: Twin) -> dict[str, Array]:
+    """Return the covariances of LS and GM by name, (m, m) each, SI.
+
+    Over the samples and periods that the twin executes, at the true motion:
+    (ΨᵀΨ)⁻¹ ΨᵀΣΨ (ΨᵀΨ)⁻¹ and F⁻¹ = (Ψᵀ Σ⁻¹ Ψ)⁻¹.
+    """
+    states = twin.truth.executed.sample(twin.grid.distinct_times)
+    regressors = robot.regressor(states.pose, states.rate, states.acceleration)
+    repeats = twin.grid.count / len(twin.grid.distinct_times)
+    covariance = twin.truth.force_covariance
+    flat = regressors.reshape(-1, regressors.shape[2])
+
+    def inner(weights: Array) -> Array:
+        return flat.T @ np.matmul(weights, regressors).reshape(flat.shape) * repeats
+
+    def inverse(matrix: Array) -> Array:
+        return np.asarray(np.linalg.inv(matrix), dtype=np.float64)
+
+    plain = inverse(inner(np.eye(ACTUATORS)))
+    return {
+        "ls": plain @ inner(covariance) @ plain,
+        "gm": inverse(inner(inverse(covariance))),
+    }

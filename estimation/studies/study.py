@@ -1,0 +1,174 @@
+"""What all studies have in common: their section of the run, repetitions, and what they show."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from estimation.montecarlo import StudyMonitor
+from estimation.montecarlo.monitor import StopRequest
+from estimation.montecarlo.repetition import FAILURES
+from estimation.studies.records import Claim, StudyRecord
+from expdesign.configuration import (
+    Problem,
+    RunConfiguration,
+    StudySection,
+    resolved_yaml,
+)
+from expdesign.robot import Robot
+from expdesign.runfolder import RowTable
+from expdesign.runfolder.atomic import write_text
+from expdesign.workers import Job, Monitor, run_jobs
+
+_NOISELESS = 1e-6
+"""Length noise of exact kinematics, as a share of the robot's: an estimate needs some."""
+
+
+class StudyInterruptedError(RuntimeError):
+    """The study was stopped before everything that it compares was there."""
+
+
+class TooFewEstimatesError(ArithmeticError):
+    """Noise let so many estimates fail that nothing can be compared."""
+
+
+@dataclass(frozen=True, eq=False)
+class Study(ABC):
+    """A comparison on the digital twin that was done."""
+
+    configuration: RunConfiguration
+    robot: Robot
+
+    @property
+    def section(self) -> StudySection:
+        """What the run asked for."""
+        return study_section(self.configuration)
+
+    @abstractmethod
+    def claims(self) -> Iterable[Claim]:
+        """Return what the study was to show, and what it showed."""
+
+    @abstractmethod
+    def rows(self) -> Mapping[RowTable[Any], Iterable[Any]]:
+        """Return the rows of every table."""
+
+    @cached_property
+    def record(self) -> StudyRecord:
+        """What its run folder holds."""
+        return StudyRecord.of(self)
+
+    def write(self, folder: Path) -> list[Path]:
+        """Write the run folder; return its files."""
+        # Everything is computed before anything is written: a folder is not left half made.
+        record = self.record
+        run_file = folder / "run.yaml"
+        written = [*self.write_designs(folder), *record.write(folder), run_file]
+        write_text(run_file, resolved_yaml(self.configuration))
+        return written
+
+    def write_designs(self, folder: Path) -> list[Path]:
+        """Write the designs that the study made, none by default; return their files."""
+        del folder
+        return []
+
+
+def study_section(configuration: RunConfiguration) -> StudySection:
+    """Return the run's `study`; a run without one has none to do."""
+    section = configuration.run.study
+    if section is None:
+        raise ValueError("the run has no study")
+    return section
+
+
+def with_section(configuration: RunConfiguration, name: str, **changes: Any) -> RunConfiguration:
+    """Return the run with keys of one of its sections changed."""
+    section = getattr(configuration.run, name).model_copy(update=changes)
+    return replace(configuration, run=configuration.run.model_copy(update={name: section}))
+
+
+def with_exact_lengths(configuration: RunConfiguration) -> RunConfiguration:
+    """Return the run with lengths that are measured a million times better."""
+    noise = configuration.robot.noise
+    if noise is None or noise.length_covariance is None:
+        return configuration
+    quiet = replace(noise, length_covariance=noise.length_covariance * _NOISELESS**2)
+    return replace(configuration, robot=replace(configuration.robot, noise=quiet))
+
+
+def unknown_parameters(
+    configuration: RunConfiguration, robot: Robot, key: str, names: Iterable[str]
+) -> list[Problem]:
+    """Return a problem for every name at this key path that is no parameter of the robot."""
+    return [
+        Problem(
+            f"the robot {robot.name} has no parameter '{name}'",
+            file=configuration.file,
+            key=key,
+            allowed=", ".join(robot.parameter_names),
+        )
+        for name in names
+        if name not in robot.parameter_names
+    ]
+
+
+def results_of(
+    configuration: RunConfiguration,
+    build: Callable[[], Any],
+    jobs: Sequence[Job],
+    monitor: StudyMonitor | None,
+    progress: tuple[int, int],
+) -> Iterator[Any]:
+    """Do jobs on the run's `workers`, not on a scheduler; yield their results in their order.
+
+    Parameters
+    ----------
+    configuration : RunConfiguration
+    build : callable
+        Makes what every job gets first, once per process.
+    jobs : sequence of Job
+    monitor : StudyMonitor, optional
+    progress : (int, int)
+        Jobs of the study that are done before these, and all of them.
+
+    Raises
+    ------
+    StudyInterruptedError
+        A stop was requested.
+    """
+    done, total = progress
+    count = 0
+    for result in run_jobs(build, jobs, configuration.run.workers or 1, StopRequest(monitor)):
+        count += 1
+        if monitor is not None:
+            monitor.advanced(done + count, total)
+        yield result
+    if count < len(jobs):
+        raise StudyInterruptedError(f"interrupted after {done + count} of {total} steps")
+
+
+def repeated(
+    configuration: RunConfiguration, build: Callable[[], Any], monitor: StudyMonitor | None
+) -> list[Any]:
+    """Return the results of `repeat(number)` of what `build` makes, for every repetition.
+
+    None stands for a repetition that noise let fail.
+
+    Raises
+    ------
+    StudyInterruptedError
+        A stop was requested.
+    """
+    count = study_section(configuration).repetitions
+    jobs = [Job(_repetition, (number,)) for number in range(1, count + 1)]
+    return list(results_of(configuration, build, jobs, monitor, (0, count)))
+
+
+def _repetition(bench: Any, _monitor: Monitor, number: int) -> Any:
+    try:
+        return bench.repeat(number)
+    except FAILURES:
+        return None

@@ -1,0 +1,206 @@
+"""Models identified on simulated experiments, and what each predicts of other motions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from constraints.arrays import Array, Mask
+from estimation.diagnostics import Diagnosis, diagnose
+from estimation.estimators import Experiment, ParameterEstimate
+from estimation.identification import prepare_experiment, run_estimators
+from estimation.identification.estimate import parameter_knowledge
+from estimation.studies.study import study_section, unknown_parameters, with_section
+from estimation.twin import Twin
+from estimation.validation.motions import benchmark_motion
+from expdesign.configuration import InputError, Problem, RunConfiguration, ValidationMotion
+from expdesign.experiment.design import controller_period
+from expdesign.mechanism.hexapod import ACTUATORS
+from expdesign.robot import Robot, robot_from
+from expdesign.trajectory import FourierTrajectory
+
+SITUATIONS = {
+    "without": "no cogging",
+    "unknown": "cogging that the model does not know",
+    "known": "cogging in the identification too",
+}
+"""Cogging in neither experiment; in the validation alone; in the identification too."""
+
+_COGGING = {"without": (False, False), "unknown": (False, True), "known": (True, True)}
+"""Whether there is cogging while a model is identified, and while it is validated."""
+
+_FIRST_MOTION = 100_001
+_FEWEST_PERIODS = 3
+
+Predicted = dict[str, tuple[tuple[Experiment, Diagnosis], ...]]
+"""Every motion of one run with its diagnosis, by situation."""
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """One motion, predicted by one model.
+
+    Attributes
+    ----------
+    failed : (6,) of bool
+        Actuators that fail the lack-of-fit test.
+    refused : str
+        Why there was no such test; empty when there was.
+    variance_model_error, variance_measurement_error : (6,)
+        Of single samples about the prediction, and of their noise, N².
+    against : tuple of str
+        Assumptions that fail and matter.
+    """
+
+    failed: Mask
+    refused: str
+    variance_model_error: Array
+    variance_measurement_error: Array
+    against: tuple[str, ...]
+
+    def says(self, wanted: Mask) -> bool:
+        """Tell whether the test was done, and exactly these actuators failed."""
+        return not self.refused and bool(np.all(self.failed == wanted))
+
+
+@dataclass(frozen=True, eq=False)
+class ValidationRun:
+    """One identification and what its model predicts.
+
+    Attributes
+    ----------
+    situations : dict of tuple of Prediction
+        By situation, one per motion.
+    wrong : dict of Prediction
+        By the parameter that is wrong, of the first motion.
+    """
+
+    situations: dict[str, tuple[Prediction, ...]]
+    wrong: dict[str, Prediction]
+
+
+class ValidationBench:
+    """What all runs share: robot, twins and motions, built once per process."""
+
+    def __init__(self, configuration: RunConfiguration, design: FourierTrajectory) -> None:
+        section, seed = study_section(configuration), configuration.run.montecarlo.seed
+        self.configuration = configuration
+        self.design = design
+        self.robot: Robot = robot_from(configuration.robot)
+        self.knowledge = parameter_knowledge(configuration, self.robot)
+        self.trajectories = refuse_unfit_validation_study(configuration, self.robot)
+        self.wrong = section.wrong
+        machines = {
+            cogging: with_section(
+                configuration, "experiment", cogging=section.cogging if cogging else None
+            )
+            for cogging in (False, True)
+        }
+        self.identified = {key: Twin.of(made, design, seed) for key, made in machines.items()}
+        self.predicted_on = {
+            key: tuple(
+                Twin.of(with_section(made, "experiment", periods=motion.periods), trajectory, seed)
+                for motion, trajectory in zip(section.motions, self.trajectories, strict=True)
+            )
+            for key, made in machines.items()
+        }
+
+    def repeat(self, number: int) -> ValidationRun:
+        """Return run `number`, counted from 1."""
+        estimates = self._estimates(number)
+        predicted = self._predicted(number, estimates)
+        estimate = estimates[False]
+        experiment, _ = predicted["without"][0]
+        wrong: dict[str, Prediction] = {}
+        for name, factor in self.wrong.items():
+            values = estimate.values.copy()
+            values[self.robot.parameter_names.index(name)] *= factor
+            wrong[name] = _judged(self._diagnosis(experiment, replace(estimate, values=values)))
+        return ValidationRun(
+            {key: tuple(_judged(d) for _, d in pairs) for key, pairs in predicted.items()}, wrong
+        )
+
+    def predicted(self, number: int) -> Predicted:
+        """Return every motion of one run with its diagnosis, by situation."""
+        return self._predicted(number, self._estimates(number))
+
+    def _predicted(self, number: int, estimates: dict[bool, ParameterEstimate]) -> Predicted:
+        measured = {
+            key: tuple(
+                prepare_experiment(
+                    self.configuration,
+                    self.robot,
+                    twin.measurement(_FIRST_MOTION * (k + 1) + number),
+                    self.trajectories[k],
+                )
+                for k, twin in enumerate(twins)
+            )
+            for key, twins in self.predicted_on.items()
+        }
+        return {
+            situation: tuple((e, self._diagnosis(e, estimates[own])) for e in measured[on])
+            for situation, (own, on) in _COGGING.items()
+        }
+
+    def _estimates(self, number: int) -> dict[bool, ParameterEstimate]:
+        """Return the models of one run, identified without cogging and with it."""
+        found = {}
+        for cogging, twin in self.identified.items():
+            data = twin.measurement(number)
+            experiment = prepare_experiment(self.configuration, self.robot, data, self.design)
+            found[cogging] = run_estimators(self.robot, [experiment], self.knowledge, ("ml",))["ml"]
+        return found
+
+    def _diagnosis(self, experiment: Experiment, estimate: ParameterEstimate) -> Diagnosis:
+        return diagnose(self.robot, [experiment], self.knowledge, estimate, held_out=True)
+
+
+def refuse_unfit_validation_study(
+    configuration: RunConfiguration, robot: Robot
+) -> tuple[FourierTrajectory, ...]:
+    """Return the motions of the study, refusing what cannot be predicted or made wrong.
+
+    Raises
+    ------
+    InputError
+        A parameter that the robot does not have, or a motion that cannot be.
+    """
+    section = study_section(configuration)
+    for name in section.wrong:
+        if problems := unknown_parameters(configuration, robot, f"study.wrong.{name}", [name]):
+            raise InputError(problems)
+    return tuple(
+        _trajectory(configuration, robot, f"study.motions[{number}]", motion)
+        for number, motion in enumerate(section.motions, start=1)
+    )
+
+
+def _trajectory(
+    configuration: RunConfiguration, robot: Robot, key: str, motion: ValidationMotion
+) -> FourierTrajectory:
+    def refused(message: str, key: str, allowed: str = "") -> InputError:
+        return InputError(Problem(message, file=configuration.file, key=key, allowed=allowed))
+
+    if motion.periods < _FEWEST_PERIODS:
+        message = "one period shows no scatter between periods to test against"
+        raise refused(message, f"{key}.periods", f"{_FEWEST_PERIODS} or more")
+    if motion.motion == "file":
+        message = "a recorded motion cannot be repeated on the digital twin"
+        raise refused(message, key, "circle | line | spline")
+    try:
+        return benchmark_motion(motion, robot.home, controller_period(configuration))
+    except ValueError as error:
+        raise refused(str(error), key) from error
+
+
+def _judged(diagnosis: Diagnosis) -> Prediction:
+    one = diagnosis.experiments[0]
+    test = one.lack_of_fit
+    return Prediction(
+        failed=np.zeros(ACTUATORS, dtype=bool) if test.refused else np.asarray(test.failed),
+        refused=test.refused,
+        variance_model_error=np.asarray(one.variances.model_error),
+        variance_measurement_error=np.asarray(one.variances.measurement_error),
+        against=tuple(f.assumption for f in diagnosis.verdict.failed if f.serious),
+    )
