@@ -125,12 +125,18 @@ def run_trials(
     trials = []
     for index, (pair, made) in enumerate(zip(pairs, designs, strict=True)):
         twin = _recipe(configuration, index, made, "exact")().twin
-        values: dict[str, dict[str, Array]] = {}
-        failures: dict[str, int] = {}
-        for (own, kinematics), one in zip(wanted, found, strict=True):
-            if own == index:
-                values[kinematics], failures[kinematics] = one
-        trials.append(Trial(*pair, made, linear_covariances(robot, twin), values, failures))
+        own: dict[str, tuple[dict[str, Array], int]] = {
+            k: one for (i, k), one in zip(wanted, found, strict=True) if i == index
+        }
+        trials.append(
+            Trial(
+                *pair,
+                made,
+                linear_covariances(robot, twin),
+                {k: estimates for k, (estimates, _) in own.items()},
+                {k: failures for k, (_, failures) in own.items()},
+            )
+        )
     return tuple(trials)
 
 

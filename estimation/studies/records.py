@@ -5,13 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, make_dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar
+from typing import Annotated, Any, ClassVar, Literal, TypeVar
 
 from expdesign.mechanism.hexapod import numbered
 from expdesign.runfolder import JsonFile, OpenNumber, RowTable, described
-
-if TYPE_CHECKING:
-    from estimation.studies.study import Study
 
 _WRITTEN_BY = "`expdesign run` of a run with `study:`"
 
@@ -282,26 +279,6 @@ class StudyRecord:
 
     summary: StudySummary
     tables: Mapping[RowTable[Any], tuple[Any, ...]]
-
-    @classmethod
-    def of(cls, study: Study) -> StudyRecord:
-        """Return the record of a study that was just done."""
-        run, section = study.configuration.run, study.section
-        summary = StudySummary(
-            units="SI and radians",
-            name=run.name,
-            robot=study.robot.name,
-            simulated=True,
-            kind=section.kind,
-            settings=section.model_dump(mode="json"),
-            seeds={
-                "design": run.design.seed,
-                "experiment": run.experiment.seed,
-                "montecarlo": run.montecarlo.seed,
-            },
-            claims=tuple(study.claims()),
-        )
-        return cls(summary, {table: tuple(rows) for table, rows in study.rows().items()})
 
     @classmethod
     def read(cls, folder: Path) -> StudyRecord:

@@ -12,7 +12,7 @@ from typing import Any
 from estimation.montecarlo import StudyMonitor
 from estimation.montecarlo.monitor import StopRequest
 from estimation.montecarlo.repetition import FAILURES
-from estimation.studies.records import Claim, StudyRecord
+from estimation.studies.records import Claim, StudyRecord, StudySummary
 from expdesign.configuration import (
     Problem,
     RunConfiguration,
@@ -59,7 +59,22 @@ class Study(ABC):
     @cached_property
     def record(self) -> StudyRecord:
         """What its run folder holds."""
-        return StudyRecord.of(self)
+        run, section = self.configuration.run, self.section
+        summary = StudySummary(
+            units="SI and radians",
+            name=run.name,
+            robot=self.robot.name,
+            simulated=True,
+            kind=section.kind,
+            settings=section.model_dump(mode="json"),
+            seeds={
+                "design": run.design.seed,
+                "experiment": run.experiment.seed,
+                "montecarlo": run.montecarlo.seed,
+            },
+            claims=tuple(self.claims()),
+        )
+        return StudyRecord(summary, {table: tuple(rows) for table, rows in self.rows().items()})
 
     def write(self, folder: Path) -> list[Path]:
         """Write the run folder; return its files."""
