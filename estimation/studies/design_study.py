@@ -7,7 +7,7 @@ of the search: one random motion each, the same for both criteria.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
@@ -47,8 +47,8 @@ from estimation.uncertainty.differences import FAMILY_LEVEL, Differences
 from expdesign.configuration import RunConfiguration
 from expdesign.experiment.output import write_design
 from expdesign.experiment.scaling import parameter_scaling
-from expdesign.mechanism.graph import parameter_unit
-from expdesign.robot import Robot, robot_from
+from expdesign.mechanism.catalogue import TERMS, parameter_unit
+from expdesign.robot import robot_from
 from expdesign.runfolder import RowTable
 
 FOLDER = "designs"
@@ -63,6 +63,8 @@ _WITH = {
     "central": "with noise of the lengths, central differences",
 }
 _FORMULAS = {"ls": "(ΨᵀΨ)⁻¹ΨᵀΣΨ(ΨᵀΨ)⁻¹", "gm": "F⁻¹"}
+
+_BODIES = ("struts", "rigid_platform")
 
 Pair = tuple[Trial, Trial]
 
@@ -186,7 +188,7 @@ class DesignStudy(Study):
 
     def _precision_claims(self) -> Iterator[Claim]:
         first, second = self.section.criteria
-        rigid = rigid_body(self.robot)
+        rigid = rigid_body(self.robot.parameter_names)
         kinematics = shown_kinematics(self.section.kinematics)
         better = [self.more_precise(pair, kinematics, "ls") for pair in self.sets]
         predicted = [one.predicted_std("ls") < two.predicted_std("ls") for one, two in self.sets]
@@ -297,7 +299,7 @@ class DesignStudy(Study):
                     )
 
     def _determinants(self) -> Iterator[DeterminantRow]:
-        rigid = rigid_body(self.robot)
+        rigid = rigid_body(self.robot.parameter_names)
         for pair, kinematics, estimator in product(self.sets, self.section.kinematics, ESTIMATORS):
             found = self.determinant(pair, kinematics, estimator)
             better = self.more_precise(pair, kinematics, estimator)
@@ -330,9 +332,10 @@ class DesignStudy(Study):
                 yield MeanRow(pair[0].number, kinematics, name, unit, *numbers, test.p_joint)
 
 
-def rigid_body(robot: Robot) -> Mask:
+def rigid_body(names: Sequence[str]) -> Mask:
     """Return which parameters are the rigid bodies', the others being friction, (m,)."""
-    return np.array([name[0] not in "rv" for name in robot.parameter_names])
+    bodies = {parameter.name for term in _BODIES for parameter in TERMS[term].parameters}
+    return np.array([name in bodies for name in names])
 
 
 def shown_kinematics(kinds: Iterable[str]) -> str:

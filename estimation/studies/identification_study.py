@@ -31,7 +31,7 @@ from estimation.studies.study import Study, TooFewEstimatesError, repeated
 from estimation.uncertainty.differences import FAMILY_LEVEL
 from expdesign.configuration import RunConfiguration
 from expdesign.experiment.scaling import parameter_scaling
-from expdesign.mechanism.graph import parameter_unit
+from expdesign.mechanism.catalogue import parameter_unit
 from expdesign.runfolder import RowTable
 from expdesign.trajectory import FourierTrajectory
 

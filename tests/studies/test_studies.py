@@ -93,7 +93,7 @@ def test_what_is_achieved_agrees_with_what_is_predicted():
 
 
 def test_rigid_bodies_and_friction_are_told_apart():
-    assert rigid_body(ROBOT).sum() == 10
+    assert rigid_body(ROBOT.parameter_names).sum() == 10
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from constraints.arrays import Array
 from estimation.studies import StudyRecord
-from estimation.studies.design_study import shown_kinematics
+from estimation.studies.design_study import rigid_body, shown_kinematics
 from estimation.studies.identification_cases import CASES, ESTIMATORS
 from estimation.studies.records import ESTIMATES, MEANS, PRECISION, EstimateRow
 from results.figures.definition import FigureDefinition
@@ -169,7 +169,7 @@ def _parameter_axis(axes: Axes, names: Sequence[str]) -> None:
     axes.grid(visible=False, axis="x")
     axes.grid(visible=True, axis="x", which="minor")
     axes.set_xlim(-0.6, len(names) - 0.4)
-    rigid = sum(name[0] not in "rv" for name in names)
+    rigid = np.count_nonzero(rigid_body(names))
     if 0 < rigid < len(names):
         axes.axvline(rigid - 0.5, color=MUTED, linewidth=0.9, zorder=1)
 

@@ -8,7 +8,7 @@ from scipy import stats
 
 from estimation.studies import DesignStudy
 from estimation.studies.design_study import shown_kinematics
-from expdesign.mechanism.graph import parameter_unit
+from expdesign.mechanism.catalogue import parameter_unit
 from results.figures.definition import FigureDefinition
 from results.style import BLUE, INK, VERMILLION, new_figure
 from results.symbols import symbol
