@@ -13,19 +13,19 @@ from estimation.diagnostics.attribution import Attribution, attribute
 from estimation.diagnostics.chi_square import ChiSquare, chi_square
 from estimation.diagnostics.dependence import Dependence, dependence
 from estimation.diagnostics.drift import Drift, drift
-from estimation.diagnostics.estimator_laws import (
-    held_out_law,
-    joint_law,
-    length_law,
-    linear_laws,
-)
 from estimation.diagnostics.joint_system import JointSystem, joint_systems
 from estimation.diagnostics.lack_of_fit import LackOfFit, lack_of_fit
 from estimation.diagnostics.levels import LACK_OF_FIT, NOISE
 from estimation.diagnostics.linearisation import Linearisation, linearise
 from estimation.diagnostics.noise_samples import ChannelNoise, channel_noise
 from estimation.diagnostics.normality import Normality, normality
-from estimation.diagnostics.residual_law import ResidualLaw
+from estimation.diagnostics.residual_law import (
+    ResidualLaw,
+    held_out_law,
+    joint_law,
+    length_law,
+    linear_laws,
+)
 from estimation.diagnostics.residuals import (
     Residuals,
     VarianceComparison,

@@ -18,8 +18,12 @@ import scipy.linalg as sla
 
 from constraints.arrays import Array
 from estimation.diagnostics.linearisation import Linearisation
+from estimation.measurement_model.normal_equations import NormalEquations, whitened
 from estimation.processing import NoiseModel
-from expdesign.information.fisher import whitening
+from expdesign.information.fisher import ScaledInformation, whitening
+
+_DETERMINED = 1e-12
+"""Eigenvalues of the scaled J below this share of the largest belong to dependent columns."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,8 +34,8 @@ class JointSystem:
     ----------
     white : (6, 6)
         S: S Σ Sᵀ = 1.
-    weight : (R,)
-        Square roots of the rows' counts.
+    counts : (R,)
+        Samples that each row is the mean of.
     forces : (R, 6)
         Whitened residuals before the step.
     columns : (R, 6, u)
@@ -43,7 +47,7 @@ class JointSystem:
     """
 
     white: Array
-    weight: Array
+    counts: Array
     forces: Array
     columns: Array
     information: Array
@@ -52,37 +56,30 @@ class JointSystem:
 
     def solved(self) -> SolvedSystem:
         """Take the step."""
-        width = self.columns.shape[2]
-        flat = self.columns.reshape(-1, width)
-        total = flat.T @ flat + self.information
-        right = flat.T @ self.forces.ravel() + self.gradient
-        scales = np.sqrt(np.diag(total))
-        scales = np.where(scales > 0, scales, 1.0)
-        values, vectors = np.linalg.eigh(total / np.multiply.outer(scales, scales))
+        flat = self.columns.reshape(-1, self.columns.shape[2])
+        scaled = ScaledInformation.of(flat.T @ flat + self.information)
+        values, vectors = np.linalg.eigh(scaled.matrix)
         # Combinations that nothing determines do not move: their columns are dependent.
-        kept = values > 1e-12 * values[-1]
+        kept = values > _DETERMINED * values[-1]
+        scales = np.where(scaled.scales > 0, scaled.scales, 1.0)
         root = vectors[:, kept] / np.sqrt(values[kept]) / scales[:, None]
         inverse = root @ root.T
-        step = inverse @ right
-        rest = self.forces - self.columns @ step
-        return SolvedSystem(self, inverse, root, step, rest)
+        step = inverse @ (flat.T @ self.forces.ravel() + self.gradient)
+        return SolvedSystem(self, inverse, root, self.forces - self.columns @ step)
 
     def with_columns(self, columns: Array) -> JointSystem:
         """Include further columns of the forces, (R, 6, q) in N, among the unknowns."""
-        added = self.whitened(columns)
-        old, new = self.columns.shape[2], columns.shape[2]
-        information = np.zeros((old + new, old + new))
-        information[:old, :old] = self.information
+        new = columns.shape[2]
         return replace(
             self,
-            columns=np.concatenate([self.columns, added], axis=2),
-            information=information,
-            gradient=np.append(self.gradient, np.zeros(new)),
+            columns=np.concatenate([self.columns, self.whitened(columns)], axis=2),
+            information=np.pad(self.information, (0, new)),
+            gradient=np.pad(self.gradient, (0, new)),
         )
 
     def whitened(self, columns: Array) -> Array:
         """Return columns of the forces, (R, 6, q), as rows of the regression."""
-        return np.matmul(self.white, columns) * self.weight[:, None, None]
+        return whitened(columns, self.white, self.counts)
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,13 +88,10 @@ class SolvedSystem:
 
     Attributes
     ----------
-    system : JointSystem
     inverse : (u, u)
         J⁻¹.
     root : (u, r)
         J⁻¹ = root rootᵀ.
-    step : (u,)
-        How far the unknowns moved.
     rest : (R, 6)
         Whitened e*.
     """
@@ -105,7 +99,6 @@ class SolvedSystem:
     system: JointSystem
     inverse: Array
     root: Array
-    step: Array
     rest: Array
 
     def scores(self, columns: Array) -> tuple[Array, Array, Array]:
@@ -116,50 +109,26 @@ class SolvedSystem:
         columns : (R, 6, q)
             N per unit of the effect.
         """
-        rows = self.system.whitened(columns).reshape(self.rest.size, -1)
-        score = rows.T @ self.rest.ravel()
-        mixed = (rows.T @ self.system.columns.reshape(self.rest.size, -1)) @ self.root
+        rows, mixed = self._projected(columns)
         whole = np.einsum("nq,nq->q", rows, rows)
-        return score, whole - np.einsum("qr,qr->q", mixed, mixed), whole
+        return rows.T @ self.rest.ravel(), whole - np.einsum("qr,qr->q", mixed, mixed), whole
 
     def fitted(self, columns: Array) -> tuple[Array, Array]:
         """Fit columns together: return their coefficients (q,) and covariance (q, q)."""
-        rows = self.system.whitened(columns).reshape(self.rest.size, -1)
-        mixed = (rows.T @ self.system.columns.reshape(self.rest.size, -1)) @ self.root
-        information = rows.T @ rows - mixed @ mixed.T
-        scales = np.sqrt(np.diag(information))
-        inverse = np.linalg.inv(information / np.multiply.outer(scales, scales))
-        inverse = inverse / np.multiply.outer(scales, scales)
+        rows, mixed = self._projected(columns)
+        scaled = ScaledInformation.of(rows.T @ rows - mixed @ mixed.T)
+        inverse = np.linalg.inv(scaled.matrix) / np.multiply.outer(scaled.scales, scaled.scales)
         return inverse @ (rows.T @ self.rest.ravel()), inverse
+
+    def _projected(self, columns: Array) -> tuple[Array, Array]:
+        """Return the rows of columns and what the unknowns explain of them, (q, r)."""
+        rows = self.system.whitened(columns).reshape(self.rest.size, -1)
+        return rows, (rows.T @ self.system.columns.reshape(self.rest.size, -1)) @ self.root
 
     def force_residuals(self) -> Array:
         """Return e*, (R, 6), N."""
-        rest = self.rest / self.system.weight[:, None]
+        rest = self.rest / np.sqrt(self.system.counts)[:, None]
         return np.asarray(sla.solve_triangular(self.system.white, rest.T, lower=True)).T
-
-
-@dataclass(frozen=True, eq=False)
-class Block:
-    """Normal equations of one experiment in (p, ξ)."""
-
-    matrix: Array
-    gradient: Array
-    count: int
-
-    def reduced(self) -> tuple[Array, Array]:
-        """Eliminate ξ: information (k, k) and gradient (k,) of the parameters."""
-        k = self.count
-        if len(self.gradient) == k:
-            return self.matrix, self.gradient
-        inner = self.matrix[k:, k:]
-        scales = np.sqrt(np.diag(inner))
-        factor = sla.cho_factor(inner / np.multiply.outer(scales, scales))
-        cross = self.matrix[k:, :k] / scales[:, None]
-        solved = sla.cho_solve(factor, np.column_stack([cross, self.gradient[k:] / scales]))
-        return (
-            self.matrix[:k, :k] - cross.T @ solved[:, :-1],
-            self.gradient[:k] - cross.T @ solved[:, -1],
-        )
 
 
 def joint_systems(
@@ -182,40 +151,37 @@ def joint_systems(
         The parameters were not estimated from these experiments: one experiment then tells
         nothing about the residuals of another.
     """
-    systems = [_own(part, noise) for part, noise in zip(parts, noises, strict=True)]
-    reduced = [block.reduced() for _, block in systems]
-    result = []
-    for number, (system, block) in enumerate(systems):
-        information, gradient = system.information.copy(), system.gradient.copy()
-        k = block.count
-        information[:k, :k] += known[0]
-        gradient[:k] += known[1]
-        if not held_out:
-            for other, (matrix, right) in enumerate(reduced):
-                if other != number:
-                    information[:k, :k] += matrix
-                    gradient[:k] += right
-        result.append(replace(system, information=information, gradient=gradient))
-    return result
+    count = len(known[1])
+    lengths = [_length_equations(part, noise) for part, noise in zip(parts, noises, strict=True)]
+    own = [
+        NormalEquations.of([(part.forces, part.columns, part.counts)], noise.force_covariance)
+        .with_motion(motion)
+        .eliminated(count)
+        for part, noise, motion in zip(parts, noises, lengths, strict=True)
+        if len(parts) > 1 and not held_out
+    ]
+    systems = []
+    for number, (part, noise, motion) in enumerate(zip(parts, noises, lengths, strict=True)):
+        others = [each for other, each in enumerate(own) if other != number]
+        known_here = known[0] + sum(each.information for each in others)
+        gradient = known[1] + sum(each.gradient for each in others)
+        white = whitening(noise.force_covariance)
+        systems.append(
+            JointSystem(
+                white=white,
+                counts=part.counts,
+                forces=whitened(part.forces, white, part.counts),
+                columns=whitened(part.columns, white, part.counts),
+                information=np.asarray(sla.block_diag(known_here, motion.matrix)),
+                gradient=np.concatenate([gradient, motion.gradient]),
+                freedom=noise.force_freedom,
+            )
+        )
+    return systems
 
 
-def _own(part: Linearisation, noise: NoiseModel) -> tuple[JointSystem, Block]:
-    white = whitening(noise.force_covariance)
-    weight = np.sqrt(part.counts)
-    columns = np.matmul(white, part.columns) * weight[:, None, None]
-    forces = part.forces @ white.T * weight[:, None]
-    width = columns.shape[2]
-    motion = part.motion_columns.shape[2]
-    information, gradient = np.zeros((width, width)), np.zeros(width)
-    if part.lengths is not None:
-        length_white = whitening(noise.length_covariance)
-        length_weight = np.sqrt(part.length_counts)
-        rows = np.matmul(length_white, part.length_columns) * length_weight[:, None, None]
-        rows = rows.reshape(-1, motion)
-        rest = (part.lengths @ length_white.T * length_weight[:, None]).ravel()
-        information[width - motion :, width - motion :] = rows.T @ rows
-        gradient[width - motion :] = rows.T @ rest
-    flat = columns.reshape(-1, width)
-    block = Block(flat.T @ flat + information, flat.T @ forces.ravel() + gradient, width - motion)
-    system = JointSystem(white, weight, forces, columns, information, gradient, noise.force_freedom)
-    return system, block
+def _length_equations(part: Linearisation, noise: NoiseModel) -> NormalEquations:
+    if part.lengths is None:
+        return NormalEquations(0.0, np.zeros((0, 0)), np.zeros(0))
+    rows = (part.lengths, part.length_columns, part.length_counts)
+    return NormalEquations.of([rows], noise.length_covariance)

@@ -3,24 +3,92 @@
 Near the estimate the residuals are e = ε − A δp − G δξ of the forces, G = ∂(A p)/∂ξ, and
 r = ε_l − L δξ of the lengths, L = ∂l/∂ξ. Every diagnostic works on these, so that the errors of the
 parameters and of the motion are counted in each of them.
+
+Samples of equal phase are one row. Averaged records have the same phases in every period. In the
+others a cell takes the samples of one controller step of the phase, near replicates in the sense
+of the lack-of-fit test. Residuals and the columns of the model are averaged over the same cells
+with the same weights, so that nothing is approximated but that the model error hardly changes
+within a step.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
 from constraints.arrays import Array
-from estimation.diagnostics.cells import PhaseCells
 from estimation.estimators.experiment import Experiment
-from estimation.kinematics.fourier_fit import CHUNK, length_residuals
-from estimation.measurement_model import HarmonicMotion, predict_forces, predict_lengths
-from estimation.measurement_model.kernels import force_kernel
+from estimation.kinematics.fourier_fit import length_residuals
+from estimation.measurement_model import (
+    ForcePrediction,
+    HarmonicMotion,
+    predict_forces,
+    predict_lengths,
+)
+from estimation.measurement_model.prediction import chunks, force_kernel
 from estimation.processing import NoiseEstimate
-from expdesign.mechanism.hexapod import ACTUATORS
+from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
 from expdesign.robot import Robot
+
+_UNSURE = 1e-3
+"""Variance of a friction sign below which nothing of it is seen in the forces."""
+
+
+@dataclass(frozen=True, eq=False)
+class PhaseCells:
+    """Which cell every row belongs to.
+
+    Attributes
+    ----------
+    index : (T,) of int or None
+        Cell of each row; None: every row is its own cell (averaged records).
+    weights : (T,)
+        How many samples (or how much weight) each row stands for.
+    totals : (R,)
+        Weight of each cell.
+    """
+
+    index: NDArray[np.intp] | None
+    weights: Array
+    totals: Array
+
+    @classmethod
+    def rows(cls, weights: Array) -> PhaseCells:
+        """Leave the rows as they are."""
+        return cls(None, weights, weights)
+
+    @classmethod
+    def of(cls, times: Array, weights: Array, period: float, step: float) -> PhaseCells:
+        """Sort rows by their phase into cells that are one step wide; s."""
+        count = max(1, round(period / step))
+        cell = np.floor(np.mod(times / period, 1.0) * count).astype(np.intp) % count
+        used, index = np.unique(cell, return_inverse=True)
+        totals = np.bincount(index, weights, minlength=len(used)).astype(np.float64)
+        return cls(index, weights, totals)
+
+    def mean(self, values: Array) -> Array:
+        """Return the weighted mean in every cell, (R, …), of values (T, …)."""
+        if self.index is None:
+            return values
+        count = len(values)
+        flat = (values.T * self.weights).T.reshape(count, math.prod(values.shape[1:]))
+        places = (self.index, np.arange(count))
+        gather = sparse.csr_array((np.ones(count), places), (len(self.totals), count))
+        return (gather @ flat / self.totals[:, None]).reshape(len(self.totals), *values.shape[1:])
+
+    def scatter(self, values: Array) -> NoiseEstimate | None:
+        """Return the covariance of the scatter in the cells; None when no cell has two rows."""
+        if self.index is None:
+            return None
+        freedom = float(np.sum(self.weights) - len(self.totals))
+        if freedom < 1:
+            return None
+        rest = (values - self.mean(values)[self.index]) * np.sqrt(self.weights)[:, None]
+        return NoiseEstimate(rest.T @ rest / freedom, freedom)
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,49 +172,47 @@ def linearise(
     motion : HarmonicMotion or None
         None: the pointwise motion of the experiment.
     """
+    record, times = experiment.record, experiment.times
+    cells = _cells(experiment, times, experiment.counts)
+    length_times = np.zeros(0)
+    length_cells = PhaseCells.rows(length_times)
+    lengths, length_columns = None, np.zeros((0, ACTUATORS, 0))
     if motion is None:
-        return _pointwise(robot, experiment, values, free)
-    record = experiment.record
-    cells = _cells(experiment, record.force_times, record.force_counts)
-    signs = experiment.signs(robot, motion)
-    free_frequency = experiment.fit is not None and experiment.fit.free_frequency
-    basis = motion.basis(record.force_times)
-    state = basis.state(motion.table)
-    change = np.concatenate([part @ motion.table.T for part in basis.derivatives[1:]], axis=1)
-    residuals, regressors, slopes, delays, doubts = [], [], [], [], []
-    unsure = 1 - signs**2
-    for first in range(0, record.samples, CHUNK):
-        part = slice(first, first + CHUNK)
-        predicted = predict_forces(
-            robot,
-            motion,
-            record.force_times[part],
-            signs[part],
-            values,
-            free_frequency=free_frequency,
-        )
-        _, to_state = force_kernel(robot.terms)(state[part], signs[part], robot.machine, values)
-        residuals.append(record.forces[part] - predicted.regressors @ values)
-        regressors.append(predicted.regressors)
-        slopes.append(predicted.slope)
-        delays.append(-np.einsum("sji,si->sj", to_state, change[part]))
-        doubts.append(_sign_variance(robot, state[part], signs[part], unsure[part], values))
-    rows = np.concatenate(residuals)
-    struts = robot.strut_motion(state[:, :6], state[:, 6:12], state[:, 12:])
-    lengths, length_cells, length_columns = _lengths(
-        robot, experiment, motion, free_frequency=free_frequency
-    )
+        if experiment.pointwise is None:
+            raise ValueError("an experiment has a fitted or a pointwise motion")
+        state, regressors = experiment.pointwise.state, experiment.fitted_regressors
+        slope, delay = np.zeros((len(times), ACTUATORS, 0)), None
+        sign_variance = np.zeros((len(times), ACTUATORS))
+    else:
+        state = motion.basis(times).state(motion.table)
+        signs = experiment.signs(robot, motion)
+        forces = _forces(robot, experiment, motion, signs, values)
+        regressors, slope, delay = forces.regressors, forces.slope, -forces.rate
+        sign_variance = _sign_variance(robot, state, signs, values)
+        length_times = record.length_times
+        length_cells = _cells(experiment, length_times, record.length_counts)
+        lengths = length_residuals(robot, record, motion)
+        slopes = [
+            predict_lengths(
+                robot, motion, length_times[part], free_frequency=experiment.free_frequency
+            )[1]
+            for part in chunks(record.samples)
+        ]
+        length_columns = length_cells.mean(np.concatenate(slopes))
+    rows = experiment.forces - regressors @ values
+    pose, rate, acceleration = np.split(state, [COORDINATES, 2 * COORDINATES], axis=1)
+    struts = robot.strut_motion(pose, rate, acceleration)
     return Linearisation(
-        times=_phase_times(experiment, cells, record.force_times),
+        times=_phase_times(experiment, cells, times),
         counts=cells.totals,
         forces=cells.mean(rows),
-        regressors=cells.mean(np.concatenate(regressors)),
-        motion_columns=cells.mean(np.concatenate(slopes)),
-        delay_column=cells.mean(np.concatenate(delays)),
+        regressors=cells.mean(regressors),
+        motion_columns=cells.mean(slope),
+        delay_column=None if delay is None else cells.mean(delay),
         free=free,
-        sign_variance=cells.mean(np.concatenate(doubts)),
-        length_times=_phase_times(experiment, length_cells, record.length_times),
-        lengths=length_cells.mean(lengths),
+        sign_variance=cells.mean(sign_variance),
+        length_times=_phase_times(experiment, length_cells, length_times),
+        lengths=None if lengths is None else length_cells.mean(lengths),
         length_counts=length_cells.totals,
         length_columns=length_columns,
         force_scatter=record.force_scatter if cells.index is None else cells.scatter(rows),
@@ -168,12 +234,35 @@ def _phase_times(experiment: Experiment, cells: PhaseCells, times: Array) -> Arr
     return times if cells.index is None else cells.mean(np.mod(times, experiment.record.period))
 
 
-def _sign_variance(robot: Robot, state: Array, signs: Array, unsure: Array, values: Array) -> Array:
+def _forces(
+    robot: Robot, experiment: Experiment, motion: HarmonicMotion, signs: Array, values: Array
+) -> ForcePrediction:
+    times = experiment.times
+    parts = [
+        predict_forces(
+            robot,
+            motion,
+            times[part],
+            signs[part],
+            values,
+            free_frequency=experiment.free_frequency,
+        )
+        for part in chunks(len(times))
+    ]
+    return ForcePrediction(
+        np.concatenate([part.regressors for part in parts]),
+        np.concatenate([part.slope for part in parts]),
+        np.concatenate([part.rate for part in parts]),
+    )
+
+
+def _sign_variance(robot: Robot, state: Array, signs: Array, values: Array) -> Array:
     """Return Σ_i (∂Q/∂sign_i)² Var(sign_i), (S, 6); nearly all samples have no doubtful sign."""
     result = np.zeros((len(state), ACTUATORS))
     kernel = force_kernel(robot.terms)
+    unsure = 1 - signs**2
     for column in range(signs.shape[1]):
-        rows = np.flatnonzero(unsure[:, column] > 1e-3)  # noqa: PLR2004 - below it nothing is seen
+        rows = np.flatnonzero(unsure[:, column] > _UNSURE)
         if not len(rows):
             continue
         ends = []
@@ -184,53 +273,3 @@ def _sign_variance(robot: Robot, state: Array, signs: Array, unsure: Array, valu
             ends.append(regressors @ values)
         result[rows] += ((ends[1] - ends[0]) / 2) ** 2 * unsure[rows, column][:, None]
     return result
-
-
-def _lengths(
-    robot: Robot, experiment: Experiment, motion: HarmonicMotion, *, free_frequency: bool
-) -> tuple[Array, PhaseCells, Array]:
-    record = experiment.record
-    cells = _cells(experiment, record.length_times, record.length_counts)
-    columns = [
-        predict_lengths(
-            robot,
-            motion,
-            record.length_times[first : first + CHUNK],
-            free_frequency=free_frequency,
-        ).slope
-        for first in range(0, record.samples, CHUNK)
-    ]
-    return length_residuals(robot, record, motion), cells, cells.mean(np.concatenate(columns))
-
-
-def _pointwise(
-    robot: Robot, experiment: Experiment, values: Array, free: NDArray[np.bool_]
-) -> Linearisation:
-    pointwise = experiment.pointwise
-    if pointwise is None:
-        raise ValueError("an experiment has a fitted or a pointwise motion")
-    record, state = experiment.record, pointwise.state
-    cells = _cells(experiment, experiment.times, experiment.counts)
-    regressors = experiment.regressors(robot)
-    rows = experiment.forces - regressors @ values
-    struts = robot.strut_motion(state[:, :6], state[:, 6:12], state[:, 12:])
-    none = np.zeros((0, ACTUATORS, 0))
-    return Linearisation(
-        times=_phase_times(experiment, cells, experiment.times),
-        counts=cells.totals,
-        forces=cells.mean(rows),
-        regressors=cells.mean(regressors),
-        motion_columns=np.zeros((len(cells.totals), ACTUATORS, 0)),
-        delay_column=None,
-        free=free,
-        sign_variance=np.zeros((len(cells.totals), ACTUATORS)),
-        length_times=np.zeros(0),
-        lengths=None,
-        length_counts=np.zeros(0),
-        length_columns=none,
-        force_scatter=record.force_scatter if cells.index is None else cells.scatter(rows),
-        position=cells.mean(struts.length),
-        speed=cells.mean(struts.length_rate),
-        force_rows=rows,
-        length_rows=None,
-    )

@@ -239,12 +239,12 @@ class _OwnColumn:
     def of(cls, solved: SolvedSystem, strut: int) -> _OwnColumn:
         system = solved.system
         column = system.white[:, strut]
-        residual = solved.rest @ column * system.weight
+        residual = solved.rest @ column * np.sqrt(system.counts)
         mixed = np.einsum("i,riu->ru", column, system.columns) @ solved.root
         return cls(
             residual,
-            mixed * system.weight[:, None],
-            float(column @ column) * system.weight**2,
+            mixed * np.sqrt(system.counts)[:, None],
+            float(column @ column) * np.sqrt(system.counts) ** 2,
         )
 
     def statistic(self, length: Array, frequencies: Array) -> Array:

@@ -11,11 +11,19 @@ X = C = J⁻¹; held-out data: X = 0.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from constraints.arrays import Array
+from estimation.diagnostics.joint_system import SolvedSystem
+from estimation.diagnostics.linearisation import Linearisation
+from estimation.estimators.experiment import Experiment
+from estimation.estimators.knowledge import Knowledge
+from estimation.estimators.linear import weighting_covariance
+from estimation.estimators.result import ParameterEstimate
+from estimation.measurement_model.normal_equations import NormalEquations
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,3 +86,102 @@ class ResidualLaw:
             [[self.covariance, -self.cross], [-self.cross.T, np.zeros_like(self.cross)]]
         )
         return factor, kernel
+
+
+def joint_law(part: Linearisation, experiment: Experiment, solved: SolvedSystem) -> ResidualLaw:
+    """Return the law of e*, the residuals after the joint fit of (p, ξ) and effects."""
+    system = solved.system
+    unwhitened = np.asarray(np.linalg.solve(system.white, system.columns), dtype=np.float64)
+    return _force_law(part, experiment, unwhitened, solved.inverse, solved.inverse)
+
+
+def held_out_law(
+    part: Linearisation, experiment: Experiment, estimate: ParameterEstimate
+) -> ResidualLaw:
+    """Return the law of a prediction's residuals: nothing was fitted to these forces."""
+    covariance = _errors(part, experiment, estimate)
+    columns = part.columns * np.sqrt(part.counts)[:, None, None]
+    return _force_law(part, experiment, columns, np.zeros_like(covariance), covariance)
+
+
+def linear_laws(
+    parts: Sequence[Linearisation],
+    experiments: Sequence[Experiment],
+    estimate: ParameterEstimate,
+    knowledge: Knowledge,
+) -> list[ResidualLaw]:
+    """Return the laws of the residuals of LS or Gauss–Markov, experiment by experiment."""
+    weightings = [
+        weighting_covariance(estimate.estimator, e.noise.force_covariance) for e in experiments
+    ]
+    equations = [
+        NormalEquations.of([(part.forces, part.columns, part.counts)], weighting)
+        for part, weighting in zip(parts, weightings, strict=True)
+    ]
+    k = int(np.count_nonzero(knowledge.free))
+    inverse = knowledge.inverse(
+        knowledge.precision + sum(each.matrix[:k, :k] for each in equations)
+    )
+    laws = []
+    for part, experiment, weighting, own in zip(
+        parts, experiments, weightings, equations, strict=True
+    ):
+        covariance = _errors(part, experiment, estimate)
+        if experiment.fit is not None:
+            covariance[:k, k:] = -inverse @ own.matrix[:k, k:] @ experiment.fit.covariance
+            covariance[k:, :k] = covariance[:k, k:].T
+        cross = np.zeros_like(covariance)
+        cross[:k, :k] = inverse
+        scale = np.sqrt(part.counts)[:, None, None]
+        columns = part.columns * scale
+        partner = columns
+        if estimate.estimator == "ls":
+            partner = np.zeros_like(columns)
+            mixed = np.linalg.solve(weighting, experiment.noise.force_covariance).T  # Σ W
+            partner[:, :, :k] = np.matmul(mixed, part.regressors[:, :, part.free]) * scale
+        laws.append(_force_law(part, experiment, columns, cross, covariance, partner))
+    return laws
+
+
+def length_law(
+    part: Linearisation, experiment: Experiment, motion_covariance: Array
+) -> ResidualLaw:
+    """Return the law of the length residuals; `motion_covariance` is Cov(ξ̂), (x, x)."""
+    columns = part.length_columns * np.sqrt(part.length_counts)[:, None, None]
+    return ResidualLaw(
+        noise=experiment.noise.length_covariance,
+        columns=columns,
+        partner=columns,
+        cross=motion_covariance,
+        covariance=motion_covariance,
+        extra=np.zeros(columns.shape[:2]),
+    )
+
+
+def _force_law(
+    part: Linearisation,
+    experiment: Experiment,
+    columns: Array,
+    cross: Array,
+    covariance: Array,
+    partner: Array | None = None,
+) -> ResidualLaw:
+    return ResidualLaw(
+        noise=experiment.noise.force_covariance,
+        columns=columns,
+        partner=columns if partner is None else partner,
+        cross=cross,
+        covariance=covariance,
+        extra=part.sign_variance * part.counts[:, None],
+    )
+
+
+def _errors(part: Linearisation, experiment: Experiment, estimate: ParameterEstimate) -> Array:
+    """Return Cov(p̂, ξ̂) as if they were independent, (k + x, k + x)."""
+    k = int(np.count_nonzero(part.free))
+    size = k + part.motion_columns.shape[2]
+    covariance = np.zeros((size, size))
+    covariance[:k, :k] = estimate.covariance[np.ix_(part.free, part.free)]
+    if experiment.fit is not None:
+        covariance[k:, k:] = experiment.fit.covariance
+    return covariance

@@ -1,6 +1,7 @@
 """Least squares, Gauss–Markov and maximum likelihood, all on the shared symbolic graph."""
 
 from estimation.estimators.experiment import Experiment
+from estimation.estimators.joint import cramer_rao_covariance
 from estimation.estimators.knowledge import Knowledge, UnidentifiableError
 from estimation.estimators.linear import gauss_markov, least_squares
 from estimation.estimators.maximum_likelihood import maximum_likelihood
@@ -11,6 +12,7 @@ __all__ = [
     "Knowledge",
     "ParameterEstimate",
     "UnidentifiableError",
+    "cramer_rao_covariance",
     "gauss_markov",
     "least_squares",
     "maximum_likelihood",

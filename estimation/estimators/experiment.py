@@ -9,8 +9,9 @@ from estimation.kinematics.fourier_fit import MotionFit
 from estimation.kinematics.friction_signs import expected_signs, rate_spread
 from estimation.kinematics.pointwise import PointwiseMotion
 from estimation.measurement_model import HarmonicMotion
-from estimation.measurement_model.kernels import held_regressor_kernel
+from estimation.measurement_model.prediction import held_regressor_kernel
 from estimation.processing import NoiseModel, Record
+from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.robot import Robot
 
 
@@ -20,15 +21,12 @@ class Experiment:
 
     Attributes
     ----------
-    record : Record
-    noise : NoiseModel
     fit : MotionFit or None
         None after pointwise differentiation.
     spread : (S, s) or None
         Standard deviations of the rates of friction at the force samples.
     fitted_regressors : (R, 6, m)
         A at the samples, along the motion that was estimated from the lengths.
-    pointwise : PointwiseMotion or None
     """
 
     record: Record
@@ -43,17 +41,14 @@ class Experiment:
         cls, robot: Robot, record: Record, noise: NoiseModel, fit: MotionFit
     ) -> Experiment:
         """Build from a fitted motion."""
-        return cls.along(robot, record, noise, fit, cls._rate_spread(robot, record, fit))
-
-    @staticmethod
-    def _rate_spread(robot: Robot, record: Record, fit: MotionFit) -> Array:
-        return rate_spread(
+        spread = rate_spread(
             robot,
             fit.motion,
             record.force_times,
             fit.covariance,
             free_frequency=fit.free_frequency,
         )
+        return cls.along(robot, record, noise, fit, spread)
 
     @classmethod
     def along(
@@ -69,27 +64,33 @@ class Experiment:
         cls, robot: Robot, record: Record, noise: NoiseModel, motion: PointwiseMotion
     ) -> Experiment:
         """Build from pointwise kinematics."""
-        state = motion.state
-        regressors = robot.regressor(state[:, :6], state[:, 6:12], state[:, 12:])
+        state = motion.state.reshape(-1, 3, COORDINATES)
+        regressors = robot.regressor(state[:, 0], state[:, 1], state[:, 2])
         return cls(record, noise, None, None, regressors, motion)
+
+    def used(self, values: Array) -> Array:
+        """Return those of the record's values, (S, …), whose motion is known: (R, …)."""
+        return values if self.pointwise is None else values[self.pointwise.rows]
 
     @property
     def forces(self) -> Array:
         """(R, 6) measured forces at the samples whose motion is known, N."""
-        rows = slice(None) if self.pointwise is None else self.pointwise.rows
-        return self.record.forces[rows]
+        return self.used(self.record.forces)
 
     @property
     def counts(self) -> Array:
         """(R,) how many single samples each row is the mean of."""
-        rows = slice(None) if self.pointwise is None else self.pointwise.rows
-        return self.record.force_counts[rows]
+        return self.used(self.record.force_counts)
 
     @property
     def times(self) -> Array:
         """(R,) s."""
-        rows = slice(None) if self.pointwise is None else self.pointwise.rows
-        return self.record.force_times[rows]
+        return self.used(self.record.force_times)
+
+    @property
+    def free_frequency(self) -> bool:
+        """Whether ω is one of the unknowns ξ."""
+        return self.fit is not None and self.fit.free_frequency
 
     def signs(self, robot: Robot, motion: HarmonicMotion) -> Array:
         """Return the expected friction signs along a motion, (S, s)."""

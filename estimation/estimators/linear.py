@@ -8,52 +8,42 @@ either way, and the noise of the lengths through B = −∂p̂/∂ξ.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from constraints.arrays import Array
 from estimation.estimators.experiment import Experiment
+from estimation.estimators.joint import force_equations
 from estimation.estimators.knowledge import Knowledge
 from estimation.estimators.result import ParameterEstimate
-from estimation.kinematics.fourier_fit import CHUNK
-from estimation.measurement_model import predict_forces
+from estimation.measurement_model.normal_equations import NormalEquations
 from expdesign.robot import Robot
 
-Weighting = Callable[[Array], Array]
-"""Σ (6, 6) → W (6, 6)."""
 
-
-def equal_weights(covariance: Array) -> Array:
-    """Return W of least squares: the same for all actuators, one over their mean variance."""
-    return np.eye(len(covariance)) * len(covariance) / np.trace(covariance)
-
-
-def full_weights(covariance: Array) -> Array:
-    """Return W of Gauss–Markov: Σ⁻¹."""
-    return np.asarray(np.linalg.inv(covariance), dtype=np.float64)
+def weighting_covariance(estimator: str, covariance: Array) -> Array:
+    """Return W⁻¹, (6, 6), of ``"ls"`` or ``"gm"`` from Σ, (6, 6)."""
+    if estimator == "gm":
+        return covariance
+    return np.eye(len(covariance)) * np.trace(covariance) / len(covariance)
 
 
 def least_squares(
     robot: Robot, experiments: Sequence[Experiment], knowledge: Knowledge
 ) -> ParameterEstimate:
-    """Estimate the parameters with equal weights."""
-    return linear_estimate(robot, experiments, knowledge, equal_weights, "ls")
+    """Estimate the parameters with equal weights (see `linear_estimate`)."""
+    return linear_estimate(robot, experiments, knowledge, "ls")
 
 
 def gauss_markov(
     robot: Robot, experiments: Sequence[Experiment], knowledge: Knowledge
 ) -> ParameterEstimate:
-    """Estimate the parameters with the full Σ, equation (7)."""
-    return linear_estimate(robot, experiments, knowledge, full_weights, "gm")
+    """Estimate the parameters with the full Σ, equation (7) (see `linear_estimate`)."""
+    return linear_estimate(robot, experiments, knowledge, "gm")
 
 
 def linear_estimate(
-    robot: Robot,
-    experiments: Sequence[Experiment],
-    knowledge: Knowledge,
-    weighting: Weighting,
-    name: str,
+    robot: Robot, experiments: Sequence[Experiment], knowledge: Knowledge, estimator: str
 ) -> ParameterEstimate:
     """Solve the weighted linear problem over all experiments.
 
@@ -63,39 +53,39 @@ def linear_estimate(
         The data (and priors) do not determine every free parameter.
     """
     began = time.perf_counter()
-    free = knowledge.free
-    start = knowledge.start
-    information = knowledge.precision
-    gradient = knowledge.precision @ (knowledge.prior_mean - start)[free]
-    spread = knowledge.precision
+    free, start, prior = knowledge.free, knowledge.start, knowledge.precision
+    information, spread = prior, prior
+    gradient = prior @ (knowledge.prior_mean - start)[free]
     for experiment in experiments:
-        weights = weighting(experiment.noise.force_covariance)
-        regressors = experiment.regressors(robot)
-        mixed = weights @ experiment.noise.force_covariance @ weights
-        for first in range(0, len(regressors), CHUNK):
-            part = slice(first, first + CHUNK)
-            rest = experiment.forces[part] - regressors[part] @ start
-            own = regressors[part][:, :, free]
-            columns = own * experiment.counts[part][:, None, None]
-            weighted = np.matmul(weights, columns).reshape(-1, columns.shape[2])
-            flat = own.reshape(-1, columns.shape[2])
-            information = information + flat.T @ weighted
-            gradient = gradient + weighted.T @ rest.ravel()
-            spread = spread + flat.T @ np.matmul(mixed, columns).reshape(-1, columns.shape[2])
+        noise = experiment.noise.force_covariance
+        weighting = weighting_covariance(estimator, noise)
+        rows = (
+            experiment.forces - experiment.fitted_regressors @ start,
+            experiment.fitted_regressors[:, :, free],
+            experiment.counts,
+        )
+        fitted = NormalEquations.of([rows], weighting)
+        information = information + fitted.matrix
+        gradient = gradient + fitted.gradient
+        # What noise of the covariance Σ makes of the gradient: Σ c Aᵀ W Σ W A.
+        mixed = weighting @ np.linalg.solve(noise, weighting)
+        spread = spread + (
+            fitted.matrix if weighting is noise else NormalEquations.of([rows], mixed).matrix
+        )
     values = start.copy()
     values[free] += knowledge.best_step(information, gradient, start)
     inverse = knowledge.inverse(information)
     force_share = inverse @ spread @ inverse
-    kinematic_share = _kinematic_share(robot, experiments, knowledge, weighting, values, inverse)
+    kinematic_share = _kinematic_share(robot, experiments, knowledge, estimator, values, inverse)
     total = force_share if kinematic_share is None else force_share + kinematic_share
     return ParameterEstimate(
-        estimator=name,
+        estimator=estimator,
         values=values,
         covariance=knowledge.full(total),
         force_share=knowledge.full(force_share),
         kinematic_share=None if kinematic_share is None else knowledge.full(kinematic_share),
         motions=tuple(e.fit.motion for e in experiments if e.fit is not None),
-        cost=weighted_cost(robot, experiments, values, weighting),
+        cost=sum(_cost(experiment, values, estimator) for experiment in experiments),
         iterations=1,
         converged=True,
         status="solved (linear)",
@@ -103,59 +93,31 @@ def linear_estimate(
     )
 
 
-def weighted_cost(
-    robot: Robot, experiments: Sequence[Experiment], values: Array, weighting: Weighting
-) -> float:
-    """Return Σ c (q − A p)ᵀ W (q − A p) over all experiments."""
-    cost = 0.0
-    for experiment in experiments:
-        rest = experiment.forces - experiment.regressors(robot) @ values
-        weights = weighting(experiment.noise.force_covariance)
-        cost += float(np.einsum("s,si,ij,sj->", experiment.counts, rest, weights, rest))
-    return cost
+def _cost(experiment: Experiment, values: Array, estimator: str) -> float:
+    """Return Σ c (q − A p)ᵀ W (q − A p)."""
+    rest = experiment.forces - experiment.fitted_regressors @ values
+    weights = np.linalg.inv(weighting_covariance(estimator, experiment.noise.force_covariance))
+    return float(np.einsum("s,si,ij,sj->", experiment.counts, rest, weights, rest))
 
 
 def _kinematic_share(
     robot: Robot,
     experiments: Sequence[Experiment],
     knowledge: Knowledge,
-    weighting: Weighting,
+    estimator: str,
     values: Array,
     inverse: Array,
 ) -> Array | None:
     """Return B Cov(ξ̂) Bᵀ, B = −∂p̂/∂ξ = F⁻¹ Σ c Aᵀ W ∂(A p)/∂ξ; None after pointwise kinematics."""
-    total = np.zeros_like(inverse)
+    total, count = np.zeros_like(inverse), len(inverse)
     for experiment in experiments:
-        if experiment.fit is None:
+        fit = experiment.fit
+        if fit is None:
             return None
-        weights = weighting(experiment.noise.force_covariance)
-        cross = force_cross_information(robot, experiment, knowledge, weights, values)
-        slope = inverse @ cross
-        total += slope @ experiment.fit.covariance @ slope.T
-    return total
-
-
-def force_cross_information(
-    robot: Robot, experiment: Experiment, knowledge: Knowledge, weights: Array, values: Array
-) -> Array:
-    """Return Σ c Aᵀ W ∂(A p)/∂ξ of the free parameters, (k, x), along the fitted motion."""
-    fit, record = experiment.fit, experiment.record
-    if fit is None:
-        raise ValueError("pointwise kinematics have no ξ")
-    signs = experiment.signs(robot, fit.motion)
-    cross = np.zeros((int(np.count_nonzero(knowledge.free)), len(fit.covariance)))
-    for first in range(0, record.samples, CHUNK):
-        part = slice(first, first + CHUNK)
-        prediction = predict_forces(
-            robot,
-            fit.motion,
-            record.force_times[part],
-            signs[part],
-            values,
-            free_frequency=fit.free_frequency,
+        weighting = weighting_covariance(estimator, experiment.noise.force_covariance)
+        equations = force_equations(
+            robot, experiment, fit.motion, values, knowledge.free, weighting
         )
-        counted = prediction.regressors[:, :, knowledge.free]
-        counted = counted * record.force_counts[part][:, None, None]
-        weighted = np.matmul(weights, counted).reshape(-1, counted.shape[2])
-        cross += weighted.T @ prediction.slope.reshape(len(weighted), -1)
-    return cross
+        slope = inverse @ equations.matrix[:count, count:]
+        total += slope @ fit.covariance @ slope.T
+    return total

@@ -16,10 +16,11 @@ import numpy as np
 
 from constraints.arrays import Array
 from estimation.estimators.experiment import Experiment
-from estimation.estimators.joint import JointBlock, joint_block, reduced_information
+from estimation.estimators.joint import joint_equations, reduced_information
 from estimation.estimators.knowledge import Knowledge
 from estimation.estimators.result import ParameterEstimate
 from estimation.measurement_model import HarmonicMotion
+from estimation.measurement_model.normal_equations import NormalEquations
 from expdesign.robot import Robot
 
 _STEPS = 40
@@ -57,27 +58,29 @@ def maximum_likelihood(
     began = time.perf_counter()
     if any(experiment.fit is None for experiment in experiments):
         raise ValueError("maximum likelihood needs motions that were fitted by Fourier series")
-    state = _State(robot, experiments, knowledge)
+    problem = _Problem(robot, experiments, knowledge)
     values, motions = start.values.copy(), list(start.motions)
-    blocks = state.blocks(values, motions)
-    cost = state.cost(blocks, values)
+    equations = problem.equations(values, motions)
+    cost = problem.cost(equations, values)
     damping, iterations, status = 0.0, 0, "stopped at the most iterations allowed"
     converged = False
-    move = state.step(blocks, values, motions, damping)
+    move = problem.step(equations, values, motions, damping)
     for _ in range(_STEPS):
         iterations += 1
-        trial = state.blocks(move.values, move.motions)
-        trial_cost = state.cost(trial, move.values)
-        following = state.step(trial, move.values, move.motions, 0.0)
+        trial = problem.equations(move.values, move.motions)
+        trial_cost = problem.cost(trial, move.values)
+        following = problem.step(trial, move.values, move.motions, 0.0)
         # The expected signs follow ξ and the derivatives hold them: what is solved is the score
         # equation, whose root is next to the least cost but not at it. Close to it the cost says
         # nothing, and the next step must be much shorter than this one instead.
         close = move.decrement <= len(values)
         shorter = close and following.decrement <= _CONTRACTION**2 * move.decrement
         if trial_cost <= cost or shorter:
-            values, motions, blocks, cost = move.values, move.motions, trial, trial_cost
+            values, motions, equations, cost = move.values, move.motions, trial, trial_cost
             damping = damping / 10 if damping > _SMALLEST_DAMPING else 0.0
-            move = following if not damping else state.step(blocks, values, motions, damping)
+            move = following
+            if damping:
+                move = problem.step(equations, values, motions, damping)
             if following.decrement < _CONVERGED**2:
                 # This step is known already; what it leaves is smaller by orders.
                 values, motions = following.values, following.motions
@@ -88,12 +91,11 @@ def maximum_likelihood(
             if damping > _LARGEST_DAMPING:
                 status = "no step improves the fit any more"
                 break
-            move = state.step(blocks, values, motions, damping)
-    information = reduced_information(blocks) + knowledge.precision
-    covariance = knowledge.inverse(information)
-    force_share = knowledge.inverse(
-        np.sum([block.pp for block in blocks], axis=0) + knowledge.precision
-    )
+            move = problem.step(equations, values, motions, damping)
+    covariance = knowledge.inverse(reduced_information(equations, knowledge))
+    count = len(covariance)
+    with_known_motion = sum(each.matrix[:count, :count] for each in equations)
+    force_share = knowledge.inverse(with_known_motion + knowledge.precision)
     return ParameterEstimate(
         estimator="ml",
         values=values,
@@ -118,49 +120,38 @@ class _Move:
     decrement: float
 
 
-class _State:
-    """The problem's fixed parts."""
+@dataclass(frozen=True, eq=False)
+class _Problem:
+    robot: Robot
+    experiments: Sequence[Experiment]
+    knowledge: Knowledge
 
-    def __init__(
-        self, robot: Robot, experiments: Sequence[Experiment], knowledge: Knowledge
-    ) -> None:
-        self.robot = robot
-        self.experiments = experiments
-        self.knowledge = knowledge
-
-    def blocks(self, values: Array, motions: Sequence[HarmonicMotion]) -> list[JointBlock]:
+    def equations(self, values: Array, motions: Sequence[HarmonicMotion]) -> list[NormalEquations]:
         return [
-            joint_block(
-                self.robot,
-                experiment,
-                motion,
-                values,
-                self.knowledge.free,
-                free_frequency=_free_frequency(experiment),
-            )
+            joint_equations(self.robot, experiment, motion, values, self.knowledge.free)
             for experiment, motion in zip(self.experiments, motions, strict=True)
         ]
 
-    def cost(self, blocks: Sequence[JointBlock], values: Array) -> float:
+    def cost(self, equations: Sequence[NormalEquations], values: Array) -> float:
         off = (values - self.knowledge.prior_mean)[self.knowledge.free]
-        prior = float(off @ self.knowledge.precision @ off)
-        return sum(block.cost for block in blocks) + prior
+        return sum(each.cost for each in equations) + float(off @ self.knowledge.precision @ off)
 
     def step(
         self,
-        blocks: Sequence[JointBlock],
+        equations: Sequence[NormalEquations],
         values: Array,
         motions: Sequence[HarmonicMotion],
         damping: float,
     ) -> _Move:
         """Return where a (damped) Gauss–Newton step leads."""
         known = self.knowledge
-        off = (known.prior_mean - values)[known.free]
-        information, gradient = known.precision.copy(), known.precision @ off
-        eliminated = [block.eliminated(damping) for block in blocks]
-        for matrix, right, _, _ in eliminated:
-            information = information + matrix
-            gradient = gradient + right
+        count = int(np.count_nonzero(known.free))
+        information = known.precision
+        gradient = information @ (known.prior_mean - values)[known.free]
+        eliminated = [each.eliminated(count, damping) for each in equations]
+        for each in eliminated:
+            information = information + each.information
+            gradient = gradient + each.gradient
         if damping:
             information = information + damping * np.diag(np.diag(information))
         move = known.best_step(information, gradient, values)
@@ -169,14 +160,10 @@ class _State:
         # Parameters that stand at a bound would pull without end: what counts is the step taken.
         decrement = float(move @ information @ move)
         moved = []
-        for block, (_, _, slope, offset), experiment, motion in zip(
-            blocks, eliminated, self.experiments, motions, strict=True
+        for each, whole, experiment, motion in zip(
+            eliminated, equations, self.experiments, motions, strict=True
         ):
-            step = offset - slope @ move
-            decrement += float(offset @ block.gx)
-            moved.append(motion.moved(step, free_frequency=_free_frequency(experiment)))
+            decrement += float(each.offset @ whole.gradient[count:])
+            step = each.offset - each.slope @ move
+            moved.append(motion.moved(step, free_frequency=experiment.free_frequency))
         return _Move(new, moved, decrement)
-
-
-def _free_frequency(experiment: Experiment) -> bool:
-    return experiment.fit is not None and experiment.fit.free_frequency

@@ -1,4 +1,4 @@
-"""What an estimator came to."""
+"""The result of an estimator."""
 
 from __future__ import annotations
 
@@ -31,11 +31,6 @@ class ParameterEstimate:
         The motion of every experiment; estimated anew by ML. Empty for pointwise kinematics.
     cost : float
         Weighted sum of squares that was minimised.
-    iterations : int
-    converged : bool
-    status : str
-        In words.
-    seconds : float
     """
 
     estimator: str

@@ -17,6 +17,7 @@ from estimation.estimators import (
     Experiment,
     Knowledge,
     ParameterEstimate,
+    cramer_rao_covariance,
     gauss_markov,
     least_squares,
     maximum_likelihood,
@@ -24,11 +25,7 @@ from estimation.estimators import (
 from estimation.identification.noise_choice import residual_force_noise
 from estimation.identification.recording import prepare_recording
 from estimation.identification.result import EstimationResult, RecordSummary
-from estimation.uncertainty import (
-    cramer_rao_covariance,
-    identified_combinations,
-    parameter_rows,
-)
+from estimation.uncertainty import identified_combinations, parameter_rows
 from expdesign.configuration import InputError, Problem, RunConfiguration, load_run
 from expdesign.robot import Robot, robot_from
 from expdesign.trajectory import FourierTrajectory

@@ -14,13 +14,11 @@ import scipy.linalg as sla
 
 from constraints.arrays import Array
 from estimation.measurement_model import HarmonicMotion, predict_lengths
+from estimation.measurement_model.normal_equations import NormalEquations, Rows
+from estimation.measurement_model.prediction import chunks
 from estimation.processing import Record
-from expdesign.information.fisher import whitening
 from expdesign.robot import ForwardKinematicsError, Robot
 from expdesign.trajectory import PhaseBasis
-
-CHUNK = 2048
-"""Samples whose derivatives are in memory at a time."""
 
 _STEPS = 30
 _HALVINGS = 12
@@ -43,20 +41,12 @@ class MotionFit:
         Of ξ: the coefficients (6, 2 H + 1) row by row, then ω if it was free.
     residuals : (S, 6)
         Measured minus fitted lengths, m.
-    chi_square : float
-        Σ counts · rᵀ Δ⁻¹ r.
-    freedom : int
-        6 S minus the number of unknowns.
-    iterations : int
     free_frequency : bool
     """
 
     motion: HarmonicMotion
     covariance: Array
     residuals: Array
-    chi_square: float
-    freedom: int
-    iterations: int
     free_frequency: bool
 
 
@@ -89,39 +79,33 @@ def fit_motion(
         )
     first = start_motion(robot, record, min(harmonics, 5)) if start is None else start
     motion = HarmonicMotion(first.table, record.omega).with_harmonics(harmonics)
-    white = whitening(covariance)
-    cost, normal, right = _normal_equations(robot, record, white, motion, free=free_frequency)
-    iterations = 0
+
+    def equations(at: HarmonicMotion) -> NormalEquations:
+        return length_equations(robot, record, covariance, at, free_frequency=free_frequency)
+
+    present = equations(motion)
     for _ in range(_STEPS):
-        iterations += 1
         try:
-            step = np.asarray(sla.solve(normal, right, assume_a="pos"))
+            step = np.asarray(sla.solve(present.matrix, present.gradient, assume_a="pos"))
         except np.linalg.LinAlgError as error:
             raise MotionFitError("the lengths do not determine the motion") from error
-        decrement = float(step @ right)
-        factor = 1.0
-        for _ in range(_HALVINGS):
-            trial = motion.moved(factor * step, free_frequency=free_frequency)
-            new = _normal_equations(robot, record, white, trial, free=free_frequency)
-            if new[0] <= cost * (1 + 1e-12):
-                motion, (cost, normal, right) = trial, new
+        decrement = float(step @ present.gradient)
+        for halving in range(_HALVINGS):
+            trial = motion.moved(0.5**halving * step, free_frequency=free_frequency)
+            following = equations(trial)
+            if following.cost <= present.cost * (1 + 1e-12):
+                motion, present = trial, following
                 break
-            factor /= 2
         else:
             break
         if decrement < _CONVERGED**2 * len(step):
             break
     else:
         raise MotionFitError(f"no motion was found in {_STEPS} iterations")
-    residuals = length_residuals(robot, record, motion)
-    size = len(right)
     return MotionFit(
         motion=motion,
-        covariance=np.asarray(np.linalg.inv(normal), dtype=np.float64),
-        residuals=residuals,
-        chi_square=cost,
-        freedom=residuals.size - size,
-        iterations=iterations,
+        covariance=np.asarray(np.linalg.inv(present.matrix), dtype=np.float64),
+        residuals=length_residuals(robot, record, motion),
         free_frequency=free_frequency,
     )
 
@@ -153,18 +137,20 @@ def length_residuals(robot: Robot, record: Record, motion: HarmonicMotion) -> Ar
     return record.lengths - robot.inverse_kinematics(basis @ motion.table.T)
 
 
-def _normal_equations(
-    robot: Robot, record: Record, white: Array, motion: HarmonicMotion, *, free: bool
-) -> tuple[float, Array, Array]:
-    size = motion.table.size + int(free)
-    cost, normal, right = 0.0, np.zeros((size, size)), np.zeros(size)
-    for first in range(0, record.samples, CHUNK):
-        part = slice(first, first + CHUNK)
-        prediction = predict_lengths(robot, motion, record.length_times[part], free_frequency=free)
-        weight = np.sqrt(record.length_counts[part])[:, None]
-        residual = ((record.lengths[part] - prediction.lengths) @ white.T * weight).ravel()
-        slope = (np.matmul(white, prediction.slope) * weight[:, :, None]).reshape(-1, size)
-        cost += float(residual @ residual)
-        normal += slope.T @ slope
-        right += slope.T @ residual
-    return cost, normal, right
+def length_equations(
+    robot: Robot,
+    record: Record,
+    covariance: Array,
+    motion: HarmonicMotion,
+    *,
+    free_frequency: bool = False,
+) -> NormalEquations:
+    """Return the normal equations of ξ from the lengths, whose covariance is Δ, (6, 6)."""
+
+    def rows(part: slice) -> Rows:
+        lengths, slope = predict_lengths(
+            robot, motion, record.length_times[part], free_frequency=free_frequency
+        )
+        return record.lengths[part] - lengths, slope, record.length_counts[part]
+
+    return NormalEquations.of(map(rows, chunks(record.samples)), covariance)

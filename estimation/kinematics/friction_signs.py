@@ -13,11 +13,8 @@ import numpy as np
 from scipy.special import erf
 
 from constraints.arrays import Array
-from estimation.kinematics.fourier_fit import CHUNK
 from estimation.measurement_model import HarmonicMotion
-from estimation.measurement_model.kernels import sliding_kernel
-from estimation.measurement_model.sensitivity import chain
-from expdesign.mechanism.hexapod import COORDINATES
+from estimation.measurement_model.prediction import chain, chunks, sliding_kernel
 from expdesign.robot import Robot
 
 
@@ -55,12 +52,9 @@ def rate_spread(
     """
     factor = np.linalg.cholesky(covariance + 0.0)
     parts = []
-    for first in range(0, len(times), CHUNK):
-        basis = motion.basis(times[first : first + CHUNK])
-        state = basis.state(motion.table)
-        _, slope = sliding_kernel(robot.terms)(state, robot.geometry_vector)
-        full = np.zeros((*slope.shape[:2], 3 * COORDINATES))
-        full[:, :, : 2 * COORDINATES] = slope
-        carried = chain(full, basis, motion, orders=2, free=free_frequency)
+    for part in chunks(len(times)):
+        basis = motion.basis(times[part])
+        _, slope = sliding_kernel(robot.terms)(basis.state(motion.table), robot.geometry_vector)
+        carried = chain(slope, basis, motion, free_frequency=free_frequency)
         parts.append(np.linalg.norm(carried @ factor, axis=2))
     return np.concatenate(parts)

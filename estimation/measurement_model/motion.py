@@ -13,7 +13,7 @@ from expdesign.trajectory import FourierTrajectory, PhaseBasis
 
 @dataclass(frozen=True, eq=False)
 class MotionBasis:
-    """The basis of λ, λ̇, λ̈ at S instants, (S, 2 H + 1) each.
+    """The basis of λ and its derivatives at S instants.
 
     Attributes
     ----------
@@ -41,9 +41,10 @@ class MotionBasis:
             (phases.value, omega * phases.first, omega**2 * phases.second, omega**3 * third),
         )
 
-    def state(self, table: Array) -> Array:
-        """Return λ, λ̇, λ̈ as (S, 18) for the coefficients (6, 2 H + 1)."""
-        return np.concatenate([basis @ table.T for basis in self.derivatives[:3]], axis=1)
+    def state(self, table: Array, first: int = 0) -> Array:
+        """Return λ, λ̇, λ̈ for coefficients (6, 2 H + 1), or from another derivative on, (S, 18)."""
+        chosen = self.derivatives[first : first + 3]
+        return np.concatenate([basis @ table.T for basis in chosen], axis=1)
 
     def frequency_slope(self, table: Array) -> Array:
         """Return ∂(λ, λ̇, λ̈)/∂ω, (S, 18): a higher frequency runs through the same phases sooner."""

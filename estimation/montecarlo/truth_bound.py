@@ -6,12 +6,11 @@ import numpy as np
 
 from constraints.arrays import Array
 from estimation.data.measurement import Measurement
-from estimation.estimators import Experiment
+from estimation.estimators import Experiment, cramer_rao_covariance
 from estimation.kinematics.fourier_fit import MotionFit
 from estimation.measurement_model import HarmonicMotion
 from estimation.montecarlo.repetition import Workbench
 from estimation.processing import NoiseModel, PeriodSource, make_record
-from estimation.uncertainty import cramer_rao_covariance
 
 
 def bound_at_truth(bench: Workbench) -> Array:
@@ -46,9 +45,6 @@ def bound_at_truth(bench: Workbench) -> Array:
         motion=motion,
         covariance=np.zeros((unknowns, unknowns)),
         residuals=np.zeros((record.samples, 6)),
-        chi_square=0.0,
-        freedom=6 * record.samples - unknowns,
-        iterations=0,
         free_frequency=free_frequency,
     )
     noise = NoiseModel(truth.force_covariance, truth.length_covariance, "given", "given")

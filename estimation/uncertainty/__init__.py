@@ -1,6 +1,5 @@
 """How sure one may be: intervals, what is identified, and the bound that no estimator beats."""
 
-from estimation.uncertainty.bound import cramer_rao_covariance
 from estimation.uncertainty.combinations import Combination, identified_combinations
 from estimation.uncertainty.differences import Differences, difference_test, hausman_test
 from estimation.uncertainty.intervals import (
@@ -15,7 +14,6 @@ __all__ = [
     "Differences",
     "ParameterRow",
     "correlation",
-    "cramer_rao_covariance",
     "difference_test",
     "hausman_test",
     "identified_combinations",

@@ -8,9 +8,9 @@ import pytest
 from scipy import stats
 
 from estimation.data.measurement import Measurement
-from estimation.diagnostics.estimator_laws import held_out_law, joint_law, linear_laws
 from estimation.diagnostics.joint_system import joint_systems
 from estimation.diagnostics.linearisation import linearise
+from estimation.diagnostics.residual_law import held_out_law, joint_law, linear_laws
 from estimation.estimators import (
     Experiment,
     Knowledge,

@@ -66,7 +66,7 @@ def _system(part, forces):
     rows, sigma = len(part.forces), 3.0
     return JointSystem(
         white=np.eye(6) / sigma,
-        weight=np.full(rows, 2.0),
+        counts=np.full(rows, 4.0),
         forces=forces / sigma * 2.0,
         columns=np.ones((rows, 6, 1)),
         information=np.zeros((1, 1)),

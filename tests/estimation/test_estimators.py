@@ -12,10 +12,10 @@ from estimation.estimators import (
     maximum_likelihood,
 )
 from estimation.estimators.experiment import regressors_along
-from estimation.estimators.joint import joint_block, reduced_information
+from estimation.estimators.joint import joint_equations, reduced_information
 from estimation.kinematics import fit_motion
 from estimation.measurement_model import HarmonicMotion
-from estimation.measurement_model.kernels import held_regressor_kernel
+from estimation.measurement_model.prediction import held_regressor_kernel
 from estimation.processing import NoiseModel, PeriodSource, make_record
 from expdesign.configuration import EstimateSection
 from tests.estimation.cases import ROBOT, measured, trajectory
@@ -121,12 +121,14 @@ def test_maximum_likelihood_equals_an_independent_least_squares():
 
 def test_the_joint_information_is_that_of_the_stacked_rows():
     case = experiment()
-    block = joint_block(ROBOT, case, case.fit.motion, ROBOT.parameters, np.ones(24, bool))
-    full = np.block([[block.pp, block.px], [block.px.T, block.xx]])
+    known = knowledge()
+    equations = joint_equations(ROBOT, case, case.fit.motion, ROBOT.parameters, known.free)
+    full = equations.matrix
     expected = np.linalg.inv(np.linalg.inv(full)[:24, :24])
-    np.testing.assert_allclose(reduced_information([block]), expected, rtol=1e-5, atol=1e-6)
+    reduced = reduced_information([equations], known)
+    np.testing.assert_allclose(reduced, expected, rtol=1e-5, atol=1e-6)
     # What the lengths leave open costs information.
-    assert np.all(np.linalg.eigvalsh(block.pp - reduced_information([block])) > -1e-6)
+    assert np.all(np.linalg.eigvalsh(full[:24, :24] - reduced) > -1e-6)
 
 
 def test_two_experiments_are_worth_their_sum():

@@ -27,10 +27,14 @@ def test_the_fit_spreads_as_its_covariance_says():
     motion = trajectory()
     true = HarmonicMotion.of(motion)
     offs, chi = [], []
+    weights = np.linalg.inv(DELTA)
     for seed in range(60):
-        fit = fit_motion(ROBOT, record_of(motion, seed), DELTA, 2, start=true)
+        record = record_of(motion, seed)
+        fit = fit_motion(ROBOT, record, DELTA, 2, start=true)
         offs.append((fit.motion.table - true.table).ravel())
-        chi.append(fit.chi_square / fit.freedom)
+        rest, freedom = fit.residuals, fit.residuals.size - len(fit.covariance)
+        chi_square = np.einsum("s,si,ij,sj->", record.length_counts, rest, weights, rest)
+        chi.append(chi_square / freedom)
     normal = np.linalg.solve(np.linalg.cholesky(fit.covariance), np.array(offs).T)
     # 60 × 30 standard normal values: their mean square is 1 ± 0.033.
     assert abs(np.mean(normal**2) - 1) < 0.12

@@ -1,0 +1,113 @@
+"""Weighted normal equations: what every fit solves, and how the motion is eliminated from them.
+
+Rows are residuals r with columns U, of noise with the covariance Σ, each the mean of c samples.
+In the equations of (p, ξ) the parameters meet the motion of every experiment and the motions do
+not meet each other: over several experiments the matrix is an arrow, and the ξ are eliminated one
+experiment at a time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg as sla
+
+from constraints.arrays import Array
+from expdesign.information.fisher import whitening
+
+Rows = tuple[Array, Array, Array]
+"""Residuals (S, 6), columns (S, 6, u) and counts (S,)."""
+
+
+def whitened(values: Array, white: Array, counts: Array) -> Array:
+    """Return residuals (S, 6) or columns (S, 6, u) scaled to noise of unit covariance.
+
+    Parameters
+    ----------
+    white : (6, 6)
+        S: S Σ Sᵀ = 1.
+    """
+    columns = values.reshape(*values.shape[:2], -1)
+    return (np.matmul(white, columns) * np.sqrt(counts)[:, None, None]).reshape(values.shape)
+
+
+@dataclass(frozen=True, eq=False)
+class NormalEquations:
+    """The weighted sum of squares around where its rows were taken: cost − 2 gᵀs + sᵀ N s.
+
+    Attributes
+    ----------
+    cost : float
+        Σ c rᵀ Σ⁻¹ r.
+    matrix : (u, u)
+        N = Σ c Uᵀ Σ⁻¹ U.
+    gradient : (u,)
+        g = Σ c Uᵀ Σ⁻¹ r.
+    """
+
+    cost: float
+    matrix: Array
+    gradient: Array
+
+    @classmethod
+    def of(cls, parts: Iterable[Rows], covariance: Array) -> NormalEquations:
+        """Sum over the rows of one kind of channel, part by part (at least one)."""
+        white = whitening(covariance)
+        cost, matrix, gradient = 0.0, np.zeros(()), np.zeros(())
+        for residuals, columns, counts in parts:
+            rest = whitened(residuals, white, counts).ravel()
+            rows = whitened(columns, white, counts).reshape(len(rest), columns.shape[2])
+            cost += float(rest @ rest)
+            matrix = matrix + rows.T @ rows
+            gradient = gradient + rows.T @ rest
+        return cls(cost, matrix, gradient)
+
+    def with_motion(self, motion: NormalEquations) -> NormalEquations:
+        """Add what the lengths say of ξ, the last of the unknowns."""
+        first = len(self.gradient) - len(motion.gradient)
+        matrix, gradient = self.matrix.copy(), self.gradient.copy()
+        matrix[first:, first:] += motion.matrix
+        gradient[first:] += motion.gradient
+        return NormalEquations(self.cost + motion.cost, matrix, gradient)
+
+    def eliminated(self, kept: int, damping: float = 0.0) -> Elimination:
+        """Eliminate all unknowns but the first `kept`.
+
+        Raises
+        ------
+        numpy.linalg.LinAlgError
+            ξ is not determined.
+        """
+        inner = self.matrix[kept:, kept:]
+        outer, cross = self.matrix[:kept, :kept], self.matrix[kept:, :kept]
+        if not len(inner):
+            return Elimination(outer, self.gradient, cross, self.gradient[kept:])
+        diagonal = np.sqrt(np.diag(inner))
+        scaled = inner / np.multiply.outer(diagonal, diagonal) + damping * np.eye(len(diagonal))
+        right = np.column_stack([cross, self.gradient[kept:]]) / diagonal[:, None]
+        solved = sla.cho_solve(sla.cho_factor(scaled), right) / diagonal[:, None]
+        slope, offset = solved[:, :-1], solved[:, -1]
+        return Elimination(
+            outer - cross.T @ slope, self.gradient[:kept] - cross.T @ offset, slope, offset
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Elimination:
+    """Normal equations of the parameters alone, and the motion that goes with a step s of them.
+
+    Attributes
+    ----------
+    information : (k, k)
+        F_pp − F_pξ F_ξξ⁻¹ F_ξp.
+    gradient : (k,)
+    slope, offset : (x, k), (x,)
+        The motion's step is offset − slope s.
+    """
+
+    information: Array
+    gradient: Array
+    slope: Array
+    offset: Array

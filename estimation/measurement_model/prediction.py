@@ -1,0 +1,144 @@
+"""Predicted lengths and forces along a motion, with their derivatives to ξ."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import casadi as ca
+import numpy as np
+
+from constraints.arrays import Array
+from estimation.measurement_model.motion import HarmonicMotion, MotionBasis
+from expdesign.mechanism.graph import Friction, hexapod_graph
+from expdesign.mechanism.hexapod import COORDINATES
+from expdesign.mechanism.term import Term
+from expdesign.robot import Robot
+from expdesign.robot.batch import BatchFunction
+from expdesign.robot.kernels import length_kernel
+
+_CHUNK = 2048
+
+
+def chunks(count: int) -> list[slice]:
+    """Return the samples in parts whose derivatives fit into memory together."""
+    return [slice(first, first + _CHUNK) for first in range(0, count, _CHUNK)]
+
+
+@cache
+def force_kernel(terms: tuple[Term, ...]) -> BatchFunction:
+    """State (18), signs (s) → regressor A (6, m) and ∂(A p)/∂state (6, 18), signs held."""
+    graph = hexapod_graph(terms)
+    regressor = graph.regressor_with(Friction.HELD)
+    slope = ca.jacobian(regressor @ graph.parameters, graph.state)
+    return BatchFunction(
+        "force_sensitivity",
+        [graph.state, graph.signs],
+        [graph.machine.vector, graph.parameters],
+        [regressor, slope],
+    )
+
+
+@cache
+def held_regressor_kernel(terms: tuple[Term, ...]) -> BatchFunction:
+    """State (18), signs (s) → regressor A (6, m) with the signs given."""
+    graph = hexapod_graph(terms)
+    regressor = graph.regressor_with(Friction.HELD)
+    return BatchFunction(
+        "held_regressor", [graph.state, graph.signs], [graph.machine.vector], [regressor]
+    )
+
+
+@cache
+def sliding_kernel(terms: tuple[Term, ...]) -> BatchFunction:
+    """State (18) → the rates (s) of dry friction and their slope to λ, λ̇ (s, 12)."""
+    graph = hexapod_graph(terms)
+    moving = ca.vertcat(graph.pose, graph.rate)
+    slope = ca.jacobian(graph.sliding, moving)
+    return BatchFunction("sliding", [graph.state], [graph.geometry.vector], [graph.sliding, slope])
+
+
+def predict_lengths(
+    robot: Robot, motion: HarmonicMotion, times: Array, *, free_frequency: bool = False
+) -> tuple[Array, Array]:
+    """Return strut lengths at the times given, (S, 6), m, and their slope to ξ, (S, 6, x)."""
+    basis = motion.basis(times)
+    poses = basis.derivatives[0] @ motion.table.T
+    lengths, jacobian = length_kernel()(poses, robot.geometry_vector)
+    return lengths, chain(jacobian, basis, motion, free_frequency=free_frequency)
+
+
+@dataclass(frozen=True, eq=False)
+class ForcePrediction:
+    """Actuator forces along a motion, linear in the parameters.
+
+    Attributes
+    ----------
+    regressors : (S, 6, m)
+        A with the friction signs given.
+    slope : (S, 6, x)
+        ∂(A p)/∂ξ at the parameters given, signs held.
+    rate : (S, 6)
+        d(A p)/dt, signs held, N/s.
+    """
+
+    regressors: Array
+    slope: Array
+    rate: Array
+
+
+def predict_forces(
+    robot: Robot,
+    motion: HarmonicMotion,
+    times: Array,
+    signs: Array,
+    parameters: Array,
+    *,
+    free_frequency: bool = False,
+) -> ForcePrediction:
+    """Return A at the times given, s, and the slope of A p to ξ and to time.
+
+    Parameters
+    ----------
+    signs : (S, s)
+        Friction signs of the rates that the terms use, at the same instants.
+    parameters : (m,)
+        SI.
+    """
+    basis = motion.basis(times)
+    kernel = force_kernel(robot.terms)
+    regressors, slope = kernel(basis.state(motion.table), signs, robot.machine, parameters)
+    rate = np.einsum("sji,si->sj", slope, basis.state(motion.table, first=1))
+    return ForcePrediction(
+        regressors, chain(slope, basis, motion, free_frequency=free_frequency), rate
+    )
+
+
+def chain(
+    slope: Array, basis: MotionBasis, motion: HarmonicMotion, *, free_frequency: bool
+) -> Array:
+    """Carry slopes to the pose and its derivatives over to ξ.
+
+    Parameters
+    ----------
+    slope : (S, r, 6 n)
+        To pose (n = 1), rate (2) and acceleration (3).
+    free_frequency : bool
+        Append the column of ω.
+
+    Returns
+    -------
+    (S, r, x)
+    """
+    count, rows, depth = slope.shape
+    width = motion.table.size
+    result = np.empty((count, rows, width + int(free_frequency)))
+    coefficients = np.zeros((count, rows, *motion.table.shape))
+    for order in range(depth // COORDINATES):
+        part = slope[:, :, COORDINATES * order : COORDINATES * (order + 1)]
+        coefficients += part[:, :, :, None] * basis.derivatives[order][:, None, None, :]
+    result[:, :, :width] = coefficients.reshape(count, rows, width)
+    if free_frequency:
+        change = basis.frequency_slope(motion.table)[:, :depth]
+        result[:, :, width] = np.einsum("sri,si->sr", slope, change)
+    return result
