@@ -101,7 +101,7 @@ def test_maximum_likelihood_equals_an_independent_least_squares():
         states = motion.trajectory.sample(times)
         frozen = motion.basis(times).state(table)
         kernel = held_regressor_kernel(ROBOT.terms)
-        (regressors,) = kernel(frozen, signs, ROBOT.geometry_vector)
+        (regressors,) = kernel(frozen, signs, ROBOT.machine)
         force = (case.forces - regressors @ values[:24]) @ force_white.T
         length = (case.record.lengths - ROBOT.inverse_kinematics(states.pose)) @ length_white.T
         return root * np.concatenate([force.ravel(), length.ravel()])
