@@ -10,7 +10,7 @@ from itertools import combinations
 import casadi as ca
 import numpy as np
 
-from constraints.arrays import Array
+from constraints.arrays import Array, Mask
 from expdesign.configuration.problem import Problem
 from expdesign.mechanism.graph import hexapod_graph
 from expdesign.mechanism.hexapod import ACTUATORS
@@ -78,41 +78,26 @@ def geometry_at(pose: Array, base_joints: Array, platform_joints: Array) -> Stru
     return StrutGeometry(rotation, joints, lengths[:, 0], directions, inverse_jacobian)
 
 
-def unit_vectors(vectors: Array, name: str, problem: Report) -> tuple[Array, list[Problem]]:
-    """Normalise rows (n, 3); unit vectors stay as they are to the last bit.
-
-    `problem` makes the record for the position of a row that is zero.
-    """
-    scale = np.max(np.abs(vectors), axis=1)
-    problems = [
-        problem((name, int(j)), f"strut {j + 1}: the axis is zero", "a direction [x, y, z]")
-        for j in np.flatnonzero(scale == 0)
-    ]
-    if problems:
-        return vectors, problems
-    norms = scale * np.linalg.norm(vectors / scale[:, None], axis=1)
-    normalised = vectors / scale[:, None]
-    normalised = normalised / np.linalg.norm(normalised, axis=1)[:, None]
-    return np.where(np.abs(norms - 1)[:, None] > _UNIT, normalised, vectors), []
+def unit_vectors(vectors: Array) -> Array:
+    """Normalise rows (n, 3), none of them zero; unit vectors stay as they are to the last bit."""
+    scaled = vectors / np.max(np.abs(vectors), axis=1, keepdims=True)
+    normalised = scaled / np.linalg.norm(scaled, axis=1, keepdims=True)
+    off = np.abs(np.linalg.norm(vectors, axis=1, keepdims=True) - 1)
+    return np.where(off > _UNIT, normalised, vectors)
 
 
 def default_alpha_axes(base_joints: Array, problem: Report) -> tuple[Array, list[Problem]]:
     """Return the horizontal parts of the base joints' positions as unit vectors, (6, 3)."""
     horizontal = base_joints * [1.0, 1.0, 0.0]
     radii = np.hypot(horizontal[:, 0], horizontal[:, 1])
-    on_axis = radii <= _ON_AXIS * max(1.0, float(np.max(np.abs(base_joints))))
-    problems = [
-        problem(
-            ("base_joints", int(j)),
-            f"strut {j + 1}: the base joint is on the z axis, where the first cardan axis has no "
-            "default",
-            "alpha_axes: six directions",
-        )
-        for j in np.flatnonzero(on_axis)
-    ]
-    if problems:
-        return horizontal, problems
-    return horizontal / radii[:, None], []
+    problems = _at_struts(
+        radii <= _ON_AXIS * max(1.0, float(np.max(np.abs(base_joints)))),
+        problem,
+        "base_joints",
+        "strut {}: the base joint is on the z axis, where the first cardan axis has no default",
+        f"alpha_axes: {ACTUATORS} directions",
+    )
+    return horizontal / radii[:, None], problems
 
 
 def geometry_problems(
@@ -124,37 +109,38 @@ def geometry_problems(
     """
     if not np.all(np.isfinite(geometry.lengths)):
         return [problem(("base_joints",), "the coordinates are too large to be computed with")]
-    short = geometry.lengths <= _SAME_POINT
-    problems = [
-        problem(
-            ("base_joints", int(j)),
-            f"strut {j + 1} has no length at home: base and platform joint are the same point",
-        )
-        for j in np.flatnonzero(short)
-    ]
+    problems = _at_struts(
+        geometry.lengths <= _SAME_POINT,
+        problem,
+        "base_joints",
+        "strut {} has no length at home: base and platform joint are the same point",
+    )
     if problems:
         return problems
-    sines = np.linalg.norm(np.cross(alpha_axes, geometry.directions), axis=1)
-    problems = [
-        problem(
-            ("alpha_axes", int(j)),
-            f"strut {j + 1}: the first cardan axis is along the strut at home",
-            "an axis that is not parallel to the strut",
-        )
-        for j in np.flatnonzero(sines < _ALONG)
-    ]
+    problems = _at_struts(
+        np.linalg.norm(np.cross(alpha_axes, geometry.directions), axis=1) < _ALONG,
+        problem,
+        "alpha_axes",
+        "strut {}: the first cardan axis is along the strut at home",
+        "an axis that is not parallel to the strut",
+    )
     condition = geometry.condition(length)
     if condition > LARGEST_CONDITION:
         value = f"{condition:.3g}" if np.isfinite(condition) else "infinite"
-        problems.append(
-            problem(
-                ("home",),
-                "the robot is singular at home: the condition number of the inverse Jacobian is "
-                f"{value} (rotations scaled by {length:g} m)",
-                f"a geometry and home pose with at most {LARGEST_CONDITION:g}",
-            )
+        message = (
+            "the robot is singular at home: the condition number of the inverse Jacobian is "
+            f"{value} (rotations scaled by {length:g} m)"
         )
+        allowed = f"a geometry and home pose with at most {LARGEST_CONDITION:g}"
+        problems.append(problem(("home",), message, allowed))
     return problems
+
+
+def _at_struts(
+    where: Mask, problem: Report, key: str, message: str, allowed: str | None = None
+) -> list[Problem]:
+    """Return a problem for each strut that the mask (6,) marks, with its number in the message."""
+    return [problem((key, int(j)), message.format(j + 1), allowed) for j in np.flatnonzero(where)]
 
 
 def shared_pairs(*joints: Array) -> tuple[tuple[int, int], ...]:

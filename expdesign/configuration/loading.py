@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -23,7 +23,12 @@ from expdesign.configuration.robot import (
     resolve_robot,
 )
 from expdesign.configuration.run import RUN_FORMAT, RunConfiguration, RunDescription
-from expdesign.configuration.section import validate
+from expdesign.configuration.section import Section, validate
+from expdesign.configuration.sections.data import DataSection
+from expdesign.configuration.sections.validation import ValidationMotion
+
+S = TypeVar("S", bound=Section)
+F = TypeVar("F", DataSection, ValidationMotion)
 
 _ROUNDING = 1e-12
 _LEAST_HARMONICS_AT_REST = 2
@@ -71,25 +76,24 @@ def load_run(
         problems += _undesignable(run, document)
     if problems or run is None or robot is None:
         raise InputError(dict.fromkeys(problems))
+    forces_known = robot.noise is not None and robot.noise.force_covariance is not None
+    users = () if forces_known else [stage for stage in run.stages if stage in _NOISE_USED_BY]
+    missing_noise = [f"no noise of the forces is given; needed by: {', '.join(users)}"]
     return RunConfiguration(
         run=_completed(run, robot, document.folder),
         robot=robot,
         file=document.file,
-        warnings=(*robot.warnings, *_warnings(run, robot)),
+        warnings=(*robot.warnings, *(missing_noise if users else ())),
     )
 
 
 def _document(source: str | PathLike[str] | Mapping[str, Any] | RunDescription) -> Document:
     if isinstance(source, RunDescription):
-        return document_from_mapping(_as_written(source))
+        # As a file would state it, so that it names the same stages.
+        source = source.model_dump(by_alias=True, include=source.model_fields_set)
     if isinstance(source, Mapping):
         return document_from_mapping(source)
     return read_yaml(find_run(source))
-
-
-def _as_written(run: RunDescription) -> dict[str, Any]:
-    """Return a model as a file would state it, so that it names the same stages."""
-    return run.model_dump(by_alias=True, include=run.model_fields_set)
 
 
 def _robot_source(
@@ -200,32 +204,33 @@ def _undesignable(run: RunDescription, document: Document) -> list[Problem]:
 
 def _completed(run: RunDescription, robot: ResolvedRobot, folder: Path) -> RunDescription:
     """Fill in what follows from other sections, and put the robot itself into the run."""
-    update: dict[str, Any] = {
-        "format": RUN_FORMAT,
-        "robot": robot.description,
-        "limits": {},
-        "noise": None,
-    }
-    if run.trajectory.controller_period is None:
-        step = run.experiment.step
-        update["trajectory"] = run.trajectory.model_copy(update={"controller_period": step})
-    if run.design.smoothing is None:
-        widths = smoothing_widths(robot)
-        update["design"] = run.design.model_copy(update={"smoothing": widths})
-    if run.data.file is not None:
-        file = str(absolute(run.data.file, folder))
-        update["data"] = run.data.model_copy(update={"file": file})
-    if any(motion.file is not None for motion in run.validation):
-        update["validation"] = tuple(
-            motion
-            if motion.file is None
-            else motion.model_copy(update={"file": str(absolute(motion.file, folder))})
-            for motion in run.validation
-        )
-    completed = run.model_copy(update=update)
+    completed = run.model_copy(
+        update={
+            "format": RUN_FORMAT,
+            "robot": robot.description,
+            "limits": {},
+            "noise": None,
+            "trajectory": _filled(run.trajectory, controller_period=run.experiment.step),
+            "design": _filled(run.design, smoothing=smoothing_widths(robot)),
+            "data": _with_absolute_file(run.data, folder),
+            "validation": tuple(_with_absolute_file(motion, folder) for motion in run.validation),
+        }
+    )
     # A copy counts what is updated as named; a stage is named by the user alone.
-    completed.model_fields_set.difference_update({"design"} - run.model_fields_set)
+    completed.model_fields_set.intersection_update(run.model_fields_set)
     return completed
+
+
+def _filled(section: S, **values: object) -> S:
+    """Return a section with values for those of its keys that are None."""
+    missing = {key: value for key, value in values.items() if getattr(section, key) is None}
+    return section.model_copy(update=missing)
+
+
+def _with_absolute_file(section: F, folder: Path) -> F:
+    if section.file is None:
+        return section
+    return section.model_copy(update={"file": str(absolute(section.file, folder))})
 
 
 def smoothing_widths(robot: ResolvedRobot) -> tuple[float, ...]:
@@ -240,11 +245,3 @@ def smoothing_widths(robot: ResolvedRobot) -> tuple[float, ...]:
     fastest = float(np.max(np.abs([limit.lower, limit.upper])))
     # Six digits: the numbers are printed, and copied by people.
     return tuple(float(f"{share * fastest:.6g}") for share in _SMOOTHING)
-
-
-def _warnings(run: RunDescription, robot: ResolvedRobot) -> list[str]:
-    users = [stage for stage in _NOISE_USED_BY if stage in run.stages]
-    forces_known = robot.noise is not None and robot.noise.force_covariance is not None
-    if users and not forces_known:
-        return [f"no noise of the forces is given; needed by: {', '.join(users)}"]
-    return []

@@ -1,4 +1,4 @@
-"""What is wrong with an input: how it is found, told and raised, all problems in one exception."""
+"""What is wrong with an input, said for people: file, line, key, what is allowed, nearest name."""
 
 from __future__ import annotations
 
@@ -29,31 +29,20 @@ def key_path(key: Key) -> str:
 
 @dataclass(frozen=True)
 class Problem:
-    """One thing that is wrong with an input.
-
-    Attributes
-    ----------
-    message : str
-        What is wrong, in words.
-    file : Path or None
-        The file that it stands in; None when the input is no file.
-    line : int or None
-        Line in the file, from one.
-    key : str
-        Path to the value, e.g. ``trajectory.harmonics`` or ``base_joints[3][1]``; positions in
-        lists count from one, like the struts. Empty for the file as a whole.
-    allowed : str or None
-        What would be accepted.
-    nearest : str or None
-        The valid name that was probably meant.
-    """
+    """One thing that is wrong with an input."""
 
     message: str
+    """What is wrong, in words."""
     file: Path | None = None
+    """The file that it stands in; None when the input is no file."""
     line: int | None = None
+    """From one."""
     key: str = ""
+    """Path to the value, as of `key_path`; empty for the file as a whole."""
     allowed: str | None = None
+    """What would be accepted."""
     nearest: str | None = None
+    """The valid name that was probably meant."""
 
     @property
     def place(self) -> str:
@@ -72,17 +61,7 @@ class Problem:
 
 
 class InputError(Exception):
-    """Bad input: everything that is wrong with it.
-
-    Parameters
-    ----------
-    problems : Problem or iterable of Problem
-        At least one.
-
-    Attributes
-    ----------
-    problems : tuple of Problem
-    """
+    """Bad input: everything that is wrong with it, at least one problem."""
 
     def __init__(self, problems: Problem | Iterable[Problem]) -> None:
         found = (problems,) if isinstance(problems, Problem) else tuple(problems)
@@ -98,7 +77,7 @@ class InputError(Exception):
 def refusal(
     reason: str, allowed: str, nearest: str | None = None, key: str = ""
 ) -> PydanticCustomError:
-    """Make the exception that a validator raises.
+    """Return the exception that a validator raises.
 
     Parameters
     ----------

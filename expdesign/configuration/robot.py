@@ -245,20 +245,17 @@ def _axes(
     source: Placed[RobotDescription], platform_joints: Array, length: float
 ) -> tuple[Array, Array, list[Problem]]:
     """Return first cardan axes and platform joint axes, and what is wrong with the geometry."""
-    description = source.value
+    description, problems = source.value, list[Problem]()
     base_joints = np.array(description.base_joints)
     home = geo.geometry_at(np.array(description.home), base_joints, platform_joints)
     if description.alpha_axes is None:
         alpha_axes, problems = geo.default_alpha_axes(base_joints, source.problem)
     else:
-        given = np.array(description.alpha_axes)
-        alpha_axes, problems = geo.unit_vectors(given, "alpha_axes", source.problem)
+        alpha_axes = geo.unit_vectors(np.array(description.alpha_axes))
     if description.platform_joint_axes is None:
         joint_axes = home.directions @ home.rotation
     else:
-        given = np.array(description.platform_joint_axes)
-        joint_axes, found = geo.unit_vectors(given, "platform_joint_axes", source.problem)
-        problems += found
+        joint_axes = geo.unit_vectors(np.array(description.platform_joint_axes))
     return (
         alpha_axes,
         joint_axes,

@@ -27,18 +27,7 @@ _MARKS = ("[key]", "(inline)", "(name)")
 def validate(
     model: type[Model], data: object, document: Document, prefix: Key = ()
 ) -> tuple[Model | None, list[Problem]]:
-    """Validate data against a model.
-
-    Parameters
-    ----------
-    model : type
-        A section of the schema.
-    data : object
-        What stands at `prefix` in the document.
-    document : Document
-        Where the data comes from.
-    prefix : tuple
-        Path of `data` in the document.
+    """Validate what stands at `prefix` of a document against a section.
 
     Returns
     -------

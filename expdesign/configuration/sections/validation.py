@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, model_validator
+from pydantic import model_validator
 
 from expdesign.configuration.problem import refusal
 from expdesign.configuration.section import Section
@@ -14,12 +14,6 @@ from expdesign.configuration.values.scalars import Count, FilledText, one_of
 
 Motion = Literal["circle", "line", "spline", "file"]
 Mirror = Literal["none", "xz", "yz"]
-
-
-def _not_zero(vector: tuple[float, ...]) -> tuple[float, ...]:
-    if not any(vector):
-        raise refusal("the vector is zero", "a direction [x, y, z]")
-    return vector
 
 
 class ValidationMotion(Section):
@@ -33,7 +27,7 @@ class ValidationMotion(Section):
     """Of the circle, m."""
     speed: Annotated[Speed, Positive] = 1.0
     """Of the TCP, m/s: on the circle, the largest on line and spline."""
-    normal: Annotated[Direction, AfterValidator(_not_zero)] = (0.0, -0.5, 0.8660254037844386)
+    normal: Direction = (0.0, -0.5, 0.8660254037844386)
     """Of the circle's plane, base frame."""
     poses: Annotated[tuple[Pose, ...], at_least(2, "poses")] | None = None
     """Ends of the line, or points of the spline."""

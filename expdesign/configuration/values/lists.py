@@ -94,8 +94,18 @@ Ascending = AfterValidator(_ascending)
 
 Pair: BeforeValidator = exactly(_ENDS, "values [min, max]")
 
+
+def _not_zero(vector: tuple[float, ...]) -> tuple[float, ...]:
+    if not any(vector):
+        raise refusal("the vector is zero", "a direction [x, y, z]")
+    return vector
+
+
 Point = Annotated[tuple[Length, ...], exactly(3, "coordinates [x, y, z]")]
-Direction = Annotated[tuple[Number, ...], exactly(3, "components [x, y, z]")]
+Direction = Annotated[
+    tuple[Number, ...], exactly(3, "components [x, y, z]"), AfterValidator(_not_zero)
+]
+"""A vector of any length but zero."""
 Pose = Annotated[
     tuple[Length, Length, Length, Angle, Angle, Angle],
     exactly(COORDINATES, f"coordinates [{', '.join(COORDINATE_NAMES)}]"),
