@@ -44,7 +44,7 @@ from expdesign.information.catalogue import criteria_by_key
 from expdesign.library import robot_files, run_files
 from expdesign.mechanism.catalogue import DEFAULT, TERMS, terms_named
 from expdesign.mechanism.graph import HexapodGraph
-from expdesign.mechanism.term import parameters_of
+from expdesign.mechanism.term import ALPHA_RATE, BETA_RATE, STRUT_SPEED, parameters_of
 from expdesign.recheck import TOLERANCE, grid_points
 from expdesign.runfolder.columns import MEASUREMENT, TRAJECTORY
 from expdesign.trajectory import FourierTrajectory
@@ -193,6 +193,21 @@ def parameter_rows():
         f"{f'{names[0]} … {names[-1]}' if len(names) > 3 else ', '.join(names)} | {rest}"
         for rest, names in rows.items()
     ]
+
+
+def term_rows():
+    rates = {STRUT_SPEED: "$\\dot l$", ALPHA_RATE: "$\\dot\\alpha$", BETA_RATE: "$\\dot\\beta$"}
+    return [
+        f"`{name}` | `{term.parameters[0].name}` … `{term.parameters[-1].name}` | "
+        f"{', '.join(rates[rate] for rate in term.rates)} | "
+        f"{', '.join(f'`{c.name}` [{c.unit}]' for c in term.constants)} | {term.meaning}"
+        for name, term in TERMS.items()
+    ]
+
+
+def test_every_term_has_its_row():
+    rows = table(DOCS / "model.md", "### Terms")
+    assert [" | ".join(row) for row in rows] == term_rows()
 
 
 def test_parameters_and_their_units():
