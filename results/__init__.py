@@ -2,17 +2,12 @@
 
 from results.comparison_study import comparison_study_figures
 from results.design import design_figures
-from results.errors import MissingFileError, RunFolderError
 from results.estimate import estimate_figures, noise_figures
-from results.record import DesignRecord
 from results.study import study_figures
 from results.study_record import StudyRecord
 from results.validation import validation_figures
 
 __all__ = [
-    "DesignRecord",
-    "MissingFileError",
-    "RunFolderError",
     "StudyRecord",
     "comparison_study_figures",
     "design_figures",

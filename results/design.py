@@ -1,13 +1,13 @@
-"""Everything that is shown of a design run."""
+"""The figures of a design."""
 
 from __future__ import annotations
 
 from collections.abc import Collection
 from pathlib import Path
 
+from expdesign.experiment import DesignRecord
 from results.figures.design.catalogue import DESIGN_FIGURES
 from results.figures.saving import save_figures
-from results.record import DesignRecord
 
 _NOTES = {
     "interrupted": "interrupted: the best found until then",
@@ -16,31 +16,25 @@ _NOTES = {
 """What the figures of a design say that did not come to a good end, by its status."""
 
 
-def design_figures(folder: Path, formats: Collection[str] | None = None) -> tuple[Path, ...]:
-    """Draw the figures of a design into ``figures/`` of its run folder.
+def design_figures(
+    record: DesignRecord, folder: Path, formats: Collection[str] | None = None
+) -> tuple[Path, ...]:
+    """Draw the figures of a design into ``figures/`` of a run folder.
 
     Parameters
     ----------
+    record : DesignRecord
+        ``DesignRecord.of(result)``, or ``DesignRecord.read(folder)``.
     folder : Path
-        A run folder with `run.yaml`, `design.json`, `trajectory.csv` and the tables
-        `convergence`, `limits`, `parameters` and `eigenvalues`. Nothing else is read.
     formats : collection of {"png", "svg", "pdf"}, optional
-        `report.figures` of its `run.yaml` by default.
+        `report.figures` of the run by default.
 
     Returns
     -------
     tuple of Path
-        Each figure in every format. The same folder gives the same bytes. Those of a design that
+        Each figure in every format. The same record gives the same bytes. Those of a design that
         was interrupted or breaks a limit say so.
-
-    Raises
-    ------
-    RunFolderError
-        A file is missing (`MissingFileError`) or does not hold what it should.
-    InputError
-        `run.yaml` is not a valid run.
     """
-    record = DesignRecord.load(Path(folder))
     note = _NOTES.get(record.summary.status, "")
     wanted = record.configuration.run.report.figures if formats is None else formats
-    return save_figures(DESIGN_FIGURES, record, record.folder / "figures", note, wanted)
+    return save_figures(DESIGN_FIGURES, record, folder / "figures", note, wanted)

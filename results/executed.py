@@ -9,20 +9,19 @@ import numpy as np
 from constraints import Limit
 from constraints.arrays import Array
 from expdesign.configuration import RunConfiguration
+from expdesign.experiment.design import controller_period
 from expdesign.motion import ExecutableMotion
+from expdesign.motion.sampled import SampledMotion
 from expdesign.robot import robot_from
 
 
 @dataclass(frozen=True, eq=False)
 class MotionRecord:
-    """The motion from rest to rest at the controller's steps, both ends included; SI units.
+    """The motion from rest to rest at the controller's steps, both ends included.
 
     Attributes
     ----------
-    time : (N,)
-        s, from 0.
-    length, speed, acceleration, force : (N, 6)
-        Of the struts; forces at the nominal parameters.
+    motion : SampledMotion
     names : tuple of str
         Of the segments.
     starts : (K + 1,)
@@ -30,11 +29,7 @@ class MotionRecord:
     limits : tuple of Limit
     """
 
-    time: Array
-    length: Array
-    speed: Array
-    acceleration: Array
-    force: Array
+    motion: SampledMotion
     names: tuple[str, ...]
     starts: Array
     limits: tuple[Limit, ...]
@@ -42,22 +37,11 @@ class MotionRecord:
     @classmethod
     def of(cls, configuration: RunConfiguration, motion: ExecutableMotion) -> MotionRecord:
         """Sample a motion of a run."""
-        run = configuration.run
-        step = run.trajectory.controller_period or run.experiment.step
+        step = controller_period(configuration)
         robot = robot_from(configuration.robot)
-        time = step * np.arange(sum(motion.steps(step)) + 1, dtype=np.float64)
-        states = motion.sample(np.minimum(time, motion.duration))
-        struts = robot.strut_motion(states.pose, states.rate, states.acceleration)
-        return cls(
-            time=time,
-            length=struts.length,
-            speed=struts.length_rate,
-            acceleration=struts.length_acceleration,
-            force=robot.actuator_forces(states.pose, states.rate, states.acceleration),
-            names=tuple(segment.name for segment in motion.segments),
-            starts=motion.starts,
-            limits=robot.limits,
-        )
+        time = np.minimum(step * np.arange(sum(motion.steps(step)) + 1.0), motion.duration)
+        names = tuple(segment.name for segment in motion.segments)
+        return cls(SampledMotion.of(robot, motion, time), names, motion.starts, robot.limits)
 
     def limit(self, key: str) -> Limit | None:
         """Return a limit of the run by its key, None when there is none."""

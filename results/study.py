@@ -26,7 +26,7 @@ def study_figures(folder: Path, formats: Collection[str] = FORMATS) -> tuple[Pat
 
     Raises
     ------
-    RunFolderError
+    InputError
         The table is missing (`MissingFileError`) or does not hold what it should.
     """
     record = StudyRecord.load(Path(folder))

@@ -26,7 +26,7 @@ class StudyRecord:
 
         Raises
         ------
-        RunFolderError
+        InputError
             `tables/montecarlo.csv` is missing or no such table.
         """
         return cls(EstimatorStatistics.read(folder / "tables" / "montecarlo.csv"))

@@ -45,7 +45,7 @@ from estimation.studies.statistics import (
 from estimation.studies.study import Study
 from estimation.uncertainty.differences import FAMILY_LEVEL, Differences
 from expdesign.configuration import RunConfiguration
-from expdesign.experiment.output import write_design
+from expdesign.experiment import DesignRecord
 from expdesign.experiment.scaling import parameter_scaling
 from expdesign.mechanism.catalogue import TERMS, parameter_unit
 from expdesign.robot import robot_from
@@ -136,7 +136,7 @@ class DesignStudy(Study):
         return [
             path
             for trial in self.trials
-            for path in write_design(trial.design, folder / FOLDER / trial.name)
+            for path in DesignRecord.of(trial.design).write(folder / FOLDER / trial.name)
         ]
 
     def claims(self) -> Iterator[Claim]:

@@ -9,7 +9,6 @@ import typer
 
 from expdesign.cli.folder import refuse_unwritable
 from expdesign.cli.output import JsonOption, note, results, short, write_json
-from expdesign.cli.report import bad_folders
 
 FoldersArgument = Annotated[
     list[Path], typer.Argument(metavar="DIR DIR …", help="Run folders.", show_default=False)
@@ -56,8 +55,7 @@ def compare(
     paths = [folder.absolute() for folder in folders]
     if not quick and not as_json and any((path / "design.json").is_file() for path in paths):
         note("one solve per design for what each limit costs (--quick leaves it out) …")
-    with bad_folders():
-        written = write_comparison(paths, place, precision=share, with_sensitivity=not quick)
+    written = write_comparison(paths, place, precision=share, with_sensitivity=not quick)
     if as_json:
         write_json(
             {

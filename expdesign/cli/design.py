@@ -46,8 +46,8 @@ def design_stage(configuration: RunConfiguration, folder: Path, *, as_json: bool
         No design, an interrupted one, or one that breaks a limit.
     """
     from expdesign.cli.stages import record_stage
+    from expdesign.experiment import DesignRecord
     from expdesign.experiment import design as compute
-    from expdesign.experiment.output import write_design
     from results import design_figures
 
     refuse_unwritable(folder)
@@ -55,8 +55,8 @@ def design_stage(configuration: RunConfiguration, folder: Path, *, as_json: bool
     with record_stage("design", configuration, folder) as stage:
         with display.shown():
             result = _computed(compute, configuration, display)
-        stage.files = write_design(result, folder)
-        stage.files += design_figures(folder)
+        record = DesignRecord.of(result)
+        stage.files = [*record.write(folder), *design_figures(record, folder)]
         stage.status = "done" if result.passed else result.status
         stage.message = result.status_text
     summary = _summary(result, folder)

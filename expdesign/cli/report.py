@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -60,25 +58,12 @@ def folder_stages(folder: Path) -> str:
     return stages_text(folder)
 
 
-@contextmanager
-def bad_folders() -> Iterator[None]:
-    """Turn what is wrong with a file of a run folder into bad input."""
-    from expdesign.configuration import InputError, Problem
-    from results import RunFolderError
-
-    try:
-        yield
-    except RunFolderError as error:
-        raise InputError(Problem(error.message, file=error.path)) from error
-
-
 def _written(folder: Path, configuration: RunConfiguration | None = None) -> list[Path]:
     from results.report.run_report import write_report
 
     if folder.is_dir():
         refuse_unwritable(folder)
-    with bad_folders():
-        return write_report(folder, configuration)
+    return write_report(folder, configuration)
 
 
 def _summary(folder: Path, written: list[Path]) -> dict[str, Any]:

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from constraints.arrays import Array
-from results.errors import MissingFileError, RunFolderError
+from expdesign.configuration import InputError, Problem
+from expdesign.runfolder import MissingFileError
 
 _LONGEST = 60
 
@@ -29,14 +30,14 @@ class Document:
 
     Raises
     ------
-    RunFolderError
+    InputError
         It is no mapping.
     """
 
     def __init__(self, path: Path, key: str, data: object) -> None:
         self.path, self._key = path, key
         if not isinstance(data, dict):
-            raise RunFolderError(path, f"{key or 'the document'}: expected a mapping")
+            raise InputError(Problem("expected a mapping", path, key=key))
         self._data: Mapping[str, Any] = data
 
     @classmethod
@@ -45,15 +46,15 @@ class Document:
 
         Raises
         ------
-        RunFolderError
+        InputError
             It is missing (`MissingFileError`), no JSON or no mapping.
         """
         if not path.is_file():
-            raise MissingFileError(path)
+            raise MissingFileError(path, "what `expdesign` wrote into a run folder")
         try:
             document = json.loads(path.read_text(encoding="utf-8"))
         except (OSError, ValueError, RecursionError) as error:
-            raise RunFolderError(path, f"not JSON that can be read: {error}") from error
+            raise InputError(Problem(f"not JSON that can be read: {error}", path)) from error
         return cls(path, "", document)
 
     def __contains__(self, key: str) -> bool:
@@ -140,13 +141,15 @@ class Document:
 
     def _get(self, key: str) -> Any:
         if key not in self._data:
-            raise RunFolderError(self.path, f"the key {self._name(key)} is missing")
+            raise InputError(Problem("the key is missing", self.path, key=self._name(key)))
         return self._data[key]
 
     def _name(self, key: str) -> str:
         return f"{self._key}.{key}" if self._key else key
 
-    def _wrong(self, key: str, expected: str, value: object) -> RunFolderError:
+    def _wrong(self, key: str, expected: str, value: object) -> InputError:
         shown = repr(value)
         shown = shown if len(shown) <= _LONGEST else f"{shown[:_LONGEST]}…"
-        return RunFolderError(self.path, f"{self._name(key)}: expected {expected}, not {shown}")
+        return InputError(
+            Problem(f"expected {expected}, not {shown}", self.path, key=self._name(key))
+        )

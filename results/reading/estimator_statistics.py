@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from constraints.arrays import Array
-from results.errors import MissingFileError, RunFolderError
+from expdesign.configuration import InputError, Problem
+from expdesign.runfolder import MissingFileError
 from results.reading.table import Table
 
 _NUMBERS = (
@@ -59,14 +60,14 @@ class EstimatorStatistics:
 
         Raises
         ------
-        RunFolderError
+        InputError
             It is missing or no such table.
         """
         if not path.is_file():
-            raise MissingFileError(path, "missing; `expdesign montecarlo` writes this file")
+            raise MissingFileError(path, "`expdesign montecarlo`")
         table = Table.read(path, ["estimator", "parameter", "estimates", *_NUMBERS])
         if not len(table):
-            raise RunFolderError(path, "has no rows")
+            raise InputError(Problem("the table has no rows", path))
         numbers = {name: table.numbers(name, blank=True) for name in _NUMBERS}
         counts = table.numbers("estimates")
         found = []

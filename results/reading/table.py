@@ -10,7 +10,8 @@ import numpy as np
 import pandas as pd
 
 from constraints.arrays import Array
-from results.errors import MissingFileError, RunFolderError
+from expdesign.configuration import InputError, Problem
+from expdesign.runfolder import MissingFileError
 
 _HEADER_LINES = 2
 """The first row of a table stands in the file's second line."""
@@ -44,18 +45,18 @@ class Table:
         ------
         MissingFileError
             There is no such file.
-        RunFolderError
+        InputError
             It is no table, or columns are missing.
         """
         if not path.is_file():
-            raise MissingFileError(path)
+            raise MissingFileError(path, "what `expdesign` wrote into a run folder")
         try:
             frame = pd.read_csv(path, dtype=str, keep_default_na=False, encoding="utf-8")
         except (OSError, ValueError) as error:
-            raise RunFolderError(path, f"not a table that can be read: {error}") from error
+            raise InputError(Problem(f"not a table that can be read: {error}", path)) from error
         missing = [name for name in required if name not in frame.columns]
         if missing:
-            raise RunFolderError(path, f"columns are missing: {', '.join(missing)}")
+            raise InputError(Problem(f"columns are missing: {', '.join(missing)}", path))
         wanted = [*required, *(name for name in optional if name in frame.columns)]
         return cls(path, {name: tuple(frame[name]) for name in wanted})
 
@@ -76,7 +77,7 @@ class Table:
 
         Raises
         ------
-        RunFolderError
+        InputError
             A cell is no number, or not a finite one.
         """
         cells = self.columns[name]
@@ -93,10 +94,10 @@ class Table:
         """Return columns side by side as finite numbers, (N, k)."""
         return np.column_stack([self.numbers(name) for name in names])
 
-    def _bad(self, name: str, row: int) -> RunFolderError:
+    def _bad(self, name: str, row: int) -> InputError:
         line, cell = row + _HEADER_LINES, self.columns[name][row]
-        return RunFolderError(
-            self.path, f"line {line}, column {name}: expected a number, not {cell!r}"
+        return InputError(
+            Problem(f"expected a number, not {cell!r}", self.path, line, f"column {name}")
         )
 
 

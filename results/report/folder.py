@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import base64
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, Self, TypeVar
 
 from expdesign.configuration import InputError, Problem, RunConfiguration, load_run
 from expdesign.runfolder.manifest import Manifest, StageEntry
-from results.errors import RunFolderError
 from results.figures.design.catalogue import DESIGN_FIGURES
 from results.figures.estimation import prediction
 from results.figures.estimation.catalogue import DIAGNOSTIC_FIGURES, ESTIMATE_FIGURES
@@ -41,6 +41,17 @@ _CAPTIONS = {
 }
 
 
+class Readable(Protocol):
+    """What a stage leaves, as a type that reads it from the run folder."""
+
+    @classmethod
+    def read(cls, folder: Path, /) -> Self:
+        """Read it."""
+
+
+Record = TypeVar("Record", bound=Readable)
+
+
 @dataclass(frozen=True, eq=False)
 class RunFolder:
     """A folder that stages wrote to.
@@ -51,15 +62,24 @@ class RunFolder:
     configuration : RunConfiguration
     manifest : Manifest or None
         None when it is missing or cannot be used.
+    records : dict
+        By their type: what was handed over by who wrote it, and what was read once.
     """
 
     path: Path
     configuration: RunConfiguration
     manifest: Manifest | None
+    records: dict[type[Any], Any] = field(default_factory=dict)
 
     @classmethod
-    def open(cls, path: Path) -> RunFolder:
+    def open(cls, path: Path, records: Iterable[Any] = ()) -> RunFolder:
         """Open a run folder.
+
+        Parameters
+        ----------
+        path : Path
+        records : iterable
+            What is in memory of it, and is not read from its files therefore.
 
         Raises
         ------
@@ -72,7 +92,12 @@ class RunFolder:
             raise _refused(path, "it is no run folder: it has no run.yaml")
         if not any((path / name).is_file() for name in STAGE_FILES.values()):
             raise _refused(path, f"it has no results: none of {', '.join(STAGE_FILES.values())}")
-        return cls(path, load_run(path / "run.yaml"), _usable(Manifest.read(path)))
+        return cls(
+            path,
+            load_run(path / "run.yaml"),
+            _usable(Manifest.read(path)),
+            {type(record): record for record in records},
+        )
 
     def has(self, stage: str) -> bool:
         """Tell whether the folder holds what a stage wrote."""
@@ -81,6 +106,19 @@ class RunFolder:
     def stage_file(self, stage: str) -> Path:
         """Return the place of the file without which the folder does not hold a stage."""
         return self.path / STAGE_FILES[stage]
+
+    def record(self, kind: type[Record]) -> Record:
+        """Return what the folder holds of a kind, ``folder.record(DesignRecord)``; read once.
+
+        Raises
+        ------
+        InputError
+            Its files are missing or do not hold what they should.
+        """
+        if kind not in self.records:
+            self.records[kind] = kind.read(self.path)
+        found: Record = self.records[kind]
+        return found
 
     def document(self, stage: str) -> Document:
         """Read the JSON file of a stage."""
@@ -103,13 +141,13 @@ class RunFolder:
 
         Raises
         ------
-        RunFolderError
+        InputError
             It is no text.
         """
         try:
             return path.read_text(encoding="utf-8")
         except ValueError as error:
-            raise RunFolderError(path, f"no text: {error}") from error
+            raise InputError(Problem(f"no text: {error}", path)) from error
 
     def figures(self, *stems: str) -> tuple[FigureBlock, ...]:
         """Return the figures of these names that the folder has, numbered ones in their order."""

@@ -8,13 +8,12 @@ import numpy as np
 
 from constraints import limit_definitions
 from expdesign.configuration import InputError
+from expdesign.experiment import DesignRecord
 from expdesign.experiment.design import build_workshop
 from expdesign.experiment.sensitivity import FREQUENCY, LimitSensitivity, sensitivity_at_design
 from expdesign.information.fisher import SingularInformationError
 from expdesign.recheck.information import Judge
 from expdesign.solver import InfeasibleLimitsError
-from expdesign.trajectory import FourierTrajectory
-from results.record import DesignRecord
 from results.report.table import Column, ReportTable, Value
 
 EXPLAINED = 0.1
@@ -37,12 +36,11 @@ def design_sensitivity(record: DesignRecord) -> LimitSensitivity | None:
         run.trajectory.samples,
     ):
         return None
-    trajectory = FourierTrajectory(summary.omega, summary.lambda0, summary.mu, summary.nu)
     try:
         shop = build_workshop(record.configuration)
-        if not (_same_limits(record) and _same_criterion(record, shop.judge, trajectory)):
+        if not (_same_limits(record) and _same_criterion(record, shop.judge)):
             return None
-        return sensitivity_at_design(shop, trajectory)
+        return sensitivity_at_design(shop, summary.trajectory)
     except (InputError, InfeasibleLimitsError, SingularInformationError):
         return None
 
@@ -99,11 +97,9 @@ def _same_limits(record: DesignRecord) -> bool:
     )
 
 
-def _same_criterion(record: DesignRecord, judge: Judge, trajectory: FourierTrajectory) -> bool:
+def _same_criterion(record: DesignRecord, judge: Judge) -> bool:
     summary = record.summary
-    if summary.log_det_information is None or summary.criterion_value is None:
-        return False
-    information = judge.information(trajectory, summary.samples)
+    information = judge.information(summary.trajectory, summary.samples)
     return bool(
         np.isclose(judge.log_det(information), summary.log_det_information, rtol=_SAME, atol=0)
         and np.isclose(judge.value(information), summary.criterion_value, rtol=_SAME, atol=0)

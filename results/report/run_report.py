@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Any
 
 from expdesign.configuration import RunConfiguration
+from expdesign.experiment import DesignRecord
 from expdesign.runfolder.atomic import write_text
 from expdesign.runfolder.manifest import Manifest
 from results.design import design_figures
@@ -56,7 +58,9 @@ LATEX_TABLES = (
 """Tables that are written as LaTeX too."""
 
 
-def write_report(path: Path, configuration: RunConfiguration | None = None) -> list[Path]:
+def write_report(
+    path: Path, configuration: RunConfiguration | None = None, records: Iterable[Any] = ()
+) -> list[Path]:
     """Write `report.html` and `tables/*.tex` into a run folder.
 
     Parameters
@@ -67,6 +71,8 @@ def write_report(path: Path, configuration: RunConfiguration | None = None) -> l
     configuration : RunConfiguration, optional
         Whose `report` section counts; the folder's `run.yaml` by default, which the stage that
         wrote last has left.
+    records : iterable
+        What is in memory of the folder, such as a `DesignRecord`; it is not read again.
 
     Returns
     -------
@@ -76,11 +82,9 @@ def write_report(path: Path, configuration: RunConfiguration | None = None) -> l
     Raises
     ------
     InputError
-        It is no run folder.
-    RunFolderError
-        A file of it is missing or does not hold what it should.
+        It is no run folder, or a file of it is missing or does not hold what it should.
     """
-    folder = RunFolder.open(path)
+    folder = RunFolder.open(path, records)
     if configuration is not None:
         run = folder.configuration.run.model_copy(update={"report": configuration.run.report})
         folder = replace(folder, configuration=replace(folder.configuration, run=run))
@@ -148,7 +152,7 @@ def _missing_figures(folder: RunFolder) -> list[Path]:
 
     drawn: list[Path] = []
     if folder.has("design") and missing("excitation"):
-        drawn += design_figures(folder.path, formats)
+        drawn += design_figures(folder.record(DesignRecord), folder.path, formats)
     if folder.has("montecarlo") and missing("montecarlo_bias"):
         drawn += study_figures(folder.path, formats)
     return drawn

@@ -7,21 +7,20 @@ from typing import Any
 import numpy as np
 
 from constraints.arrays import Array
-from expdesign.configuration import ResolvedRobot
-from results.reading.motion import COORDINATES, Motion
+from expdesign.experiment import DesignRecord
+from expdesign.mechanism.hexapod import COORDINATE_NAMES, numbered
 from results.reading.table import Table
 from results.report.content import ViewBlock
 from results.report.folder import RunFolder
 
 _FRAMES = 240
 """Most instants of one period in the view: finer than the eye at the speed of the machine."""
-_STRUTS = range(1, 7)
 
 
 def robot_view(folder: RunFolder) -> ViewBlock | None:
     """Return the motion of a folder: of its design, else of its estimate; None without either."""
     if folder.has("design"):
-        motion = Motion.read(folder.path / "trajectory.csv")
+        motion = folder.record(DesignRecord).motion
         caption = (
             "The designed trajectory over one period, struts coloured by the actuator force at the "
             "nominal parameters; positive extends. Drag to rotate, scroll to zoom."
@@ -30,15 +29,17 @@ def robot_view(folder: RunFolder) -> ViewBlock | None:
     path = _estimated_motion(folder)
     if path is None:
         return None
-    forces = [f"Q{j}_model" for j in _STRUTS]
-    table = Table.read(path, ["t", *COORDINATES, *forces])
+    forces = numbered("Q", "_model")
+    table = Table.read(path, ["t", *COORDINATE_NAMES, *forces])
     if len(table) < 2:  # noqa: PLR2004 - a motion has a beginning and an end
         return None
     caption = (
         "The executed motion as it was estimated, over one period, struts coloured by the actuator "
         "force of the estimated model; positive extends. Drag to rotate, scroll to zoom."
     )
-    return _view(folder, table.numbers("t"), table.block(COORDINATES), table.block(forces), caption)
+    return _view(
+        folder, table.numbers("t"), table.block(COORDINATE_NAMES), table.block(forces), caption
+    )
 
 
 def _estimated_motion(folder: RunFolder) -> Any:
@@ -57,17 +58,12 @@ def _view(folder: RunFolder, time: Array, pose: Array, force: Array, caption: st
         "period": round(period, 9),
         "time": _rounded(time[chosen] - time[0], 5),
         "base": _rounded(1e3 * robot.base_joints, 2),
-        "joints": _rounded(1e3 * joint_positions(robot, pose[chosen]), 2),
+        "joints": _rounded(1e3 * np.stack([robot.struts_at(place).joints for place in pose[chosen]]), 2),
         "tool": _rounded(1e3 * pose[chosen, :3], 2),
         "force": _rounded(force[chosen], 2),
         "largest": largest if largest > 0 else 1.0,
     }
     return ViewBlock("robot", caption, data)
-
-
-def joint_positions(robot: ResolvedRobot, pose: Array) -> Array:
-    """Return the platform joints at poses (N, 6), base frame, m, (N, 6, 3)."""
-    return np.stack([robot.struts_at(place).joints for place in pose])
 
 
 def _rounded(values: Array, digits: int) -> Any:

@@ -27,7 +27,7 @@ def run_file(tiny, tmp_path):
 @pytest.fixture(autouse=True)
 def _no_figures(monkeypatch):
     """They take longer than all the rest, and are tested elsewhere."""
-    monkeypatch.setattr("results.design_figures", lambda _folder: [])
+    monkeypatch.setattr("results.design_figures", lambda _record, _folder: [])
 
 
 def states(folder):

@@ -118,7 +118,7 @@ def test_the_python_page(tiny_result, tmp_path, monkeypatch):
         return tiny_result
 
     monkeypatch.setattr(expdesign, "design", design)
-    monkeypatch.setattr("results.design_figures", asked.append)
+    monkeypatch.setattr("results.design_figures", lambda _, folder: asked.append(folder))
     monkeypatch.chdir(tmp_path)
     names = {}
     for block in blocks("python"):

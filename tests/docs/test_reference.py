@@ -38,7 +38,7 @@ from expdesign.configuration.sections.export import OFFERS
 from expdesign.configuration.sections.study import StudySection
 from expdesign.configuration.sections.validation import ValidationMotion
 from expdesign.configuration.values.quantity import unit_dimension, unit_symbols
-from expdesign.experiment.tables import TABLES
+from expdesign.experiment.record import TABLES
 from expdesign.export import table_formats
 from expdesign.information.catalogue import criteria_by_key
 from expdesign.library import robot_files, run_files

@@ -7,8 +7,8 @@ import pytest
 
 import expdesign
 from expdesign.configuration import load_run
+from expdesign.experiment import DesignRecord
 from expdesign.experiment.design import build_workshop
-from expdesign.experiment.output import trajectory_table
 from expdesign.information.fisher import SingularInformationError
 from expdesign.solver import InfeasibleLimitsError, NoDesignError
 from expdesign.solver.random_start import random_start
@@ -228,11 +228,8 @@ def test_a_fixed_frequency_is_kept_and_warned_about(tiny, cheap_finish):
     for frequency in (1 / 2.71, 1 / 2.70):
         assert f"{frequency:.9g} Hz" in warning
     # Rows at about the controller's rate, a whole number of them over exactly one period.
-    table = trajectory_table(result)
-    assert len(table) == 270
-    np.testing.assert_allclose(
-        table["t"], result.trajectory.period * np.arange(270) / 270, rtol=1e-12
-    )
+    times = DesignRecord.of(result).motion.time
+    np.testing.assert_allclose(times, result.trajectory.period * np.arange(270) / 270, rtol=1e-12)
     assert_limits_kept(result)
     # 100 Hz and 3 periods of no whole number of samples: their last one ends before the end.
     assert result.experiment.samples == int(3 / 0.0037) + 1  # the first at t = 0

@@ -5,7 +5,7 @@ from ruamel.yaml import YAML
 from typer.testing import CliRunner
 
 from expdesign.cli.app import app
-from expdesign.experiment.output import write_design
+from expdesign.experiment import DesignRecord
 
 HOSTILE = '<script>alert("x")</script> & "\'</style>'
 
@@ -14,7 +14,7 @@ HOSTILE = '<script>alert("x")</script> & "\'</style>'
 def whole(tiny, tiny_result, tmp_path_factory):
     """Return a run folder with every stage, made by the command line from a small design."""
     folder = tmp_path_factory.mktemp("report") / "tiny"
-    write_design(tiny_result, folder)
+    DesignRecord.of(tiny_result).write(folder)
     run = tiny(
         description=f"All stages of {HOSTILE}",
         experiment={"seed": 3},

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import pytest
 
+from expdesign.experiment import DesignRecord
 from expdesign.experiment.sensitivity import FREQUENCY, LimitSensitivity
-from results.record import DesignRecord
 from results.report.folder import RunFolder
 from results.report.limit_gains import EXPLAINED, costliest, design_sensitivity, gains_table
 from results.report.stages import design
@@ -30,7 +30,7 @@ def change(path, edit):
 
 
 def test_the_design_is_recognised(whole):
-    record = DesignRecord.load(whole)
+    record = DesignRecord.read(whole)
     found = design_sensitivity(record)
     assert set(found.gains) == {limit.key for limit in record.robot.limits} | {FREQUENCY}
     assert all(gain >= 0 for gain in found.gains.values())
@@ -38,7 +38,7 @@ def test_the_design_is_recognised(whole):
 
 
 def test_gains_are_shown_near_an_optimum_only(whole, monkeypatch):
-    record = DesignRecord.load(whole)
+    record = DesignRecord.read(whole)
     found = design_sensitivity(record)
     monkeypatch.setattr(
         design, "design_sensitivity", lambda _: replace(found, unexplained=EXPLAINED)
@@ -68,14 +68,14 @@ def test_a_configuration_of_something_else_is_not_used(folder, pattern, other):
     text, count = re.subn(pattern, other, run.read_text(encoding="utf-8"), count=1)
     assert count == 1
     run.write_text(text, encoding="utf-8")
-    assert design_sensitivity(DesignRecord.load(folder)) is None
+    assert design_sensitivity(DesignRecord.read(folder)) is None
     assert gains(folder) == []
 
 
 @pytest.mark.parametrize("other", [{"criterion": "a"}, {"log_det_information": None}])
 def test_a_design_by_another_criterion_or_of_none_has_no_costs(folder, other):
     change(folder / "design.json", lambda document: document.update(other))
-    assert design_sensitivity(DesignRecord.load(folder)) is None
+    assert design_sensitivity(DesignRecord.read(folder)) is None
 
 
 def test_the_costliest_limit():

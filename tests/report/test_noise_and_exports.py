@@ -6,12 +6,11 @@ import shutil
 import numpy as np
 import pytest
 
-from expdesign.configuration import ExportSection
+from expdesign.configuration import ExportSection, InputError
 from expdesign.export import export_table
 from expdesign.export.readme import readme
 from expdesign.export.record import file_record, motion_record
 from expdesign.runfolder.atomic import write_json, write_text
-from results import RunFolderError
 from results.report.folder import RunFolder
 from results.report.run_report import run_page, write_report
 from tests.export.motions import task
@@ -202,5 +201,5 @@ def test_tables_without_noise_and_without_limits_of_force(with_tables):
 def test_files_of_something_else_are_named(noisy, exported, name):
     shutil.copytree(exported, noisy / "exports")
     (noisy / name).write_text('{"motion": 3, "rows": "many"}', encoding="utf-8")
-    with pytest.raises(RunFolderError, match=name.rpartition("/")[2]):
+    with pytest.raises(InputError, match=name.rpartition("/")[2]):
         write_report(noisy)

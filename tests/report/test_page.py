@@ -7,7 +7,6 @@ import shutil
 import pytest
 
 from expdesign.configuration import InputError, load_run, resolved_yaml
-from results import RunFolderError
 from results.report.run_report import write_report
 from tests.report.conftest import HOSTILE
 from tests.report.html import Page
@@ -210,9 +209,9 @@ def test_what_is_no_run_folder(tmp_path, folder, expdesign_says):
 def test_damaged_files_are_named(folder, file, text):
     (folder / file).write_text(text, encoding="utf-8")
     before = (folder / "report.html").read_bytes()
-    with pytest.raises(RunFolderError) as caught:
+    with pytest.raises(InputError) as caught:
         write_report(folder)
-    assert caught.value.path == folder / file
+    assert {problem.file for problem in caught.value.problems} == {folder / file}
     assert (folder / "report.html").read_bytes() == before
 
 

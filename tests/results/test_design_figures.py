@@ -10,25 +10,26 @@ import numpy as np
 import pytest
 
 import results
+from expdesign.experiment import DesignRecord
+from expdesign.recheck import LimitCheck
 from expdesign.trajectory import FourierTrajectory
-from results import DesignRecord, design_figures
+from results import design_figures
 from results.figures.definition import FigureDefinition
 from results.figures.design import excitation
 from results.figures.design.catalogue import DESIGN_FIGURES
 from results.figures.design.convergence import FLOOR
-from results.figures.design.limits_used import share_used
 from results.figures.design.path import _extent as extent
 from results.figures.saving import save_figures
-from results.reading.limit_checks import LimitCheck
 from results.style import PAGE_WIDTH, RESOLUTION, STRUT_COLOURS, house_style
 
 KEYS = {definition.key for definition in DESIGN_FIGURES}
 STRUTS = range(1, 7)
+LIMITS_HEAD = "limit,title,row,unit,value,bound,violation,time,origin\n"
 COUNTS = {"Parameter", "Index of the eigenvalue", "Iteration of the start"}
 
 
 def draw(run, key):
-    record = DesignRecord.load(run.folder)
+    record = DesignRecord.read(run.folder)
     definition = next(d for d in DESIGN_FIGURES if d.key == key)
     with house_style():
         return definition.draw(record)
@@ -49,7 +50,7 @@ def labels(axes):
 
 
 def test_files_are_complete(run):
-    paths = design_figures(run.folder)
+    paths = design_figures(DesignRecord.read(run.folder), run.folder)
     folder = run.folder / "figures"
     assert set(paths) == {folder / f"{key}.{end}" for key in KEYS for end in ("png", "svg")}
     assert set(folder.iterdir()) == set(paths)
@@ -66,14 +67,14 @@ def test_files_are_complete(run):
 @pytest.mark.parametrize("key", sorted(KEYS))
 def test_nothing_is_cut_off_in_the_file(run, key, tmp_path):
     chosen = [d for d in DESIGN_FIGURES if d.key == key]
-    path, _ = save_figures(chosen, DesignRecord.load(run.folder), tmp_path)
+    path, _ = save_figures(chosen, DesignRecord.read(run.folder), tmp_path)
     picture = mpl.image.imread(path)[..., :3]
     for edge in (picture[:3], picture[-3:], picture[:, :3], picture[:, -3:]):
         assert np.all(edge == 1.0)
 
 
 def test_same_folder_gives_the_same_bytes_under_any_settings(run, tmp_path):
-    record = DesignRecord.load(run.folder)
+    record = DesignRecord.read(run.folder)
     chosen = [d for d in DESIGN_FIGURES if d.key in ("cardan_angles", "path")]
     first = save_figures(chosen, record, tmp_path / "first")
     with mpl.rc_context({"lines.linewidth": 9.0, "font.size": 20.0, "svg.fonttype": "none"}):
@@ -200,7 +201,7 @@ def test_robot_without_limits(run):
     while lines[end].startswith(" " * (margin + 1)):
         end += 1
     path.write_text("\n".join(lines[:begin] + lines[end:]), encoding="utf-8")
-    (run.folder / "tables/limits.csv").write_text("limit,row,unit,value,bound,violation,time\n")
+    (run.folder / "tables/limits.csv").write_text(LIMITS_HEAD)
     for axes in draw(run, "struts").axes:
         assert len(axes.get_lines()) == 6
         assert axes.get_title(loc="right") == ""
@@ -238,11 +239,22 @@ def test_a_path_that_would_be_a_dot_is_drawn_from_home(original, tmp_path):
     assert "Displacement from home" in [text.get_text() for text in alone.figure.texts]
 
 
+def home_joints(record):
+    robot = record.configuration.robot
+    return robot.struts_at(robot.home).joints
+
+
+def test_home_joints_are_where_the_inverse_kinematics_says(run):
+    record = DesignRecord.read(run.folder)
+    lengths = np.linalg.norm(home_joints(record) - record.robot.geometry.base_joints, axis=1)
+    np.testing.assert_allclose(lengths, record.robot.inverse_kinematics(record.robot.home))
+
+
 def test_robot_is_drawn_at_home(run):
-    record = DesignRecord.load(run.folder)
+    record = DesignRecord.read(run.folder)
     robot = draw(run, "path").axes[0]
     found = [np.column_stack(line.get_data_3d()) for line in robot.get_lines()]
-    base, joints = record.robot.geometry.base_joints, record.home_joints()
+    base, joints = record.robot.geometry.base_joints, home_joints(record)
     for j in range(6):
         strut = 1e3 * np.stack([base[j], joints[j]])
         assert any(line.shape == (2, 3) and np.allclose(line, strut) for line in found)
@@ -262,8 +274,8 @@ def test_eigenvalues(run):
 
 def test_eigenvalues_that_are_not_positive(run):
     path = run.folder / "tables/eigenvalues.csv"
-    path.write_text("index,eigenvalue\n1,-1e-17\n2,0\n3,0.5\n4,2\n")
-    (axes,) = draw(run, "eigenvalues").axes
+    path.write_text("index,eigenvalue,eigenvalue_nominal\n1,-1e-17,1\n2,0,1\n3,0.5,1\n4,2,1\n")
+    axes, _ = draw(run, "eigenvalues").axes
     positive, lost = axes.get_lines()
     np.testing.assert_array_equal(positive.get_ydata(), [0.5, 2])
     np.testing.assert_array_equal(lost.get_xdata(), [1, 2])
@@ -290,11 +302,11 @@ def test_precision(run):
 def test_precision_without_a_nominal_value(run):
     path = run.folder / "tables/parameters.csv"
     lines = path.read_text().splitlines()
-    lines[1:3] = ["p1,1,0.0,0.1,0.01,,", "p2,1,0.5,,,,"]
+    lines[1] = "p1,1,0.0,0.1,0.01,,"
     path.write_text("\n".join(lines))
     (axes,) = draw(run, "precision").axes
-    assert [len(bars) for bars in axes.containers] == [22, 22]
-    assert {"nominal value 0", "not designed for"} <= set(texts(axes))
+    assert [len(bars) for bars in axes.containers] == [23, 23]
+    assert "nominal value 0" in texts(axes)
 
 
 def test_convergence(run):
@@ -346,7 +358,7 @@ def test_figures_of_a_design_without_a_good_end_say_so(run, monkeypatch, status,
 
     only = FigureDefinition("excitation", "", draw_excitation)
     monkeypatch.setattr("results.design.DESIGN_FIGURES", (only,))
-    design_figures(run.folder)
+    design_figures(DesignRecord.read(run.folder), run.folder)
     assert says in drawn[0].get_supxlabel()
     with house_style():
         drawn[0].canvas.draw()
@@ -354,7 +366,7 @@ def test_figures_of_a_design_without_a_good_end_say_so(run, monkeypatch, status,
 
 
 def test_convergence_without_iterations(run):
-    header = "start,kind,stage,iteration,objective,violation,seconds\n"
+    header = "start,kind,stage,iteration,objective,violation\n"
     (run.folder / "tables/convergence.csv").write_text(header)
     objective, _ = draw(run, "convergence").axes
     assert texts(objective) == ["no iterations were recorded"]
@@ -384,7 +396,7 @@ def test_limits_used(run):
 def test_a_value_below_its_bound_does_not_read_as_the_bound(run):
     path = run.folder / "tables/limits.csv"
     rows = path.read_text().splitlines()
-    rows[2] = f"tilt,,rad,{np.deg2rad(19.9991)},{np.deg2rad(20)},-0.000045,0.25,"
+    rows[2] = f"tilt,tilt,,rad,{np.deg2rad(19.9991)},{np.deg2rad(20)},-0.000045,0.25,"
     path.write_text("\n".join(rows))
     (axes,) = draw(run, "limits_used").axes
     assert "19.999 (20°)" in texts(axes)
@@ -403,5 +415,5 @@ def test_a_value_below_its_bound_does_not_read_as_the_bound(run):
     ],
 )
 def test_share_of_a_limit(key, value, bound, violation, share):
-    check = LimitCheck(key, "", "1", value, bound, violation, 0.0)
-    assert share_used(check) == pytest.approx(share)
+    check = LimitCheck(key, "", "", "1", value, bound, violation, 0.0, "")
+    assert check.used == pytest.approx(share)

@@ -14,8 +14,8 @@ from expdesign.motion.spline import (
 from expdesign.robot import load_robot
 from expdesign.trajectory import FourierTrajectory
 from results.executed import MotionRecord
-from results.figures.motion.catalogue import MOTION_FIGURES
 from results.figures.saving import save_figures
+from results.figures.struts import MOTION
 from results.style import house_style
 
 STEP = 0.01
@@ -42,19 +42,19 @@ def record():
 
 
 def test_the_record_is_at_the_controllers_steps(record):
-    np.testing.assert_allclose(np.diff(record.time), STEP)
-    np.testing.assert_allclose(record.time[-1], record.starts[-1])
+    np.testing.assert_allclose(np.diff(record.motion.time), STEP)
+    np.testing.assert_allclose(record.motion.time[-1], record.starts[-1])
     assert record.names == ("ramp in", "periods", "ramp out")
-    np.testing.assert_allclose(record.speed[[0, -1]], 0, atol=1e-12)
-    difference = (record.length[2:] - record.length[:-2]) / (2 * STEP)
-    np.testing.assert_allclose(difference, record.speed[1:-1], atol=2e-3)
+    np.testing.assert_allclose(record.motion.speed[[0, -1]], 0, atol=1e-12)
+    difference = (record.motion.length[2:] - record.motion.length[:-2]) / (2 * STEP)
+    np.testing.assert_allclose(difference, record.motion.speed[1:-1], atol=2e-3)
     assert {limit.key for limit in record.limits} <= set(limit_definitions())
     assert record.limit("nothing") is None
 
 
 def test_the_figure_marks_the_segments(record, tmp_path):
     with house_style():
-        figure = MOTION_FIGURES[0].draw(record)
+        figure = MOTION.draw(record)
     panels = np.array(figure.axes).reshape(3, 3)
     for axes in panels.flat:
         marks = [line for line in axes.lines if len(line.get_xdata()) == 2]
@@ -63,6 +63,6 @@ def test_the_figure_marks_the_segments(record, tmp_path):
     texts = [text.get_text() for text in panels[0, 0].texts]
     assert texts[-2:] == ["ramp in", "periods"]
     np.testing.assert_allclose(panels[0, 1].get_xlim(), (0, record.starts[-1]))
-    paths = save_figures(MOTION_FIGURES, record, tmp_path)
+    paths = save_figures((MOTION,), record, tmp_path)
     assert [path.name for path in paths] == ["motion.png", "motion.svg"]
     assert all(path.stat().st_size > 1000 for path in paths)

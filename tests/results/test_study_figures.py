@@ -5,7 +5,9 @@ import pandas as pd
 import pytest
 
 from estimation.montecarlo.tables import STATISTICS
-from results import MissingFileError, RunFolderError, StudyRecord, study_figures
+from expdesign.configuration import InputError
+from expdesign.runfolder import MissingFileError
+from results import StudyRecord, study_figures
 from results.figures.montecarlo import bias, efficiency
 from results.figures.montecarlo.catalogue import STUDY_FIGURES
 
@@ -109,5 +111,5 @@ def test_a_missing_table_names_the_command(tmp_path):
 def test_a_table_without_rows(tmp_path):
     path = statistics_table(tmp_path)
     path.write_text(path.read_text(encoding="utf-8").splitlines()[0] + "\n", encoding="utf-8")
-    with pytest.raises(RunFolderError, match="no rows"):
+    with pytest.raises(InputError, match="no rows"):
         study_figures(tmp_path)

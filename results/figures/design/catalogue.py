@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
+from expdesign.experiment import DesignRecord
 from results.figures.definition import FigureDefinition
 from results.figures.design import (
-    cardan_angles,
     convergence,
     eigenvalues,
     excitation,
     limits_used,
     path,
     precision,
-    struts,
 )
-from results.record import DesignRecord
+from results.figures.struts import CARDAN_ANGLES, STRUTS
 
 DESIGN_FIGURES: tuple[FigureDefinition[DesignRecord], ...] = (
     excitation.FIGURE,
     path.FIGURE,
-    struts.FIGURE,
-    cardan_angles.FIGURE,
+    STRUTS,
+    CARDAN_ANGLES,
     limits_used.FIGURE,
     precision.FIGURE,
     eigenvalues.FIGURE,

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -11,11 +14,11 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from constraints.arrays import Array
+from expdesign.experiment import DesignRecord
+from expdesign.experiment.record import Iteration
 from expdesign.information.catalogue import criteria_by_key
 from expdesign.recheck import TOLERANCE
 from results.figures.definition import FigureDefinition
-from results.reading.traces import Trace
-from results.record import DesignRecord
 from results.style import EMPHASIS, GREY, INK, ORANGE, new_figure
 from results.units import plain_number
 
@@ -37,28 +40,53 @@ _LOOK: dict[str, dict[str, Any]] = {
 }
 
 
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """The iterations of one start: number, objective and violation of each, (K,)."""
+
+    start: int
+    kind: str
+    stages: tuple[str, ...]
+    iteration: Array
+    objective: Array
+    violation: Array
+
+
+def traces(iterations: Sequence[Iteration]) -> tuple[Trace, ...]:
+    """Return the iterations start by start, in the order of their numbers."""
+    key = attrgetter("start", "iteration")
+    found = []
+    for start, group in groupby(sorted(iterations, key=key), attrgetter("start")):
+        points = tuple(group)
+        numbers = np.array([(p.iteration, p.objective, p.violation) for p in points])
+        stages = tuple(point.stage for point in points)
+        found.append(Trace(start, points[0].kind, stages, *numbers.T))
+    return tuple(found)
+
+
 def draw(record: DesignRecord) -> Figure:
     """Draw all starts, the one that the design came from in front."""
+    found = traces(record.iterations)
     figure = new_figure(4.4)
     objective, violation = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
-    roles = [_role(trace, record.summary.best_start) for trace in record.traces]
-    longest = max((float(trace.iteration[-1]) for trace in record.traces), default=1.0)
-    for trace, role in zip(record.traces, roles, strict=True):
+    roles = [_role(trace, record.summary.solver.best_start) for trace in found]
+    longest = max((float(trace.iteration[-1]) for trace in found), default=1.0)
+    for trace, role in zip(found, roles, strict=True):
         objective.plot(trace.iteration, trace.objective, **_LOOK[role])
         violation.plot(trace.iteration, np.fmax(trace.violation, FLOOR), **_LOOK[role])
         if role == _BEST:
             _mark_stages(objective, trace, longest)
-    value_line = _objective_axis(objective, record)
+    value_line = _objective_axis(objective, record, found)
     violation.set_yscale("log")
     violation.set_ylim(bottom=FLOOR / 2)
     violation.set_title("Largest violation of a limit")
     violation.set_ylabel("Share of its range (1)")
-    violation.set_xlabel(_iteration_label(record))
-    if not record.traces:
+    violation.set_xlabel(_iteration_label(record, found))
+    if not found:
         objective.text(
             0.5, 0.7, "no iterations were recorded", transform=objective.transAxes, ha="center"
         )
-    first = min((float(trace.iteration[0]) for trace in record.traces), default=0.0)
+    first = min((float(trace.iteration[0]) for trace in found), default=0.0)
     violation.set_xlim(first - 0.02 * (longest - first) if first > 1 else 0, 1.02 * longest)
     handles = [
         Line2D([], [], **_LOOK[role], label=_label(role, roles)) for role in _LOOK if role in roles
@@ -69,18 +97,18 @@ def draw(record: DesignRecord) -> Figure:
     return figure
 
 
-def _iteration_label(record: DesignRecord) -> str:
+def _iteration_label(record: DesignRecord, found: Sequence[Trace]) -> str:
     criterion = criteria_by_key().get(record.summary.criterion)
-    stages = {stage for trace in record.traces for stage in trace.stages}
-    if not record.traces or "blunt" in stages or criterion is None or not criterion.flat:
+    stages = {stage for trace in found for stage in trace.stages}
+    if not found or "blunt" in stages or criterion is None or not criterion.flat:
         return "Iteration of the start"
     return "Iteration of the start (the blunt stage before is on log det F)"
 
 
-def _role(trace: Trace, best: int | None) -> str:
+def _role(trace: Trace, best: int) -> str:
     if trace.start == best:
         return _BEST
-    return _HOP if trace.is_hop else _OTHER
+    return _HOP if trace.kind == "hop" else _OTHER
 
 
 def _label(role: str, roles: Sequence[str]) -> str:
@@ -113,7 +141,7 @@ def _mark_stages(axes: Axes, trace: Trace, longest: float) -> None:
         )
 
 
-def _objective_axis(axes: Axes, record: DesignRecord) -> list[Line2D]:
+def _objective_axis(axes: Axes, record: DesignRecord, found: Sequence[Trace]) -> list[Line2D]:
     """Name the axis, scale it to what matters; draw and return the written design's value."""
     summary = record.summary
     criterion = criteria_by_key().get(summary.criterion)
@@ -122,23 +150,22 @@ def _objective_axis(axes: Axes, record: DesignRecord) -> list[Line2D]:
     invariant = criterion is not None and criterion.invariant
     axes.set_title("Objective, smoothed as the optimiser sees it", pad=13)
     axes.set_ylabel(f"{title} ({'SI units' if invariant else scaling})")
-    settled = _settled(record.traces)
-    value = summary.criterion_value
-    shown = settled if value is None else np.append(settled, value)
+    settled, value = _settled(found), summary.criterion_value
+    shown = np.append(settled, value) if np.isfinite(value) else settled
     if shown.size and np.min(shown) > 0 and np.max(shown) > _LOGARITHMIC * np.min(shown):
         axes.set_yscale("log")
         axes.set_ylim(np.min(shown) / 1.5, np.max(shown) * 1.5)
     elif shown.size:
         air = 0.06 * (np.ptp(shown) or 1.0)
         axes.set_ylim(np.min(shown) - air, np.max(shown) + air)
-    if value is None:
+    if not np.isfinite(value):
         return []
     label = f"written design: {plain_number(value, 5)}"
     return [axes.axhline(value, color=INK, linewidth=0.9, dashes=(4, 2), zorder=4, label=label)]
 
 
-def _settled(traces: Sequence[Trace]) -> Array:
-    parts = [trace.objective[int(_SETTLED * trace.objective.size) :] for trace in traces]
+def _settled(found: Sequence[Trace]) -> Array:
+    parts = [trace.objective[int(_SETTLED * trace.objective.size) :] for trace in found]
     values = np.concatenate(parts) if parts else np.array([])
     return values[np.isfinite(values)]
 

@@ -8,8 +8,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from constraints.arrays import Array
+from expdesign.experiment import DesignRecord
 from results.figures.definition import FigureDefinition
-from results.record import DesignRecord
 from results.style import ALERT, EMPHASIS, MUTED, new_figure
 
 _HEADROOM = 0.2
@@ -20,18 +20,16 @@ _MANY = 4
 
 def draw(record: DesignRecord) -> Figure:
     """Draw one panel per scaling, eigenvalues ascending over their index."""
-    spectrum = record.spectrum
-    panels = [("Columns scaled to unit length", spectrum.columns)]
-    if spectrum.nominal is not None:
-        panels.append(("Columns scaled by nominal values", spectrum.nominal))
     figure = new_figure(2.9)
-    for axes, (title, values) in zip(
-        figure.subplots(1, len(panels), squeeze=False).flat, panels, strict=True
-    ):
+    panels = {
+        "Columns scaled to unit length": [value.unit_diagonal for value in record.eigenvalues],
+        "Columns scaled by nominal values": [value.nominal for value in record.eigenvalues],
+    }
+    for axes, (title, values) in zip(figure.subplots(1, 2), panels.items(), strict=True):
         axes.set_title(title)
         axes.set_xlabel("Index of the eigenvalue")
         axes.set_ylabel("Eigenvalue of scaled $F$ (dimensionless)")
-        _stems(axes, values)
+        _stems(axes, np.array(values))
     return figure
 
 

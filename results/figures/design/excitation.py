@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from matplotlib.figure import Figure
 
+from expdesign.experiment import DesignRecord
+from expdesign.mechanism.hexapod import COORDINATE_NAMES
 from results.figures.definition import FigureDefinition
 from results.figures.legends import legend_above
-from results.reading.motion import COORDINATES
-from results.record import DesignRecord
 from results.style import AXIS_COLOURS, AXIS_DASHES, MUTED, new_figure
 from results.symbols import symbol
 from results.units import handy_unit
@@ -29,7 +29,7 @@ def draw(record: DesignRecord) -> Figure:
     for axes, (title, label, si, part) in zip(panels, _PANELS, strict=True):
         unit = handy_unit(si, values[:, part])
         axes.axhline(0, color=MUTED, linewidth=0.7, zorder=1)
-        names = COORDINATES[part]
+        names = COORDINATE_NAMES[part]
         for k, (name, colour, dashes) in enumerate(
             zip(names, AXIS_COLOURS, AXIS_DASHES, strict=True)
         ):

@@ -9,12 +9,10 @@ from matplotlib.axes import Axes
 from matplotlib.container import Container
 from matplotlib.figure import Figure
 
-from constraints import limit_definitions
-from expdesign.recheck import TOLERANCE
+from expdesign.experiment import DesignRecord
+from expdesign.recheck import LimitCheck
 from results.figures.definition import FigureDefinition
 from results.figures.legends import legend_above
-from results.reading.limit_checks import LimitCheck
-from results.record import DesignRecord
 from results.style import ALERT, EMPHASIS, INK, MUTED, SECOND, new_figure
 from results.symbols import symbol
 from results.units import handy_unit
@@ -36,8 +34,8 @@ _LOOK: dict[str, dict[str, Any]] = {
 
 def draw(record: DesignRecord) -> Figure:
     """Draw one bar per limit, the fullest on top, with the worst moment beside it."""
-    worst = _worst_of_each(record.checks)
-    share = np.array([100 * share_used(check) for check in worst])
+    worst = list(record.checks)
+    share = np.array([100 * check.used for check in worst])
     order = np.argsort(-np.nan_to_num(share, nan=np.inf), kind="stable")
     worst, share = [worst[k] for k in order], share[order]
     figure = new_figure(0.9 + 0.27 * max(len(worst), 2))
@@ -64,7 +62,7 @@ def draw(record: DesignRecord) -> Figure:
         _beside(axes, position[k], _COLUMNS[1], _moment(check), colour)
     for offset, text in zip(_COLUMNS, ("worst value (bound)", "where and when"), strict=True):
         _beside(axes, -0.85, offset, text, MUTED)
-    axes.set_yticks(position, [_title(check) for check in worst])
+    axes.set_yticks(position, [check.title[:1].upper() + check.title[1:] for check in worst])
     axes.set_ylim(len(worst) - 0.4, -0.6)
     axes.tick_params(axis="y", length=0)
     axes.grid(visible=False, axis="y")
@@ -73,9 +71,9 @@ def draw(record: DesignRecord) -> Figure:
 
 
 def _state(check: LimitCheck) -> str:
-    if not check.violation <= TOLERANCE:
+    if not check.kept:
         return _BROKEN
-    return _FULL if 100 * share_used(check) >= _ACTIVE else _FREE
+    return _FULL if 100 * check.used >= _ACTIVE else _FREE
 
 
 def _beside(axes: Axes, row: float, offset: float, text: str, colour: str) -> None:
@@ -91,29 +89,6 @@ def _beside(axes: Axes, row: float, offset: float, text: str, colour: str) -> No
         color=colour,
         annotation_clip=False,
     )
-
-
-def share_used(check: LimitCheck) -> float:
-    """Return how much of a limit is used: 1 at the bound; see `LimitDefinition.share_used`."""
-    definition = limit_definitions().get(check.key)
-    if definition is None:
-        return 1 + check.violation
-    return definition.share_used(check.value, check.bound, check.violation)
-
-
-def _worst_of_each(checks: tuple[LimitCheck, ...]) -> list[LimitCheck]:
-    """Return the worst row of every limit, in case a table holds several."""
-    found: dict[str, LimitCheck] = {}
-    for check in checks:
-        if check.key not in found or check.violation > found[check.key].violation:
-            found[check.key] = check
-    return list(found.values())
-
-
-def _title(check: LimitCheck) -> str:
-    definition = limit_definitions().get(check.key)
-    title = check.key.replace("_", " ") if definition is None else definition.title
-    return title[:1].upper() + title[1:]
 
 
 def _amount(check: LimitCheck) -> str:

@@ -12,8 +12,8 @@ from matplotlib.ticker import MaxNLocator
 from matplotlib.transforms import Bbox
 
 from constraints.arrays import Array
+from expdesign.experiment import DesignRecord
 from results.figures.definition import FigureDefinition
-from results.record import DesignRecord
 from results.style import EMPHASIS, FAINT, INK, MUTED, STRUT_COLOURS, new_figure
 from results.units import DisplayUnit, handy_unit
 
@@ -64,7 +64,8 @@ def draw(record: DesignRecord) -> Figure:
 
 
 def _draw_robot(axes: Any, record: DesignRecord) -> None:
-    base, joints = record.robot.geometry.base_joints, record.home_joints()
+    robot = record.configuration.robot
+    base, joints = robot.base_joints, robot.struts_at(robot.home).joints
     path = _closed(record.motion.pose[:, :3])
     unit = handy_unit("m", np.concatenate([base, joints, path]))
     base, joints, path = unit.shown(base), unit.shown(joints), unit.shown(path)

@@ -9,10 +9,10 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 
 from constraints.arrays import Array
+from expdesign.experiment import DesignRecord
 from expdesign.experiment.identifiable import IDENTIFIABLE
 from results.figures.definition import FigureDefinition
 from results.figures.legends import legend_above
-from results.record import DesignRecord
 from results.style import ALERT, EMPHASIS, MUTED, SECOND, new_figure
 from results.symbols import symbol
 
@@ -22,27 +22,31 @@ _WIDTH = 0.38
 
 def draw(record: DesignRecord) -> Figure:
     """Draw two bars per parameter, one period and the whole experiment, on a logarithmic axis."""
-    precision, summary = record.precision, record.summary
-    periods = summary.experiment_periods
+    parameters, summary = record.parameters, record.summary
+    experiment = summary.predicted_std.experiment
+    periods = experiment.periods
+    percents = np.array(
+        [(p.rel_std_percent_per_period, p.rel_std_percent_experiment) for p in parameters]
+    )
     series = (
         (
             f"one period ({_count(summary.samples)} samples)",
-            precision.percent_per_period,
+            percents[:, 0],
             SECOND,
             -_WIDTH / 2,
         ),
         (
             f"experiment ({periods:g} period{'s' * (periods != 1)}, "
-            f"{_count(summary.experiment_samples)} samples)",
-            precision.percent_experiment,
+            f"{_count(experiment.samples)} samples)",
+            percents[:, 1],
             EMPHASIS,
             _WIDTH / 2,
         ),
     )
     figure = new_figure(3.3)
     axes = figure.subplots()
-    position = np.arange(len(precision.names), dtype=float)
-    floor = _scale(axes, np.concatenate([series[0][1], series[1][1]]))
+    position = np.arange(len(parameters), dtype=float)
+    floor = _scale(axes, percents)
     handles: list[Container] = []
     for label, percent, colour, shift in series:
         known = np.isfinite(percent) & (percent > 0)
@@ -57,12 +61,11 @@ def draw(record: DesignRecord) -> Figure:
                 zorder=2,
             )
         )
-    for k in np.flatnonzero(~np.isfinite(series[0][1]) & ~np.isfinite(series[1][1])):
-        reason = "nominal value 0" if precision.nominal[k] == 0 else "not designed for"
+    for k in np.flatnonzero(~np.any(np.isfinite(percents), axis=1)):
         axes.text(
             position[k],
             0.03,
-            reason,
+            "nominal value 0",
             transform=axes.get_xaxis_transform(),
             rotation=90,
             ha="center",
@@ -82,10 +85,10 @@ def draw(record: DesignRecord) -> Figure:
         fontsize="small",
         annotation_clip=False,
     )
-    axes.set_xticks(position, [symbol(name) for name in precision.names])
+    axes.set_xticks(position, [symbol(parameter.name) for parameter in parameters])
     axes.tick_params(axis="x", length=0)
     axes.grid(visible=False, axis="x")
-    axes.set_xlim(-0.7, len(precision.names) - 0.3)
+    axes.set_xlim(-0.7, len(parameters) - 0.3)
     axes.set_xlabel("Parameter")
     axes.set_ylabel("Standard deviation / |nominal| (%)")
     axes.set_title("Predicted precision")

@@ -9,9 +9,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from expdesign.configuration import InputError, Problem
+from expdesign.experiment import DesignRecord
 from expdesign.experiment.sensitivity import LimitSensitivity, limit_sensitivity
 from expdesign.runfolder.atomic import write_text
-from expdesign.trajectory import TrajectoryFile
 from results.figures.comparison import estimates as estimates_figure
 from results.figures.comparison import precision as precision_figure
 from results.figures.saving import save_figures
@@ -74,9 +74,8 @@ def write_comparison(
     Raises
     ------
     InputError
-        Folders that cannot be compared.
-    RunFolderError
-        A file of one is missing or does not hold what it should.
+        Folders that cannot be compared, or a file of one is missing or does not hold what it
+        should.
     """
     folders = open_folders(paths)
     if out.resolve() in {path.resolve() for path in paths}:
@@ -120,7 +119,7 @@ def _page(
     written: list[Path] = []
     place = out / "figures"
     designs = tuple(
-        ComparedDesign.read(label, folder)
+        ComparedDesign(label, folder.record(DesignRecord))
         for label, folder in folders.items()
         if folder.has("design")
     )
@@ -129,8 +128,7 @@ def _page(
         if with_sensitivity:
             found = {
                 design.label: limit_sensitivity(
-                    design.record.configuration,
-                    TrajectoryFile.read(design.record.folder).trajectory,
+                    design.record.configuration, design.record.summary.trajectory
                 )
                 for design in designs
             }
@@ -199,10 +197,9 @@ def _designs_report(
             )
             blocks.append(TextBlock((text,), Level.CAUTION))
     # No column of a table: tables are the same bytes whenever the same seeds were used.
-    seconds = {design.label: design.seconds for design in designs if design.seconds is not None}
-    if seconds:
-        each = ", ".join(f"{label}: {duration(value)}" for label, value in seconds.items())
-        facts.append(Fact("search", duration(sum(seconds.values())), each))
+    seconds = {design.label: design.record.summary.solver.seconds for design in designs}
+    each = ", ".join(f"{label}: {duration(value)}" for label, value in seconds.items())
+    facts.append(Fact("search", duration(sum(seconds.values())), each))
     verdict = Verdict("Designs", Level.NEUTRAL, "compared", sentence, "designs")
     return StageReport(
         verdict,

@@ -8,76 +8,41 @@ from functools import cached_property
 import numpy as np
 
 from constraints.arrays import Array
+from expdesign.experiment import DesignRecord
 from expdesign.information.fisher import (
     SingularInformationError,
     log_det,
     parameter_covariance,
 )
-from results.errors import RunFolderError
-from results.reading.table import Table
-from results.record import DesignRecord
 from results.report.comparison.machines import differing, machines
-from results.report.folder import RunFolder
-
-EXPLAINED = 0.1
-"""Largest share of the cost's gradient that the limits may leave for multipliers to be shown."""
 
 
 @dataclass(frozen=True, eq=False)
 class ComparedDesign:
-    """One design.
-
-    Attributes
-    ----------
-    label : str
-    record : DesignRecord
-    names : tuple of str
-        Parameters that it judges.
-    information : (m, m)
-        F of one sample on average, SI.
-    seconds : float or None
-        What the search took.
-    """
+    """One design and its name in the comparison."""
 
     label: str
     record: DesignRecord
-    names: tuple[str, ...]
-    information: Array
-    seconds: float | None
 
-    @classmethod
-    def read(cls, label: str, folder: RunFolder) -> ComparedDesign:
-        """Read the design of a folder.
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The parameters that it judges."""
+        return self.record.summary.parameters
 
-        Raises
-        ------
-        RunFolderError
-            A file is missing or does not hold what it should.
-        """
-        record = DesignRecord.load(folder.path)
-        names = folder.document("design").texts("parameters")
-        path = folder.table_file("information")
-        table = Table.read(path, ["parameter", *names])
-        if table.columns["parameter"] != names:
-            raise RunFolderError(path, "its rows are not the parameters of design.json")
-        seconds = folder.document("design").section("solver").optional("seconds")
-        return cls(
-            label,
-            record,
-            names,
-            table.block(names) / record.summary.samples,
-            float(seconds) if isinstance(seconds, int | float) else None,
-        )
+    @property
+    def information(self) -> Array:
+        """F of one sample on average, SI, (m, m)."""
+        return self.record.information / self.record.summary.samples
 
     @property
     def period(self) -> float:
         """Period, s."""
-        return float(2 * np.pi / self.record.summary.omega)
+        return self.record.summary.trajectory.period
 
     @property
     def nominal(self) -> Array:
         """Nominal values of its parameters for its robot, (m,)."""
-        return self._judged(self.record.precision.nominal)
+        return np.array([parameter.nominal for parameter in self.record.parameters])
 
     def std(self, samples: float) -> Array:
         """Return the predicted standard deviations for so many samples, (m,), SI; NaN for none.
@@ -85,12 +50,9 @@ class ComparedDesign:
         They are those of the design's own experiment, which `tables/parameters.csv` states, by
         the square root of the samples.
         """
-        own = self.record.summary.experiment_samples
-        return self._judged(self.record.precision.experiment) * np.sqrt(own / samples)
-
-    def _judged(self, values: Array) -> Array:
-        by_name = dict(zip(self.record.precision.names, values.tolist(), strict=True))
-        return np.array([by_name[name] for name in self.names])
+        own = self.record.summary.predicted_std.experiment.samples
+        std = np.array([parameter.std_experiment for parameter in self.record.parameters])
+        return np.asarray(std * np.sqrt(own / samples), dtype=np.float64)
 
     def covariance(self, samples: float) -> Array | None:
         """Return the covariance for so many samples, SI; None when F is singular."""
@@ -140,7 +102,7 @@ class DesignComparison:
     @property
     def experiment_samples(self) -> int:
         """Samples of the common experiment: the first design's."""
-        return self.designs[0].record.summary.experiment_samples
+        return self.designs[0].record.summary.predicted_std.experiment.samples
 
     @property
     def same_nominal(self) -> bool:

@@ -2,23 +2,17 @@
 
 from __future__ import annotations
 
-from constraints import limit_definitions
 from results.report.comparison.designs import ComparedDesign
-from results.report.stages.design import used_shares
-from results.report.table import Column, ReportTable, Value
+from results.report.table import Column, ReportTable
 
 
 def limits_table(designs: tuple[ComparedDesign, ...]) -> ReportTable:
     """Return the used share of every limit, one column per design."""
-    shares = {design.label: used_shares(design.record) for design in designs}
-    keys = dict.fromkeys(key for share in shares.values() for key in share)
-    columns = [Column("limit", kind="text")]
-    columns += [Column(label, "%") for label in shares]
-    rows: list[tuple[Value, ...]] = [
-        (
-            limit_definitions()[key].title,
-            *(100 * share[key] if key in share else None for share in shares.values()),
-        )
-        for key in keys
+    checks = [{check.key: check for check in design.record.checks} for design in designs]
+    titles = {check.key: check.title for own in checks for check in own.values()}
+    columns = [Column("limit", kind="text"), *(Column(design.label, "%") for design in designs)]
+    rows = [
+        (title, *(100 * own[key].used if key in own else None for own in checks))
+        for key, title in titles.items()
     ]
     return ReportTable.of("compared_limits", "Used share of every limit", columns, rows)

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from constraints import limit_definitions
+from expdesign.experiment import DesignRecord
+from expdesign.experiment.identifiable import IDENTIFIABLE
 from expdesign.experiment.sensitivity import LimitSensitivity
 from expdesign.information.catalogue import criteria_by_key
-from results.reading.table import Table
-from results.record import DesignRecord
 from results.report.content import (
     Block,
     Fact,
@@ -49,8 +48,6 @@ _LEVELS = {
     "interrupted": Level.BAD,
     "limits broken": Level.BAD,
 }
-_IDENTIFIED = 50.0
-"""Predicted standard deviation in percent below which a parameter counts as identifiable."""
 _AT_BOUND = 0.99
 """Used share from which a limit counts as one that the design is held by."""
 _SCALINGS = {"si": "SI units", "nominal": "nominal scaling"}
@@ -58,53 +55,41 @@ _SCALINGS = {"si": "SI units", "nominal": "nominal scaling"}
 
 def design_report(folder: RunFolder) -> StageReport:
     """Return what is to be said of the design in a folder."""
-    record = DesignRecord.load(folder.path)
+    record = folder.record(DesignRecord)
     facts = _facts(record)
     sensitivity = design_sensitivity(record)
     blocks: tuple[Block, ...] = (
-        Facts((*_details(folder, record), *_costliest(sensitivity))),
+        Facts((*_details(record), *_costliest(sensitivity))),
         TableBlock(limits_table(record)),
         *_gains(sensitivity),
         *folder.figures(*FIGURES[:5]),
         TableBlock(parameters_table(record)),
         *folder.figures("precision", "eigenvalues"),
-        TableBlock(_starts_table(folder)),
+        TableBlock(_starts_table(record)),
         *folder.figures("convergence"),
     )
     summary = record.summary
     return StageReport(
-        _verdict(folder, record),
+        _verdict(record),
         facts,
         (Section("design", "Design", blocks),),
         summary.warnings,
     )
 
 
-def used_shares(record: DesignRecord) -> dict[str, float]:
-    """Return how much of each limit the design uses, 1 at the bound."""
-    definitions = limit_definitions()
-    return {
-        check.key: definitions[check.key].share_used(check.value, check.bound, check.violation)
-        for check in record.checks
-        if check.key in definitions
-    }
-
-
 def limits_table(record: DesignRecord) -> ReportTable:
     """Return the worst moment of every limit."""
-    shares = used_shares(record)
     rows: list[tuple[Value, ...]] = []
     for check in record.checks:
         unit = handy_unit(check.unit, [check.value, check.bound])
-        definition = limit_definitions().get(check.key)
         rows.append(
             (
-                definition.title if definition else check.key,
+                check.title,
                 check.row or "–",
                 unit.factor * check.value,
                 unit.factor * check.bound,
                 unit.symbol or "–",
-                100 * shares[check.key] if check.key in shares else None,
+                100 * check.used,
                 check.time,
             )
         )
@@ -127,19 +112,18 @@ def limits_table(record: DesignRecord) -> ReportTable:
 
 def parameters_table(record: DesignRecord) -> ReportTable:
     """Return nominal parameters with their predicted standard deviations."""
-    found = record.precision
-    rows = list(
-        zip(
-            found.names,
-            found.units,
-            found.nominal.tolist(),
-            found.per_period.tolist(),
-            found.percent_per_period.tolist(),
-            found.experiment.tolist(),
-            found.percent_experiment.tolist(),
-            strict=True,
+    rows = [
+        (
+            parameter.name,
+            parameter.unit,
+            parameter.nominal,
+            parameter.std_per_period,
+            parameter.rel_std_percent_per_period,
+            parameter.std_experiment,
+            parameter.rel_std_percent_experiment,
         )
-    )
+        for parameter in record.parameters
+    ]
     columns = (
         Column("parameter", kind="parameter"),
         Column("unit", kind="text"),
@@ -149,41 +133,28 @@ def parameters_table(record: DesignRecord) -> ReportTable:
         Column("σ, experiment", digits=3),
         Column("σ, experiment", "%", digits=3),
     )
-    summary = record.summary
+    experiment = record.summary.predicted_std.experiment
     caption = (
-        f"Nominal parameters and predicted standard deviations σ: over {summary.samples} samples "
-        f"of one period, and over {readable(summary.experiment_periods)} periods with "
-        f"{summary.experiment_samples} samples; percent of the nominal value"
+        f"Nominal parameters and predicted standard deviations σ: over {record.summary.samples} "
+        f"samples of one period, and over {readable(experiment.periods)} periods with "
+        f"{experiment.samples} samples; percent of the nominal value"
     )
     return ReportTable.of("parameters", caption, columns, rows)
 
 
-def _starts_table(folder: RunFolder) -> ReportTable:
-    table = Table.read(
-        folder.table_file("starts"),
-        [
-            "start",
-            "kind",
-            "criterion_value",
-            "finished_value",
-            "iterations",
-            "converged",
-            "status",
-            "best",
-        ],
-    )
-    rows = list(
-        zip(
-            table.numbers("start").tolist(),
-            table.columns["kind"],
-            table.numbers("criterion_value", blank=True).tolist(),
-            table.numbers("finished_value", blank=True).tolist(),
-            table.numbers("iterations").tolist(),
-            table.columns["status"],
-            [cell == "True" for cell in table.columns["best"]],
-            strict=True,
+def _starts_table(record: DesignRecord) -> ReportTable:
+    rows = [
+        (
+            start.index,
+            start.kind,
+            start.criterion_value,
+            start.finished_value,
+            start.iterations,
+            start.status,
+            start.best,
         )
-    )
+        for start in record.summary.solver.starts
+    ]
     columns = (
         Column("start"),
         Column("kind", kind="text"),
@@ -196,16 +167,10 @@ def _starts_table(folder: RunFolder) -> ReportTable:
     return ReportTable.of("starts", "All starts of the search", columns, rows, folded=True)
 
 
-def _verdict(folder: RunFolder, record: DesignRecord) -> Verdict:
+def _verdict(record: DesignRecord) -> Verdict:
     summary = record.summary
-    document = folder.document("design")
-    told = document.optional("status_text") or ""
     level = _LEVELS.get(summary.status, Level.NEUTRAL)
-    held = [
-        limit_definitions()[key].title
-        for key, share in used_shares(record).items()
-        if share >= _AT_BOUND
-    ]
+    held = [check.title for check in record.checks if check.used >= _AT_BOUND]
     sentence = (
         f"Trajectory of {summary.harmonics} harmonics with a period of "
         f"{readable(2 * np.pi / summary.omega)} s."
@@ -219,16 +184,18 @@ def _verdict(folder: RunFolder, record: DesignRecord) -> Verdict:
         sentence += " Every limit is kept over the whole period, checked anew between the samples."
     if held:
         sentence += f" It is held by {', '.join(held)}."
-    if summary.status == "not converged" and isinstance(told, str) and told:
-        sentence += f" Best start: {told}."
+    if summary.status == "not converged":
+        sentence += f" Best start: {summary.status_text}."
     return Verdict("Design", level, summary.status, sentence, "design")
 
 
 def _facts(record: DesignRecord) -> tuple[Fact, ...]:
-    summary, precision = record.summary, record.precision
+    summary = record.summary
     criterion = criteria_by_key().get(summary.criterion)
-    relative = precision.percent_experiment[np.isfinite(precision.percent_experiment)]
-    value = "singular" if summary.criterion_value is None else readable(summary.criterion_value, 6)
+    percents = np.array([parameter.rel_std_percent_experiment for parameter in record.parameters])
+    relative = percents[np.isfinite(percents)]
+    finite = np.isfinite(summary.criterion_value)
+    value = readable(summary.criterion_value, 6) if finite else "singular"
     facts = [
         Fact(
             criterion.title if criterion else summary.criterion,
@@ -240,22 +207,19 @@ def _facts(record: DesignRecord) -> tuple[Fact, ...]:
         facts.append(
             Fact(
                 "parameters identifiable",
-                f"{int(np.sum(relative < _IDENTIFIED))} of {relative.size}",
+                f"{int(np.sum(relative < 100 * IDENTIFIABLE))} of {relative.size}",
                 f"predicted σ below half of the value; median {readable(np.median(relative), 3)} %",
             )
         )
-    shares = used_shares(record)
-    if shares:
-        key = max(shares, key=lambda name: shares[name])
-        title = limit_definitions()[key].title
-        facts.append(Fact("tightest limit", percent(shares[key], 4), f"used of {title}"))
+    if record.checks:
+        tightest = max(record.checks, key=lambda check: check.used)
+        used = percent(tightest.used, 4)
+        facts.append(Fact("tightest limit", used, f"used of {tightest.title}"))
     return tuple(facts)
 
 
-def _details(folder: RunFolder, record: DesignRecord) -> tuple[Fact, ...]:
-    summary = record.summary
-    solver = folder.document("design").section("solver")
-    seconds, iterations = solver.optional("seconds"), solver.optional("iterations")
+def _details(record: DesignRecord) -> tuple[Fact, ...]:
+    summary, solver = record.summary, record.summary.solver
     facts = [
         Fact("base frequency", f"{readable(summary.omega / (2 * np.pi))} Hz"),
         Fact(
@@ -265,10 +229,9 @@ def _details(folder: RunFolder, record: DesignRecord) -> tuple[Fact, ...]:
         ),
         Fact("harmonics", str(summary.harmonics)),
     ]
-    if summary.log_det_information is not None:
+    if np.isfinite(summary.log_det_information):
         facts.append(Fact("log det F", readable(summary.log_det_information, 6), "SI units"))
-    if isinstance(seconds, int | float) and isinstance(iterations, int):
-        facts.append(Fact("search", duration(seconds), f"{iterations} iterations"))
+    facts.append(Fact("search", duration(solver.seconds), f"{solver.iterations} iterations"))
     return tuple(facts)
 
 

@@ -1,0 +1,81 @@
+"""A motion at many instants: the pose, what every strut does for it, and the columns of it all."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+
+from constraints.arrays import Array
+from expdesign.recheck.recheck import Motion
+from expdesign.robot import Robot
+from expdesign.runfolder import array_columns
+from expdesign.runfolder.columns import (
+    ACCELERATION_COLUMNS,
+    POSE_COLUMNS,
+    RATE_COLUMNS,
+    TIME,
+    strutwise,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class SampledMotion:
+    """Pose, struts and forces at N instants; base frame, SI units and radians.
+
+    Attributes
+    ----------
+    time : (N,)
+    pose, pose_rate, pose_acceleration : (N, 6)
+    length, speed, acceleration : (N, 6)
+        Of the struts.
+    alpha, beta : (N, 6)
+        Cardan angles of the struts.
+    force : (N, 6)
+        Actuator forces at the nominal parameters, positive extends.
+    """
+
+    time: Annotated[Array, array_columns(TIME)]
+    pose: Annotated[Array, array_columns(*POSE_COLUMNS)]
+    pose_rate: Annotated[Array, array_columns(*RATE_COLUMNS)]
+    pose_acceleration: Annotated[Array, array_columns(*ACCELERATION_COLUMNS)]
+    length: Annotated[Array, array_columns(*strutwise("q", "m", "length"))]
+    speed: Annotated[Array, array_columns(*strutwise("dq", "m/s", "speed"))]
+    acceleration: Annotated[Array, array_columns(*strutwise("ddq", "m/s^2", "acceleration"))]
+    alpha: Annotated[Array, array_columns(*strutwise("alpha", "rad", "first cardan angle"))]
+    beta: Annotated[Array, array_columns(*strutwise("beta", "rad", "second cardan angle"))]
+    force: Annotated[
+        Array,
+        array_columns(
+            *strutwise("Q", "N", "actuator force at the nominal parameters, positive extends,")
+        ),
+    ]
+
+    @classmethod
+    def of(cls, robot: Robot, motion: Motion, times: Array) -> SampledMotion:
+        """Sample a motion of a robot at the times (N,), s."""
+        states = motion.sample(times)
+        state = (states.pose, states.rate, states.acceleration)
+        struts = robot.strut_motion(*state)
+        return cls(
+            times,
+            *state,
+            struts.length,
+            struts.length_rate,
+            struts.length_acceleration,
+            struts.alpha,
+            struts.beta,
+            robot.actuator_forces(*state),
+        )
+
+    @property
+    def period(self) -> float:
+        """Duration of one period of equidistant samples whose end is left out, s."""
+        steps = self.time.size - 1
+        return float((self.time[-1] - self.time[0]) * (steps + 1) / steps)
+
+    @property
+    def increases(self) -> bool:
+        """Whether there are two instants at least, each after the one before."""
+        return self.time.size > 1 and bool(np.all(np.diff(self.time) > 0))

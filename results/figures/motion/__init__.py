@@ -1,1 +1,0 @@
-"""The figures of an executable motion: every module declares one as ``FIGURE``."""

@@ -1,0 +1,249 @@
+"""What the struts do, against their limits: over one period, and from rest to rest."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from constraints import Limit
+from constraints.arrays import Array
+from expdesign.experiment import DesignRecord
+from results.executed import MotionRecord
+from results.figures.definition import FigureDefinition
+from results.figures.legends import strut_legend
+from results.style import FAINT, FORBIDDEN, INK, MUTED, STRUT_COLOURS, new_figure
+from results.units import DisplayUnit, handy_unit
+
+_SHARE = 6.0
+"""Limits are in view when their range is at most this many spans of the curves …"""
+_NEAR = 1.0
+"""… and each of them when it is at most this many spans away."""
+_BAND = 0.11
+"""Height of the forbidden area in view, as a share of what lies between."""
+_AIR = 0.06
+
+
+_BEYOND = 0.35
+"""How far the close-up of a ramp reaches into the periods, as a share of the ramp."""
+_WIDTHS = (1.0, 1.6, 1.0)
+
+
+@dataclass(frozen=True)
+class StrutQuantity:
+    """A quantity that every strut has.
+
+    The label is that of its axis, without the unit; the unit is SI; `limit` is the key of the limit
+    that bounds it, `attribute` where a `SampledMotion` has its values.
+    """
+
+    title: str
+    label: str
+    unit: str
+    limit: str
+    attribute: str
+
+
+LENGTH = StrutQuantity("Lengths", "Strut length", "m", "strut_length", "length")
+SPEED = StrutQuantity("Speeds", "Strut speed", "m/s", "strut_speed", "speed")
+ACCELERATION = StrutQuantity(
+    "Accelerations", "Strut acceleration", "m/s^2", "strut_acceleration", "acceleration"
+)
+FORCE = StrutQuantity("Forces", "Actuator force", "N", "actuator_force", "force")
+ALPHA = StrutQuantity("First cardan angle", r"Cardan angle $\alpha$", "rad", "alpha", "alpha")
+BETA = StrutQuantity("Second cardan angle", r"Cardan angle $\beta$", "rad", "beta", "beta")
+
+
+def draw_struts(record: DesignRecord) -> Figure:
+    """Draw four panels over one period; the forces are those of the nominal parameters."""
+    figure = new_figure(5.4)
+    panels = figure.subplots(2, 2, sharex=True)
+    _draw_period(record, panels, (LENGTH, SPEED, ACCELERATION, FORCE))
+    figure.align_ylabels()
+    return figure
+
+
+def draw_cardan_angles(record: DesignRecord) -> Figure:
+    """Draw α and β of all struts over one period."""
+    figure = new_figure(2.9)
+    _draw_period(record, figure.subplots(1, 2, sharex=True, squeeze=False), (ALPHA, BETA))
+    return figure
+
+
+def _draw_period(record: DesignRecord, panels: Any, quantities: Sequence[StrutQuantity]) -> None:
+    """Draw one quantity into each panel over one period; name the struts above all."""
+    motion = record.motion
+    for axes, quantity in zip(panels.flat, quantities, strict=True):
+        values = getattr(motion, quantity.attribute)
+        limited_panel(axes, quantity, motion.time, values, record.limit(quantity.limit))
+        axes.set_xlim(0, motion.period)
+    for axes in panels[-1]:
+        axes.set_xlabel("Time (s)")
+    strut_legend(panels.flat[0].figure)
+
+
+def draw_motion(record: MotionRecord) -> Figure:
+    """Draw lengths, speeds and forces: the whole motion, and its two ramps close up."""
+    figure = new_figure(6.2)
+    panels = figure.subplots(3, 3, sharex="col", sharey="row", width_ratios=_WIDTHS)
+    end = float(record.starts[-1])
+    begin, leave = float(record.starts[1]), float(record.starts[-2])
+    views = (
+        (0.0, begin * (1 + _BEYOND)),
+        (0.0, end),
+        (leave - (end - leave) * _BEYOND, end),
+    )
+    motion = record.motion
+    for row, quantity in zip(panels, (LENGTH, SPEED, FORCE), strict=True):
+        values = getattr(motion, quantity.attribute)
+        for axes, view in zip(row, views, strict=True):
+            limited_panel(axes, quantity, motion.time, values, record.limit(quantity.limit))
+            for text in axes.texts[:] if axes is not row[1] else ():
+                text.remove()
+            axes.set_title("")
+            axes.set_xlim(*view)
+            for start in record.starts[1:-1]:
+                axes.axvline(start, color=INK, linewidth=0.8, dashes=(3, 2))
+        for axes in row[1:]:
+            axes.set_ylabel("")
+    for axes in panels[-1]:
+        axes.set_xlabel("Time (s)")
+    _name_segments(panels[0, 0], record, record.names[:2])
+    _name_segments(panels[0, 2], record, record.names[-2:])
+    panels[0, 1].set_title("whole motion")
+    figure.align_ylabels()
+    strut_legend(figure)
+    return figure
+
+
+def _name_segments(axes: Axes, record: MotionRecord, names: tuple[str, ...]) -> None:
+    """Write each segment's name above the middle of what is in view of it."""
+    low, high = axes.get_xlim()
+    for name in names:
+        k = record.names.index(name)
+        middle = np.clip(record.starts[k : k + 2], low, high).mean()
+        axes.text(
+            (middle - low) / (high - low),
+            1.03,
+            name,
+            transform=axes.transAxes,
+            ha="center",
+            fontsize="small",
+            color=MUTED if name == "periods" else INK,
+            bbox={"facecolor": "white", "edgecolor": FAINT, "pad": 1.5, "linewidth": 0.0},
+        )
+
+
+def limited_panel(
+    axes: Axes, quantity: StrutQuantity, time: Array, values: Array, limit: Limit | None
+) -> None:
+    """Draw the curves, shade what the limit forbids and write the bounds into the shade.
+
+    Where bounds differ from strut to strut, the shade begins at the widest, and each strut's own
+    bound is a dashed line in its colour.
+
+    Parameters
+    ----------
+    axes : Axes
+    quantity : StrutQuantity
+    time : (N,)
+        s.
+    values : (N, 6)
+        SI.
+    limit : Limit or None
+        None when the quantity is not limited.
+    """
+    nothing = np.full(values.shape[1], np.inf)
+    lower = -nothing if limit is None else limit.lower
+    upper = nothing if limit is None else limit.upper
+    finite = np.concatenate([values.ravel(), lower, upper])
+    unit = handy_unit(quantity.unit, finite[np.isfinite(finite)])
+    for j, colour in enumerate(STRUT_COLOURS):
+        axes.plot(time, unit.shown(values[:, j]), color=colour, label=f"strut {j + 1}")
+    axes.set_title(quantity.title)
+    axes.set_ylabel(unit.label(quantity.label))
+    _show_bounds(axes, unit, values, lower, upper)
+
+
+def _show_bounds(axes: Axes, unit: DisplayUnit, values: Array, lower: Array, upper: Array) -> None:
+    low, high = float(np.min(values)), float(np.max(values))
+    span = (high - low) or max(abs(high), 1.0) * 1e-3
+    least, most = float(np.min(lower)), float(np.max(upper))
+    near = most - least <= _SHARE * span
+    below = near or low - least <= _NEAR * span
+    above = near or most - high <= _NEAR * span
+    bottom, top = min(low, least) if below else low, max(high, most) if above else high
+    height = top - bottom
+    bottom -= height * (_BAND if below else _AIR)
+    top += height * (_BAND if above else _AIR)
+    axes.set_ylim(*unit.shown([bottom, top]))
+    hidden = []
+    for bounds, widest, edge, seen in ((lower, least, bottom, below), (upper, most, top, above)):
+        if seen:
+            _forbid(axes, unit, bounds, widest, edge)
+        elif np.isfinite(widest):
+            hidden.append(widest)
+    if hidden:
+        text = f"{_hidden_text(unit, hidden)} not in view"
+        axes.set_title(text, loc="right", fontsize="small", fontweight="normal", color=MUTED)
+
+
+def _hidden_text(unit: DisplayUnit, bounds: Sequence[float]) -> str:
+    if len(bounds) == 1:
+        return f"limit {unit.quantity(bounds[0])}"
+    if bounds[0] == -bounds[1]:
+        return f"limits ±{unit.quantity(bounds[1])}"
+    return f"limits {unit.number(bounds[0])} … {unit.quantity(bounds[1])}"
+
+
+def _forbid(axes: Axes, unit: DisplayUnit, bounds: Array, widest: float, edge: float) -> None:
+    """Shade from the widest bound to the edge of the view; draw the bounds."""
+    boundary, end = unit.shown([widest, edge])
+    axes.axhspan(boundary, end, **FORBIDDEN, zorder=0.6)
+    axes.axhline(boundary, color=INK, linewidth=0.8, zorder=1.5)
+    for colour, bound in zip(STRUT_COLOURS, bounds, strict=True):
+        if np.isfinite(bound) and bound != widest:
+            axes.axhline(
+                unit.shown(bound).item(), color=colour, linewidth=0.9, dashes=(4, 2), zorder=1.4
+            )
+    axes.text(
+        0.012,
+        (boundary + end) / 2,
+        _bounds_text(unit, bounds),
+        transform=axes.get_yaxis_transform(),
+        fontsize="small",
+        color=INK,
+        verticalalignment="center",
+        bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.0},
+        zorder=3,
+    )
+
+
+def _bounds_text(unit: DisplayUnit, bounds: Array) -> str:
+    smallest, largest = float(np.min(bounds)), float(np.max(bounds))
+    if smallest == largest:
+        return f"limit {unit.quantity(largest)}"
+    return f"limits by strut {unit.number(smallest)} … {unit.quantity(largest)}"
+
+
+STRUTS = FigureDefinition(
+    key="struts",
+    caption="Lengths, speeds, accelerations and actuator forces (nominal parameters) of the six "
+    "struts over one period. What the limits forbid is hatched.",
+    draw=draw_struts,
+)
+CARDAN_ANGLES = FigureDefinition(
+    key="cardan_angles",
+    caption="Cardan angles of the six struts over one period. What the limits forbid is hatched.",
+    draw=draw_cardan_angles,
+)
+MOTION = FigureDefinition(
+    key="motion",
+    caption="Lengths, speeds and actuator forces (nominal parameters) of the six struts from rest "
+    "to rest. Left and right the ramps, close up; what the limits forbid is hatched.",
+    draw=draw_motion,
+)
