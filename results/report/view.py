@@ -53,12 +53,13 @@ def _view(folder: RunFolder, time: Array, pose: Array, force: Array, caption: st
     robot = folder.configuration.robot
     period = float(time[-1] - time[0]) * time.size / (time.size - 1)
     chosen = np.unique(np.linspace(0, time.size, _FRAMES, endpoint=False).astype(int))
+    joints = np.stack([robot.struts_at(place).joints for place in pose[chosen]])
     largest = float(np.max(np.abs(force)))
     data = {
         "period": round(period, 9),
         "time": _rounded(time[chosen] - time[0], 5),
         "base": _rounded(1e3 * robot.base_joints, 2),
-        "joints": _rounded(1e3 * np.stack([robot.struts_at(place).joints for place in pose[chosen]]), 2),
+        "joints": _rounded(1e3 * joints, 2),
         "tool": _rounded(1e3 * pose[chosen, :3], 2),
         "force": _rounded(force[chosen], 2),
         "largest": largest if largest > 0 else 1.0,

@@ -2,6 +2,7 @@
 
 import itertools
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -38,7 +39,7 @@ from expdesign.configuration.sections.export import OFFERS
 from expdesign.configuration.sections.study import StudySection
 from expdesign.configuration.sections.validation import ValidationMotion
 from expdesign.configuration.values.quantity import unit_dimension, unit_symbols
-from expdesign.experiment.record import TABLES
+from expdesign.experiment.record import TABLES, TRAJECTORY, DesignFile
 from expdesign.export import table_formats
 from expdesign.information.catalogue import criteria_by_key
 from expdesign.library import robot_files, run_files
@@ -46,7 +47,7 @@ from expdesign.mechanism.catalogue import DEFAULT, TERMS, terms_named
 from expdesign.mechanism.graph import HexapodGraph
 from expdesign.mechanism.term import ALPHA_RATE, BETA_RATE, STRUT_SPEED, parameters_of
 from expdesign.recheck import TOLERANCE, grid_points
-from expdesign.runfolder.columns import MEASUREMENT, TRAJECTORY
+from expdesign.runfolder.columns import MEASUREMENT
 from expdesign.trajectory import FourierTrajectory
 from results.figures.design.catalogue import DESIGN_FIGURES
 from results.figures.montecarlo.catalogue import STUDY_FIGURES
@@ -224,7 +225,8 @@ def test_robots_and_runs_that_ship():
 
 
 @pytest.mark.parametrize(
-    ("file", "columns"), [("trajectory.csv", TRAJECTORY), ("measurement.csv", MEASUREMENT)]
+    ("file", "columns"),
+    [("trajectory.csv", TRAJECTORY.columns), ("measurement.csv", MEASUREMENT)],
 )
 def test_columns_of_trajectory_and_measurement(file, columns):
     names = []
@@ -252,7 +254,13 @@ def test_keys_of_the_truth():
 
 def test_columns_of_the_tables():
     rows = {codes(row[0])[0]: codes(row[1]) for row in table(RUN_FOLDER, "## tables")}
-    assert rows == {name: [c.name for c in columns] for name, columns in TABLES.items()}
+    assert rows == {Path(table.file).stem: list(table.names) for table in TABLES}
+
+
+def test_keys_of_the_design():
+    rows = table(RUN_FOLDER, "## design.json")
+    keys = [key for row in rows for key in codes(row[0])]
+    assert sorted(keys) == sorted(["format", *(c.name for c in DesignFile.described_keys())])
 
 
 def test_formats_of_measured_data():
