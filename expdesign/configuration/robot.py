@@ -190,6 +190,7 @@ def resolve_robot(
     problems += found
 
     warnings = []
+    terms = chosen_terms(description.terms, description.platform)
     platform_joints = read_only(description.platform_joints)
     with np.errstate(all="ignore"):
         if length is None:
@@ -199,12 +200,11 @@ def resolve_robot(
                 f"{length:.4g} m, the rms radius of the platform joints"
             )
         alpha_axes, joint_axes, found = _axes(source, platform_joints, length)
-        sums = {} if description.platform == "general" else geo.asymmetric_sums(platform_joints)
+        sums = geo.asymmetric_sums(platform_joints) if rigid_platform.SYMMETRIC in terms else {}
     problems += found
     if problems:
         raise InputError(problems)
 
-    terms = chosen_terms(description.terms, description.platform)
     warnings += parameter_warnings(terms, description.parameters)
     if sums:
         warnings.append(

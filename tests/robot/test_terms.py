@@ -7,7 +7,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from estimation.measurement_model.kernels import force_kernel
+from estimation.measurement_model.prediction import force_kernel
 from expdesign.configuration import InputError, load_robot_description, load_run, resolved_yaml
 from expdesign.experiment.scaling import parameter_scaling
 from expdesign.mechanism import catalogue
