@@ -37,7 +37,7 @@ def _regressors(robot, states, friction, extra):
     rows = np.concatenate(states, axis=1)
     return np.array(
         [
-            function(row, robot.geometry_vector, symbol_value).full()
+            function(row, robot.machine, symbol_value).full()
             for row, symbol_value in zip(rows, extra, strict=True)
         ]
     )
