@@ -11,7 +11,7 @@ import pandas as pd
 
 import expdesign
 from benchmarks.memory import largest_memory
-from expdesign.robot import ExactModel
+from expdesign.robot import LimitModel
 
 TITLE = "Main job over ten seeds"
 BEST_KNOWN = 104.54
@@ -30,7 +30,7 @@ def rows(seeds: range = range(10)) -> Iterator[dict[str, Any]]:
         seconds = time.perf_counter() - began
         motion = result.trajectory.sample(result.trajectory.sample_times(GRID))
         states = np.concatenate([motion.pose, motion.rate, motion.acceleration], axis=1)
-        worst = float(np.max(ExactModel(result.robot, result.robot.limits).violations(states)))
+        worst = float(np.max(LimitModel.of(result.robot).violations(states)))
         starts = result.search.starts
         yield {
             "seed": seed,

@@ -20,7 +20,7 @@ from estimation.validation.saved_estimate import SavedEstimate
 from expdesign.configuration import InputError, Problem, RunConfiguration, ValidationMotion
 from expdesign.experiment.design import controller_period
 from expdesign.recheck import Recheck, recheck
-from expdesign.robot import ExactModel, Robot, robot_from
+from expdesign.robot import LimitModel, Robot, robot_from
 from expdesign.trajectory import FourierTrajectory
 
 FIRST_REPETITION = 100_001
@@ -141,7 +141,7 @@ def _validated(
             raise InputError(
                 Problem(str(error), file=configuration.file, key=f"validate[{number + 1}]")
             ) from error
-        check = recheck(ExactModel(robot, robot.limits), trajectory, _RECHECK_SAMPLES)
+        check = recheck(LimitModel.of(robot), trajectory, _RECHECK_SAMPLES)
         data = _simulated(configuration, trajectory, motion.periods, number)
     if motion.mirror != "none":
         name += f", mirrored {motion.mirror}"

@@ -269,6 +269,7 @@ def _exported(
     section: ExportSection, task: Task, path: Path, place: str, *, as_json: bool
 ) -> Export:
     from expdesign.export import ExportError, export_table
+    from expdesign.export.read_back import limits_in_words
 
     try:
         made = export_table(section, task, path, place)
@@ -282,7 +283,7 @@ def _exported(
         off = check.deviation
         results().print(
             f"{path.name}: {check.rows} rows in {check.duration:.3f} s, read back: struts within "
-            f"{1e6 * off.position:.3g} µm and {1e3 * off.velocity:.3g} mm/s of the design, every "
-            "limit kept"
+            f"{1e6 * off.position:.3g} µm and {1e3 * off.velocity:.3g} mm/s of the design, "
+            f"{limits_in_words(check.limits)}"
         )
     return made

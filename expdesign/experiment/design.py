@@ -135,7 +135,7 @@ def build_workshop(configuration: RunConfiguration) -> Workshop:
         names=names,
     )
     if run.design.start == "rest":
-        problem = problem.starting_at_rest()
+        problem = problem.with_variables(rest=True)
     plan = SearchPlan(
         starts=run.design.starts,
         hops=run.design.hops if run.design.search == "hopping" else 0,

@@ -22,6 +22,7 @@ from constraints.arrays import Array
 from expdesign.configuration import RunConfiguration
 from expdesign.experiment.design import build_workshop
 from expdesign.problem import DesignProblem
+from expdesign.recheck import local_worst
 from expdesign.solver.continuation import finish_stage
 from expdesign.solver.jobs import Workshop
 from expdesign.solver.stage import run_stage
@@ -96,7 +97,7 @@ def _sensitivity(shop: Workshop, x: Array, near: float) -> LimitSensitivity:
     _, slope = problem.cost.gradient(x, width, level)
     keys, slopes, room = _active_rows(problem, x, width, near)
     multipliers, unexplained = balance(slope, slopes)
-    gains = dict.fromkeys((*(limit.key for limit in problem.limits), FREQUENCY), 0.0)
+    gains = dict.fromkeys((*problem.limits.keys, FREQUENCY), 0.0)
     for key, multiplier, gives in zip(keys, multipliers, room, strict=True):
         gains[key] += float(multiplier * gives)
     return LimitSensitivity(
@@ -132,22 +133,17 @@ def _active_rows(
     """
     phases = 2 * np.pi * np.arange(_POINTS) / _POINTS
     excess = problem.smooth_violations(x, phases, width)
-    peaks = (excess >= np.roll(excess, 1, axis=0)) & (excess >= np.roll(excess, -1, axis=0))
-    mask = peaks & (excess > -near)
-    rows = problem.rows(phases, mask)
-    values, slopes = problem.evaluator.jacobian(x, rows, width)
-    _, columns = np.nonzero(rows.mask)
-    lower, upper = rows.bounds()
-    scale = problem.row_scale()[columns]
-    above = values - upper > lower - values
-    owner = np.concatenate(
-        [np.full(part.stop - part.start, k) for k, part in enumerate(problem.exact.columns())]
-        or [np.empty(0)]
-    ).astype(int)
-    keys = [problem.limits[owner[column]].key for column in columns]
+    mask = local_worst(excess, periodic=True) & (excess > -near)
+    program = problem.program(
+        phases, mask, width=width, level=problem.criterion.levels[-1], samples=_POINTS
+    )
+    values, slopes = program.rows_jacobian(x)
+    _, columns = np.nonzero(mask)
+    above = values - program.row_upper > program.row_lower - values
+    keys = [problem.limits.keys[column] for column in columns]
     sign = np.where(above, 1.0, -1.0)
     room = np.where(above, _room(problem)[1][columns], _room(problem)[0][columns])
-    slopes = sign[:, None] * slopes / scale[:, None]
+    slopes = sign[:, None] * slopes
     bounds = _frequency_rows(problem, x, near)
     return (
         [*keys, *[FREQUENCY] * len(bounds)],
@@ -158,16 +154,14 @@ def _active_rows(
 
 def _room(problem: DesignProblem) -> tuple[Array, Array]:
     """Return how far lower and upper smooth bounds move when each limit is wider, (R,) each."""
-    lower, upper = problem.smooth_bounds()
-    two_sided = np.concatenate(
-        [np.isfinite(limit.lower) & np.isfinite(limit.upper) for limit in problem.limits]
-    )
+    limits = problem.limits
+    lower, upper = limits.smooth_bounds()
     # Both ends of a range share what it is widened by.
-    share = np.where(two_sided, WIDER / 2, WIDER)
-    wider_lower, wider_upper = problem.smooth_bounds(-_STEP * share)
+    share = np.where(limits.two_sided, WIDER / 2, WIDER)
+    wider_lower, wider_upper = limits.smooth_bounds(-_STEP * share)
     with np.errstate(invalid="ignore"):
         moved = (lower - wider_lower, wider_upper - upper)
-    below, above = (np.nan_to_num(side / _STEP / problem.row_scale()) for side in moved)
+    below, above = (np.nan_to_num(side / _STEP / limits.scale) for side in moved)
     return below, above
 
 

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
-from constraints import Limit
-from constraints.arrays import Array
 from expdesign.export.catalogue import table_formats
 from expdesign.export.definition import Settings, Task
 from expdesign.export.deviation import Deviation, blocks, deviation
@@ -18,8 +17,8 @@ from expdesign.export.interpolation import Interpolation, refined
 from expdesign.export.row_times import SHARE, ideal_rows
 from expdesign.export.rows import Rows, TableError
 from expdesign.export.whole_motion import whole_motion
-from expdesign.recheck import LimitCheck
-from expdesign.robot import ExactModel, ForwardKinematicsError
+from expdesign.recheck import LimitCheck, judge, worst_of_each
+from expdesign.robot import ForwardKinematicsError, LimitModel
 
 LIMIT_SHARE = 1e-3
 """Largest excess over a limit, as a share of its range, that an executed table may have."""
@@ -169,15 +168,24 @@ def _executed(found: ReadBack, table: ExecutedTable) -> ReadBack:
     linear = table.interpolation is Interpolation.LINEAR
     points = FINER if linear else max(FINER, int(np.ceil(found.longest / _FINEST)))
     grid = refined(table.rows.times, points)
-    limits = table.robot.limits
-    quick = tuple(limit for limit in limits if not _DYNAMIC.isdisjoint(limit.definition.requires))
-    rest = tuple(limit for limit in limits if limit not in quick)
-    checks: dict[str, LimitCheck] = {}
+    limits = LimitModel.of(table.robot)
+    quick, rest = (
+        LimitModel(
+            table.robot,
+            tuple(
+                limit
+                for limit in limits.limits
+                if _DYNAMIC.isdisjoint(limit.definition.requires) != dynamic
+            ),
+        )
+        for dynamic in (True, False)
+    )
+    checks: list[LimitCheck] = []
     worst = Deviation()
     for times in blocks(grid):
         executed = table.between(times)
         worst = worst.with_worse(deviation(table, times, executed, forces=not linear))
-        _hold(checks, table, rest if linear else limits, times, executed.states)
+        checks += judge(rest if linear else limits, times, executed.states)
     if linear:
         for times in blocks(table.rows.times):
             executed = table.smoothed(times)
@@ -187,41 +195,26 @@ def _executed(found: ReadBack, table: ExecutedTable) -> ReadBack:
                 acceleration=float(np.fmax(worst.acceleration, at_rows.acceleration)),
                 force=float(np.fmax(worst.force, at_rows.force)),
             )
-            _hold(checks, table, quick, times, executed.states)
-    ordered = tuple(checks[limit.key] for limit in limits)
+            checks += judge(quick, times, executed.states)
+    held = {check.key: check for check in worst_of_each(checks)}
+    ordered = tuple(held[key] for key in dict.fromkeys(limits.keys))
     return replace(found, points=len(grid), deviation=worst, limits=ordered)
 
 
-def _hold(
-    checks: dict[str, LimitCheck],
-    table: ExecutedTable,
-    limits: tuple[Limit, ...],
-    times: Array,
-    states: Array,
-) -> None:
-    """Keep the worst moment of every limit."""
-    if not limits:
-        return
-    model = ExactModel(table.robot, limits)
-    values = model.values(states)
-    for limit, columns in zip(limits, model.columns(), strict=True):
-        part = np.nan_to_num(limit.violation(values[:, columns]), nan=np.inf, neginf=-np.inf)
-        moment, row = np.unravel_index(int(np.argmax(part)), part.shape)
-        violation = float(part[moment, row])
-        if limit.key in checks and violation <= checks[limit.key].violation:
-            continue
-        value = float(values[moment, columns.start + row])
-        checks[limit.key] = LimitCheck(
-            key=limit.key,
-            title=limit.definition.title,
-            unit=limit.unit,
-            origin=limit.origin,
-            row=limit.labels[row],
-            value=value,
-            bound=limit.nearest_bound(int(row), value),
-            violation=violation,
-            time=float(times[moment]),
-        )
+def limits_in_words(checks: Iterable[LimitCheck]) -> str:
+    """Say that every limit is kept; if not, by how much each is exceeded and what is allowed.
+
+    A table is executed by interpolation between rounded numbers: it may exceed a limit by
+    `LIMIT_SHARE` of its range. A limit that it does exceed is never called kept.
+    """
+    exceeded = [f"{check}, exceeded by {_share(check)}" for check in checks if not check.kept]
+    if not exceeded:
+        return "every limit kept"
+    return f"{'; '.join(exceeded)} (tolerance of a table: {LIMIT_SHARE:g} of the range)"
+
+
+def _share(check: LimitCheck) -> str:
+    return f"{check.violation:.2g} of its range"
 
 
 def _beyond(found: ReadBack, table: ExecutedTable, settings: Settings) -> list[str]:
@@ -240,13 +233,11 @@ def _beyond(found: ReadBack, table: ExecutedTable, settings: Settings) -> list[s
             for what, share in (("acceleration", off.acceleration), ("force", off.force))
             if share > SHARE
         ]
-    for check in found.limits:
-        if not check.violation <= LIMIT_SHARE:
-            row = f" of {check.row}" if check.row else ""
-            failures.append(
-                f"{check.title}{row} is {check.value:.6g} {check.unit} at {check.time:.4f} s, "
-                f"beyond {check.bound:.6g} {check.unit}"
-            )
+    failures += [
+        f"{check}, beyond it by {_share(check)}, more than the tolerance of {LIMIT_SHARE:g}"
+        for check in found.limits
+        if not check.violation <= LIMIT_SHARE
+    ]
     return failures
 
 

@@ -83,7 +83,8 @@ def _checked(check: Mapping[str, Any]) -> str:
         share = check[key]
         if share is not None and math.isfinite(share):
             text += f", {what} {100 * share:.2g} % of their limits' range"
-    text += "; every limit is kept"
+    # A record of an earlier version does not say it.
+    text += f"; {check.get('limits_in_words', 'every limit kept within its tolerance')}"
     change = check["information"]
     if change is not None:
         text += (

@@ -10,7 +10,7 @@ from typing import Any
 from expdesign.export.catalogue import table_formats
 from expdesign.export.definition import Task
 from expdesign.export.exporting import Export
-from expdesign.export.read_back import LIMIT_SHARE, LOG_DET_CHANGE, STD_SHARE
+from expdesign.export.read_back import LIMIT_SHARE, LOG_DET_CHANGE, STD_SHARE, limits_in_words
 from expdesign.export.row_times import SHARE
 from expdesign.motion import motion_to_record
 
@@ -95,9 +95,12 @@ def file_record(export: Export) -> dict[str, Any]:
                     "row": limit.row,
                     "time": limit.time,
                     "violation": limit.violation,
+                    "tolerance": LIMIT_SHARE,
+                    "kept": limit.kept,
                 }
                 for limit in check.limits
             },
+            "limits_in_words": limits_in_words(check.limits),
             "information": None if check.information is None else asdict(check.information),
             "tolerances": {
                 "position": settings.tolerance,

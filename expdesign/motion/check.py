@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import partial
+
 import numpy as np
 
-from constraints.arrays import Array
 from expdesign.configuration import RunConfiguration
 from expdesign.motion.executable import ExecutableMotion
-from expdesign.motion.jerk import JerkBound, jerk_bound, strut_jerk
+from expdesign.motion.jerk import jerk_limit, moving_states
 from expdesign.motion.periods import PERIODS, Periods
-from expdesign.motion.ramp_limits import JERK
-from expdesign.recheck import LimitCheck, Recheck, check_limits, grid_points, states_at
-from expdesign.robot import ExactModel, Robot, robot_from
+from expdesign.recheck import LimitCheck, Recheck, grid_points, judge, worst_of_each
+from expdesign.robot import LimitModel, robot_from
 
 
 def check_motion(configuration: RunConfiguration, motion: ExecutableMotion) -> Recheck:
-    """Check every limit, and the bound on the struts' jerk, from rest to rest.
+    """Judge every limit, and that on the struts' jerk, from rest to rest.
 
     Every segment has a grid of its own of at least 4000 points, both ends included; of the
     periods, which repeat, the first is looked at. The worst moment of each limit is searched
@@ -32,42 +33,17 @@ def check_motion(configuration: RunConfiguration, motion: ExecutableMotion) -> R
         Times are from the start of the motion.
     """
     robot = robot_from(configuration.robot)
-    model = ExactModel(robot, robot.limits)
-    bound = jerk_bound(configuration, robot, Periods(motion.trajectory, motion.periods))
+    orbit = Periods(motion.trajectory, motion.periods)
+    limits = LimitModel.of(robot, jerk_limit(configuration, robot, orbit))
     points = grid_points(configuration.run.trajectory.samples)
-    worst: dict[str, LimitCheck] = {}
-    starts = motion.starts
-    for k, segment in enumerate(motion.segments):
+    checks: list[LimitCheck] = []
+    # The jerk jumps at the junctions: each segment answers for its own ends.
+    for start, segment in zip(motion.starts[:-1], motion.segments, strict=True):
+        between = partial(moving_states, segment)
         once = motion.trajectory.period if segment.name == PERIODS else segment.duration
-        times = np.linspace(starts[k], starts[k] + once, points)
-        found = check_limits(model, motion, times, periodic=False)
-        # The jerk jumps at the junctions: each segment answers for its own ends.
-        third = segment.jerk(times - starts[k])
-        found = (*found, _jerk_check(robot, bound, motion, times, third))
-        for check in found:
-            if check.key not in worst or check.violation > worst[check.key].violation:
-                worst[check.key] = check
+        times = np.linspace(0.0, once, points)
+        found = judge(limits, times, between(times), between)
+        checks += [replace(check, time=float(start) + check.time) for check in found]
     return Recheck(
-        tuple(worst.values()), points * len(motion.segments), "the motion from rest to rest"
-    )
-
-
-def _jerk_check(
-    robot: Robot, bound: JerkBound, motion: ExecutableMotion, times: Array, third: Array
-) -> LimitCheck:
-    jerk = strut_jerk(robot.geometry_vector, states_at(motion, times), third)
-    excess = (np.abs(jerk) - bound.values) / (2 * bound.values)
-    excess = np.nan_to_num(excess, nan=np.inf)
-    moment, strut = np.unravel_index(int(np.argmax(excess)), excess.shape)
-    value = float(jerk[moment, strut])
-    return LimitCheck(
-        key=JERK,
-        title="strut jerk",
-        unit="m/s^3",
-        origin=bound.origin,
-        row=f"strut {strut + 1}",
-        value=value,
-        bound=float(np.copysign(bound.values[strut], value)),
-        violation=float(excess[moment, strut]),
-        time=float(times[moment]),
+        worst_of_each(checks), points * len(motion.segments), "the motion from rest to rest"
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from constraints.arrays import Array
+from expdesign.motion.jerk import moving_states
 from expdesign.motion.ramp_problem import RampProblem
 from expdesign.motion.spline import FIXED, SplineRamp, derivatives
 from expdesign.recheck import Motion
@@ -38,10 +39,8 @@ def guesses(problem: RampProblem, orbit: Motion, period: float, width: float) ->
     ramps = [_polynomial(problem, float(duration), shares) for duration in durations]
     ramps += [_faded(problem, orbit, share * period, shares) for share in _FADES]
     for ramp in ramps:
-        motion = ramp.sample(shares * ramp.duration)
-        states = np.concatenate([motion.pose, motion.rate, motion.acceleration], axis=1)
-        jerk = ramp.jerk(shares * ramp.duration)
-        worst = float(np.max(problem.limits.smooth_violations(states, jerk, width)))
+        states = moving_states(ramp, shares * ramp.duration)
+        worst = float(np.max(problem.limits.smooth_violations(states, width)))
         found.append((max(worst, 0.0), ramp.duration, ramp))
     found.sort(key=lambda entry: entry[:2])
     return [ramp for _, _, ramp in found]
@@ -54,7 +53,7 @@ def _polynomial(problem: RampProblem, duration: float, shares: Array) -> SplineR
 
 
 def _faded(problem: RampProblem, orbit: Motion, duration: float, shares: Array) -> SplineRamp:
-    home = problem.limits.exact.robot.home
+    home = problem.limits.robot.home
     arriving = np.array_equal(problem.start.pose, home)
     times = (shares - 1) * duration if arriving else shares * duration
     grown = shares if arriving else 1 - shares

@@ -1,19 +1,30 @@
-"""Jerk of the struts: the third derivative of their lengths, which no limit of the design knows."""
+"""Jerk of the struts as a limit: the third derivative of their lengths, which no design knows."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cache
+from functools import partial
 
-import casadi as ca
 import numpy as np
 
+from constraints import Limit, LimitDefinition
 from constraints.arrays import Array
-from expdesign.configuration import InputError, Problem, RunConfiguration
-from expdesign.mechanism.graph import hexapod_graph
+from expdesign.configuration import InputError, Problem, RunConfiguration, row_labels
+from expdesign.mechanism.hexapod import ACTUATORS
+from expdesign.motion.executable import Segment
 from expdesign.motion.periods import Periods
-from expdesign.robot import Robot
-from expdesign.robot.batch import BatchFunction
+from expdesign.recheck import judge, states_at
+from expdesign.robot import LimitModel, Robot
+
+STRUT_JERK = LimitDefinition(
+    key="strut_jerk",
+    title="strut jerk",
+    unit="m/s^3",
+    kind="symmetric",
+    per_actuator=True,
+    requires=("strut_jerk",),
+    natural=lambda q: q["strut_jerk"],
+)
+"""Not in the catalogue: a design has no bound on it, the key is `motion.jerk` of the run file."""
 
 RISE = 0.02
 """Time in which a strut may reach its largest acceleration from zero, s, by the default bound."""
@@ -22,50 +33,19 @@ OWN = 1.2
 _POINTS = 4000
 
 
-@cache
-def strut_jerk_kernel() -> BatchFunction:
-    """Return strut jerk (6,), m/s³, and its Jacobian (6, 24), of (pose … jerk) and geometry."""
-    graph = hexapod_graph()
-    third = ca.SX.sym("pose_jerk", 6)
-    moving = ca.vertcat(graph.rate, graph.acceleration, third)
-    jerk = ca.jtimes(graph.kinematic["strut_acceleration"], graph.state, moving)
-    state = ca.vertcat(graph.state, third)
-    outputs = [ca.densify(jerk), ca.densify(ca.cse(ca.jacobian(jerk, state)))]
-    return BatchFunction("strut_jerk", [state], [graph.geometry.vector], outputs)
-
-
-def strut_jerk(geometry: Array, states: Array, third: Array) -> Array:
-    """Return the jerk of the struts, (N, 6), m/s³.
+def moving_states(segment: Segment, times: Array) -> Array:
+    """Return pose, rate, acceleration and jerk of the pose side by side, (N, 24).
 
     Parameters
     ----------
-    geometry : (g,)
-        The graph's geometry input.
-    states : (N, 18)
-        Pose, rate and acceleration.
-    third : (N, 6)
-        Third derivative of the pose.
+    segment : Segment
+    times : (N,)
+        s from its start.
     """
-    return strut_jerk_kernel()(np.concatenate([states, third], axis=1), geometry)[0]
+    return np.concatenate([states_at(segment, times), segment.jerk(times)], axis=1)
 
 
-@dataclass(frozen=True, eq=False)
-class JerkBound:
-    """Largest jerk of each strut, and where it comes from.
-
-    Attributes
-    ----------
-    values : (6,)
-        m/s³.
-    origin : str
-        The key of the run file, or how the default follows.
-    """
-
-    values: Array
-    origin: str
-
-
-def jerk_bound(configuration: RunConfiguration, robot: Robot, orbit: Periods) -> JerkBound:
+def jerk_limit(configuration: RunConfiguration, robot: Robot, orbit: Periods) -> Limit:
     """Return `motion.jerk`, or the default: the struts' acceleration limit within 20 ms.
 
     Without such a limit the largest acceleration of the designed motion takes its place; and the
@@ -77,25 +57,32 @@ def jerk_bound(configuration: RunConfiguration, robot: Robot, orbit: Periods) ->
         The designed motion itself exceeds `motion.jerk`.
     """
     times = np.linspace(0.0, orbit.trajectory.period, _POINTS)
-    motion = orbit.sample(times)
-    states = np.concatenate([motion.pose, motion.rate, motion.acceleration], axis=1)
-    own = np.max(np.abs(strut_jerk(robot.geometry_vector, states, orbit.jerk(times))), axis=0)
+    states = moving_states(orbit, times)
     given = configuration.run.motion.jerk
     if given is not None:
-        if np.max(own) > given:
+        limit = _within(np.full(ACTUATORS, given), "motion.jerk")
+        (check,) = judge(LimitModel(robot, (limit,)), times, states, partial(moving_states, orbit))
+        if not check.kept:
+            largest = f"{abs(check.value):.4g} m/s^3"
             raise InputError(
                 Problem(
-                    f"the designed motion itself has a strut jerk of {np.max(own):.4g} m/s^3",
+                    f"the designed motion itself has a strut jerk of {largest}",
                     file=configuration.file,
                     key="motion.jerk",
-                    allowed=f"at least {np.max(own):.4g} m/s^3, or a calmer design",
+                    allowed=f"at least {largest}, or a calmer design",
                 )
             )
-        return JerkBound(np.full(6, given), "motion.jerk")
-    limit = next((item for item in robot.limits if item.key == "strut_acceleration"), None)
-    if limit is None:
-        struts = robot.strut_motion(motion.pose, motion.rate, motion.acceleration)
-        largest = np.max(np.abs(struts.length_acceleration), axis=0)
+        return limit
+    unbounded = _within(np.full(ACTUATORS, np.inf), "")
+    own = np.max(np.abs(LimitModel(robot, (unbounded,)).values(states)), axis=0)
+    bound = next((item for item in robot.limits if item.key == "strut_acceleration"), None)
+    if bound is None:
+        struts = robot.strut_motion(*np.split(states[:, :18], 3, axis=1))
+        largest_acceleration = np.max(np.abs(struts.length_acceleration), axis=0)
     else:
-        largest = np.minimum(np.abs(limit.lower), np.abs(limit.upper))
-    return JerkBound(np.maximum(largest / RISE, OWN * own), "default of motion.jerk")
+        largest_acceleration = np.minimum(np.abs(bound.lower), np.abs(bound.upper))
+    return _within(np.maximum(largest_acceleration / RISE, OWN * own), "default of motion.jerk")
+
+
+def _within(largest: Array, origin: str) -> Limit:
+    return Limit(STRUT_JERK, -largest, largest, row_labels(STRUT_JERK), origin)

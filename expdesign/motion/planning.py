@@ -11,15 +11,14 @@ from constraints.arrays import Array
 from expdesign.configuration import InputError, Problem, RunConfiguration
 from expdesign.motion.executable import WHOLE, ExecutableMotion
 from expdesign.motion.guess import guesses
-from expdesign.motion.jerk import JerkBound, jerk_bound
+from expdesign.motion.jerk import jerk_limit
 from expdesign.motion.periods import Periods
 from expdesign.motion.ramp import NoRampError, find_ramp, shortest
-from expdesign.motion.ramp_limits import RampLimits
 from expdesign.motion.ramp_problem import RampProblem
 from expdesign.motion.spline import MotionState, SplineRamp
-from expdesign.problem.reach import coordinate_reach
-from expdesign.recheck import LimitCheck, recheck
-from expdesign.robot import ExactModel, Robot, robot_from
+from expdesign.problem import coordinate_reach
+from expdesign.recheck import recheck
+from expdesign.robot import LimitModel, Robot, robot_from
 from expdesign.trajectory import FourierTrajectory
 
 RAMP_IN, RAMP_OUT = "ramp in", "ramp out"
@@ -80,7 +79,7 @@ def executable_motion(
 class _Plan:
     """What the ramps of one motion have in common."""
 
-    limits: RampLimits
+    limits: LimitModel
     trajectory: FourierTrajectory
     periods: int
     step: float
@@ -89,7 +88,7 @@ class _Plan:
 
     def problems(self, phase: float, pieces: int) -> list[tuple[str, RampProblem]]:
         """Return both ramps for a phase on the orbit as problems."""
-        home = MotionState.at_rest(self.limits.exact.robot.home)
+        home = MotionState.at_rest(self.limits.robot.home)
         orbit = MotionState.of(self.trajectory.sample(phase))
         return [
             (name, RampProblem(self.limits, start, end, pieces, self.scale, 1.0))
@@ -121,14 +120,14 @@ class _Plan:
 def _plan(configuration: RunConfiguration, trajectory: FourierTrajectory) -> _Plan:
     run = configuration.run
     robot = robot_from(configuration.robot)
-    exact = ExactModel(robot, robot.limits)
+    limits = LimitModel.of(robot)
     step = run.trajectory.controller_period or run.experiment.step
     _refuse_broken_steps(configuration, trajectory, step)
-    _refuse_broken_limits(configuration, exact, trajectory)
-    bound: JerkBound = jerk_bound(configuration, robot, Periods(trajectory, 1))
-    _, reach = coordinate_reach(exact)
+    _refuse_broken_limits(configuration, limits, trajectory)
+    jerk = jerk_limit(configuration, robot, Periods(trajectory, 1))
+    _, reach = coordinate_reach(limits)
     return _Plan(
-        RampLimits(exact, bound.values),
+        LimitModel.of(robot, jerk),
         trajectory,
         run.experiment.periods,
         step,
@@ -186,17 +185,15 @@ def _refuse_broken_steps(
 
 
 def _refuse_broken_limits(
-    configuration: RunConfiguration, exact: ExactModel, trajectory: FourierTrajectory
+    configuration: RunConfiguration, limits: LimitModel, trajectory: FourierTrajectory
 ) -> None:
-    check = recheck(exact, trajectory, _SAMPLES)
+    check = recheck(limits, trajectory, _SAMPLES)
     if check.passed:
         return
-    worst: LimitCheck = max(check.limits, key=lambda item: item.violation)
-    row = f" of {worst.row}" if worst.row else ""
+    worst = max(check.limits, key=lambda item: item.violation)
     raise InputError(
         Problem(
-            f"the designed motion itself breaks this limit: {worst.title}{row} is "
-            f"{worst.value:.6g} {worst.unit}, the bound {worst.bound:.6g} {worst.unit}",
+            f"the designed motion itself breaks this limit: {worst}",
             file=configuration.file,
             key=f"limits.{worst.key}",
             allowed="a design made for these limits",

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d
 
 from constraints.arrays import Array, Mask
-from expdesign.motion.ramp_limits import JERK
+from expdesign.motion.jerk import moving_states
 from expdesign.motion.ramp_problem import RampProblem, RampProgram
 from expdesign.motion.spline import SplineRamp
-from expdesign.recheck import TOLERANCE, check_limits
+from expdesign.problem import hidden_by_smoothing
+from expdesign.recheck import LimitCheck, judge, local_worst
 from expdesign.solver.ipopt import solve_with_ipopt
 
 RESERVE = 2e-3
@@ -117,15 +118,15 @@ def shortest(
     problem = replace(problem, time_scale=guess.duration)
     x = problem.pack(guess)
     shares = _nodes(points)
-    inside = ((shares > 0) & (shares < 1))[:, None] | problem.limits.free_at_ends
+    inside = ((shares > 0) & (shares < 1))[:, None] | problem.limits.of_jerk
     fine = np.linspace(0.0, 1.0, 4 * points)
-    mask: Mask = np.zeros((len(shares), problem.limits.count), dtype=bool)
-    lower, upper = problem.limits.bounds(np.zeros(problem.limits.count))
+    mask: Mask = np.zeros((len(shares), len(problem.limits.keys)), dtype=bool)
+    lower, upper = problem.limits.smooth_bounds()
     bounded = np.isfinite(lower) | np.isfinite(upper)
     iterations = 0
     for _ in range(_ROUNDS_PER_DURATION):
         margins = _capped(problem, shares, width, np.full(mask.shape, RESERVE))
-        violations = problem.limits.smooth_violations(*problem.states(x, shares), width)
+        violations = problem.limits.smooth_violations(problem.states(x, shares), width)
         broken = (violations > _FEASIBLE - margins) & inside & ~mask
         if iterations and not np.any(broken):
             break
@@ -135,28 +136,20 @@ def shortest(
         program = RampProgram(problem, shares, mask, margins, width, _TIME_SMOOTHNESS)
         result = solve_with_ipopt(program, x, options=_OPTIONS)
         found, used = result.x, result.iterations
-        if _excess(program, found) > _LOST:
+        if program.excess(found) > _LOST:
             # Large rotations: the curvature of the limits matters, which Gauss–Newton leaves out.
             result = solve_with_ipopt(program, x, options=_OPTIONS, curvature="limited-memory")
             used += result.iterations
-            if _excess(program, result.x) < _excess(program, found):
+            if program.excess(result.x) < program.excess(found):
                 found = result.x
         iterations += used
-        if _excess(program, found) > _LOST:
+        if program.excess(found) > _LOST:
             break
         x = found
-    violations = problem.limits.smooth_violations(*problem.states(x, fine), width)
+    violations = problem.limits.smooth_violations(problem.states(x, fine), width)
     _, row = np.unravel_index(int(np.argmax(violations)), violations.shape)
     worst = float(np.max(violations))
-    return RampAttempt(x, problem, worst, problem.limits.names[row], iterations)
-
-
-def _excess(program: RampProgram, x: Array) -> float:
-    """Return how far the rows of a program are broken, in its own scaling."""
-    values = program.rows(x)
-    excess = np.maximum(program.row_lower - values, values - program.row_upper)
-    worst = float(np.max(excess, initial=0.0))
-    return worst if np.isfinite(worst) else np.inf
+    return RampAttempt(x, problem, worst, problem.limits.keys[row], iterations)
 
 
 def find_ramp(
@@ -223,10 +216,10 @@ def _plain_ramp(
         scaled = replace(problem, time_scale=duration)
         x = np.append(scaled.pack(guess)[:-1], 1.0)
         ramp = replace(scaled.ramp(x, name), duration=duration)
-        worst, _ = worst_violation(scaled, ramp)
-        if worst <= -RESERVE:
+        worst = worst_limit(scaled, ramp)
+        if worst.violation <= -RESERVE:
             return ramp
-        if worst <= TOLERANCE and kept is None:
+        if worst.kept and kept is None:
             kept = ramp
     return kept
 
@@ -242,7 +235,7 @@ def _settled(
     problem, x = attempt.problem, attempt.x
     steps = int(np.ceil(attempt.duration * (1 + LONGER) / step - 1e-9))
     since, stretch = 0, _STRETCH
-    used = np.zeros((_FINE + 1, problem.limits.count), dtype=bool)
+    used = np.zeros((_FINE + 1, len(problem.limits.keys)), dtype=bool)
     for _ in range(_ROUNDS):
         x = np.append(x[:-1], steps * step / problem.time_scale)
         critical, margins = _critical_rows(problem, x, width)
@@ -252,15 +245,15 @@ def _settled(
         result = solve_with_ipopt(
             program.with_duration(steps * step), x, options={**_OPTIONS, "max_iter": 60}
         )
-        excess = _excess(program, result.x)
+        excess = program.excess(result.x)
         if excess > _CLOSE_ENOUGH:
             break
         possible = excess < 10 * _FEASIBLE
         x, since = result.x, since + 1
         ramp = replace(problem.ramp(x, name), duration=steps * step)
-        violation, limit = worst_violation(problem, ramp)
-        attempt = RampAttempt(x, problem, violation, limit, result.iterations)
-        if violation <= TOLERANCE:
+        worst = worst_limit(problem, ramp)
+        attempt = RampAttempt(x, problem, worst.violation, worst.key, result.iterations)
+        if worst.kept:
             return ramp, attempt
         if not possible or since == _ROUNDS_PER_DURATION:
             steps, since = steps + max(1, int(np.ceil(stretch * steps))), 0
@@ -270,14 +263,12 @@ def _settled(
     return None, attempt
 
 
-def worst_violation(problem: RampProblem, ramp: SplineRamp) -> tuple[float, str]:
-    """Return the worst excess of the unsmoothed limits along a ramp, and which limit it is."""
+def worst_limit(problem: RampProblem, ramp: SplineRamp) -> LimitCheck:
+    """Return the limit that a ramp breaks most, or comes closest to, by the unsmoothed model."""
     times = np.linspace(0.0, ramp.duration, _CHECKED)
-    checks = check_limits(problem.limits.exact, ramp, times, periodic=False)
-    found = [(check.violation, check.key) for check in checks]
-    states, third = problem.states(problem.pack(ramp), times / ramp.duration)
-    beyond = problem.limits.exact_violations(states, third)[:, -6:]
-    return max([*found, (float(np.max(beyond)), JERK)])
+    between = partial(moving_states, ramp)
+    checks = judge(problem.limits, times, between(times), between)
+    return max(checks, key=lambda check: check.violation)
 
 
 def _nodes(points: int) -> Array:
@@ -297,24 +288,16 @@ def _critical_rows(problem: RampProblem, x: Array, width: float) -> tuple[Mask, 
     friction where a sign changes.
     """
     fine, limits = _fine_grid(), problem.limits
-    states, third = problem.states(x, fine)
-    exact = limits.exact_violations(states, third)
-    smooth = limits.smooth_violations(states, third, width)
-    lower, upper = limits.bounds(np.zeros(limits.count))
-    comparable = np.isfinite(lower) & np.isfinite(upper) & np.isfinite(exact) & np.isfinite(smooth)
-    excess = np.subtract(exact, smooth, out=np.zeros_like(exact), where=comparable)
-    reach = _FINE // (2 * _POINTS)
-    excess = maximum_filter1d(np.maximum(excess, 0.0), 2 * reach + 1, axis=0, mode="nearest")
-    margins = _capped(problem, fine, width, np.minimum(excess + RESERVE, _LARGEST_MARGIN))
-    beyond = np.full((1, limits.count), -np.inf)
-    ahead = np.concatenate([exact[1:], beyond])
-    behind = np.concatenate([beyond, exact[:-1]])
-    peaks = (exact >= ahead) & (exact >= behind) & (exact > -_NEAR_PEAK)
+    exact, hidden = hidden_by_smoothing(
+        limits, problem.states(x, fine), width, _FINE // (2 * _POINTS), periodic=False
+    )
+    margins = _capped(problem, fine, width, np.minimum(hidden + RESERVE, _LARGEST_MARGIN))
+    peaks = local_worst(exact, periodic=False) & (exact > -_NEAR_PEAK)
     regular = np.zeros(len(fine), dtype=bool)
     regular[np.rint(_nodes(_POINTS) * _FINE).astype(int)] = True
     near = ((exact > -_NEAR) | limits.moving) & np.isfinite(exact)
     used = (regular[:, None] & near) | peaks
-    used[[0, -1]] &= limits.free_at_ends
+    used[[0, -1]] &= limits.of_jerk
     return used, margins
 
 
@@ -324,10 +307,10 @@ def _capped(problem: RampProblem, shares: Array, width: float, margins: Array) -
     A row that an end itself has no room for, or breaks in its smoothed form, gets its room back
     with the cube of the time that has passed, as jerk moves a machine.
     """
-    given = ~problem.limits.free_at_ends
+    given = ~problem.limits.of_jerk
     for end, distance in ((problem.start, shares), (problem.end, 1 - shares)):
-        state = np.concatenate([end.pose, end.rate, end.acceleration])[None, :]
-        room = -problem.limits.smooth_violations(state, np.zeros((1, 6)), width)[0]
+        state = np.concatenate([end.pose, end.rate, end.acceleration, np.zeros(6)])[None, :]
+        room = -problem.limits.smooth_violations(state, width)[0]
         grown = _LARGEST_MARGIN * (distance / _END_SHARE) ** 3
         capped = np.minimum(margins, room + grown[:, None])
         margins = np.where(given, capped, margins)

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from constraints.arrays import Array, Mask
-from expdesign.motion.ramp_limits import RampLimits
 from expdesign.motion.spline import (
     DEGREE,
     FIXED,
@@ -17,6 +16,8 @@ from expdesign.motion.spline import (
     end_coefficients,
     reversed_in_time,
 )
+from expdesign.problem import LimitedProgram
+from expdesign.robot import LimitModel
 
 _SHORTEST, _LONGEST = 0.02, 10.0
 """Bounds on the scaled duration."""
@@ -31,7 +32,8 @@ class RampProblem:
 
     Attributes
     ----------
-    limits : RampLimits
+    limits : LimitModel
+        With the one on the struts' jerk: states have the pose's third derivative.
     start, end : MotionState
     intervals : int
         Polynomial pieces.
@@ -41,7 +43,7 @@ class RampProblem:
         What counts as one in the duration, s.
     """
 
-    limits: RampLimits
+    limits: LimitModel
     start: MotionState
     end: MotionState
     intervals: int
@@ -93,16 +95,16 @@ class RampProblem:
         shares = (inner - self.start.pose) / self.scale
         return np.append(shares.ravel(), ramp.duration / self.time_scale)
 
-    def states(self, x: Array, shares: Array) -> tuple[Array, Array]:
-        """Return states (K, 18) and jerk (K, 6) at shares of the duration."""
+    def states(self, x: Array, points: Array) -> Array:
+        """Return states with jerk, (K, 24), at shares (K,) of the duration."""
         coefficients, _ = self.coefficients(x)
         powers = self.duration(x) ** -np.arange(4.0)
-        parts = (derivatives(self.intervals, shares) @ coefficients) * powers[:, None, None]
-        return np.concatenate(list(parts[:3]), axis=1), parts[3]
+        parts = (derivatives(self.intervals, points) @ coefficients) * powers[:, None, None]
+        return np.concatenate(list(parts), axis=1)
 
-    def to_variables(self, x: Array, shares: Array, slopes: Array) -> Array:
+    def to_variables(self, x: Array, points: Array, slopes: Array) -> Array:
         """Carry slopes (K, r, 24) to pose, rate, acceleration and jerk over to the variables."""
-        basis = derivatives(self.intervals, shares)
+        basis = derivatives(self.intervals, points)
         coefficients, drift = self.coefficients(x)
         duration = self.duration(x)
         orders = np.arange(4.0)
@@ -117,8 +119,8 @@ class RampProblem:
         return np.concatenate([linear.reshape(count, rows, -1), timed[:, :, None]], axis=2)
 
 
-class RampProgram:
-    """One nonlinear program: `expdesign.solver.ipopt.NonlinearProgram`.
+class RampProgram(LimitedProgram):
+    """One nonlinear program of a ramp: `expdesign.solver.ipopt.NonlinearProgram`.
 
     Minimised is the duration plus a little of the squared third derivative over the spline's own
     parameter, which chooses among motions of the same duration; with the duration fixed it is the
@@ -135,12 +137,18 @@ class RampProgram:
         smoothness: float,
     ) -> None:
         used = np.any(mask, axis=1)
-        self._problem, self._width = problem, width
-        self._shares, self._mask = shares[used], mask[used]
-        lower, upper = problem.limits.bounds(margins[used])
-        self.row_lower, self.row_upper = lower[self._mask], upper[self._mask]
-        self.lower, self.upper = np.full(problem.size, -np.inf), np.full(problem.size, np.inf)
-        self.lower[-1], self.upper[-1] = _SHORTEST, _LONGEST
+        lower, upper = np.full(problem.size, -np.inf), np.full(problem.size, np.inf)
+        lower[-1], upper[-1] = _SHORTEST, _LONGEST
+        super().__init__(
+            problem.limits,
+            problem,
+            shares[used],
+            mask[used],
+            width,
+            (lower, upper),
+            margins[used],
+        )
+        self._problem = problem
         pieces = problem.intervals
         self._middle = derivatives(pieces, (np.arange(2 * pieces) + 0.5) / (2 * pieces))[3]
         # A cubic over the whole ramp has a third derivative of 60 times what it moves.
@@ -176,15 +184,3 @@ class RampProgram:
         slope = np.concatenate([inner.reshape(*timed.shape[:2], -1), timed], axis=2)
         flat = slope.reshape(-1, problem.size)
         return value, gradient, 2 * self._weight * flat.T @ flat
-
-    def rows(self, x: Array) -> Array:
-        """Return the scaled rows."""
-        states, third = self._problem.states(x, self._shares)
-        return self._problem.limits.rows(states, third, self._width)[self._mask]
-
-    def rows_jacobian(self, x: Array) -> tuple[Array, Array]:
-        """Return the scaled rows and their Jacobian."""
-        states, third = self._problem.states(x, self._shares)
-        values, slopes = self._problem.limits.slopes(states, third, self._width)
-        dense = self._problem.to_variables(x, self._shares, slopes)
-        return values[self._mask], dense[self._mask]

@@ -1,7 +1,16 @@
 """The design as a nonlinear program: stated here, solved elsewhere."""
 
 from expdesign.problem.design_problem import DesignProblem, DesignProgram, build_problem
-from expdesign.problem.limit_rows import LimitRows
+from expdesign.problem.program import LimitedProgram, hidden_by_smoothing
+from expdesign.problem.reach import coordinate_reach
 from expdesign.problem.variables import DesignVariables
 
-__all__ = ["DesignProblem", "DesignProgram", "DesignVariables", "LimitRows", "build_problem"]
+__all__ = [
+    "DesignProblem",
+    "DesignProgram",
+    "DesignVariables",
+    "LimitedProgram",
+    "build_problem",
+    "coordinate_reach",
+    "hidden_by_smoothing",
+]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from constraints.arrays import Array
-from expdesign.robot import ExactModel
+from expdesign.robot import LimitModel
 
 LARGEST_ANGLE = np.pi / 2
 
@@ -15,7 +15,7 @@ _REFINEMENTS = 4
 _SMALLEST_SHARE = 1e-6
 
 
-def coordinate_reach(model: ExactModel) -> tuple[Array, Array]:
+def coordinate_reach(model: LimitModel) -> tuple[Array, Array]:
     """Return middle (6,) and half-width (6,) of the motion that the limits allow at rest: m, rad.
 
     Each coordinate is moved alone from home, to both sides, as far as the limits allow. Angles

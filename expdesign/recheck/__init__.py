@@ -1,15 +1,9 @@
-"""Checks of a trajectory that share nothing with the optimiser but the graph."""
+"""Checks of a motion that share nothing with the optimiser but the graph."""
 
 from expdesign.recheck.information import Judge
+from expdesign.recheck.judge import Motion, judge, local_worst, states_at, worst_of_each
 from expdesign.recheck.limit_check import TOLERANCE, LimitCheck
-from expdesign.recheck.recheck import (
-    Motion,
-    Recheck,
-    check_limits,
-    grid_points,
-    recheck,
-    states_at,
-)
+from expdesign.recheck.recheck import Recheck, grid_points, recheck
 
 __all__ = [
     "TOLERANCE",
@@ -17,8 +11,10 @@ __all__ = [
     "LimitCheck",
     "Motion",
     "Recheck",
-    "check_limits",
     "grid_points",
+    "judge",
+    "local_worst",
     "recheck",
     "states_at",
+    "worst_of_each",
 ]

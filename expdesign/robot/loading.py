@@ -15,7 +15,7 @@ from expdesign.configuration import (
     load_robot_description,
     quantity_text,
 )
-from expdesign.robot.exact_limits import ExactModel
+from expdesign.robot.limit_model import LimitModel
 from expdesign.robot.robot import Robot
 
 
@@ -40,11 +40,11 @@ def robot_from(description: ResolvedRobot) -> Robot:
         Every limit that is broken at home, with its value and bound.
     """
     robot = Robot.of(description)
-    model = ExactModel(robot, robot.limits)
+    model = LimitModel.of(robot)
     state = np.concatenate([robot.home, np.zeros(12)])[None, :]
     values = model.values(state)[0]
     problems = []
-    for limit, columns in zip(model.limits, model.columns(), strict=True):
+    for limit, columns in zip(model.limits, model.columns, strict=True):
         problems += _broken(limit, values[columns])
     if problems:
         raise InputError(problems)

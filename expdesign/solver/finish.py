@@ -12,15 +12,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d
 
 from constraints.arrays import Array
-from expdesign.problem import DesignProblem
-from expdesign.recheck import Judge, Recheck, grid_points, recheck
+from expdesign.problem import DesignProblem, hidden_by_smoothing
+from expdesign.recheck import Judge, Recheck, grid_points, local_worst, recheck
 from expdesign.solver.ipopt import IpoptResult
 from expdesign.solver.shrink import GRID_MARGIN, shrink_to_limits
 from expdesign.solver.stage import Report, Stage, StageRecord, Tally, TracePoint, solve_best
-from expdesign.trajectory import FourierTrajectory, PhaseBasis
+from expdesign.trajectory import FourierTrajectory
 
 _CHECKS = 4
 _WORTHWHILE = 2e-3
@@ -113,7 +112,7 @@ def finish(
         last_merit = merit
     if tally.rounds == 0:
         return best
-    cost = problem.cost_with(stage.samples).value(kept, stage.width, stage.level)
+    cost = problem.cost_value(kept, stage.width, stage.level, stage.samples)
     return replace(best, record=tally.record(stage, cost, best.check.worst))
 
 
@@ -121,8 +120,14 @@ def _round(
     problem: DesignProblem, stage: Stage, x: Array, report: Report, tally: Tally
 ) -> tuple[Array, IpoptResult]:
     phases, mask, margins = _critical_rows(problem, x, stage)
-    rows = problem.rows(phases, mask, margins)
-    program = problem.program(rows, stage.width, stage.level, stage.samples)
+    program = problem.program(
+        phases,
+        mask,
+        width=stage.width,
+        level=stage.level,
+        samples=stage.samples,
+        margins=margins,
+    )
     done = tally.iterations
 
     def onward(iteration: int, cost: float, violation: float) -> bool:
@@ -130,7 +135,7 @@ def _round(
 
     # Each round has all of the stage's iterations: the rows and their margins are new.
     result, reached = solve_best(program.within(x, stage.radius), stage, x, 0, onward)
-    tally.add(result, rows.count)
+    tally.add(result, int(np.count_nonzero(mask)))
     return reached, result
 
 
@@ -145,23 +150,17 @@ def _critical_rows(
     """
     points = grid_points(problem.cost.samples)
     fine = 2 * np.pi * np.arange(points) / points
-    states = problem.variables.states(x, PhaseBasis.at(fine, problem.variables.harmonics))
-    exact = problem.exact.violations(states)
-    smooth = problem.smooth_violations(x, fine, stage.width)
-    lower, upper = problem.smooth_bounds()
-    both = np.isfinite(lower) & np.isfinite(upper)
-    comparable = both & np.isfinite(exact) & np.isfinite(smooth)
-    excess = np.subtract(exact, smooth, out=np.zeros_like(exact), where=comparable)
     reach = max(1, points // stage.points)
-    excess = maximum_filter1d(np.maximum(excess, 0.0), 2 * reach + 1, axis=0, mode="wrap")
-    peaks = (exact >= np.roll(exact, 1, axis=0)) & (exact >= np.roll(exact, -1, axis=0))
-    peaks &= exact > -stage.near / 3
+    exact, hidden = hidden_by_smoothing(
+        problem.limits, problem.states(x, fine), stage.width, reach, periodic=True
+    )
+    peaks = local_worst(exact, periodic=True) & (exact > -stage.near / 3)
     regular = np.zeros(points, dtype=bool)
     regular[:: max(1, points // (2 * stage.points))] = True
     near = (exact > -stage.near) & np.isfinite(exact)
     used = (regular[:, None] & near) | peaks
     chosen = np.any(used, axis=1)
-    margins = np.minimum(excess[chosen] + 2 * GRID_MARGIN, _LARGEST_MARGIN)
+    margins = np.minimum(hidden[chosen] + 2 * GRID_MARGIN, _LARGEST_MARGIN)
     return fine[chosen], used[chosen], margins
 
 
@@ -171,7 +170,7 @@ def _checked(problem: DesignProblem, x: Array) -> Finished:
     margin = GRID_MARGIN
     for _ in range(_CHECKS):
         shrunk = shrink_to_limits(problem, trajectory, margin)
-        check = recheck(problem.exact, shrunk.trajectory, problem.cost.samples)
+        check = recheck(problem.limits, shrunk.trajectory, problem.cost.samples)
         if check.passed or not shrunk.kept:
             break
         margin += 2 * check.worst

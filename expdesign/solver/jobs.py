@@ -79,7 +79,7 @@ def random_job(
     """Start from a random motion; with a `screening` it may be given up."""
     problem, plan = shop.problem, shop.plan
     stages = continuation_stages(problem, plan.widths, plan.iterations)
-    first = problem.with_harmonics(stages[0].harmonics or problem.variables.harmonics)
+    first = problem.with_variables(harmonics=stages[0].harmonics or problem.variables.harmonics)
     points = coarse_points(first.variables.harmonics)
     try:
         start = random_start(first, _rng(plan.seed, index), points, plan.widths[0])
@@ -135,7 +135,7 @@ def finish_job(
     bounds = problem.variables.omega_bounds
     if bounds[0] < bounds[1]:
         omega, _ = controller_omega(omega, bounds, plan.controller_period)
-    fixed = problem.with_frequency((omega, omega))
+    fixed = problem.with_variables(omega_bounds=(omega, omega))
 
     trace: list[TracePoint] = []
 

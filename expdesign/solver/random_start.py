@@ -74,9 +74,6 @@ def _broken(problem: DesignProblem, table: Array, omega: float, width: float) ->
     candidate = np.append((share * table).ravel(), omega)
     phases = 2 * np.pi * np.arange(64) / 64
     violations = np.max(problem.smooth_violations(candidate, phases, width), axis=0)
-    keys = [
-        limit.key
-        for limit, part in zip(problem.limits, problem.exact.columns(), strict=True)
-        if np.max(violations[part]) > 0
-    ]
+    broken = np.flatnonzero(violations > 0)
+    keys = dict.fromkeys(problem.limits.keys[row] for row in broken)
     return ", ".join(keys) or "one of them"

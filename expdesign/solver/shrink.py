@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from constraints.arrays import Array
 from expdesign.problem import DesignProblem
-from expdesign.recheck import grid_points, states_at
+from expdesign.recheck import grid_points, local_worst, states_at
 from expdesign.trajectory import FourierTrajectory
 
 SMALLEST_FACTOR = 0.8
@@ -50,7 +50,7 @@ def shrink_to_limits(
         Share of each limit's range that is kept free.
     """
     times = trajectory.sample_times(grid_points(problem.cost.samples))
-    rows = problem.exact.violations(states_at(trajectory, times))
+    rows = problem.limits.violations(states_at(trajectory, times))
     if np.all(rows <= -margin):
         return Shrunk(trajectory, 1.0, kept=True)
     # The moments that decide are the worst ones of each row; shrinking moves them little.
@@ -58,7 +58,7 @@ def shrink_to_limits(
 
     def kept(factor: float) -> bool:
         states = states_at(_scaled(trajectory, factor), near)
-        return bool(np.max(problem.exact.violations(states), initial=-np.inf) <= -margin)
+        return bool(np.max(problem.limits.violations(states), initial=-np.inf) <= -margin)
 
     low, high = SMALLEST_FACTOR, 1.0
     if not kept(low):
@@ -71,8 +71,9 @@ def shrink_to_limits(
 
 def _decisive(rows: Array) -> NDArray[np.bool_]:
     """Mark the moments at which some row has a local worst that is near its bound, (N,)."""
-    peaks = (rows >= np.roll(rows, 1, axis=0)) & (rows >= np.roll(rows, -1, axis=0))
-    peaks &= np.isfinite(rows) & (rows > -2 * (1 - SMALLEST_FACTOR))
+    peaks = (
+        local_worst(rows, periodic=True) & np.isfinite(rows) & (rows > -2 * (1 - SMALLEST_FACTOR))
+    )
     spread = peaks | np.roll(peaks, 1, axis=0) | np.roll(peaks, -1, axis=0)
     return np.any(spread | (rows > 0), axis=1)
 

@@ -152,7 +152,7 @@ def run_stage(
     tally = Tally()
     while tally.rounds < _ROUNDS and tally.iterations < stage.iterations:
         program = problem.program(
-            problem.rows(phases, mask), stage.width, stage.level, stage.samples
+            phases, mask, width=stage.width, level=stage.level, samples=stage.samples
         ).within(x, radius)
         result, reached = solve_best(program, stage, x, tally.iterations, report)
         tally.add(result, int(np.count_nonzero(mask)))
@@ -167,7 +167,7 @@ def run_stage(
         if far:
             radius = (stage.radius or 1.0) / 2 if radius is None else radius / 2
     violations = problem.smooth_violations(x, phases, stage.width)
-    cost = problem.cost_with(stage.samples).value(x, stage.width, stage.level)
+    cost = problem.cost_value(x, stage.width, stage.level, stage.samples)
     return x, tally.record(stage, cost, float(np.max(violations, initial=-np.inf)))
 
 

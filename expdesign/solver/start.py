@@ -82,7 +82,7 @@ def status_text(status: str) -> str:
 def _why_useless(problem: DesignProblem, shrunk: Shrunk) -> str:
     if shrunk.kept:
         return "its motion does not excite every parameter"
-    check = recheck(problem.exact, shrunk.trajectory, problem.cost.samples)
+    check = recheck(problem.limits, shrunk.trajectory, problem.cost.samples)
     worst = max(check.limits, key=lambda limit: limit.violation)
     return (
         f"by the unsmoothed model its motion breaks {worst.key}, even shrunk to {shrunk.factor:g} "
@@ -123,11 +123,11 @@ def run_start(
     x = start
     done, hopeless = 0, False
     harmonics = problem.variables.harmonics
-    present = problem.with_harmonics(stages[0].harmonics or harmonics)
+    present = problem.with_variables(harmonics=stages[0].harmonics or harmonics)
     for stage in stages:
         wanted = stage.harmonics or harmonics
         x = present.variables.extended(x, wanted)
-        present = problem.with_harmonics(wanted)
+        present = problem.with_variables(harmonics=wanted)
 
         def report(
             iteration: int, cost: float, violation: float, stage: Stage = stage, base: int = done

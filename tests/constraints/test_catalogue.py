@@ -7,7 +7,7 @@ import pytest
 
 from constraints import limit_definitions, limits
 from expdesign.configuration import load_robot_description
-from expdesign.robot import ExactModel, robot_from
+from expdesign.robot import LimitModel, robot_from
 
 NEW = """\
 from constraints.definition import LimitDefinition
@@ -69,7 +69,7 @@ def test_a_new_limit_works_from_the_robot_file_to_the_check(add_file, tmp_path):
     assert limit.origin == "mine.yaml: limits.beta_rate"
     rng = np.random.default_rng(0)
     states = np.concatenate([np.tile(robot.home, (9, 1)), rng.normal(size=(9, 12))], axis=1)
-    values = ExactModel(robot, (limit,)).values(states)
+    values = LimitModel(robot, (limit,)).values(states)
     motion = robot.strut_motion(states[:, :6], states[:, 6:12], states[:, 12:])
     np.testing.assert_allclose(values, motion.beta_rate, rtol=1e-12)
 

@@ -22,7 +22,7 @@ from expdesign.configuration import (
 from expdesign.configuration.sections.design import CRITERIA
 from expdesign.information.catalogue import criteria_by_key
 from expdesign.information.spectral import spectral_cost
-from expdesign.robot import ExactModel, robot_from
+from expdesign.robot import LimitModel, robot_from
 from expdesign.solver import SearchEvent
 from tests.docs.pages import ROOT, blocks, parse
 
@@ -160,7 +160,7 @@ def test_the_limit_of_the_docs_bounds_what_it_says():
     rng = np.random.default_rng(0)
     states = np.zeros((20, 18))
     states[:, :6] = robot.home + rng.normal(size=(20, 6)) * 0.1
-    values = ExactModel(robot, (limit,)).values(states)
+    values = LimitModel(robot, (limit,)).values(states)
     base = robot.geometry.base_joints
     for state, row in zip(states, values, strict=True):
         rotation = ca.evalf(robot_rotation(state[3:6])).full()

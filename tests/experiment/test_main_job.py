@@ -3,7 +3,7 @@
 import numpy as np
 
 import expdesign
-from expdesign.robot import ExactModel
+from expdesign.robot import LimitModel
 
 BEST_KNOWN = 104.54
 
@@ -21,5 +21,5 @@ def test_main_job_reaches_what_is_known():
         assert start.converged or start.status
     motion = result.trajectory.sample(result.trajectory.period * np.arange(4000) / 4000)
     states = np.concatenate([motion.pose, motion.rate, motion.acceleration], axis=1)
-    model = ExactModel(result.robot, result.robot.limits)
+    model = LimitModel.of(result.robot)
     assert np.max(model.violations(states)) <= 1e-6

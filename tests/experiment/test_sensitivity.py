@@ -74,9 +74,9 @@ def test_gains_are_those_of_solving_again_with_wider_limits(run):
     step = 0.01
     for key in holding:
         limits = tuple(
-            limit if limit.key != key else _wider(limit, step) for limit in problem.limits
+            limit if limit.key != key else _wider(limit, step) for limit in problem.limits.limits
         )
-        wider = replace(problem, exact=replace(problem.exact, limits=limits))
+        wider = replace(problem, limits=replace(problem.limits, limits=limits))
         _, record = run_stage(wider, stage, x, lambda *_: True)
         gain = np.expm1((costs[-1] - record.objective) * WIDER / step)
         assert gain == pytest.approx(found.gains[key], rel=0.1, abs=0.01), key

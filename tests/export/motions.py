@@ -11,7 +11,7 @@ from expdesign.export.definition import Task
 from expdesign.motion import ExecutableMotion, motion_from_record
 from expdesign.motion.periods import Periods as RealPeriods
 from expdesign.motion.spline import MotionState, SplineRamp, end_coefficients, reversed_in_time
-from expdesign.robot import ExactModel, load_robot
+from expdesign.robot import LimitModel, load_robot
 from expdesign.trajectory import FourierTrajectory, PoseSamples, TrajectoryFile
 
 # w(s) of s = 0 … 1 with w(0) = 0, w(1) = 1 and three vanishing derivatives at both ends.
@@ -95,7 +95,7 @@ def task(name="palida", harmonics=5):
         trajectory = TrajectoryFile.read(REFERENCE).trajectory
         ways = json.loads(REFERENCE.read_text(encoding="utf-8"))["ways"]
         return _task(robot, motion_from_record(ways, trajectory, robot.home))
-    model = ExactModel(robot, robot.limits)
+    model = LimitModel.of(robot)
     frequency = FREQUENCY[name, harmonics]
     low, high = 0.0, 4.0
     for _ in range(9):

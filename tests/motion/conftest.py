@@ -48,7 +48,7 @@ def _orbit(robot, harmonics):
     margin = GRID_MARGIN
     for _ in range(4):
         shrunk = shrink_to_limits(problem, motion, margin)
-        check = recheck(problem.exact, shrunk.trajectory, 100)
+        check = recheck(problem.limits, shrunk.trajectory, 100)
         if check.passed:
             break
         margin += 2 * check.worst

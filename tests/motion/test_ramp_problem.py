@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 
-from expdesign.motion.jerk import strut_jerk
-from expdesign.motion.ramp_limits import RampLimits
+from constraints import Limit
+from expdesign.configuration import row_labels
+from expdesign.motion.jerk import STRUT_JERK, moving_states
 from expdesign.motion.ramp_problem import RampProblem, RampProgram
 from expdesign.motion.spline import MotionState
-from expdesign.robot import ExactModel, load_robot
+from expdesign.robot import LimitModel, load_robot
 
 SHARES = np.linspace(0.0, 1.0, 9)
 
@@ -15,7 +16,9 @@ SHARES = np.linspace(0.0, 1.0, 9)
 @pytest.fixture(scope="module")
 def problem():
     robot = load_robot("palida")
-    limits = RampLimits(ExactModel(robot, robot.limits), np.full(6, 1500.0))
+    labels = row_labels(STRUT_JERK)
+    jerk = Limit(STRUT_JERK, np.full(6, -1500.0), np.full(6, 1500.0), labels, "test")
+    limits = LimitModel.of(robot, jerk)
     rng = np.random.default_rng(0)
     end = MotionState(
         robot.home + 0.02 * rng.normal(size=6), 0.3 * rng.normal(size=6), rng.normal(size=6)
@@ -32,7 +35,7 @@ def point(problem):
 
 @pytest.fixture(scope="module")
 def program(problem):
-    count = problem.limits.count
+    count = len(problem.limits.keys)
     mask = np.ones((len(SHARES), count), dtype=bool)
     return RampProgram(problem, SHARES, mask, np.zeros(mask.shape), 0.3, 0.1)
 
@@ -68,7 +71,7 @@ def test_gradient_and_hessian_of_the_cost(program, point):
 
 
 def test_strut_jerk_is_the_rate_of_the_struts_acceleration(problem, point):
-    robot, ramp = problem.limits.exact.robot, problem.ramp(point, "ramp in")
+    robot, ramp = problem.limits.robot, problem.ramp(point, "ramp in")
     times, h = np.linspace(0.05, 0.5, 23), 1e-5
 
     def acceleration(at):
@@ -76,9 +79,7 @@ def test_strut_jerk_is_the_rate_of_the_struts_acceleration(problem, point):
         struts = robot.strut_motion(motion.pose, motion.rate, motion.acceleration)
         return struts.length_acceleration
 
-    motion = ramp.sample(times)
-    states = np.concatenate([motion.pose, motion.rate, motion.acceleration], axis=1)
-    jerk = strut_jerk(robot.geometry_vector, states, ramp.jerk(times))
+    jerk = problem.limits.values(moving_states(ramp, times))[:, problem.limits.of_jerk]
     expected = (acceleration(times + h) - acceleration(times - h)) / (2 * h)
     np.testing.assert_allclose(jerk, expected, atol=1e-5 * np.max(np.abs(jerk)))
 
@@ -90,5 +91,5 @@ def test_a_ramp_survives_packing(problem, point):
 
 def test_rows_that_move_are_told_from_those_that_do_not(problem):
     limits = problem.limits
-    moving = {name for name, moves in zip(limits.names, limits.moving, strict=True) if moves}
+    moving = {name for name, moves in zip(limits.keys, limits.moving, strict=True) if moves}
     assert moving == {"strut_speed", "strut_acceleration", "actuator_force", "strut_jerk"}

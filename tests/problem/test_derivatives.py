@@ -325,16 +325,18 @@ def test_information_by_hand(palida, problem, points):
 # --- the limits -----------------------------------------------------------------------------------
 
 
+def _program(problem, phases, mask):
+    return problem.program(phases, mask, width=WIDTH, level=0.0, samples=SAMPLES)
+
+
 @pytest.fixture(scope="module")
 def program(problem):
     phases = np.array([0.2, 1.0, 2.9, 4.4])
-    rows = problem.exact.columns()[-1].stop
+    rows = problem.limits.scale.size
     mask = np.ones((4, rows), dtype=bool)
     mask[2, ::3] = False
     mask[3] = False
-    limit_rows = problem.rows(phases, mask)
-    assert limit_rows.phases.tolist() == [0.2, 1.0, 2.9]
-    return problem.program(limit_rows, WIDTH, 0.0, SAMPLES), mask[:3]
+    return _program(problem, phases, mask), mask[:3]
 
 
 def test_jacobian_of_the_limits(program, points):
@@ -355,10 +357,10 @@ def test_rows_are_the_limits_of_the_model(problem, program, points):
     phases = np.array([0.2, 1.0, 2.9])
     for x in points[:2]:
         basis = PhaseBasis.at(phases, HARMONICS)
-        natural = problem.exact.values(problem.variables.states(x, basis))
-        smooth = problem.evaluator.values(x, phases, 1e-9)
-        assert natural.shape == smooth.shape == (3, problem.exact.columns()[-1].stop)
-        for limit, columns in zip(problem.limits, problem.exact.columns(), strict=True):
+        natural = problem.limits.values(problem.variables.states(x, basis))
+        smooth = problem.limits.smooth_values(problem.states(x, phases), 1e-9)
+        assert natural.shape == smooth.shape == (3, problem.limits.scale.size)
+        for limit, columns in zip(problem.limits.limits, problem.limits.columns, strict=True):
             there = limit.definition.transform(natural[:, columns])
             if limit.definition.conservative:
                 assert np.all(smooth[:, columns] >= there - 1e-9)
@@ -376,10 +378,10 @@ def test_smooth_and_exact_limits_tell_the_same_violations(problem):
     for spread in (0.1, 0.5, 1.0):
         x = spread * rng.normal(size=problem.variables.size)
         x[-1] = 0.8
-        exact = problem.exact.violations(problem.variables.states(x, basis))
+        exact = problem.limits.violations(problem.variables.states(x, basis))
         smooth = problem.smooth_violations(x, phases, 1e-9)
         assert exact.shape == smooth.shape
-        for limit, columns in zip(problem.limits, problem.exact.columns(), strict=True):
+        for limit, columns in zip(problem.limits.limits, problem.limits.columns, strict=True):
             here, there = exact[:, columns], smooth[:, columns]
             clear = np.isfinite(here) & (np.abs(here) > 1e-6)
             if limit.definition.conservative:
@@ -392,9 +394,9 @@ def test_smooth_and_exact_limits_tell_the_same_violations(problem):
 
 
 def test_margins_tighten_the_rows(problem):
-    lower, upper = problem.smooth_bounds()
-    margins = np.full((5, problem.exact.columns()[-1].stop), 0.05)
-    tight_lower, tight_upper = problem.smooth_bounds(margins)
+    lower, upper = problem.limits.smooth_bounds()
+    margins = np.full((5, problem.limits.scale.size), 0.05)
+    tight_lower, tight_upper = problem.limits.smooth_bounds(margins)
     assert tight_lower.shape == (5, lower.size)
     given_below, given_above = np.isfinite(lower), np.isfinite(upper)
     assert np.all(tight_lower[:, given_below] > lower[given_below])
@@ -405,10 +407,11 @@ def test_margins_tighten_the_rows(problem):
 
 def test_rows_and_bounds_are_scaled_alike(problem, program, points):
     program, mask = program
-    scale = np.broadcast_to(problem.row_scale(), mask.shape)[mask]
-    values = problem.evaluator.values(points[0], np.array([0.2, 1.0, 2.9]), WIDTH)[mask]
+    scale = np.broadcast_to(problem.limits.scale, mask.shape)[mask]
+    states = problem.states(points[0], np.array([0.2, 1.0, 2.9]))
+    values = problem.limits.smooth_values(states, WIDTH)[mask]
     np.testing.assert_allclose(program.rows(points[0]) * scale, values, rtol=1e-12)
-    lower, upper = problem.smooth_bounds()
+    lower, upper = problem.limits.smooth_bounds()
     np.testing.assert_allclose(
         program.row_lower * scale, np.broadcast_to(lower, mask.shape)[mask], rtol=1e-12
     )
@@ -418,21 +421,20 @@ def test_rows_and_bounds_are_scaled_alike(problem, program, points):
 
 
 def test_trust_region(problem):
-    mask = np.zeros((1, problem.exact.columns()[-1].stop), dtype=bool)
+    mask = np.zeros((1, problem.limits.scale.size), dtype=bool)
     center = np.append(np.full(30, 0.2), 0.99)
-    rows = problem.rows(np.zeros(1), mask)
-    program = problem.program(rows, WIDTH, 0.0, SAMPLES).within(center, 0.1)
+    program = _program(problem, np.zeros(1), mask).within(center, 0.1)
     np.testing.assert_allclose(program.lower[:-1], 0.1)
     np.testing.assert_allclose(program.upper[:-1], 0.3)
     assert program.lower[-1] == pytest.approx(0.89)
     assert program.upper[-1] == 1
-    free = problem.program(rows, WIDTH, 0.0, SAMPLES).within(center, None)
+    free = _program(problem, np.zeros(1), mask).within(center, None)
     assert np.all(np.isinf(free.lower[:-1]))
 
 
 def test_a_program_without_rows(problem, points):
-    mask = np.zeros((3, problem.exact.columns()[-1].stop), dtype=bool)
-    program = problem.program(problem.rows(np.arange(3.0), mask), WIDTH, 0.0, SAMPLES)
+    mask = np.zeros((3, problem.limits.scale.size), dtype=bool)
+    program = _program(problem, np.arange(3.0), mask)
     values, jacobian = program.rows_jacobian(points[0])
     assert values.shape == program.rows(points[0]).shape == (0,)
     assert jacobian.shape == (0, 31)
@@ -443,13 +445,11 @@ def test_a_robot_without_limits(points):
     description = load_robot_description("palida")
     robot = robot_from(dataclasses.replace(description, limits={}))
     problem = _problem(robot)
-    assert problem.limits == ()
-    assert problem.exact.violations(np.zeros((4, 18))).shape == (4, 0)
+    assert problem.limits.limits == ()
+    assert problem.limits.violations(np.zeros((4, 18))).shape == (4, 0)
     assert problem.smooth_violations(points[0], np.arange(3.0), WIDTH).shape == (3, 0)
     assert np.all(problem.variables.scale > 0)
-    program = problem.program(
-        problem.rows(np.arange(3.0), np.zeros((3, 0), dtype=bool)), WIDTH, 0.0, SAMPLES
-    )
+    program = _program(problem, np.arange(3.0), np.zeros((3, 0), dtype=bool))
     assert program.rows_jacobian(points[0])[1].shape == (0, 31)
 
 
@@ -457,12 +457,11 @@ def test_a_robot_without_limits(points):
 
 
 def test_frequency_can_be_fixed(problem):
-    fixed = problem.with_frequency((2.0, 2.0))
+    fixed = problem.with_variables(omega_bounds=(2.0, 2.0))
     lower, upper = fixed.variables.bounds()
     assert lower[-1] == upper[-1]
     assert lower[-1] * fixed.variables.omega_scale == pytest.approx(2.0)
     assert fixed.variables.omega_scale == problem.variables.omega_scale
-    assert fixed.evaluator.variables is fixed.variables
     assert problem.variables.omega_bounds == pytest.approx((0.2 * np.pi, 1.2 * np.pi))
 
 
@@ -480,7 +479,7 @@ def test_scale_is_what_the_limits_allow_at_rest(problem, everything):
         for side in (-1, 1):
             state = np.concatenate([everything.home, np.zeros(12)])
             state[i] += side * scale[i]
-            assert np.all(problem.exact.violations(state[None]) <= 0), i
+            assert np.all(problem.limits.violations(state[None]) <= 0), i
 
 
 @pytest.mark.parametrize("harmonics", [1, 5, 12])

@@ -1,4 +1,5 @@
 import dataclasses
+from functools import partial
 
 import numpy as np
 import pytest
@@ -6,8 +7,8 @@ from scipy.optimize import brentq, minimize_scalar
 
 from constraints import Limit, limit_definitions
 from expdesign.configuration import row_labels
-from expdesign.recheck import TOLERANCE, check_limits, grid_points, recheck, states_at
-from expdesign.robot import ExactModel, Robot, load_robot
+from expdesign.recheck import TOLERANCE, grid_points, judge, recheck, states_at
+from expdesign.robot import LimitModel, Robot, load_robot
 from expdesign.trajectory import FourierTrajectory, PoseSamples
 
 SAMPLES = 50
@@ -37,7 +38,7 @@ def _limit(key, lower=-INF, upper=INF, origin="test"):
 
 
 def _model(robot, *limits):
-    return ExactModel(robot, limits)
+    return LimitModel(robot, limits)
 
 
 def _value(robot, trajectory, limit, row):
@@ -411,7 +412,8 @@ def test_a_motion_that_does_not_repeat_is_checked_up_to_both_ends(palida, speed)
     limit = _limit("position", lower=[-1, -1, -1], upper=[1, 1, upper])
     climb = _Climb(palida.home, speed, 0.5)
     times = np.linspace(0, 0.5, 101)
-    (check,) = check_limits(_model(palida, limit), climb, times, periodic=False)
+    between = partial(states_at, climb)
+    (check,) = judge(_model(palida, limit), times, between(times), between)
     assert check.row == "z"
     assert check.time == (0.5 if speed > 0 else 0.0)
     assert check.value == pytest.approx(palida.home[2] + (0.05 if speed > 0 else 0), abs=1e-15)

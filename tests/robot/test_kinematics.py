@@ -3,7 +3,7 @@ import itertools
 import numpy as np
 import pytest
 
-from expdesign.robot import ExactModel, ForwardKinematicsError, load_robot
+from expdesign.robot import ForwardKinematicsError, LimitModel, load_robot
 from expdesign.trajectory import FourierTrajectory
 
 ROBOTS = ("palida", "linuxcnc", "rubin", "mathworks", "dehaeze")
@@ -53,7 +53,7 @@ def _poses_within_limits(robot, count, seed):
     poses = np.concatenate([poses, list(itertools.product(*zip(lower, upper, strict=True)))])
     states = np.concatenate([poses, np.zeros((len(poses), 12))], axis=1)
     # Forces at rest are no matter of geometry: more poses are tried without their limit.
-    model = ExactModel(robot, tuple(k for k in robot.limits if k.key != "actuator_force"))
+    model = LimitModel(robot, tuple(k for k in robot.limits if k.key != "actuator_force"))
     return poses[np.all(model.violations(states) <= 1e-12, axis=1)]
 
 
@@ -345,5 +345,5 @@ def test_linuxcnc_pairs_share_their_base_joints():
 def test_well_conditioned_at_home(robot):
     limit = next(k for k in robot.limits if k.key == "jacobian_condition")
     state = np.concatenate([robot.home, np.zeros(12)])[None]
-    ((condition,),) = ExactModel(robot, (limit,)).values(state)
+    ((condition,),) = LimitModel(robot, (limit,)).values(state)
     assert 1 < condition < 2.5

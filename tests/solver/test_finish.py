@@ -71,7 +71,7 @@ def test_the_finish_keeps_limits_and_frequency(shop, on_coarse_grid):
     x = random_start(problem, np.random.default_rng(0), 40, 0.4)
     x[:-1] *= 1.04
     omega = 2 * np.pi / 2.5
-    fixed = problem.with_frequency((omega, omega))
+    fixed = problem.with_variables(omega_bounds=(omega, omega))
     stage = finish_stage(problem, shop.plan.widths, shop.plan.iterations)
     seen = []
 
@@ -85,7 +85,7 @@ def test_the_finish_keeps_limits_and_frequency(shop, on_coarse_grid):
     assert seen == list(range(1, len(seen) + 1))
     for finished in (none, done):
         assert finished.trajectory.omega == pytest.approx(omega, rel=1e-14)
-        again = recheck(fixed.exact, finished.trajectory, problem.cost.samples)
+        again = recheck(fixed.limits, finished.trajectory, problem.cost.samples)
         assert again == finished.check
     assert done.check.passed
     assert done.record.rounds == 1
@@ -99,7 +99,7 @@ def test_the_finish_can_be_stopped(shop, on_coarse_grid):
     x = random_start(problem, np.random.default_rng(0), 40, 0.4)
     stage = finish_stage(problem, shop.plan.widths, shop.plan.iterations)
     omega = 2 * np.pi / 2.5
-    fixed = problem.with_frequency((omega, omega))
+    fixed = problem.with_variables(omega_bounds=(omega, omega))
     calls = []
 
     def report(iteration, cost, violation):

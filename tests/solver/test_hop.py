@@ -40,7 +40,7 @@ def test_the_generator_decides_and_the_origin_stays(problem, origin):
 
 def test_a_fixed_frequency_stays(problem, origin):
     omega = problem.variables.trajectory(origin).omega
-    fixed = problem.with_frequency((omega, omega))
+    fixed = problem.with_variables(omega_bounds=(omega, omega))
     for seed in range(3):
         x = perturbed(fixed, origin, np.random.default_rng(seed), WIDTH)
         assert fixed.variables.trajectory(x).omega == pytest.approx(omega, rel=1e-15)
@@ -91,7 +91,7 @@ def test_only_like_stages_are_compared():
 @pytest.mark.parametrize("widths", [(0.2,), (0.4, 0.2), (0.4, 0.2, 0.1)])
 def test_a_hops_last_stage_can_be_compared_with_a_starts(problem, harmonics, key, widths):
     """And with no other stage of a start: what a start is measured by is its last stage."""
-    case = problem.with_criterion(criteria_by_key()[key]).with_harmonics(harmonics)
+    case = problem.with_criterion(criteria_by_key()[key]).with_variables(harmonics=harmonics)
     stages = continuation_stages(case, widths, 10)
     settled = hop_stages(case, widths, 10)[-1]
     for name in ("name", "width", "level", "samples", "points"):

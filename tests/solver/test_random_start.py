@@ -3,7 +3,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from expdesign.robot import ExactModel
+from expdesign.robot import LimitModel
 from expdesign.solver import InfeasibleLimitsError
 from expdesign.solver.random_start import random_start
 
@@ -55,9 +55,9 @@ def test_limits_that_no_motion_keeps_are_named(problem):
         dataclasses.replace(limit, lower=np.full(6, home - 1e-9), upper=np.full(6, home + 1e-9))
         if limit.key == "strut_length"
         else limit
-        for limit in problem.limits
+        for limit in problem.limits.limits
     )
-    tight = dataclasses.replace(problem, exact=ExactModel(problem.robot, limits))
+    tight = dataclasses.replace(problem, limits=LimitModel(problem.robot, limits))
     with pytest.raises(InfeasibleLimitsError, match="strut_length") as caught:
         draw(tight, 0)
     for other in ("alpha", "tilt", "actuator_force"):

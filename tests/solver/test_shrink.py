@@ -10,7 +10,7 @@ from expdesign.solver.shrink import GRID_MARGIN, SMALLEST_FACTOR, shrink_to_limi
 
 def worst(problem, trajectory):
     times = trajectory.sample_times(grid_points(problem.cost.samples))
-    return np.max(problem.exact.violations(states_at(trajectory, times)))
+    return np.max(problem.limits.violations(states_at(trajectory, times)))
 
 
 def scaled(trajectory, factor):

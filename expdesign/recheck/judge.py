@@ -1,0 +1,161 @@
+"""The one judge of motions: the worst moment of every limit, and whether it is kept."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from constraints import Limit
+from constraints.arrays import Array, Mask
+from expdesign.recheck.limit_check import LimitCheck
+from expdesign.robot import LimitModel
+from expdesign.trajectory import PoseSamples
+
+ZOOMS = 4
+ZOOM_POINTS = 33
+_MOST_CANDIDATES = 48
+
+
+class Motion(Protocol):
+    """Anything that moves the platform: a trajectory, or a motion from rest to rest."""
+
+    def sample(self, times: Array) -> PoseSamples:
+        """Return pose, rate and acceleration at times, s."""
+
+
+def states_at(motion: Motion, times: Array) -> Array:
+    """Return pose, rate and acceleration side by side, (N, 18)."""
+    samples = motion.sample(times)
+    return np.concatenate([samples.pose, samples.rate, samples.acceleration], axis=1)
+
+
+def judge(
+    limits: LimitModel,
+    times: Array,
+    states: Array,
+    between: Callable[[Array], Array] | None = None,
+    *,
+    periodic: bool = False,
+) -> tuple[LimitCheck, ...]:
+    """Return the worst moment of every limit by the unsmoothed model.
+
+    Parameters
+    ----------
+    limits : LimitModel
+    times : (N,)
+        s; equidistant where `between` is given. Of a periodic motion one period without its end;
+        otherwise with both ends, and nothing beyond them is looked at.
+    states : (N, 18)
+        Pose, rate and acceleration then; (N, 24) with the pose's third derivative where a limit
+        needs it.
+    between : callable, optional
+        Returns the states at other times: every moment that could be a limit's worst is then
+        searched again on ever finer grids around it. Without it only `times` are judged.
+    periodic : bool
+    """
+    values = limits.values(states)
+    violations = limits.excess(values)
+    checks = []
+    for limit, columns in zip(limits.limits, limits.columns, strict=True):
+        part = violations[:, columns]
+        moment, row = np.unravel_index(int(np.argmax(part)), part.shape)
+        worst = _Moment(
+            float(times[moment]),
+            int(row),
+            float(values[moment, columns.start + row]),
+            float(part[moment, row]),
+        )
+        if between is not None and np.isfinite(worst.violation):
+            worst = _refined(limits, columns, part, worst, times, between, periodic=periodic)
+        checks.append(_check(limit, worst))
+    return tuple(checks)
+
+
+def worst_of_each(checks: Iterable[LimitCheck]) -> tuple[LimitCheck, ...]:
+    """Return the worst check of every limit, of parts of a motion that were judged apart."""
+    worst: dict[str, LimitCheck] = {}
+    for check in checks:
+        if check.key not in worst or check.violation > worst[check.key].violation:
+            worst[check.key] = check
+    return tuple(worst.values())
+
+
+def local_worst(rows: Array, *, periodic: bool) -> Mask:
+    """Mark the entries of rows (N, R) that are no smaller than one step before and after."""
+    ahead, behind = _neighbours(rows, periodic=periodic)
+    peaks: Mask = (rows >= ahead) & (rows >= behind)
+    return peaks
+
+
+@dataclass(frozen=True)
+class _Moment:
+    time: float
+    row: int
+    value: float
+    violation: float
+
+
+def _refined(
+    limits: LimitModel,
+    columns: slice,
+    part: Array,
+    worst: _Moment,
+    times: Array,
+    between: Callable[[Array], Array],
+    *,
+    periodic: bool,
+) -> _Moment:
+    """Return a limit's worst moment between the grid's points.
+
+    Every local maximum of every row that could rise above the worst grid value is searched
+    again: one that is as high as its slope to the neighbours allows.
+    """
+    ahead, behind = _neighbours(part, periodic=periodic)
+    with np.errstate(invalid="ignore"):
+        rise = np.maximum(np.abs(ahead - part), np.abs(behind - part))
+    possible = (part >= ahead) & (part >= behind) & np.isfinite(rise)
+    # A row that hardly moves is at its worst everywhere: its highest points stand for the rest.
+    points, rows = np.nonzero(possible & (part + rise >= worst.violation))
+    order = np.argsort(-(part + rise)[points, rows], kind="stable")[:_MOST_CANDIDATES]
+    points, rows = points[order], rows[order]
+    centers, width = times[points], times[1] - times[0]
+    every = np.arange(len(rows))
+    for _ in range(ZOOMS if len(rows) else 0):
+        local = centers[:, None] + np.linspace(-width, width, ZOOM_POINTS)
+        if not periodic:
+            local = np.clip(local, times[0], times[-1])
+        values = limits.values(between(local.ravel()))
+        found = limits.excess(values)[:, columns].reshape(*local.shape, -1)[every, :, rows]
+        values = values[:, columns].reshape(*local.shape, -1)[every, :, rows]
+        steps = np.argmax(found, axis=1)
+        centers, highest = local[every, steps], found[every, steps]
+        width *= 2 / (ZOOM_POINTS - 1)
+        k = int(np.argmax(highest))
+        if highest[k] > worst.violation:
+            value = float(values[k, steps[k]])
+            worst = _Moment(float(centers[k]), int(rows[k]), value, float(highest[k]))
+    return worst
+
+
+def _neighbours(rows: Array, *, periodic: bool) -> tuple[Array, Array]:
+    """Return the rows one step later and one step earlier; at open ends the rows themselves."""
+    if periodic:
+        return np.roll(rows, -1, axis=0), np.roll(rows, 1, axis=0)
+    return np.concatenate([rows[1:], rows[-1:]]), np.concatenate([rows[:1], rows[:-1]])
+
+
+def _check(limit: Limit, worst: _Moment) -> LimitCheck:
+    return LimitCheck(
+        key=limit.key,
+        title=limit.definition.title,
+        row=limit.labels[worst.row],
+        unit=limit.unit,
+        value=worst.value,
+        bound=limit.nearest_bound(worst.row, worst.value),
+        violation=worst.violation,
+        time=worst.time,
+        origin=limit.origin,
+    )

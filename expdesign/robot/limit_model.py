@@ -1,0 +1,198 @@
+"""The limits of a robot along its states: one assembly of rows for optimiser and check.
+
+`values` and `violations` are what users read: natural expressions, exact signs of dry friction.
+`smooth_values` and what follows are the equivalent forms that an optimiser can differentiate. The
+two share the graph and nothing else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache, cached_property
+from itertools import pairwise
+
+import casadi as ca
+import numpy as np
+
+from constraints import Limit, LimitDefinition
+from constraints.arrays import Array, Mask
+from expdesign.mechanism.graph import Friction, hexapod_graph
+from expdesign.mechanism.hexapod import COORDINATES
+from expdesign.mechanism.term import Term
+from expdesign.robot.batch import BatchFunction
+from expdesign.robot.robot import Robot
+
+JERK = "strut_jerk"
+"""Quantity that needs the third derivative of the pose: limits that read it make states longer."""
+
+
+@cache
+def _kernel(
+    definitions: tuple[LimitDefinition, ...],
+    terms: tuple[Term, ...],
+    friction: Friction,
+    *,
+    slopes: bool,
+) -> BatchFunction:
+    """State, machine, parameters, characteristic length (, friction's width) → rows (, slopes).
+
+    Rows are natural for the exact friction, those of the optimiser for the smooth one.
+    """
+    graph = hexapod_graph(terms)
+    state, *fixed = graph.inputs(friction)
+    quantities = dict(graph.quantities(friction))
+    if any(JERK in definition.requires for definition in definitions):
+        third = ca.SX.sym("pose_jerk", COORDINATES)
+        moving = ca.vertcat(graph.rate, graph.acceleration, third)
+        quantities[JERK] = ca.jtimes(quantities["strut_acceleration"], state, moving)
+        state = ca.vertcat(state, third)
+    for definition in definitions:
+        missing = set(definition.requires) - set(quantities)
+        if missing:
+            what = ", ".join(sorted(missing))
+            raise ValueError(f"limit '{definition.key}' needs {what}: the mechanism has no such")
+    if friction is Friction.EXACT:
+        fixed = fixed[:-1]
+        rows = ca.vertcat(*(ca.densify(one.natural(quantities)) for one in definitions))
+    else:
+        rows = ca.cse(ca.vertcat(*(one.rows(quantities) for one in definitions)))
+    outputs = [rows, ca.cse(ca.jacobian(rows, state))] if slopes else [rows]
+    return BatchFunction("limits", [state], fixed, outputs)
+
+
+@dataclass(frozen=True, eq=False)
+class LimitModel:
+    """Limits of a robot as R rows of every state, all limits side by side.
+
+    States are pose, rate and acceleration, (N, 18), and for a limit on the struts' jerk the third
+    derivative of the pose as well, (N, 24).
+    """
+
+    robot: Robot
+    limits: tuple[Limit, ...]
+
+    @classmethod
+    def of(cls, robot: Robot, *more: Limit) -> LimitModel:
+        """Return the model of a robot's own limits, and of more."""
+        return cls(robot, (*robot.limits, *more))
+
+    @cached_property
+    def columns(self) -> list[slice]:
+        """The rows of each limit, as columns of `values`."""
+        sizes = np.cumsum([0, *(limit.lower.size for limit in self.limits)])
+        return [slice(a, b) for a, b in pairwise(sizes)]
+
+    @cached_property
+    def keys(self) -> tuple[str, ...]:
+        """(R,) key of the limit that each row belongs to."""
+        return tuple(limit.key for limit in self.limits for _ in limit.labels)
+
+    @cached_property
+    def two_sided(self) -> Mask:
+        """(R,) which rows are bounded on both sides."""
+        return np.isfinite(self._lower) & np.isfinite(self._upper)
+
+    @cached_property
+    def scale(self) -> Array:
+        """(R,) the range of every smooth row: what counts as one in a nonlinear program."""
+        lower, upper = self.smooth_bounds()
+        both = np.isfinite(lower) & np.isfinite(upper)
+        width = np.subtract(upper, lower, out=np.ones_like(upper), where=both)
+        one = np.abs(np.where(np.isfinite(lower), lower, upper))
+        scale = np.where(both, width, one)
+        return np.where(np.isfinite(scale) & (scale > 0), scale, 1.0)
+
+    def values(self, states: Array) -> Array:
+        """Return every limited quantity, (N, R), in SI units, by the unsmoothed model."""
+        (values,) = self._kernel(Friction.EXACT, slopes=False)(states, *self._fixed())
+        return values
+
+    def violations(self, states: Array) -> Array:
+        """Return (N, R) excess over the bounds as a share of each range; NaN counts as broken."""
+        return self.excess(self.values(states))
+
+    def excess(self, values: Array) -> Array:
+        """Return the same of values, (N, R)."""
+        excess = np.maximum(self._lower - values, values - self._upper) / self._range
+        return np.nan_to_num(excess, nan=np.inf, posinf=np.inf, neginf=-np.inf)
+
+    def smooth_bounds(self, margins: Array | None = None) -> tuple[Array, Array]:
+        """Return bounds on the smooth rows, (R,) each, or with margins (…, R).
+
+        Parameters
+        ----------
+        margins : (…, R), optional
+            How far the natural bounds are drawn in, as shares of their ranges.
+        """
+        if margins is None:
+            return self._smooth_bounds
+        parts = [
+            limit.smooth_bounds(margins[..., columns])
+            for limit, columns in zip(self.limits, self.columns, strict=True)
+        ]
+        lower, upper = ([part[side] for part in parts] or [margins] for side in (0, 1))
+        return np.concatenate(lower, axis=-1), np.concatenate(upper, axis=-1)
+
+    def smooth_values(self, states: Array, width: float) -> Array:
+        """Return the rows that an optimiser sees, (N, R), with dry friction of a width in m/s."""
+        (values,) = self._kernel(Friction.SMOOTH, slopes=False)(states, *self._fixed(width))
+        return values
+
+    def smooth_slopes(self, states: Array, width: float) -> tuple[Array, Array]:
+        """Return the same and their derivatives to the states, (N, R, 18 or 24)."""
+        values, slopes = self._kernel(Friction.SMOOTH, slopes=True)(states, *self._fixed(width))
+        return values, slopes
+
+    def smooth_violations(self, states: Array, width: float) -> Array:
+        """Return (N, R) excess of the smooth rows over their bounds, as shares of `scale`.
+
+        Open rows are at −inf; a value that is not a number counts as broken.
+        """
+        values = self.smooth_values(states, width)
+        lower, upper = self.smooth_bounds()
+        excess = np.maximum(lower - values, values - upper) / self.scale
+        return np.nan_to_num(excess, nan=np.inf, posinf=np.inf, neginf=-np.inf)
+
+    @cached_property
+    def moving(self) -> Mask:
+        """(R,) which rows depend on more than the pose: speeds, forces, jerk."""
+        state = np.zeros((1, 4 * COORDINATES if np.any(self.of_jerk) else 3 * COORDINATES))
+        state[0, :COORDINATES] = self.robot.home
+        _, slopes = self.smooth_slopes(state, 1.0)
+        return np.any(slopes[0, :, COORDINATES:] != 0, axis=1)
+
+    @cached_property
+    def of_jerk(self) -> Mask:
+        """(R,) which rows need the third derivative of the pose."""
+        jerk = {limit.key for limit in self.limits if JERK in limit.definition.requires}
+        return np.array([key in jerk for key in self.keys], dtype=bool)
+
+    @cached_property
+    def _smooth_bounds(self) -> tuple[Array, Array]:
+        return self.smooth_bounds(np.zeros(len(self.keys)))
+
+    @cached_property
+    def _lower(self) -> Array:
+        return _joined([limit.lower for limit in self.limits])
+
+    @cached_property
+    def _upper(self) -> Array:
+        return _joined([limit.upper for limit in self.limits])
+
+    @cached_property
+    def _range(self) -> Array:
+        return _joined([limit.range for limit in self.limits])
+
+    def _kernel(self, friction: Friction, *, slopes: bool) -> BatchFunction:
+        definitions = tuple(limit.definition for limit in self.limits)
+        return _kernel(definitions, self.robot.terms, friction, slopes=slopes)
+
+    def _fixed(self, *width: float) -> tuple[Array, ...]:
+        robot = self.robot
+        scalars = (np.array([value]) for value in (robot.characteristic_length, *width))
+        return robot.machine, robot.parameters, *scalars
+
+
+def _joined(parts: Sequence[Array]) -> Array:
+    return np.concatenate([np.empty(0), *parts])
