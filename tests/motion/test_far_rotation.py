@@ -51,10 +51,10 @@ def test_the_first_guess_comes_to_a_ramp(monkeypatch, plan, ramp_out):
     name, problem, guesses = ramp_out
     found = ramp_module.find_ramp(problem, guesses, name, plan.step, plan.width)
     assert found.duration < 0.16
-    assert ramp_module.worst_violation(problem, found)[0] <= TOLERANCE
+    assert ramp_module.worst_limit(problem, found).violation <= TOLERANCE
 
 
 def test_a_guess_is_taken_with_the_reserve(plan, ramp_out):
     name, problem, guesses = ramp_out
     found = ramp_module._plain_ramp(problem, guesses, name, plan.step)
-    assert ramp_module.worst_violation(problem, found)[0] <= -ramp_module.RESERVE
+    assert ramp_module.worst_limit(problem, found).violation <= -ramp_module.RESERVE
