@@ -8,17 +8,18 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic_core import PydanticCustomError
 
 from constraints import Limit, LimitDefinition, limit_definitions
-from expdesign.configuration.document import Document
-from expdesign.configuration.problem import Key, Problem, key_path, nearest, refusal, shown
+from expdesign.configuration.document import Placed
+from expdesign.configuration.problem import key_path, nearest, refusal, shown
 from expdesign.configuration.values.lists import read_only
 from expdesign.configuration.values.quantity import dimension_of
+from expdesign.configuration.values.scalars import by_key
 from expdesign.mechanism.hexapod import ACTUATORS, numbered
 
 CHARACTERISTIC_LENGTH = "characteristic_length"
@@ -29,24 +30,27 @@ _PROBES = 65
 Bounds = tuple[float, float]
 
 
-@dataclass(frozen=True)
-class LimitSource:
-    """The raw mapping under ``limits:``, and where it stands."""
+def _as_written(name: str, value: object) -> object:
+    """Refuse what is no limit; what is one stays as written until robot and run are merged."""
+    if name == CHARACTERISTIC_LENGTH:
+        _length(value)
+    else:
+        _bounds(name, value)
+    return value
 
-    raw: Mapping[str, Any]
-    document: Document
-    key: Key
+
+Limits = Annotated[dict[str, Any], by_key(_as_written, "limits with their bounds")]
 
 
 def resolve_limits(
-    sources: Sequence[LimitSource],
-) -> tuple[dict[str, Limit], float | None, list[Problem]]:
+    sources: Sequence[Placed[Mapping[str, Any]]],
+) -> tuple[dict[str, Limit], float | None]:
     """Merge the limits of robot and run.
 
     Parameters
     ----------
-    sources : sequence of LimitSource
-        Later ones override earlier ones key by key; components of a limit are keys, too.
+    sources : sequence of Placed
+        `Limits`. Later ones override earlier ones key by key; components of a limit are keys, too.
 
     Returns
     -------
@@ -54,25 +58,17 @@ def resolve_limits(
         In the order of the catalogue.
     characteristic_length : float or None
         m; None when no source gives it.
-    problems : list of Problem
-        Of all sources, also of what is overridden.
     """
     given: dict[str, Limit] = {}
     length: float | None = None
-    problems: list[Problem] = []
     for source in sources:
-        for name, value in source.raw.items():
-            key = (*source.key, name)
-            try:
-                if name == CHARACTERISTIC_LENGTH:
-                    length = _positive(dimension_of("m").parse(value))
-                else:
-                    limit = _read(name, value, source.document, key)
-                    given[name] = _overridden(given.get(name), limit)
-            except PydanticCustomError as error:
-                problems.append(_problem(source.document, key, error))
-    resolved = {name: given[name] for name in limit_definitions() if name in given}
-    return resolved, length, problems
+        for name, value in source.value.items():
+            if name == CHARACTERISTIC_LENGTH:
+                length = _length(value)
+            else:
+                limit = _placed(source, name, *_bounds(name, value))
+                given[name] = _overridden(given.get(name), limit)
+    return {name: given[name] for name in limit_definitions() if name in given}, length
 
 
 def with_shared_joints(limit: Limit, pairs: Iterable[tuple[int, int]]) -> Limit:
@@ -108,29 +104,32 @@ def _entry(definition: LimitDefinition, row: Bounds) -> Any:
     return row[0] if definition.kind == "lower" else row[1]
 
 
-def _problem(document: Document, key: Key, error: PydanticCustomError) -> Problem:
-    context = error.context or {}
-    return document.problem(key, error.message(), context["allowed"], context["nearest"] or None)
+def _length(value: object) -> float:
+    length = dimension_of("m").parse(value)
+    if length <= 0:
+        raise refusal(f"{length:g} is not positive", "a length above 0")
+    return length
 
 
-def _positive(value: float) -> float:
-    if value <= 0:
-        raise refusal(f"{value:g} is not positive", "a length above 0")
-    return value
-
-
-def _read(name: str, value: object, document: Document, key: Key) -> Limit:
+def _bounds(name: str, value: object) -> tuple[LimitDefinition, tuple[Bounds, ...]]:
+    """Return what is bounded, and the bounds of its rows: of one where all have the same."""
     definitions = limit_definitions()
     if name not in definitions:
         valid = [*definitions, CHARACTERISTIC_LENGTH]
         raise refusal(f"unknown limit {shown(name)}", ", ".join(valid), nearest(name, valid))
     definition = definitions[name]
-    labels = row_labels(definition)
-    if definition.components:
-        given = _components(definition, value)
-        rows = tuple(given.get(label, (-np.inf, np.inf)) for label in labels)
-    else:
-        rows = _rows(definition, value)
+    if not definition.components:
+        return definition, _rows(definition, value)
+    given = _components(definition, value)
+    return definition, tuple(
+        given.get(label, (-np.inf, np.inf)) for label in row_labels(definition)
+    )
+
+
+def _placed(
+    source: Placed[Any], name: str, definition: LimitDefinition, rows: tuple[Bounds, ...]
+) -> Limit:
+    labels, document, key = row_labels(definition), source.document, (*source.key, name)
     lower, upper = (read_only(np.broadcast_to(side, len(labels))) for side in np.transpose(rows))
     origin = f"{document.label}: {key_path(key)}"
     return Limit(definition, lower, upper, labels, origin, document.file, document.line(key))

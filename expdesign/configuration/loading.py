@@ -12,8 +12,6 @@ import numpy as np
 
 from expdesign.configuration.document import Document, Placed, document_from_mapping, read_yaml
 from expdesign.configuration.finding import absolute, find_robot, find_run
-from expdesign.configuration.limits import LimitSource, resolve_limits
-from expdesign.configuration.noise import NoiseDescription
 from expdesign.configuration.parameters import whose
 from expdesign.configuration.problem import InputError, Problem, nearest
 from expdesign.configuration.robot import (
@@ -65,17 +63,22 @@ def load_run(
     run, problems = validate(RunDescription, document.data, document)
     robot_source = _robot_source(run, document, problems)
     robot: ResolvedRobot | None = None
-    overrides = _overrides(document, problems, report=robot_source is None or run is None)
+    limits = {} if run is None else run.limits
+    noise = None if run is None else run.noise
     if robot_source is not None:
         try:
-            robot = resolve_robot(robot_source, *overrides)
+            robot = resolve_robot(
+                robot_source,
+                [Placed(limits, document, ("limits",))],
+                [] if noise is None else [Placed(noise, document, ("noise",))],
+            )
         except InputError as error:
             problems += error.problems
     if run is not None and robot is not None:
         problems += _unknown_parameters(run, robot, document)
         problems += _undesignable(run, document)
     if problems or run is None or robot is None:
-        raise InputError(dict.fromkeys(problems))
+        raise InputError(problems)
     forces_known = robot.noise is not None and robot.noise.force_covariance is not None
     users = () if forces_known else [stage for stage in run.stages if stage in _NOISE_USED_BY]
     missing_noise = [f"no noise of the forces is given; needed by: {', '.join(users)}"]
@@ -122,25 +125,6 @@ def _robot_source(
                 document.problem(("robot",), f"{path}: {p.message}") for p in error.problems
             )
         return None
-
-
-def _overrides(
-    document: Document, problems: list[Problem], *, report: bool
-) -> tuple[list[LimitSource], list[Placed[NoiseDescription]]]:
-    """Return the run's limits and noise; their problems only when no robot reports them."""
-    limits: list[LimitSource] = []
-    noise: list[Placed[NoiseDescription]] = []
-    raw = document.data.get("limits")
-    if isinstance(raw, dict):
-        limits = [LimitSource(raw, document, ("limits",))]
-        if report:
-            problems += resolve_limits(limits)[2]
-    stated = document.data.get("noise")
-    if isinstance(stated, dict):
-        description, _ = validate(NoiseDescription, stated, document, ("noise",))
-        if description is not None:
-            noise = [Placed(description, document, ("noise",))]
-    return limits, noise
 
 
 def _unknown_parameters(

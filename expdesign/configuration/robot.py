@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field
@@ -17,7 +17,7 @@ from expdesign.configuration import geometry as geo
 from expdesign.configuration.document import Placed, read_yaml
 from expdesign.configuration.finding import find_robot
 from expdesign.configuration.limits import (
-    LimitSource,
+    Limits,
     limits_as_written,
     resolve_limits,
     with_shared_joints,
@@ -34,10 +34,9 @@ from expdesign.configuration.problem import InputError, Problem
 from expdesign.configuration.section import Section, validate
 from expdesign.configuration.values.lists import Direction, Point, Pose, exactly, read_only
 from expdesign.configuration.values.quantity import Acceleration
-from expdesign.configuration.values.scalars import Name, RawMapping, Text, one_of
+from expdesign.configuration.values.scalars import Name, Text, one_of
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.term import Term
-from expdesign.mechanism.terms import rigid_platform
 
 PlatformKind = Literal["symmetric", "general"]
 
@@ -73,8 +72,8 @@ class RobotDescription(Section):
     parameters: Parameters
     """Nominal (a-priori) values of the terms' parameters; physically consistent or not."""
     noise: NoiseDescription | None = None
-    limits: RawMapping = Field(default_factory=dict)
-    """As written; `resolve_limits` checks it by the limits that exist."""
+    limits: Limits = Field(default_factory=dict)
+    """As written."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,17 +160,13 @@ def read_robot(path: Path) -> Placed[RobotDescription]:
     document = read_yaml(path)
     description, problems = validate(RobotDescription, document.data, document)
     if description is None:
-        # The limits are no pydantic model: their problems shall be reported with the others.
-        limits = document.data.get("limits")
-        if isinstance(limits, dict):
-            problems += resolve_limits([LimitSource(limits, document, ("limits",))])[2]
         raise InputError(problems)
     return Placed(description, document)
 
 
 def resolve_robot(
     source: Placed[RobotDescription],
-    limits: Sequence[LimitSource] = (),
+    limits: Sequence[Placed[Mapping[str, Any]]] = (),
     noise: Sequence[Placed[NoiseDescription]] = (),
 ) -> ResolvedRobot:
     """Resolve a robot together with the limits and noise by which a run overrides its own.
@@ -182,12 +177,11 @@ def resolve_robot(
         With everything that is wrong.
     """
     description, document = source.value, source.document
-    own_limits = LimitSource(description.limits, document, (*source.key, "limits"))
-    resolved_limits, length, problems = resolve_limits([own_limits, *limits])
+    own_limits = Placed(description.limits, document, (*source.key, "limits"))
+    resolved_limits, length = resolve_limits([own_limits, *limits])
     if description.noise is not None:
         noise = [Placed(description.noise, document, (*source.key, "noise")), *noise]
-    merged_noise, resolved_noise, found = resolve_noise(noise)
-    problems += found
+    merged_noise, resolved_noise, problems = resolve_noise(noise)
 
     warnings = []
     terms = chosen_terms(description.terms, description.platform)

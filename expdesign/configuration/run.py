@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
 
+from expdesign.configuration.limits import Limits
 from expdesign.configuration.noise import NoiseDescription
 from expdesign.configuration.problem import refusal, shown
 from expdesign.configuration.robot import ResolvedRobot, RobotDescription
@@ -25,7 +26,6 @@ from expdesign.configuration.values.lists import Distinct, at_least
 from expdesign.configuration.values.scalars import (
     FilledText,
     Name,
-    RawMapping,
     Text,
     one_of,
     whole,
@@ -95,7 +95,7 @@ class RunDescription(Section):
     trajectory: TrajectorySection = TrajectorySection()
     design: Annotated[DesignSection, _STAGE] = DesignSection()
     motion: MotionSection = MotionSection()
-    limits: RawMapping = Field(default_factory=dict)
+    limits: Limits = Field(default_factory=dict)
     """As written; they override the robot's key by key."""
     noise: NoiseDescription | None = None
     """Overrides the robot's key by key."""

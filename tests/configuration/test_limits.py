@@ -4,17 +4,26 @@ import numpy as np
 import pytest
 
 from constraints import limit_definitions
-from expdesign.configuration import InputError, load_robot_description
-from expdesign.configuration.document import Document
-from expdesign.configuration.limits import LimitSource, limits_as_written, resolve_limits
+from expdesign.configuration import InputError, load_robot_description, validate
+from expdesign.configuration.document import Document, Placed
+from expdesign.configuration.limits import Limits, limits_as_written, resolve_limits
+from expdesign.configuration.section import Section
+
+
+class _File(Section):
+    limits: Limits
 
 
 def _resolve(*raws):
-    sources = [LimitSource(raw, Document({}), ("limits",)) for raw in raws]
-    limits, length, problems = resolve_limits(sources)
+    sources, problems = [], []
+    for raw in raws:
+        file, found = validate(_File, {"limits": raw}, Document({}))
+        problems += found
+        if file is not None:
+            sources.append(Placed(file.limits, Document({}), ("limits",)))
     if problems:
         raise InputError(problems)
-    return limits, length
+    return resolve_limits(sources)
 
 
 def _problem(raw):

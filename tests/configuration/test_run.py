@@ -157,9 +157,9 @@ def test_problems_name_file_line_and_key(tmp_path, problems_of):
     places = [(p.file, p.line, p.key) for p in problems if "missing" not in p.message]
     assert places == [
         (run, 5, "trajectory.harmonics"),
+        (run, 7, "limits.alpha"),
         (robot, 2, "home[3]"),
         (robot, 3, "limits.tilt"),
-        (run, 7, "limits.alpha"),
     ]
     assert str(problems[0]).startswith(f"{run}:5: trajectory.harmonics: 0 is out of range")
     assert {p.key for p in problems if "missing" in p.message} == {

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
-from pydantic_core import PydanticCustomError
 
 from expdesign.configuration.parameters import known_parameter, parsed_parameter
 from expdesign.configuration.problem import refusal, shown
 from expdesign.configuration.section import Section
 from expdesign.configuration.values.lists import Distinct, at_least
 from expdesign.configuration.values.quantity import Frequency, Positive
-from expdesign.configuration.values.scalars import Seed, one_of, whole, word_for_none
+from expdesign.configuration.values.scalars import (
+    Seed,
+    by_key,
+    one_of,
+    whole,
+    word_for_none,
+)
 
 Estimator = Literal["ls", "gm", "ml"]
 Differentiation = Literal["fourier", "central", "butterworth"]
@@ -27,51 +31,38 @@ Estimators = Annotated[
 
 _LARGEST_HARMONICS = 10_000
 _LARGEST_REPETITIONS = 10_000_000
+_FIXED = "a list of parameters, or parameters with their values"
+_BOUNDS = "parameters with their [min, max]"
+_PRIORS = "parameters with their {std: …} or {value: …, std: …}"
 
 
-def _value(name: str, value: object) -> float:
-    try:
-        return parsed_parameter(name, value)
-    except PydanticCustomError as error:
-        context = error.context or {}
-        raise refusal(error.message(), context["allowed"], key=name) from None
-
-
-def _by_parameter(read: Callable[[str, Any, str], Any], wanted: str) -> BeforeValidator:
-    """Return a validator for a mapping of parameters, of which `read` takes one at a time."""
-
-    def check(value: object) -> dict[str, Any]:
-        if not isinstance(value, dict):
-            raise refusal(f"{shown(value)} is not a mapping", wanted)
-        return {known_parameter(name): read(name, item, wanted) for name, item in value.items()}
-
-    return BeforeValidator(check)
-
-
-def _fixed(name: str, item: Any, _: str) -> float | None:
-    return None if item is None else _value(name, item)
+def _fixed(name: str, item: object) -> float | None:
+    known_parameter(name)
+    return None if item is None else parsed_parameter(name, item)
 
 
 def _names_alone(value: object) -> object:
     return {known_parameter(n): None for n in value} if isinstance(value, list | tuple) else value
 
 
-def _bounds(name: str, item: Any, wanted: str) -> tuple[float, float]:
+def _bounds(name: str, item: Any) -> tuple[float, float]:
+    known_parameter(name)
     if not isinstance(item, list | tuple) or len(item) != 2:  # noqa: PLR2004 - min and max
-        raise refusal(f"{shown(item)} is no pair", wanted, key=name)
-    low, high = (_value(name, end) for end in item)
+        raise refusal(f"{shown(item)} is no pair", _BOUNDS)
+    low, high = (parsed_parameter(name, end) for end in item)
     if low >= high:
-        raise refusal(f"min {low:g} is not below max {high:g}", wanted, key=name)
+        raise refusal(f"min {low:g} is not below max {high:g}", _BOUNDS)
     return low, high
 
 
-def _prior(name: str, item: Any, wanted: str) -> dict[str, float | None]:
+def _prior(name: str, item: Any) -> dict[str, float | None]:
+    known_parameter(name)
     if not isinstance(item, dict) or not {"std"} <= set(item) <= {"value", "std"}:
-        raise refusal(f"{shown(item)} does not state a prior", wanted, key=name)
-    std = _value(name, item["std"])
+        raise refusal(f"{shown(item)} does not state a prior", _PRIORS)
+    std = parsed_parameter(name, item["std"])
     if std <= 0:
-        raise refusal(f"the standard deviation {std:g} is not positive", wanted, key=name)
-    return {"value": _fixed(name, item.get("value"), wanted), "std": std}
+        raise refusal(f"the standard deviation {std:g} is not positive", _PRIORS)
+    return {"value": _fixed(name, item.get("value")), "std": std}
 
 
 class Prior(Section):
@@ -99,17 +90,17 @@ class EstimateSection(Section):
     """Of the Butterworth filter, Hz; None: three times the highest frequency of the design."""
     fixed: Annotated[
         dict[str, float | None],
-        _by_parameter(_fixed, "a list of parameters, or parameters with their values"),
+        by_key(_fixed, _FIXED),
         BeforeValidator(_names_alone),
     ] = Field(default_factory=dict)
     """Parameter → value in SI units, None for the robot's value."""
     prior: Annotated[
         dict[str, Prior],
-        _by_parameter(_prior, "parameters with their {std: …} or {value: …, std: …}"),
+        by_key(_prior, _PRIORS),
     ] = Field(default_factory=dict)
-    bounds: Annotated[
-        dict[str, tuple[float, float]], _by_parameter(_bounds, "parameters with their [min, max]")
-    ] = Field(default_factory=dict)
+    bounds: Annotated[dict[str, tuple[float, float]], by_key(_bounds, _BOUNDS)] = Field(
+        default_factory=dict
+    )
     """Parameter → (min, max) in SI units."""
 
 

@@ -10,7 +10,7 @@ from expdesign.configuration.problem import refusal
 from expdesign.configuration.section import Section
 from expdesign.configuration.values.lists import Ascending, Pair
 from expdesign.configuration.values.quantity import Duration, Frequency, Jerk, Positive
-from expdesign.configuration.values.scalars import one_of, whole
+from expdesign.configuration.values.scalars import Count, one_of, whole
 
 _LARGEST_HARMONICS = 100
 
@@ -26,7 +26,7 @@ class TrajectorySection(Section):
         tuple[Annotated[Frequency, Positive], Annotated[Frequency, Positive]], Pair, Ascending
     ] = (0.1, 0.6)
     """Smallest and largest fundamental frequency, Hz; equal values fix it."""
-    samples: Annotated[int, whole(6)] = 200
+    samples: Count = 200
     """Samples per period that the information is counted over; at least 4 n + 2."""
     controller_period: Annotated[Duration, Positive] | None = None
     """Step of the machine's controller, s, of which the period becomes a whole number.

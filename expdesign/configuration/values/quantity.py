@@ -98,21 +98,13 @@ class Dimension:
     @property
     def units(self) -> tuple[str, ...]:
         """Units of this kind that have a name of their own: none for a speed."""
-        wanted = _dimensionality(self.unit)
-        return tuple(s for s in unit_symbols() if _dimensionality(s) == wanted)
+        dimensions = _dimensionality(self.unit)
+        return tuple(s for s in unit_symbols() if _dimensionality(s) == dimensions)
 
     def parse(self, value: object) -> float:
         """Convert what stands in the file to a finite number in `unit`.
 
-        Parameters
-        ----------
-        value : object
-            A real number, or text of a number and optionally a unit.
-
-        Returns
-        -------
-        float
-            The value in SI units (a frequency in Hz).
+        Takes a real number, or a text of a number and optionally a unit.
 
         Raises
         ------
@@ -275,17 +267,11 @@ Speed = Annotated[float, BeforeValidator(SPEED.parse)]
 Acceleration = Annotated[float, BeforeValidator(ACCELERATION.parse)]
 Jerk = Annotated[float, BeforeValidator(JERK.parse)]
 Force = Annotated[float, BeforeValidator(FORCE.parse)]
-Torque = Annotated[float, BeforeValidator(TORQUE.parse)]
 Frequency = Annotated[float, BeforeValidator(FREQUENCY.parse)]
 Duration = Annotated[float, BeforeValidator(DURATION.parse)]
-Mass = Annotated[float, BeforeValidator(MASS.parse)]
-FirstMoment = Annotated[float, BeforeValidator(FIRST_MOMENT.parse)]
-Inertia = Annotated[float, BeforeValidator(INERTIA.parse)]
-Damping = Annotated[float, BeforeValidator(DAMPING.parse)]
 ForceVariance = Annotated[float, BeforeValidator(FORCE_VARIANCE.parse)]
 LengthVariance = Annotated[float, BeforeValidator(LENGTH_VARIANCE.parse)]
 ForceConstant = Annotated[float, BeforeValidator(FORCE_CONSTANT.parse)]
-
 
 _SHOWN_AS = {
     "rad": ("deg", math.degrees(1.0)),

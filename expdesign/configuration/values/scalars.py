@@ -1,4 +1,4 @@
-"""Validators of what is no physical quantity: names, texts, whole numbers and choices."""
+"""Validators of what is no physical quantity: names, whole numbers, choices, mappings."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import re
 from collections.abc import Callable, Sequence
 from typing import Annotated, Any, get_args
 
-from pydantic import AfterValidator, BeforeValidator, PlainSerializer
-from pydantic_core import PydanticCustomError
+from pydantic import AfterValidator, BeforeValidator, PlainSerializer, ValidationError
+from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from expdesign.configuration.problem import nearest, refusal, shown
 
@@ -100,13 +100,23 @@ def word_for_none(word: str, otherwise: BeforeValidator) -> tuple[BeforeValidato
     return BeforeValidator(check), PlainSerializer(lambda value: word if value is None else value)
 
 
-def _mapping(value: object) -> object:
-    if value is None:
-        return {}
-    if not isinstance(value, dict):
-        raise refusal(f"{shown(value)} is not a mapping", "keys with their values")
-    return value
+def by_key(read: Callable[[str, Any], Any], wanted: str) -> BeforeValidator:
+    """Return a validator of a mapping that reads key by key, and refuses all that is wrong."""
 
+    def check(value: object) -> dict[str, Any]:
+        if value is None:
+            return {}
+        if not isinstance(value, dict):
+            raise refusal(f"{shown(value)} is not a mapping", wanted)
+        found: dict[str, Any] = {}
+        problems: list[InitErrorDetails] = []
+        for key, item in value.items():
+            try:
+                found[key] = read(key, item)
+            except PydanticCustomError as error:
+                problems.append({"type": error, "loc": (key,), "input": item})
+        if problems:
+            raise ValidationError.from_exception_data("mapping", problems)
+        return found
 
-RawMapping = Annotated[dict[str, Any], BeforeValidator(_mapping)]
-"""A mapping whose keys are checked by whoever knows them."""
+    return BeforeValidator(check)
