@@ -1,6 +1,7 @@
 """Optimal experiment design and identification for hexapods.
 
-`load_robot` gives the model, `design` the excitation trajectory of a run.
+`load_robot` gives the model. `design`, `simulate`, `estimate` and `report` are the stages that are
+called most; `run` does all that a run file names.
 """
 
 from importlib import import_module
@@ -10,16 +11,27 @@ if TYPE_CHECKING:
     from expdesign.configuration import InputError, load_run
     from expdesign.experiment import DesignResult, design
     from expdesign.robot import Robot, load_robot
+    from expdesign.stages.calls import estimate, report, simulate
+    from expdesign.stages.outcome import StageFailed
+    from expdesign.stages.progress import Progress
+    from expdesign.stages.run import RunResult, run
     from expdesign.trajectory import FourierTrajectory
 
 __all__ = [
     "DesignResult",
     "FourierTrajectory",
     "InputError",
+    "Progress",
     "Robot",
+    "RunResult",
+    "StageFailed",
     "design",
+    "estimate",
     "load_robot",
     "load_run",
+    "report",
+    "run",
+    "simulate",
 ]
 
 _HOMES = {
@@ -30,6 +42,11 @@ _HOMES = {
     "design": "expdesign.experiment",
     "load_robot": "expdesign.robot",
     "load_run": "expdesign.configuration",
+    "Progress": "expdesign.stages.progress",
+    "StageFailed": "expdesign.stages.outcome",
+    "RunResult": "expdesign.stages.run",
+    "run": "expdesign.stages.run",
+    **dict.fromkeys(("estimate", "report", "simulate"), "expdesign.stages.calls"),
 }
 
 

@@ -52,8 +52,21 @@ def read_measurement(
     InputError
         The file cannot be read, or its content cannot be used: every defect with column and row.
     """
+    return measurement_of(_raw_table(Path(path), section), section, robot)
+
+
+def measurement_of(
+    table: RawTable, section: DataSection, robot: ResolvedRobot | Robot
+) -> Measurement:
+    """Return the measurement in a table, wherever it comes from; arguments as `read_measurement`.
+
+    Raises
+    ------
+    InputError
+        Its content cannot be used: every defect with column and row.
+    """
     description = robot.description if isinstance(robot, Robot) else robot
-    table, notes = in_si(_raw_table(Path(path), section), section)
+    table, notes = in_si(table, section)
     table = _within(table, section)
     refuse_few_rows(table, len(description.parameter_names))
     refuse_cells(table, tuple(table.values), section.decimal)
@@ -72,7 +85,7 @@ def read_measurement(
         length_delay=section.delay.lengths,
         force_delay=section.delay.forces,
         jitter=base.jitter,
-        source=str(path),
+        source=str(table.file),
         warnings=notes,
     )
 

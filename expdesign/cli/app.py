@@ -1,9 +1,9 @@
 """The commands of the command line, in the order in which they are listed and used.
 
-Each command is a function in a module of its own, imported here. It imports what it computes with
-when it runs, takes `--json`, returns nothing when all is well, raises `CommandFailed` (exit 1) or
-`InputError` (exit 2) otherwise, and writes results to standard output, everything else to
-standard error (`expdesign.cli.output`).
+Each command is a function that is imported here. It imports what it computes with when it runs,
+takes `--json`, returns nothing when all is well, raises `StageFailed` (exit 1) or `InputError`
+(exit 2) otherwise, and writes results to standard output, everything else to standard error
+(`expdesign.cli.output`).
 """
 
 from __future__ import annotations
@@ -13,18 +13,11 @@ from typing import Annotated
 
 import typer
 
+from expdesign.cli import commands
 from expdesign.cli.check import check
 from expdesign.cli.compare import compare
-from expdesign.cli.design import design
-from expdesign.cli.estimate import estimate
 from expdesign.cli.export import export
-from expdesign.cli.montecarlo import montecarlo
-from expdesign.cli.noise import noise
-from expdesign.cli.report import report
 from expdesign.cli.robots import robots
-from expdesign.cli.run import run
-from expdesign.cli.simulate import simulate
-from expdesign.cli.validate import validate
 
 app = typer.Typer(
     name="expdesign",
@@ -62,15 +55,18 @@ def _expdesign(
     """
 
 
-app.command()(robots)
-app.command()(check)
-app.command()(design)
-app.command()(simulate)
-app.command()(montecarlo)
-app.command()(noise)
-app.command()(estimate)
-app.command()(validate)
-app.command()(export)
-app.command()(report)
-app.command()(compare)
-app.command()(run)
+for _command in (
+    robots,
+    check,
+    commands.design,
+    commands.simulate,
+    commands.montecarlo,
+    commands.noise,
+    commands.estimate,
+    commands.validate,
+    export,
+    commands.report,
+    compare,
+    commands.run,
+):
+    app.command()(_command)

@@ -14,19 +14,18 @@ def check(run: RunArgument, as_json: JsonOption = False) -> None:
     """
     import typer
 
-    from expdesign.cli.folder import run_folder
-    from expdesign.cli.run import STEPS, left_out, missing_design, performed, refuse_study
     from expdesign.configuration import load_run, resolved_yaml
     from expdesign.robot import robot_from
+    from expdesign.stages import refuse_study, run_folder
+    from expdesign.stages.table import left_out, named, performed, stages_without_design
 
     configuration = load_run(run)
     robot_from(configuration.robot)
     refuse_study(configuration)
     pairs = [(i + 1, j + 1) for i, j in configuration.robot.shared_joint_pairs]
-    wanted = configuration.stages or ("design",)
     done = performed(configuration)
     warnings = list(configuration.warnings)
-    if missing := missing_design(configuration, run_folder(configuration, None)):
+    if missing := stages_without_design(configuration, run_folder(configuration, None)):
         warnings.append(f"expdesign run refuses this file. {missing.message}")
     if as_json:
         write_json(
@@ -43,14 +42,9 @@ def check(run: RunArgument, as_json: JsonOption = False) -> None:
         return
     typer.echo(resolved_yaml(configuration), nl=False)
     unnamed = "" if configuration.stages else " (the file names no stage)"
-    if any(stage in STEPS for stage in wanted):
-        note(f"expdesign run does: {', '.join(done) or 'nothing'}{unnamed}")
-    else:
-        warn(f"expdesign run refuses this file: this version has {', '.join(STEPS)} only")
-    for stage in wanted:
-        if stage not in STEPS:
-            warn(f"the stage '{stage}' is not part of this version")
-        elif reason := left_out(stage, configuration):
+    note(f"expdesign run does: {', '.join(done) or 'nothing'}{unnamed}")
+    for stage in named(configuration):
+        if reason := left_out(stage, configuration):
             note(f"{stage}: left out, {reason}")
     for first, second in pairs:
         note(f"struts {first} and {second} share a joint: left out of the strut clearance")

@@ -7,8 +7,7 @@ from typing import Annotated
 
 import typer
 
-from expdesign.cli.folder import refuse_unwritable
-from expdesign.cli.output import JsonOption, note, results, short, write_json
+from expdesign.cli.output import JsonOption, note, results, write_json
 
 FoldersArgument = Annotated[
     list[Path], typer.Argument(metavar="DIR DIR …", help="Run folders.", show_default=False)
@@ -47,6 +46,7 @@ def compare(
     Designs: criteria in common scalings, precision, limits, effort. Estimates: parameters with
     intervals, and whether they differ. Studies: achieved standard deviations.
     """
+    from expdesign.stages import refuse_unwritable, short
     from results.report.comparison.comparison import write_comparison
 
     share = precision_share(precision)

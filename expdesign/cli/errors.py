@@ -10,29 +10,14 @@ from typing import Any
 import typer
 from rich.text import Text
 
-from expdesign.cli.output import messages, short, write_json
+from expdesign.cli.output import messages, write_json
 from expdesign.configuration import InputError, Problem
+from expdesign.stages.outcome import StageFailed
+from expdesign.stages.progress import short
 
 FAILED = 1
 BAD_INPUT = 2
 _JSON = "--json"
-
-
-class CommandFailed(Exception):  # noqa: N818 - it is no bug but a result
-    """A command came to no good end, or its result breaks a limit: exit status 1.
-
-    Parameters
-    ----------
-    message : str
-        What happened, and what can be done about it.
-    details : dict, optional
-        The same for machines.
-    """
-
-    def __init__(self, message: str, details: dict[str, Any] | None = None) -> None:
-        super().__init__(message)
-        self.message = message
-        self.details = details or {}
 
 
 def run(app: typer.Typer, arguments: Sequence[str]) -> int:
@@ -59,20 +44,20 @@ def run(app: typer.Typer, arguments: Sequence[str]) -> int:
         return _bad_input(error.problems, as_json)
     except typer.TyperException as error:
         return _bad_input([Problem(error.format_message())], as_json)
-    except (CommandFailed, KeyboardInterrupt, typer.Abort, OSError) as error:
+    except (StageFailed, KeyboardInterrupt, typer.Abort, OSError) as error:
         return _failed(_failure(error), as_json)
     if not isinstance(status, int):
         return 0
     return status if status in (0, FAILED, BAD_INPUT) else FAILED
 
 
-def _failure(error: BaseException) -> CommandFailed:
-    if isinstance(error, CommandFailed):
+def _failure(error: BaseException) -> StageFailed:
+    if isinstance(error, StageFailed):
         return error
     if isinstance(error, OSError):
         named = "" if error.filename is None else f"{error.filename}: "
-        return CommandFailed(f"{named}{error.strerror or error}")
-    return CommandFailed("interrupted")
+        return StageFailed(f"{named}{error.strerror or error}")
+    return StageFailed("interrupted")
 
 
 def _bad_input(problems: Iterable[Problem], as_json: bool) -> int:
@@ -91,7 +76,7 @@ def _bad_input(problems: Iterable[Problem], as_json: bool) -> int:
     return BAD_INPUT
 
 
-def _failed(failure: CommandFailed, as_json: bool) -> int:
+def _failed(failure: StageFailed, as_json: bool) -> int:
     if as_json:
         write_json({"status": FAILED, "message": failure.message, **failure.details})
     else:

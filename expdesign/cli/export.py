@@ -7,26 +7,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from expdesign.cli.errors import CommandFailed
-from expdesign.cli.export_files import (
-    FOLDER,
-    README,
-    describe,
-    describe_beside,
-    described_files,
-    export_summary,
-    refuse_taken_name,
-)
-from expdesign.cli.export_motion import export_task, folder_motion
 from expdesign.cli.export_options import export_section, given_options
-from expdesign.cli.folder import refuse_unwritable
-from expdesign.cli.output import JsonOption, results, short, warn_all, write_json
+from expdesign.cli.output import JsonOption, results, write_json
 
 if TYPE_CHECKING:
-    from expdesign.configuration import ExportSection, Problem, RunConfiguration
-    from expdesign.export import Export, Task
-
-STAGE = "export"
+    from expdesign.configuration import Problem, RunConfiguration
 
 _LIST = "list"
 
@@ -98,16 +83,11 @@ def export(  # noqa: PLR0917 - each is an option of the command
     is read back, executed as its controller would, and held against design and limits; a file
     that fails is not kept (exit status 1).
     """
-    from expdesign.cli.stages import added_to
+    from expdesign.cli import shown
+    from expdesign.cli.terminal import Terminal
     from expdesign.configuration import InputError, Problem
-    from expdesign.export import (
-        RECORD,
-        file_name,
-        file_record,
-        read_record,
-        refuse_missing_library,
-        refuse_unreadable_name,
-    )
+    from expdesign.stages import Workspace, short
+    from expdesign.stages.export import export_one
 
     if name == _LIST or (not name and folder == Path(_LIST) and not folder.exists()):
         _list(as_json=as_json)
@@ -135,78 +115,12 @@ def export(  # noqa: PLR0917 - each is an option of the command
     if not name:
         raise InputError(_missing_format())
     section = export_section(name, given, configuration)
-    refuse_missing_library(section)
-    path = (folder / FOLDER / file_name(section)) if out is None else out.absolute()
-    refuse_unreadable_name(section, path, "--out")
-    in_folder = path.parent.resolve() == (folder / FOLDER).resolve()
-    if in_folder:
-        refuse_taken_name(path, "--file" if out is None else "--out")
-    refuse_unwritable(path.parent)
-    warn_all(configuration.warnings)
-    task = export_task(configuration, folder)
-    made = _exported(section, task, path, "", as_json=as_json)
-    if in_folder:
-        target = folder / FOLDER
-        files = described_files(read_record(target / RECORD), target, task, {path.name})
-        with added_to(folder, (target / RECORD, target / README)):
-            describe(target, task, files | {path.name: file_record(made)})
-    else:
-        describe_beside(path, task, made)
+    outcome = export_one(section, Workspace(configuration, folder, Terminal()), out)
     if as_json:
-        write_json({"status": 0, **export_summary(task, [made])})
+        write_json({"status": 0, **outcome.summary})
     else:
-        results().print(f"written to {short(path)}")
-
-
-def export_stage(configuration: RunConfiguration, folder: Path, *, as_json: bool) -> dict[str, Any]:
-    """Write every table that the run names, with README.txt and exports.json.
-
-    Both go on telling of the tables of the same motion that were exported by hand.
-
-    Raises
-    ------
-    InputError
-        The design is missing or none, or an option cannot be kept.
-    CommandFailed
-        A table is beyond a tolerance, or the machine cannot get into the motion.
-    """
-    from expdesign.cli.stages import clear_outdated, keep_configuration, record_stage
-    from expdesign.export import (
-        RECORD,
-        file_name,
-        file_record,
-        read_record,
-        refuse_missing_library,
-    )
-
-    for number, section in enumerate(configuration.run.export, start=1):
-        refuse_missing_library(section, f"export[{number}]")
-        refuse_taken_name(folder / FOLDER / file_name(section), f"export[{number}].file")
-    refuse_unwritable(folder)
-    target = folder / FOLDER
-    made_from = folder_motion(folder)
-    with record_stage(STAGE, configuration, folder, made_from) as stage:
-        task = export_task(configuration, folder)
-        before = read_record(target / RECORD)
-        clear_outdated(STAGE, configuration, folder, made_from)
-        made: dict[str, Export] = {}
-        own = {file_name(section) for section in configuration.run.export}
-        files = described_files(before, target, task, own)
-        described = describe(target, task, files) if files else ()
-        for number, section in enumerate(configuration.run.export, start=1):
-            path = target / file_name(section)
-            place = f"export[{number}]"
-            made[path.name] = _exported(section, task, path, place, as_json=as_json)
-            # After each: when the next one fails, this one is not without its description, and
-            # `expdesign export` does not replace it by one with the options of an earlier run.
-            files[path.name] = file_record(made[path.name])
-            described = describe(target, task, files)
-            keep_configuration(configuration, folder)
-        stage.files = [*(export.path for export in made.values()), *described]
-        stage.status = "done"
-    if not as_json:
-        results().print(f"written to {short(target)}")
-    return {"folder": str(folder), **export_summary(task, list(made.values()))}
+        shown.tables(outcome)
+        results().print(f"written to {short(outcome.files[0])}")
 
 
 def _list(*, as_json: bool) -> None:
@@ -263,27 +177,3 @@ def _configuration(folder: Path) -> RunConfiguration:
             )
         )
     return load_run(file)
-
-
-def _exported(
-    section: ExportSection, task: Task, path: Path, place: str, *, as_json: bool
-) -> Export:
-    from expdesign.export import ExportError, export_table
-    from expdesign.export.read_back import limits_in_words
-
-    try:
-        made = export_table(section, task, path, place)
-    except ExportError as error:
-        raise CommandFailed(
-            f"{error}. The file was not kept{error.remedy and '; '}{error.remedy}.",
-            {"failures": list(error.check.failures)},
-        ) from error
-    if not as_json:
-        check = made.check
-        off = check.deviation
-        results().print(
-            f"{path.name}: {check.rows} rows in {check.duration:.3f} s, read back: struts within "
-            f"{1e6 * off.position:.3g} µm and {1e3 * off.velocity:.3g} mm/s of the design, "
-            f"{limits_in_words(check.limits)}"
-        )
-    return made

@@ -5,8 +5,6 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Iterable
-from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -53,23 +51,9 @@ def warn(text: str) -> None:
     messages().print(Text.assemble(("warning: ", "yellow"), text))
 
 
-def warn_all(texts: Iterable[str]) -> None:
-    """Write several warnings to standard error."""
-    for text in texts:
-        warn(text)
-
-
 def note(text: str) -> None:
     """Write a remark to standard error."""
     messages().print(Text.assemble(("note: ", "cyan"), text))
-
-
-def short(path: Path) -> str:
-    """Return a path as a user would write it in the current folder."""
-    try:
-        return str(path.relative_to(Path.cwd()))
-    except (ValueError, OSError):
-        return str(path)
 
 
 def _finite(data: Any) -> Any:

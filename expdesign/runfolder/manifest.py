@@ -62,13 +62,7 @@ class Manifest:
     @classmethod
     def new(cls, seeds: dict[str, int]) -> Manifest:
         """Start a manifest with the versions that are installed."""
-        versions = {"python": platform.python_version()}
-        for package in _PACKAGES:
-            try:
-                versions[package] = version(package)
-            except PackageNotFoundError:
-                versions[package] = "not installed"
-        return cls(versions, seeds, "casadi virtual machine", {})
+        return cls(package_versions(), seeds, "casadi virtual machine", {})
 
     @classmethod
     def read(cls, folder: Path) -> Manifest | None:
@@ -122,7 +116,7 @@ class Manifest:
 
 
 def entry(
-    status: str, inputs: str, seconds: float, message: str, folder: Path, files: list[Path]
+    status: str, inputs: str, seconds: float, message: str, folder: Path, files: Iterable[Path]
 ) -> StageEntry:
     """Return the entry of a stage that ended now and wrote `files`."""
     return StageEntry(
@@ -137,6 +131,17 @@ def entry(
             if file != folder / RUN_FILE
         },
     )
+
+
+def package_versions() -> dict[str, str]:
+    """Return the versions of what a result depends on, as they are installed."""
+    versions = {"python": platform.python_version()}
+    for package in _PACKAGES:
+        try:
+            versions[package] = version(package)
+        except PackageNotFoundError:
+            versions[package] = "not installed"
+    return versions
 
 
 def file_hash(path: Path) -> str:

@@ -1,6 +1,5 @@
 """`expdesign export` and the stage of `run`; the motion is that of the tests of the exports."""
 
-import importlib
 import json
 import shutil
 
@@ -19,13 +18,12 @@ COARSE = {"segment": "4 ms", "tolerance": "0.2 mm"}
 @pytest.fixture(autouse=True)
 def analytic_ramps(monkeypatch):
     """Let the ways from and to rest be analytic: how they are found is another test's."""
-    motion = importlib.import_module("expdesign.motion")
 
     def ramped(configuration, trajectory):
         assert isinstance(trajectory, FourierTrajectory)
         return motion_of(task().robot, trajectory, configuration.run.experiment.periods)
 
-    monkeypatch.setattr(motion, "executable_motion", ramped, raising=False)
+    monkeypatch.setattr("expdesign.stages.export.executable_motion", ramped)
 
 
 @pytest.fixture
@@ -322,7 +320,7 @@ def test_no_way_into_the_motion(expdesign, folder, monkeypatch):
     def none(_configuration, _trajectory):
         raise NoRampError("ramp in", "strut_speed", "no ramp keeps strut_speed")
 
-    monkeypatch.setattr("expdesign.motion.executable_motion", none)
+    monkeypatch.setattr("expdesign.stages.export.executable_motion", none)
     status, _, messages = expdesign("export", folder, "--format", "csv")
     assert (status, "no ramp keeps strut_speed" in messages) == (1, True)
 
@@ -450,7 +448,7 @@ def test_a_stage_that_fails_leaves_the_configuration_of_what_is_there(
     def none(_configuration, _trajectory):
         raise NoRampError("ramp in", "strut_speed", "no ramp keeps strut_speed")
 
-    monkeypatch.setattr("expdesign.motion.executable_motion", none)
+    monkeypatch.setattr("expdesign.stages.export.executable_motion", none)
     before = (folder / "run.yaml").read_bytes()
     file = measured_run(run_file(["xps-pvt"]), {"units": "mm"})
     assert expdesign("run", file, "--out", folder)[0] == 1

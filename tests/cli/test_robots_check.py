@@ -8,10 +8,10 @@ import sys
 import pytest
 import typer
 
-import expdesign.cli.run as cli_run
-from expdesign.cli.errors import CommandFailed, run
+from expdesign.cli.errors import run
 from expdesign.configuration import load_robot_description, load_run, resolved_yaml
 from expdesign.library import robot_files
+from expdesign.stages import StageFailed
 
 ROBOT = resolved_yaml(load_run("palida")).split("robot:\n")[1].split("\ntrajectory")[0]
 
@@ -88,8 +88,7 @@ def test_what_check_prints_can_be_checked(expdesign, tmp_path):
     assert expdesign("check", path)[:2] == (0, out)
 
 
-def test_check_says_what_run_would_do(expdesign, tmp_path, monkeypatch):
-    monkeypatch.setattr(cli_run, "STEPS", {k: cli_run.STEPS[k] for k in ("design", "experiment")})
+def test_check_says_what_run_would_do(expdesign, tmp_path):
     path = tmp_path / "run.yaml"
 
     def check(text):
@@ -101,8 +100,7 @@ def test_check_says_what_run_would_do(expdesign, tmp_path, monkeypatch):
     assert "# data:" in out
     assert "periods and sampling of the experiment all the same" in out
     _, out, err = check("design: {}\nexperiment: {}\nmontecarlo: {}\ndata: {delimiter: ';'}\n")
-    assert "note: expdesign run does: design, experiment\n" in err
-    assert "warning: the stage 'montecarlo' is not part of this version" in err
+    assert "note: expdesign run does: design, experiment, montecarlo\n" in err
     assert "\ndata:" in out
     assert "all the same" not in out
     _, _, err = check("montecarlo: {}\n")
@@ -286,7 +284,7 @@ def _app_that(error):
 @pytest.mark.parametrize(
     ("error", "status", "says"),
     [
-        (CommandFailed("tilt is exceeded", {"limit": "tilt"}), 1, "failed: tilt is exceeded"),
+        (StageFailed("tilt is exceeded", {"limit": "tilt"}), 1, "failed: tilt is exceeded"),
         (PermissionError(13, "Permission denied", "/out"), 1, "/out: Permission denied"),
         (typer.Exit(1), 1, ""),
         (typer.Exit(0), 0, ""),
@@ -298,7 +296,7 @@ def test_how_commands_end(capsys, error, status, says):
     assert says in capsys.readouterr().err
     assert run(_app_that(error), ["--json"]) == status
     out = capsys.readouterr().out
-    if isinstance(error, CommandFailed):
+    if isinstance(error, StageFailed):
         assert json.loads(out) == {"status": 1, "message": "tilt is exceeded", "limit": "tilt"}
 
 

@@ -1,6 +1,5 @@
 """`expdesign run`: every stage that the file names, resuming what is done."""
 
-import dataclasses
 import json
 import os
 import subprocess
@@ -11,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from expdesign.cli.run import STEPS
 from expdesign.configuration import load_run, resolved_yaml
+from expdesign.stages import Outcome
 
 QUICK = {"starts": 1, "max_iterations": 4}
 
@@ -27,7 +26,7 @@ def run_file(tiny, tmp_path):
 @pytest.fixture(autouse=True)
 def _no_figures(monkeypatch):
     """They take longer than all the rest, and are tested elsewhere."""
-    monkeypatch.setattr("results.design_figures", lambda _record, _folder: [])
+    monkeypatch.setattr("expdesign.stages.design.design_figures", lambda _record, _folder: [])
 
 
 def states(folder):
@@ -144,15 +143,12 @@ def seen(monkeypatch):
     """Let every stage note that it was asked for, and do nothing."""
     asked = []
 
-    def noting(stage):
-        def perform(configuration, folder, *, as_json):
-            asked.append((stage, configuration.run.name, folder, as_json))
-            return {}
+    def perform(stage, work):
+        asked.append((stage, work.configuration.run.name, work.folder))
+        work.made[stage] = Outcome(stage, work.folder, True)
 
-        return dataclasses.replace(STEPS[stage], perform=perform, made_from=lambda _folder: "")
-
-    for stage in STEPS:
-        monkeypatch.setitem(STEPS, stage, noting(stage))
+    monkeypatch.setattr("expdesign.stages.run.do_stage", perform)
+    monkeypatch.setattr("expdesign.stages.run.stage_inputs", lambda *_: "")
     return asked
 
 
@@ -160,7 +156,7 @@ def test_the_run_folder_is_named_after_the_run(expdesign, run_file, tmp_path, se
     monkeypatch.chdir(tmp_path)
     assert expdesign("run", run_file, "--json")[0] == 0
     folder = tmp_path / "runs" / "tiny"
-    assert seen == [("design", "tiny", folder, True), ("experiment", "tiny", folder, True)]
+    assert seen == [("design", "tiny", folder), ("experiment", "tiny", folder)]
 
 
 def test_only_what_is_named_is_done(expdesign, tiny, tmp_path, seen):
@@ -263,4 +259,4 @@ def test_bad_input(expdesign, tmp_path, text):
 def test_a_run_that_ships_is_found_by_its_name(expdesign, tmp_path, seen):
     """It is loaded; what it would compute is left out here."""
     assert expdesign("run", "palida-quick", "--out", tmp_path / "out")[0] == 0
-    assert seen == [("design", "palida-quick", tmp_path / "out", False)]
+    assert seen == [("design", "palida-quick", tmp_path / "out")]

@@ -1,35 +1,88 @@
-"""Live progress of a search on the terminal, and Ctrl-C that ends it with the best so far."""
+"""Progress and results of a run on the terminal."""
 
 from __future__ import annotations
 
 import math
-import signal
-import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from types import FrameType
+from typing import TYPE_CHECKING
 
 from rich.console import Console, Group
 from rich.live import Live
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
+from rich.progress import Progress as Bar
 from rich.table import Table
 from rich.text import Text
 
-from expdesign.recheck import TOLERANCE
-from expdesign.solver import SearchEvent
+from expdesign.cli import shown
+from expdesign.cli.output import messages, note, warn
+from expdesign.stages import Outcome, Progress
+
+if TYPE_CHECKING:
+    from expdesign.configuration import RunConfiguration
+    from expdesign.solver import SearchEvent
 
 _HEARTBEAT = 5.0
-_BUILDING = "building the problem"
-_STOPPING = (
-    "stopping: if a start has a result by now, the best so far is finished and saved; "
-    "Ctrl-C again abandons the design …"
-)
-_ABANDONED = "abandoned: nothing of this design is saved"
-
+"""Seconds between two lines, at least, where nothing can be redrawn in place."""
 
 _TRUE = ("done", "finished")
 """Phases whose objective is by the unsmoothed model."""
+
+
+class Terminal(Progress):
+    """Shows progress and remarks on standard error, results on standard output.
+
+    Parameters
+    ----------
+    quiet : bool
+        Whether results are left out, since the command writes them as JSON.
+    """
+
+    def __init__(self, *, quiet: bool = False) -> None:
+        self._quiet = quiet
+
+    def warn(self, text: str) -> None:
+        """Write a warning."""
+        warn(text)
+
+    def note(self, text: str) -> None:
+        """Write a remark."""
+        note(text)
+
+    def finished(self, outcome: Outcome) -> None:
+        """Print what a stage has made."""
+        if not self._quiet:
+            getattr(shown, outcome.stage)(outcome)
+
+    @contextmanager
+    def search(self, configuration: RunConfiguration) -> Iterator[Callable[[SearchEvent], None]]:
+        """Show every running start and the best so far."""
+        section = configuration.run.design
+        total = section.starts + (section.hops if section.search == "hopping" else 0)
+        display = SearchDisplay(messages(), Objective.of(configuration), total)
+        with display.shown():
+            yield display.report
+
+    @contextmanager
+    def count(self, what: str) -> Iterator[Callable[[int, int], None]]:
+        """Show a bar; elsewhere than on a terminal a line, at most every five seconds."""
+        console, began = messages(), time.monotonic()
+        columns = (TextColumn(what), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+        bar = Bar(*columns, console=console, transient=True, disable=not console.is_terminal)
+        task = bar.add_task(what, total=None)
+        spoke = began
+
+        def advanced(done: int, total: int) -> None:
+            nonlocal spoke
+            bar.update(task, completed=done, total=total)
+            if not console.is_terminal and time.monotonic() - spoke > _HEARTBEAT:
+                console.print(f"{done} of {total} {what}")
+                spoke = time.monotonic()
+
+        with bar:
+            yield advanced
 
 
 @dataclass(frozen=True)
@@ -50,7 +103,17 @@ class Objective:
     blunt_title: str
     larger_is_better: bool
 
-    def of(self, event: SearchEvent) -> str:
+    @classmethod
+    def of(cls, configuration: RunConfiguration) -> Objective:
+        """Return that of a run."""
+        from expdesign.information.catalogue import criteria_by_key
+
+        criterion = criteria_by_key()[configuration.run.design.criterion]
+        # The blunt stage of a criterion that is flat far off is that of log det F.
+        blunt = criteria_by_key()["d"] if criterion.flat else criterion
+        return cls(criterion.title, blunt.title, criterion.larger_is_better)
+
+    def text(self, event: SearchEvent) -> str:
         """Return an event's objective with its name: criterion, and smoothed or true."""
         title = self.blunt_title if event.phase == "blunt" else self.title
         model = "true" if event.phase in _TRUE else "smoothed"
@@ -58,7 +121,7 @@ class Objective:
 
 
 class SearchDisplay:
-    """A monitor that shows every running start and the best so far.
+    """Shows every running start and the best so far.
 
     Parameters
     ----------
@@ -77,11 +140,11 @@ class SearchDisplay:
         self._ended = 0
         self._began = self._spoke = time.monotonic()
         self._built = False
-        self._stop = threading.Event()
-        self._live: Live | None = None
 
     def report(self, event: SearchEvent) -> None:
         """Show one event."""
+        from expdesign.recheck import TOLERANCE
+
         if not self._built:
             self._built = True
             self._line(f"built after {self._seconds:.0f} s; the search begins")
@@ -95,39 +158,18 @@ class SearchDisplay:
             self._line(self._ended_text(event))
         else:
             self._running[event.start] = event
-            if self._live is None and time.monotonic() - self._spoke > _HEARTBEAT:
+            if not self._console.is_terminal and time.monotonic() - self._spoke > _HEARTBEAT:
                 self._line(self._running_text(event))
-
-    def stop_requested(self) -> bool:
-        """Tell whether the user pressed Ctrl-C."""
-        return self._stop.is_set()
 
     @contextmanager
     def shown(self) -> Iterator[None]:
-        """Show the display, and take Ctrl-C as a request to stop; a second one stops at once."""
-
-        def ask(_number: int, _frame: FrameType | None) -> None:
-            if self._stop.is_set():
-                self._console.print(_ABANDONED)
-                raise KeyboardInterrupt
-            self._stop.set()
-            self._console.print(_STOPPING)
-
-        previous = signal.signal(signal.SIGINT, ask)
-        self._began = time.monotonic()
-        try:
-            if self._console.is_terminal:
-                with Live(
-                    get_renderable=self._picture, console=self._console, refresh_per_second=4
-                ) as live:
-                    self._live = live
-                    yield
-            else:
-                self._line(f"{_BUILDING} …")
+        """Show the display."""
+        if self._console.is_terminal:
+            with Live(get_renderable=self._picture, console=self._console, refresh_per_second=4):
                 yield
-        finally:
-            self._live = None
-            signal.signal(signal.SIGINT, previous)
+        else:
+            self._line("building the problem …")
+            yield
 
     @property
     def _seconds(self) -> float:
@@ -145,7 +187,7 @@ class SearchDisplay:
 
     def _picture(self) -> Group:
         if not self._built:
-            return Group(Text(f"{_BUILDING}, {self._seconds:.0f} s"))
+            return Group(Text(f"building the problem, {self._seconds:.0f} s"))
         table = Table(box=None, pad_edge=False, header_style="dim")
         for title in ("start", "stage", "iteration", "objective", "violation", "time"):
             table.add_column(title, justify="right")
@@ -154,27 +196,27 @@ class SearchDisplay:
                 f"{start}",
                 event.phase,
                 f"{event.iteration}",
-                self._objective.of(event),
+                self._objective.text(event),
                 f"{max(event.violation, 0.0):.1e}",
                 f"{event.seconds:.0f} s",
             )
-        best = "none yet" if self._best is None else self._objective.of(self._best)
+        best = "none yet" if self._best is None else self._objective.text(self._best)
         head = Text(f"{self._ended} of {self._total} done, best: {best}, {self._seconds:.0f} s")
         return Group(head, table)
 
     def _ended_text(self, event: SearchEvent) -> str:
         if event.phase == "finished":
-            return f"start {event.start}, finished: {self._objective.of(event)}, {event.status}"
+            return f"start {event.start}, finished: {self._objective.text(event)}, {event.status}"
         effort = f"{event.iteration} iterations, {event.seconds:.0f} s"
         start = f"start {event.start}/{self._total}"
         if not math.isfinite(event.objective):
             return f"{start}: {event.status} ({effort})"
-        reached = f"{self._objective.of(event)} within the limits"
+        reached = f"{self._objective.text(event)} within the limits"
         return f"{start}: {reached} after {effort}: {event.status}"
 
     def _running_text(self, event: SearchEvent) -> str:
         return (
             f"start {event.start}: {event.phase}, iteration {event.iteration}, "
-            f"{self._objective.of(event)}, violation {max(event.violation, 0.0):.1e}, "
+            f"{self._objective.text(event)}, violation {max(event.violation, 0.0):.1e}, "
             f"{event.seconds:.0f} s"
         )

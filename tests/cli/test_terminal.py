@@ -1,13 +1,11 @@
-"""The progress of a search: what the numbers are, and what Ctrl-C says."""
+"""The progress of a search: what the numbers are."""
 
 import io
-import os
-import signal
 
 import pytest
 from rich.console import Console
 
-from expdesign.cli.live import Objective, SearchDisplay
+from expdesign.cli.terminal import Objective, SearchDisplay
 from expdesign.solver import SearchEvent
 
 CONDITION = Objective("condition number of F", "log det F", larger_is_better=False)
@@ -34,7 +32,7 @@ def test_the_first_line_comes_before_the_first_event(display):
 
 
 def test_every_number_says_what_it_is(display, monkeypatch):
-    monkeypatch.setattr("expdesign.cli.live._HEARTBEAT", -1.0)
+    monkeypatch.setattr("expdesign.cli.terminal._HEARTBEAT", -1.0)
     display.report(event("blunt", 90.5))
     display.report(event("sharp", 1234.0))
     display.report(event("done", 1300.0, "converged"))
@@ -62,21 +60,3 @@ def test_what_breaks_a_limit_is_never_the_best(display):
     assert display._best.objective == 1300
     display.report(event("finished", 1250.0, "every limit kept", violation=0.0))
     assert display._best.objective == 1250
-
-
-def test_ctrl_c_says_what_it_does_and_a_second_one_that_nothing_is_saved(display):
-    def interrupt_twice():
-        with display.shown():
-            assert not display.stop_requested()
-            os.kill(os.getpid(), signal.SIGINT)
-            assert display.stop_requested()
-            assert "if a start has a result by now" in said(display)
-            assert "Ctrl-C again abandons" in said(display)
-            assert "nothing" not in said(display)
-            os.kill(os.getpid(), signal.SIGINT)
-
-    before = signal.getsignal(signal.SIGINT)
-    with pytest.raises(KeyboardInterrupt):
-        interrupt_twice()
-    assert "abandoned: nothing of this design is saved" in said(display)
-    assert signal.getsignal(signal.SIGINT) is before

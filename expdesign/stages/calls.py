@@ -1,0 +1,120 @@
+"""The stages that a user calls most, as functions: `expdesign.simulate`, `estimate`, `report`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from expdesign.configuration import InputError, Problem, RunConfiguration, load_run
+from expdesign.trajectory import FourierTrajectory, TrajectoryFile
+
+if TYPE_CHECKING:
+    from estimation.data.measurement import Measurement
+    from estimation.identification import EstimationResult
+    from expdesign.experiment import DesignResult
+
+Place = str | PathLike[str]
+
+
+def simulate(
+    config: Place | Mapping[str, Any] | RunConfiguration,
+    design: DesignResult | FourierTrajectory | Place,
+    repetition: int = 1,
+) -> Measurement:
+    """Measure a designed trajectory on the digital twin.
+
+    Parameters
+    ----------
+    config : path, mapping or RunConfiguration
+        Its robot is measured as its section `experiment` says.
+    design : DesignResult, FourierTrajectory or path
+        What is executed: a result, or a run folder or `design.json`.
+    repetition : int
+        Number of the experiment, from 1; the noise of each is another.
+
+    Returns
+    -------
+    Measurement
+        Time, lengths and forces, in SI.
+
+    Raises
+    ------
+    InputError
+        Run or design cannot be used, or the robot cannot make the motion.
+    """
+    from estimation.twin import Twin
+
+    return Twin.of(_loaded(config), _trajectory(design)).measurement(repetition)
+
+
+def estimate(
+    config: Place | Mapping[str, Any] | RunConfiguration,
+    data: Measurement | Place | Sequence[Measurement | Place] | None = None,
+    design: DesignResult | FourierTrajectory | Place | None = None,
+) -> EstimationResult:
+    """Estimate the parameters from recordings.
+
+    Parameters
+    ----------
+    config : path, mapping or RunConfiguration
+    data : Measurement, path or sequence of them, optional
+        Recordings, combined in one estimate; the run's `data.file` by default.
+    design : DesignResult, FourierTrajectory or path, optional
+        What was executed in all of them; without it the period comes from the recording.
+
+    Raises
+    ------
+    InputError
+        Run, recording or design cannot be used, or do not fit.
+    MotionFitError, UnidentifiableError
+        No motion has the measured lengths; the data do not determine some parameters.
+    """
+    from estimation import identification
+    from estimation.data.measurement import Measurement
+    from estimation.data.reading import read_measurement
+
+    configuration = _loaded(config)
+    section = configuration.run.data
+    given = section.file if data is None else data
+    if given is None:
+        problem = Problem("there is nothing to estimate from", configuration.file, key="data.file")
+        raise InputError(problem)
+    recordings = [
+        one if isinstance(one, Measurement) else read_measurement(one, section, configuration.robot)
+        for one in ([given] if isinstance(given, str | PathLike | Measurement) else given)
+    ]
+    trajectory = None if design is None else _trajectory(design)
+    return identification.estimate(configuration, recordings, trajectory)
+
+
+def report(folder: Place) -> Path:
+    """Write the report of a run folder: one page for every stage that it holds.
+
+    Returns
+    -------
+    Path
+        `report.html` in the folder.
+
+    Raises
+    ------
+    InputError
+        It is no run folder, or a file of it does not hold what it should.
+    """
+    from expdesign.stages.report import written_report
+
+    page: Path = written_report(Path(folder).absolute()).result
+    return page
+
+
+def _loaded(config: Place | Mapping[str, Any] | RunConfiguration) -> RunConfiguration:
+    return config if isinstance(config, RunConfiguration) else load_run(config)
+
+
+def _trajectory(design: DesignResult | FourierTrajectory | Place) -> FourierTrajectory:
+    if isinstance(design, FourierTrajectory):
+        return design
+    if isinstance(design, str | PathLike):
+        return TrajectoryFile.read(Path(design).absolute()).trajectory
+    return design.trajectory

@@ -1,0 +1,83 @@
+"""The stage that searches the optimal excitation trajectory."""
+
+from __future__ import annotations
+
+from expdesign.configuration import quantity_text
+from expdesign.experiment import DesignRecord, DesignResult, design
+from expdesign.information.fisher import SingularInformationError
+from expdesign.recheck import TOLERANCE
+from expdesign.solver import InfeasibleLimitsError, NoDesignError
+from expdesign.stages.outcome import Outcome, StageFailed
+from expdesign.stages.progress import ABANDONED, STOP_DESIGN, Monitor, interruptible, short
+from expdesign.stages.workspace import Workspace
+from expdesign.workers import WorkerDiedError
+from results import design_figures
+
+
+def perform(work: Workspace) -> Outcome:
+    """Design, and write the run folder.
+
+    Raises
+    ------
+    StageFailed
+        There is no design.
+    """
+    result = _design(work)
+    record = DesignRecord.of(result)
+    files = (*record.write(work.folder), *design_figures(record, work.folder))
+    return Outcome(
+        "design",
+        work.folder,
+        result,
+        files,
+        summary={
+            "folder": str(work.folder),
+            "design_status": result.status,
+            "log_det_information": result.log_det_information,
+            "criterion": result.configuration.run.design.criterion,
+            "criterion_value": result.criterion_value,
+            "worst_violation": result.check.worst,
+            "seconds": result.seconds,
+            "warnings": list(result.warnings),
+        },
+        status="done" if result.passed else result.status,
+        message=result.status_text,
+        warnings=result.warnings[len(work.configuration.warnings) :],
+        failure="" if result.passed else _what_is_wrong(result, short(work.folder)),
+    )
+
+
+def _design(work: Workspace) -> DesignResult:
+    configuration, progress = work.configuration, work.progress
+    try:
+        with (
+            progress.search(configuration) as report,
+            interruptible(progress.note, STOP_DESIGN, ABANDONED) as stop,
+        ):
+            return design(configuration, Monitor(stop, report))
+    except SingularInformationError as error:
+        raise StageFailed(
+            f"the limits do not let these parameters be excited: {error.combinations}. Leave "
+            f"{', '.join(error.unexcited)} out of design.parameters, or widen speed, acceleration "
+            "or workspace.",
+            {
+                "unexcited": list(error.unexcited),
+                "not_told_from": {d.name: list(d.others) for d in error.directions},
+            },
+        ) from error
+    except (InfeasibleLimitsError, NoDesignError, WorkerDiedError) as error:
+        raise StageFailed(str(error)) from error
+
+
+def _what_is_wrong(result: DesignResult, folder: str) -> str:
+    if result.status == "interrupted":
+        return f"interrupted: the best so far is saved, and marked, in {folder}"
+    broken = [check for check in result.check.limits if check.violation > TOLERANCE]
+    parts = []
+    for check in sorted(broken, key=lambda check: -check.violation):
+        row = f"{check.row}: " if check.row else ""
+        parts.append(
+            f"{check.key} ({row}{quantity_text(check.value, check.unit)} at {check.time:.4g} s, "
+            f"bound {quantity_text(check.bound, check.unit)}, {check.violation:.2g} of its range)"
+        )
+    return f"the design breaks {'; '.join(parts)}. It is saved, and marked, in {folder}"

@@ -1,0 +1,113 @@
+"""The stages that take a recording: the estimate of the parameters, and the noise alone."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from numpy.linalg import LinAlgError
+
+from estimation import diagnostics, identification
+from estimation.diagnostics import Diagnosis
+from estimation.diagnostics.noise_output import noise_record, write_noise
+from estimation.estimators import UnidentifiableError
+from estimation.identification import EstimationResult
+from estimation.identification.output import write_estimate
+from estimation.identification.period_choice import choose_omega
+from estimation.kinematics.fourier_fit import MotionFitError
+from estimation.processing import PeriodError, make_record
+from expdesign.configuration import InputError, Problem
+from expdesign.stages.outcome import Outcome, StageFailed
+from expdesign.stages.workspace import Workspace
+from results import estimate_figures, noise_figures
+
+
+def perform(work: Workspace) -> Outcome:
+    """Estimate, judge the estimate, and write the run folder.
+
+    The result is the `EstimationResult` and the `Diagnosis`, which is None where the intervals
+    do not cover.
+
+    Raises
+    ------
+    InputError
+        Run, data or design do not fit.
+    StageFailed
+        The data have no motion, or do not determine the parameters.
+    """
+    configuration, folder = work.configuration, work.folder
+    files = work.data_files()
+    designs = work.recorded_designs(len(files))
+    recordings = [work.recording(file) for file in files]
+    try:
+        result = identification.estimate(configuration, recordings, designs)
+    except (MotionFitError, UnidentifiableError) as error:
+        raise StageFailed(str(error)) from error
+    except LinAlgError as error:
+        raise StageFailed(
+            f"the data cannot be estimated from ({error}): is a channel constant?"
+        ) from error
+    diagnosis = None
+    if result.intervals_cover:
+        diagnosis = diagnostics.diagnose(
+            result.robot, result.experiments, result.knowledge, result.best
+        )
+    found = None if diagnosis is None else diagnosis.as_dict()
+    summary = _summary(result, diagnosis, str(folder))
+    return Outcome(
+        "estimate",
+        folder,
+        (result, diagnosis),
+        (*write_estimate(result, folder, found), *estimate_figures(result, diagnosis, folder)),
+        summary=summary,
+        message="; ".join(f"{name}: {e.status}" for name, e in result.estimates.items()),
+        warnings=result.warnings[len(configuration.warnings) :],
+        doubt="" if summary["verdict"] == "accepted" else "a diagnostic failed",
+    )
+
+
+def analyse_noise(work: Workspace) -> Outcome:
+    """Analyse the noise of a recording without any model, and write the run folder.
+
+    Raises
+    ------
+    InputError
+        The recording cannot be read, or has fewer than two periods.
+    """
+    configuration, folder = work.configuration, work.folder
+    (file,) = work.data_files()
+    (trajectory,) = work.recorded_designs(1)
+    recording = work.recording(file)
+    for warning in recording.warnings:
+        work.progress.warn(warning)
+    omega, source = choose_omega(configuration, recording, trajectory)
+    try:
+        analysis = diagnostics.analyse_noise(make_record(recording, omega, source))
+    except (PeriodError, ValueError) as error:
+        problem = Problem(str(error), file=file, key="--data", allowed="two periods or more")
+        raise InputError(problem) from error
+    written = write_noise(analysis, str(file), configuration, folder)
+    figures = noise_figures(analysis, folder, configuration.run.report.figures)
+    return Outcome(
+        "noise",
+        folder,
+        analysis,
+        (*written, *figures),
+        summary={"folder": str(folder), **noise_record(analysis, str(file))},
+    )
+
+
+def _summary(result: EstimationResult, diagnosis: Diagnosis | None, folder: str) -> dict[str, Any]:
+    verdict = None if diagnosis is None else diagnosis.verdict
+    best = [row for row in result.rows if row.estimator == result.best.estimator]
+    return {
+        "folder": folder,
+        "best": result.best.estimator,
+        "estimates": {
+            row.parameter: {"value": row.value, "std": row.std, "unit": row.unit} for row in best
+        },
+        "not_identified": [row.parameter for row in best if row.identified is False],
+        "verdict": "not judged" if verdict is None else verdict.status.value,
+        "findings": [] if verdict is None else [finding.sentence for finding in verdict.failed],
+        "seconds": result.seconds,
+        "warnings": list(result.warnings),
+    }

@@ -1,0 +1,85 @@
+"""The stage that measures a designed trajectory, or a controller table of it, on the twin."""
+
+from __future__ import annotations
+
+import time
+
+from estimation.twin import Twin
+from estimation.twin.output import (
+    MEASUREMENT_FILE,
+    repetition_file,
+    write_measurement,
+    write_truth,
+)
+from expdesign.export import find_table_file
+from expdesign.robot import robot_from
+from expdesign.runfolder.manifest import text_hash
+from expdesign.stages.outcome import Outcome
+from expdesign.stages.progress import short
+from expdesign.stages.record import clear_outdated
+from expdesign.stages.workspace import Workspace
+
+NAME = "experiment"
+
+
+def perform(work: Workspace) -> Outcome:
+    """Simulate, and write the run folder; Ctrl-C keeps the repetitions that are complete.
+
+    Raises
+    ------
+    InputError
+        The table is none of the design, or the run cannot be simulated.
+    """
+    configuration, folder, sources = work.configuration, work.folder, work.sources
+    design = work.design()
+    warnings = work.warn_of(design)
+    began = time.perf_counter()
+    table = None
+    if sources.table is not None:
+        robot = robot_from(configuration.robot)
+        table = find_table_file(sources.table.absolute(), robot, design.trajectory)
+        work.inputs[NAME] = text_hash(work.inputs[NAME], table.path.name, table.digest)
+    twin = Twin.of(configuration, design.trajectory if table is None else table)
+    if table is not None and table.changed:
+        # Not before: the twin refuses what does not hold the design.
+        changed = (
+            f"{table.path.name} was changed after it was exported: what is executed was not "
+            "checked, and its record is taken to hold for its axes and its window"
+        )
+        work.progress.warn(changed)
+        warnings.append(changed)
+    repetitions, done = sources.repetitions, 0
+    files = clear_outdated(NAME, work)
+    status = "done"
+    try:
+        files |= set(write_truth(twin.truth, configuration, folder, repeated=repetitions > 1))
+        with work.progress.count("repetitions") as advanced:
+            for number in range(1, repetitions + 1):
+                file = folder / (repetition_file(number) if repetitions > 1 else MEASUREMENT_FILE)
+                write_measurement(twin.measurement(number), file)
+                files.add(file)
+                done = number
+                advanced(done, repetitions)
+    except KeyboardInterrupt:
+        status = "interrupted"
+    message = "" if status == "done" else f"interrupted after {done} of {repetitions} measurements"
+    truth = twin.truth
+    return Outcome(
+        NAME,
+        folder,
+        twin,
+        tuple(sorted(files)),
+        summary={
+            "folder": str(folder),
+            "repetitions": done,
+            "periods": truth.experiment.periods,
+            "samples": truth.samples,
+            "samples_per_period": truth.samples_per_period,
+            "table": None if truth.table is None else truth.table.file,
+            "seconds": time.perf_counter() - began,
+            "warnings": [*configuration.warnings, *warnings],
+        },
+        status=status,
+        message=message,
+        failure=message and f"{message}; they are in {short(folder)}",
+    )

@@ -1,0 +1,69 @@
+"""What a stage makes, or why it failed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+
+class StageFailed(Exception):  # noqa: N818 - it is no bug but a result
+    """A stage failed, was interrupted, or its result breaks a limit: exit status 1.
+
+    Parameters
+    ----------
+    message : str
+        What happened, and what can be done about it.
+    details : dict, optional
+        The same for machines.
+    """
+
+    def __init__(self, message: str, details: dict[str, Any] | None = None) -> None:
+        super().__init__(message)
+        self.message = message
+        self.details = details or {}
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What a stage made.
+
+    Attributes
+    ----------
+    stage : str
+    folder : Path
+        The run folder.
+    result : object
+        What was computed (a `DesignResult`, a `Twin`, …); None when the stage had been done
+        before and was kept.
+    files : tuple of Path
+        Those that it wrote.
+    summary : dict
+        What the command prints with ``--json``.
+    status : str
+        As the manifest has it: ``"done"``, ``"limits broken"`` or ``"interrupted"``.
+    message : str
+        One line for the manifest.
+    warnings : tuple of str
+        Of the result; those of the run file are not among them.
+    doubt : str
+        What speaks against the result, though it is one; an error with ``--strict``.
+    failure : str
+        Why it is no success although files were written; empty when it is one.
+    """
+
+    stage: str
+    folder: Path
+    result: Any = None
+    files: tuple[Path, ...] = ()
+    summary: dict[str, Any] = field(default_factory=dict)
+    status: str = "done"
+    message: str = ""
+    warnings: tuple[str, ...] = ()
+    doubt: str = ""
+    failure: str = ""
+
+    @property
+    def kept(self) -> bool:
+        """Whether the stage had been done before, from the same inputs."""
+        return self.result is None

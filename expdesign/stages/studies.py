@@ -1,0 +1,174 @@
+"""The stages that simulate many experiments: the Monte-Carlo study, and studies of comparison."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict
+
+from estimation.estimators import UnidentifiableError
+from estimation.kinematics.fourier_fit import MotionFitError
+from estimation.montecarlo import Study
+from estimation.montecarlo import run_study as run_montecarlo
+from estimation.montecarlo.journal import NAME as JOURNAL
+from estimation.montecarlo.output import write_study
+from estimation.studies import Claim, StudyInterruptedError, TooFewEstimatesError, run_study
+from expdesign.information.fisher import SingularInformationError
+from expdesign.solver import InfeasibleLimitsError, NoDesignError
+from expdesign.stages.outcome import Outcome, StageFailed
+from expdesign.stages.progress import Monitor, interruptible, short
+from expdesign.stages.record import clear_outdated
+from expdesign.stages.table import STAGES
+from expdesign.stages.workspace import Workspace
+from expdesign.workers import ClusterError, WorkerDiedError
+from results import comparison_study_figures, study_figures
+
+_MOST_REASONS = 3
+
+
+def montecarlo(work: Workspace) -> Outcome:
+    """Simulate and estimate many times, and write the run folder.
+
+    Raises
+    ------
+    InputError
+        The run cannot be simulated or estimated.
+    StageFailed
+        Workers died, nothing could be estimated, or Ctrl-C came before the first repetition ended.
+    """
+    configuration, folder = work.configuration, work.folder
+    began = time.perf_counter()
+    design = work.design()
+    warnings = work.warn_of(design)
+    with _watched(work, "repetitions") as monitor:
+        try:
+            study = run_montecarlo(configuration, design.trajectory, folder / JOURNAL, monitor)
+        except UnidentifiableError as error:
+            raise StageFailed(str(error), {"undetermined": list(error.names)}) from error
+        except (WorkerDiedError, ClusterError) as error:
+            raise StageFailed(str(error)) from error
+    if not study.repetitions:
+        raise StageFailed("interrupted before the first repetition was done")
+    if not any(study.estimated(name) for name in study.estimators):
+        raise StageFailed(f"no repetition could be estimated: {_reasons(study)}")
+    files = [
+        *write_study(study, folder),
+        *study_figures(folder, configuration.run.report.figures),
+    ]
+    count = f"{len(study.repetitions)} of {study.wanted} repetitions"
+    message = f"interrupted after {count}" if study.interrupted else count
+    failed = tuple(_failed_repetitions(study))
+    pooled = {name: study.pooled(name) for name in study.estimators}
+    return Outcome(
+        "montecarlo",
+        folder,
+        study,
+        tuple(files),
+        summary={
+            "folder": str(folder),
+            "repetitions": len(study.repetitions),
+            "estimators": {
+                name: {
+                    "estimates": len(study.estimated(name)),
+                    "failures": len(study.failures(name)),
+                    "pooled": None if found is None else asdict(found),
+                }
+                for name, found in pooled.items()
+            },
+            "seconds": time.perf_counter() - began,
+            "warnings": [*configuration.warnings, *warnings, *failed],
+        },
+        status="interrupted" if study.interrupted else "done",
+        message=message,
+        warnings=failed,
+        failure=f"{message}; what they show is in {short(folder)}, and the same command goes on "
+        "from there"
+        if study.interrupted
+        else "",
+    )
+
+
+def study(work: Workspace) -> Outcome:
+    """Do the comparison that the run names, and write the run folder.
+
+    Raises
+    ------
+    InputError
+        The run cannot be designed, simulated or estimated.
+    StageFailed
+        Interrupted, workers died, or something could not be designed or estimated.
+    """
+    configuration, folder = work.configuration, work.folder
+    began = time.perf_counter()
+    trajectory = None
+    if STAGES["study"].needed(configuration):
+        design = work.design()
+        work.warn_of(design)
+        trajectory = design.trajectory
+    with _watched(work, "steps of the study") as monitor:
+        try:
+            found = run_study(configuration, trajectory, monitor)
+        except (
+            UnidentifiableError,
+            MotionFitError,
+            TooFewEstimatesError,
+            StudyInterruptedError,
+            SingularInformationError,
+            InfeasibleLimitsError,
+            NoDesignError,
+            WorkerDiedError,
+        ) as error:
+            raise StageFailed(str(error)) from error
+    clear_outdated("study", work)
+    files = [
+        *found.write(folder),
+        *comparison_study_figures(found, folder, configuration.run.report.figures),
+    ]
+    claims = found.record.summary.claims
+    return Outcome(
+        "study",
+        folder,
+        claims,
+        tuple(files),
+        summary={
+            "folder": str(folder),
+            "claims": [asdict(claim) for claim in claims],
+            "seconds": time.perf_counter() - began,
+        },
+        message=_how_many_hold(claims),
+    )
+
+
+@contextmanager
+def _watched(work: Workspace, what: str) -> Iterator[Monitor]:
+    stopping = f"stopping: the {what} that are done are kept …"
+    with (
+        work.progress.count(what) as advanced,
+        interruptible(work.progress.note, stopping) as stop,
+    ):
+        yield Monitor(stop, advanced=advanced)
+
+
+def _how_many_hold(found: Sequence[Claim]) -> str:
+    judged = [claim for claim in found if claim.holds is not None]
+    return f"{sum(bool(claim.holds) for claim in judged)} of {len(judged)} claims hold"
+
+
+def _failed_repetitions(study: Study) -> Iterator[str]:
+    """Yield a warning for every estimator that failed or did not converge somewhere."""
+    for name in study.estimators:
+        if failed := len(study.failures(name)):
+            yield (
+                f"{name} failed in {failed} of {len(study.repetitions)} repetitions, which its "
+                f"numbers leave out: {_reasons(study, name)}"
+            )
+        if stuck := sum(not outcome.converged for _, outcome in study.estimated(name)):
+            yield f"{name} did not converge in {stuck} repetitions, which are counted"
+
+
+def _reasons(study: Study, *estimators: str) -> str:
+    names = estimators or study.estimators
+    reasons = dict.fromkeys(reason for name in names for _, reason in study.failures(name))
+    shown = list(reasons)[:_MOST_REASONS]
+    return "; ".join(shown) + ("; …" if len(reasons) > len(shown) else "")

@@ -1,0 +1,223 @@
+"""The stages of a run, in one table: everything that names them reads it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from expdesign.configuration import Problem, RunConfiguration
+from expdesign.stages.progress import short
+
+Keys = bool | set[str]
+
+
+def _data_is_given(configuration: RunConfiguration) -> str:
+    file = configuration.run.data.file
+    return "" if file is None else f"the data is measured: {short(Path(file))}"
+
+
+def _study_does_it(configuration: RunConfiguration) -> str:
+    return "the study does it for each of its designs" if _designs_itself(configuration) else ""
+
+
+def _designs_itself(configuration: RunConfiguration) -> bool:
+    study = configuration.run.study
+    return study is not None and study.kind == "design"
+
+
+def _sections(*names: str, **keys: set[str]) -> Mapping[str, Keys]:
+    return {**dict.fromkeys(("name", "robot", *names), True), **keys}
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A stage: what it needs, what it does and what becomes of it.
+
+    Attributes
+    ----------
+    does : str
+        In words.
+    record : str
+        The file without which a run folder does not hold the stage.
+    perform : str
+        Function ``(Workspace) -> Outcome`` that does it, as ``module:function``: its imports take
+        seconds, and are only made when it is done.
+    needs : tuple of str
+        What it is made from beside the run file: ``"design"``, ``"recording"`` (with the design
+        that was executed, if there is one), ``"estimate"``, or ``"folder"``, all other stages. It
+        comes from the options of the command, from memory when the same run has just made it, or
+        from the run folder.
+    sections : mapping or None
+        Sections of the run file, or keys of them, that the result depends on; None: on all.
+    writes : tuple of str
+        Further files that it writes in any case, and patterns of those that depend on the run.
+    result : str
+        The file without which it is done again; `record` when it is not given.
+    report : str or None
+        Function that makes its section of the report, as ``module:function``.
+    reported_after : str
+        Stage after which that section stands; where the stage stands in this table by default.
+    needs_nothing : callable
+        Whether it makes what it needs itself in this run.
+    left_out : tuple of callable
+        Reasons why a run does not do it although it names it; empty texts are none.
+    """
+
+    does: str
+    record: str
+    perform: str
+    sections: Mapping[str, Keys] | None
+    needs: tuple[str, ...] = ()
+    writes: tuple[str, ...] = ()
+    result: str = ""
+    report: str | None = None
+    reported_after: str = ""
+    needs_nothing: Callable[[RunConfiguration], bool] = lambda _configuration: False
+    left_out: tuple[Callable[[RunConfiguration], str], ...] = ()
+
+    def needed(self, configuration: RunConfiguration) -> tuple[str, ...]:
+        """Return what it needs in this run."""
+        return () if self.needs_nothing(configuration) else self.needs
+
+
+_FIGURES = ("figures/*",)
+
+STAGES: dict[str, Stage] = {
+    "design": Stage(
+        does="searches the optimal excitation trajectory",
+        record="design.json",
+        perform="expdesign.stages.design:perform",
+        sections=_sections("trajectory", "design", experiment={"periods", "sampling"}),
+        writes=("trajectory.csv", "columns.json", "tables/*.csv", *_FIGURES),
+        report="results.report.stages.design:design_report",
+        left_out=(_study_does_it,),
+    ),
+    "experiment": Stage(
+        does="measures the trajectory on the digital twin",
+        record="truth.json",
+        perform="expdesign.stages.experiment:perform",
+        needs=("design",),
+        sections=_sections("experiment"),
+        writes=("columns.json", "measurement.csv", "repetitions/*/measurement.csv"),
+        result="measurement.csv",
+        report="results.report.stages.experiment:experiment_report",
+        left_out=(_data_is_given, _study_does_it),
+    ),
+    "noise": Stage(
+        does="analyses the noise of a recording",
+        record="noise.json",
+        perform="expdesign.stages.estimate:analyse_noise",
+        needs=("recording",),
+        sections=_sections("trajectory", "data"),
+        writes=("columns.json", "tables/*.csv", *_FIGURES),
+        report="results.report.stages.noise:noise_report",
+    ),
+    "montecarlo": Stage(
+        does="judges the estimators on many simulated experiments",
+        record="montecarlo.json",
+        perform="expdesign.stages.studies:montecarlo",
+        needs=("design",),
+        sections=_sections("experiment", "estimate", "montecarlo"),
+        writes=("columns.json", "tables/*.csv", *_FIGURES),
+        report="results.report.stages.montecarlo:montecarlo_report",
+        left_out=(_study_does_it,),
+    ),
+    "estimate": Stage(
+        does="estimates the parameters from a recording",
+        record="estimate.json",
+        perform="expdesign.stages.estimate:perform",
+        needs=("recording",),
+        sections=_sections("trajectory", "data", "estimate"),
+        writes=("estimates.csv", "columns.json", "tables/*.csv", *_FIGURES),
+        report="results.report.stages.estimate:estimate_report",
+        left_out=(_study_does_it,),
+    ),
+    "validate": Stage(
+        does="predicts motions that were not used for the estimate",
+        record="validation.json",
+        perform="expdesign.stages.validate:perform",
+        needs=("estimate",),
+        sections=_sections("trajectory", "experiment", "data", "estimate", "validation"),
+        writes=("columns.json", "tables/*.csv", *_FIGURES),
+        report="results.report.stages.validation:validation_report",
+    ),
+    "study": Stage(
+        does="compares designs, estimators or tests on the digital twin",
+        record="study.json",
+        perform="expdesign.stages.studies:study",
+        needs=("design",),
+        needs_nothing=_designs_itself,
+        sections=_sections("trajectory", "design", "experiment", "estimate", "montecarlo", "study"),
+        writes=("columns.json", "tables/*.csv", *_FIGURES),
+        report="results.report.stages.study:study_report",
+    ),
+    "export": Stage(
+        does="writes controller tables of the motion",
+        record="exports/exports.json",
+        perform="expdesign.stages.export:perform",
+        needs=("design",),
+        sections=_sections(
+            "trajectory",
+            "motion",
+            "export",
+            design={"parameters"},
+            experiment={"periods", "sampling"},
+        ),
+        writes=("exports/*",),
+        report="results.report.stages.export:export_report",
+        reported_after="design",
+    ),
+    "report": Stage(
+        does="writes one page for everything in the folder",
+        record="report.html",
+        perform="expdesign.stages.report:perform",
+        needs=("folder",),
+        sections=None,
+        writes=("tables/*.tex", *_FIGURES),
+    ),
+}
+"""By name, in the order in which a run does them; `noise` is a command only."""
+
+FIRST = next(iter(STAGES))
+"""What a run does whose file names no stage."""
+
+
+def loaded(place: str) -> Any:
+    """Return a function that is named as ``module:function``."""
+    module, name = place.split(":")
+    return getattr(import_module(module), name)
+
+
+def named(configuration: RunConfiguration) -> tuple[str, ...]:
+    """Return the stages that a run names, in their order."""
+    return configuration.stages or (FIRST,)
+
+
+def left_out(stage: str, configuration: RunConfiguration) -> str:
+    """Return why the run does not do a stage that it names; empty when it does."""
+    return next(filter(None, (why(configuration) for why in STAGES[stage].left_out)), "")
+
+
+def performed(configuration: RunConfiguration) -> list[str]:
+    """Return the stages that the run does, in their order."""
+    return [stage for stage in named(configuration) if not left_out(stage, configuration)]
+
+
+def stages_without_design(configuration: RunConfiguration, folder: Path) -> Problem | None:
+    """Return the problem that stages need a design and there is none; None when there is one."""
+    stages = performed(configuration)
+    needing = [stage for stage in stages if "design" in STAGES[stage].needed(configuration)]
+    record = STAGES[FIRST].record
+    if FIRST in stages or not needing or (folder / record).exists():
+        return None
+    verb = "needs" if len(needing) == 1 else "need"
+    return Problem(
+        f"{' and '.join(needing)} {verb} a design: the run file names none, and {short(folder)} "
+        f"has no {record}",
+        file=configuration.file,
+        key=FIRST,
+        allowed="`design:` in the run file, or with --out a folder that `expdesign design` wrote",
+    )

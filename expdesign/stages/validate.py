@@ -1,0 +1,44 @@
+"""The stage that predicts motions which were not used for the estimate."""
+
+from __future__ import annotations
+
+from estimation.kinematics.fourier_fit import MotionFitError
+from estimation.validation import validate
+from estimation.validation.output import write_validation
+from expdesign.robot import robot_from
+from expdesign.stages.outcome import Outcome, StageFailed
+from expdesign.stages.workspace import Workspace
+from results import validation_figures
+
+
+def perform(work: Workspace) -> Outcome:
+    """Validate, and write the run folder.
+
+    Raises
+    ------
+    InputError
+        The estimate is another robot's, or a motion cannot be made or read.
+    StageFailed
+        No motion has the measured lengths.
+    """
+    configuration, folder = work.configuration, work.folder
+    try:
+        result = validate(configuration, work.estimate(robot_from(configuration.robot)))
+    except MotionFitError as error:
+        raise StageFailed(str(error)) from error
+    return Outcome(
+        "validate",
+        folder,
+        result,
+        (*write_validation(result, folder), *validation_figures(result, folder)),
+        summary={
+            "folder": str(folder),
+            "accepted": result.accepted,
+            "motions": {motion.name: motion.diagnosis.verdict.summary for motion in result.motions},
+            "seconds": result.seconds,
+            "warnings": list(result.warnings),
+        },
+        message="accepted" if result.accepted else "doubtful",
+        warnings=result.warnings[len(configuration.warnings) :],
+        doubt="" if result.accepted else "a motion speaks against the model",
+    )

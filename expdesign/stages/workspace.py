@@ -1,0 +1,259 @@
+"""What a stage works with: the run, its folder, and what earlier stages of the run have made."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from expdesign.configuration import (
+    FORCE_CHANNELS,
+    LENGTH_CHANNELS,
+    InputError,
+    Problem,
+    RunConfiguration,
+)
+from expdesign.runfolder.manifest import file_hash
+from expdesign.stages.outcome import Outcome
+from expdesign.stages.progress import Progress
+from expdesign.stages.table import STAGES
+from expdesign.trajectory import FourierTrajectory, TrajectoryFile, fourier_keys
+
+if TYPE_CHECKING:
+    from estimation.data.measurement import Measurement
+    from estimation.data.table import RawTable
+    from estimation.validation.saved_estimate import SavedEstimate
+    from expdesign.robot import Robot
+
+_DESIGN, _EXPERIMENT = "design", "experiment"
+
+
+@dataclass(frozen=True)
+class Sources:
+    """What the options of a command say, in place of what is in the run folder.
+
+    Attributes
+    ----------
+    designs : tuple of Path
+        ``--design``: run folders or files.
+    data : tuple of Path
+        ``--data``: recordings.
+    estimate : Path or None
+        ``--estimate``: a run folder or file.
+    table : Path or None
+        ``--table``: the controller table that is executed.
+    repetitions : int
+        ``--repetitions`` of an experiment.
+    """
+
+    designs: tuple[Path, ...] = ()
+    data: tuple[Path, ...] = ()
+    estimate: Path | None = None
+    table: Path | None = None
+    repetitions: int = 1
+
+
+@dataclass(frozen=True, eq=False)
+class Workspace:
+    """What a stage works with.
+
+    Attributes
+    ----------
+    configuration : RunConfiguration
+    folder : Path
+        The run folder, absolute.
+    progress : Progress
+    sources : Sources
+    made : dict
+        Outcomes of the stages that were done or kept so far, by name.
+    inputs : dict
+        Hash of what each stage that was begun is made from, by name.
+    """
+
+    configuration: RunConfiguration
+    folder: Path
+    progress: Progress = field(default_factory=Progress)
+    sources: Sources = Sources()
+    made: dict[str, Outcome] = field(default_factory=dict)
+    inputs: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def measurement_file(self) -> Path:
+        """Where the simulated recording stands."""
+        return self.folder / STAGES[_EXPERIMENT].result
+
+    @property
+    def design_file(self) -> Path:
+        """Where the design stands."""
+        return self.folder / STAGES[_DESIGN].record
+
+    def design(self) -> TrajectoryFile:
+        """Return the design that is to be executed.
+
+        Raises
+        ------
+        InputError
+            There is none.
+        """
+        if self.sources.designs:
+            return TrajectoryFile.read(self.sources.designs[0].absolute())
+        result = self._result(_DESIGN)
+        if result is not None:
+            return TrajectoryFile(
+                **fourier_keys(result.trajectory), robot=result.robot.name, status=result.status
+            )
+        if not self.design_file.exists():
+            raise InputError(
+                Problem(
+                    f"there is no design to execute: the run folder has no {self.design_file.name}",
+                    file=self.folder,
+                    key="--design",
+                    allowed="a folder that `expdesign design` wrote, or `design:` in the run file "
+                    "for `expdesign run`",
+                )
+            )
+        return TrajectoryFile.read(self.folder)
+
+    def warn_of(self, design: TrajectoryFile) -> list[str]:
+        """Warn of what is odd about executing a design in this run; return the warnings."""
+        found = []
+        robot = self.configuration.robot.name
+        if design.robot is not None and design.robot != robot:
+            found.append(
+                f"the design was made for the robot {design.robot}, and {robot} executes it"
+            )
+        if design.status in {"interrupted", "limits broken"}:
+            found.append(f"the status of the design is '{design.status}'")
+        for warning in found:
+            self.progress.warn(warning)
+        return found
+
+    def data_files(self) -> list[Path]:
+        """Return the files of the recordings: those given, the run's, or the run folder's.
+
+        Raises
+        ------
+        InputError
+            There is none.
+        """
+        if self.sources.data:
+            return [path.absolute() for path in self.sources.data]
+        file = self.configuration.run.data.file
+        if file is not None:
+            return [Path(file)]
+        if self.measurement_file.is_file():
+            return [self.measurement_file]
+        raise InputError(
+            Problem(
+                "there is nothing to estimate from: the run folder has no "
+                f"{self.measurement_file.name}",
+                file=self.folder,
+                key="--data",
+                allowed="a recording (--data FILE, or data.file in the run file), or a simulated "
+                "one (`expdesign simulate`)",
+            )
+        )
+
+    def recording(self, file: Path) -> Measurement:
+        """Return a recording: as this run has just simulated it, or read from its file.
+
+        Raises
+        ------
+        InputError
+            The file cannot be read, or its content cannot be used.
+        """
+        from estimation.data.reading import measurement_of, read_measurement
+
+        section, robot = self.configuration.run.data, self.configuration.robot
+        twin = self._result(_EXPERIMENT) if file == self.measurement_file else None
+        if twin is None:
+            return read_measurement(file, section, robot)
+        return measurement_of(_table(twin.measurement(), file), section, robot)
+
+    def recorded_designs(self, recordings: int) -> list[FourierTrajectory | None]:
+        """Return what was executed in each recording; None where it is not known.
+
+        Raises
+        ------
+        InputError
+            A design that was given cannot be read, or their number does not fit.
+        """
+        given = self.sources.designs
+        if not given:
+            known = self._result(_DESIGN) is not None or self.design_file.is_file()
+            return [self.design().trajectory if known else None] * recordings
+        if len(given) not in (1, recordings):
+            raise InputError(
+                Problem(
+                    f"{recordings} recordings, but {len(given)} designs",
+                    key="--design",
+                    allowed="one design for all recordings, or one each",
+                )
+            )
+        named = [TrajectoryFile.read(path.absolute()).trajectory for path in given]
+        return [*named] * (recordings if len(named) == 1 else 1)
+
+    def estimate(self, robot: Robot) -> SavedEstimate:
+        """Return the estimate that is to be validated.
+
+        Raises
+        ------
+        InputError
+            There is none, or it is another robot's.
+        """
+        from estimation.validation import read_estimate
+
+        return read_estimate(self._estimate_place(), robot)
+
+    def made_from(self, need: str) -> str:
+        """Return as text, with all digits, what a stage takes from elsewhere.
+
+        Parameters
+        ----------
+        need : str
+            As `Stage.needs` names it.
+        """
+        if need == "design":
+            return trajectory_text(self.design().trajectory)
+        if need == "recording":
+            return " ".join(file_hash(path) for path in self._recorded_files() if path.is_file())
+        if need == "estimate":
+            place = self._estimate_place()
+            path = place / STAGES[need].record if place.is_dir() else place
+            return file_hash(path) if path.is_file() else ""
+        from results.report.run_report import stages_text
+
+        return stages_text(self.folder)
+
+    def _recorded_files(self) -> Iterator[Path]:
+        yield from self.data_files()
+        for path in self.sources.designs or (self.folder,):
+            yield path / self.design_file.name if path.is_dir() else path
+
+    def _estimate_place(self) -> Path:
+        given = self.sources.estimate
+        return self.folder if given is None else given.absolute()
+
+    def _result(self, stage: str) -> Any:
+        outcome = self.made.get(stage)
+        return None if outcome is None else outcome.result
+
+
+def trajectory_text(trajectory: FourierTrajectory) -> str:
+    """Return the coefficients of a trajectory with all digits."""
+    return " ".join(value.hex() for value in trajectory.vector().tolist())
+
+
+def _table(measurement: Measurement, file: Path) -> RawTable:
+    """Return a measurement as the table that its file is: what is read of it is the same."""
+    from estimation.data.table import RawTable
+
+    values = {"t": measurement.time}
+    values |= dict(zip(LENGTH_CHANNELS, measurement.lengths.T, strict=True))
+    values |= dict(zip(FORCE_CHANNELS, measurement.forces.T, strict=True))
+    if measurement.period is not None:
+        values["period"] = measurement.period.astype(np.float64)
+    return RawTable(file, values, {}, "line", 2)

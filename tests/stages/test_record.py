@@ -1,0 +1,286 @@
+"""What the manifest keeps of a stage: what it was made from, what it wrote, whether it is done."""
+
+import dataclasses
+import json
+from pathlib import Path
+
+import pytest
+
+from expdesign.configuration import load_run
+from expdesign.runfolder.manifest import NAME, Manifest, entry, file_hash
+from expdesign.stages import Outcome, StageFailed, Workspace, do_stage, record
+from expdesign.stages.record import added_to, stage_inputs
+
+
+def configuration(**design):
+    return load_run({"name": "test", "robot": "palida", "design": design})
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Work(Workspace):
+    """A workspace whose stages are made from this text beside the run file."""
+
+    text: str = ""
+
+    def made_from(self, need):
+        return self.text
+
+
+def did(name, run, folder, text="", status="done", message="", **written):
+    """Do a stage that writes these files, by path with double underscores in place of slashes."""
+
+    def perform(work):
+        files = []
+        for key, content in written.items():
+            path = folder / key.replace("__", "/").replace("_csv", ".csv").replace("_json", ".json")
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(content)
+            files.append(path)
+        failure = "" if status == "done" else "it broke"
+        return Outcome(name, folder, True, tuple(files), {}, status, message, failure=failure)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("expdesign.stages.run.loaded", lambda _place: perform)
+        do_stage(name, Work(run, folder, text=text))
+
+
+def is_done(name, run, folder, text=""):
+    work = Work(run, folder, text=text)
+    work.inputs[name] = stage_inputs(name, work)
+    return record.is_done(name, work)
+
+
+def clear_outdated(name, run, folder, text=""):
+    work = Work(run, folder, text=text)
+    work.inputs[name] = stage_inputs(name, work)
+    return record.clear_outdated(name, work)
+
+
+@pytest.fixture
+def done(tmp_path):
+    """Return a run folder in which a stage was done."""
+    written = {"design_json": "this is it", "tables__limits_csv": "these are they"}
+    did("design", configuration(), tmp_path, message="all is well", **written)
+    return tmp_path
+
+
+def test_a_stage_that_was_done_is_known(done):
+    assert is_done("design", configuration(), done)
+
+
+def test_what_the_manifest_says(done):
+    data = json.loads((done / NAME).read_text())
+    assert data["seeds"] == {"design": 0, "experiment": 1, "montecarlo": 0}
+    for package in ("python", "expdesign", "casadi", "numpy"):
+        assert data["versions"][package]
+    stage = data["stages"]["design"]
+    assert (stage["status"], stage["message"]) == ("done", "all is well")
+    assert stage["seconds"] >= 0
+    assert stage["finished"].endswith("+00:00")
+    assert stage["inputs"] == stage_inputs("design", Work(configuration(), done))
+    assert stage["files"] == {
+        "design.json": file_hash(done / "design.json"),
+        "tables/limits.csv": file_hash(done / "tables" / "limits.csv"),
+    }
+
+
+def test_a_file_to_which_a_command_added(done):
+    file, other = done / "design.json", done / "tables" / "limits.csv"
+    with added_to(done, (file, done / "new")):
+        file.write_text("more")
+        (done / "new").write_text("of no stage")
+    assert is_done("design", configuration(), done)
+    assert set(Manifest.read(done).stages["design"].files) == {"design.json", "tables/limits.csv"}
+    # What was changed before is not taken for the stage's.
+    other.write_text("changed")
+    with added_to(done, (file, other)):
+        other.write_text("changed and more")
+    assert not is_done("design", configuration(), done)
+    (done / NAME).unlink()
+    with added_to(done, (file,)):
+        file.write_text("even more")
+    assert not (done / NAME).exists()
+
+
+@pytest.mark.parametrize("file", ["design.json", "tables/limits.csv"])
+def test_a_file_that_was_changed_or_deleted_is_noticed(done, file):
+    original = (done / file).read_text()
+    (done / file).write_text(original + " ")
+    assert not is_done("design", configuration(), done)
+    (done / file).unlink()
+    assert not is_done("design", configuration(), done)
+    (done / file).mkdir()
+    assert not is_done("design", configuration(), done)
+    (done / file).rmdir()
+    (done / file).write_text(original)
+    assert is_done("design", configuration(), done)
+
+
+def test_another_file_is_no_business_of_the_stage(done):
+    (done / "notes.txt").write_text("mine")
+    assert is_done("design", configuration(), done)
+
+
+@pytest.mark.parametrize(
+    "changed", [{"seed": 1}, {"starts": 3}, {"criterion": "a"}, {"parameters": ["p1"]}]
+)
+def test_a_changed_configuration_is_noticed(done, changed):
+    assert not is_done("design", configuration(**changed), done)
+
+
+def test_writing_a_default_out_is_no_change(done):
+    assert is_done("design", configuration(seed=0, criterion="d"), done)
+
+
+def test_another_version_is_noticed(done, monkeypatch):
+    monkeypatch.setattr("expdesign.runfolder.manifest.version", lambda _package: "99")
+    assert not is_done("design", configuration(), done)
+
+
+@pytest.mark.parametrize("status", ["failed", "interrupted", "limits broken"])
+def test_a_stage_that_was_not_done_is_done_again(tmp_path, status):
+    with pytest.raises(StageFailed, match="it broke"):
+        did("design", configuration(), tmp_path, status=status, design_json="half")
+    assert not is_done("design", configuration(), tmp_path)
+    assert Manifest.read(tmp_path).stages["design"].status == status
+
+
+def test_a_stage_that_raises_leaves_no_entry(tmp_path, monkeypatch):
+    def fail(_work):
+        raise ValueError("no design")
+
+    monkeypatch.setattr("expdesign.stages.run.loaded", lambda _place: fail)
+    with pytest.raises(ValueError, match="no design"):
+        do_stage("design", Work(configuration(), tmp_path))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_stage_that_fails_leaves_the_configuration_as_it_was(done, monkeypatch):
+    def fail(_work):
+        raise StageFailed("no motion keeps the limits")
+
+    before = (done / "run.yaml").read_bytes()
+    monkeypatch.setattr("expdesign.stages.run.loaded", lambda _place: fail)
+    with pytest.raises(StageFailed):
+        do_stage("design", Work(configuration(seed=9), done))
+    assert (done / "run.yaml").read_bytes() == before
+    found = Manifest.read(done).stages["design"]
+    assert (found.status, found.message, found.files) == (
+        "failed",
+        "no motion keeps the limits",
+        {},
+    )
+
+
+def test_no_stage_is_done_in_an_empty_folder(tmp_path):
+    assert Manifest.read(tmp_path) is None
+    assert not is_done("design", configuration(), tmp_path)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "{",
+        "[]",
+        "null",
+        "{}",
+        '{"versions": {}, "seeds": {}, "evaluation": "", "stages": {"design": {"bad": 1}}}',
+        '{"versions": {}, "seeds": {}, "evaluation": "", "stages": {"design": 3}}',
+    ],
+)
+def test_a_manifest_that_cannot_be_used_is_as_none(tmp_path, text):
+    (tmp_path / NAME).write_text(text)
+    assert Manifest.read(tmp_path) is None
+    assert not is_done("design", configuration(), tmp_path)
+
+
+def test_stages_are_kept_side_by_side(done):
+    manifest = Manifest.read(done)
+    other = entry("done", "inputs", 1.23456, "", done, [])
+    manifest.with_stage("estimate", other).write(done)
+    again = Manifest.read(done)
+    assert set(again.stages) == {"design", "estimate"}
+    assert again.stages["estimate"] == dataclasses.replace(other, seconds=1.235)
+    assert is_done("design", configuration(), done)
+
+
+def test_what_else_a_stage_is_made_from_is_noticed(tmp_path):
+    run = load_run({"name": "test", "robot": "palida", "experiment": {}})
+    did("experiment", run, tmp_path, "a design", measurement_csv="measured")
+    assert is_done("experiment", run, tmp_path, "a design")
+    assert not is_done("experiment", run, tmp_path, "another design")
+    assert not is_done("experiment", run, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("changed", "design", "experiment"),
+    [
+        ({}, True, True),
+        ({"design": {"seed": 3}}, False, True),
+        ({"experiment": {"seed": 3}}, True, False),
+        ({"experiment": {"drift": 1e-4}}, True, False),
+        ({"experiment": {"cogging": {"amplitude": 1, "pitch": 0.03}}}, True, False),
+        ({"experiment": {"periods": 3}}, False, False),
+        ({"noise": {"force_std": [1, 1, 1, 1, 1, 1]}}, False, False),
+        ({"montecarlo": {"repetitions": 3}}, True, True),
+    ],
+)
+def test_each_stage_depends_on_its_own_sections(changed, design, experiment):
+    first, second = (load_run({"name": "n", "robot": "palida", **c}) for c in ({}, changed))
+    for stage, same in (("design", design), ("experiment", experiment)):
+        one, other = (stage_inputs(stage, Work(run, Path())) for run in (first, second))
+        assert (one == other) == same
+
+
+def test_a_stage_with_another_seed_keeps_the_entries_of_the_others(done):
+    run = load_run({"name": "test", "robot": "palida", "experiment": {"seed": 7}})
+    did("experiment", run, done)
+    assert is_done("design", run, done)
+    assert Manifest.read(done).seeds["experiment"] == 7
+
+
+def test_a_file_to_which_two_stages_add_counts_for_both(done):
+    shared, run = done / "design.json", configuration()
+    did("experiment", run, done, design_json="both", measurement_csv="its own")
+    assert is_done("design", run, done)
+    assert is_done("experiment", run, done)
+    assert "measurement.csv" not in Manifest.read(done).stages["design"].files
+    shared.write_text("changed by hand")
+    assert not is_done("design", run, done)
+    assert not is_done("experiment", run, done)
+
+
+@pytest.fixture
+def measured(done):
+    """Return the folder in which a second stage wrote a file of its own and a shared one."""
+    written = {"design_json": "both", "repetitions__0001__measurement_csv": "measured"}
+    did("experiment", configuration(), done, **written)
+    return done
+
+
+def test_what_was_made_from_the_same_is_kept(measured):
+    kept = clear_outdated("experiment", configuration(), measured)
+    own = measured / "repetitions" / "0001" / "measurement.csv"
+    assert kept == {measured / "design.json", own}
+    own.write_text("changed by hand")
+    assert clear_outdated("experiment", configuration(), measured) == {measured / "design.json"}
+    assert own.read_text() == "changed by hand"
+
+
+def test_what_is_outdated_is_removed_unless_others_need_it(measured):
+    assert clear_outdated("experiment", configuration(), measured, "another design") == set()
+    assert not (measured / "repetitions" / "0001").exists()
+    assert (measured / "design.json").exists()
+    assert is_done("design", configuration(), measured)
+
+
+def test_nothing_outside_of_the_folder_is_removed(measured, tmp_path_factory):
+    outside = tmp_path_factory.mktemp("outside") / "mine.txt"
+    outside.write_text("mine")
+    manifest = Manifest.read(measured)
+    files = {str(outside): file_hash(outside)}
+    stage = dataclasses.replace(manifest.stages["experiment"], files=files)
+    manifest.with_stage("experiment", stage).write(measured)
+    assert clear_outdated("experiment", configuration(), measured, "another design") == set()
+    assert outside.exists()
