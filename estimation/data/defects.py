@@ -1,22 +1,19 @@
-"""What makes a recording unusable, told by file, column and row."""
+"""What makes a recording unusable, reported by file, column and row."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from constraints.arrays import Array
-from estimation.data.plausibility import (
-    fitting_unit,
-    length_range,
-    out_of_reach,
-    out_of_scale,
-)
-from estimation.data.table import RawTable
+from estimation.data.table import MOST_PROBLEMS, RawTable, refuse
 from estimation.data.timebase import TimeBase, gaps, not_increasing
 from estimation.data.units import unit_factor
 from expdesign.configuration import (
+    LENGTH,
     LENGTH_CHANNELS,
     DataSection,
     InputError,
@@ -25,33 +22,15 @@ from expdesign.configuration import (
     shown,
 )
 
-_MOST = 5
-"""Defects of a kind that are told one by one."""
+_WIDEST_TOLERANCE = 0.5
+"""Of a step: from there on a sample could belong to the neighbouring point of the grid."""
 
-_HALF = 0.5
+_UNITS = ("m", "mm", "cm", "in", "ft", "µm", "dm", "km")
+"""Units that are tried when the lengths do not fit, the likeliest first."""
 
-
-def refuse(problems: Sequence[Problem], table: RawTable, what: str) -> None:
-    """Raise when there are problems: the first ones, and how many more `what` there are."""
-    if not problems:
-        return
-    more = len(problems) - _MOST
-    rest = [Problem(f"{more} more {what}", table.file)] if more > 0 else []
-    raise InputError([*problems[:_MOST], *rest])
-
-
-def refuse_different_lengths(table: RawTable) -> None:
-    """Refuse columns that are no vectors, or of another length than time is."""
-    count = len(table.values["t"])
-    bad = [
-        table.problem(
-            f"the column has {len(values)} samples, '{table.column_name('t')}' has {count}", channel
-        )
-        for channel, values in table.values.items()
-        if len(values) != count
-    ]
-    if bad:
-        raise InputError(bad)
+_MARGIN = 0.1
+"""By how much of the longest length the middle of a recording may be out of range: limits may be
+stated for the design only, a unit is wrong by a factor of 2.5 at least."""
 
 
 def refuse_few_rows(table: RawTable, parameters: int) -> None:
@@ -69,9 +48,9 @@ def refuse_cells(table: RawTable, channels: Sequence[str], decimal: str) -> None
         for place, channel in enumerate(channels)
         for row in np.flatnonzero(~np.isfinite(table.values[channel]))
     )
-    problems = [_cell(table, channels[place], row, decimal) for row, place in bad[:_MOST]]
-    problems += [Problem("")] * max(0, len(bad) - _MOST)
-    refuse(problems, table, "cells are no finite numbers")
+    problems = [_cell(table, channels[place], row, decimal) for row, place in bad[:MOST_PROBLEMS]]
+    problems += [Problem("")] * max(0, len(bad) - MOST_PROBLEMS)
+    refuse(problems, table.file, "cells are no finite numbers")
 
 
 def _cell(table: RawTable, channel: str, row: int, decimal: str) -> Problem:
@@ -92,40 +71,31 @@ def refuse_periods(table: RawTable) -> None:
     values = table.values.get("period")
     if values is None:
         return
-    fractions = np.flatnonzero(values != np.round(values))
-    refuse(
-        [
-            table.problem(f"{values[row]:g} is no number of a period", "period", int(row))
-            for row in fractions
-        ],
-        table,
-        "rows are like that",
-    )
-    falls = np.flatnonzero(np.diff(values) < 0) + 1
-    refuse(
-        [
-            table.problem(
-                f"period {values[row]:.0f} after period {values[row - 1]:.0f}", "period", int(row)
-            )
-            for row in falls
-        ],
-        table,
-        "rows are like that",
-    )
+    fractions = {
+        row: f"{values[row]:g} is no number of a period"
+        for row in np.flatnonzero(values != np.round(values))
+    }
+    falls = {
+        row: f"period {values[row]:.0f} after period {values[row - 1]:.0f}"
+        for row in np.flatnonzero(np.diff(values) < 0) + 1
+    }
+    for messages in (fractions, falls):
+        problems = [table.problem(text, "period", int(row)) for row, text in messages.items()]
+        refuse(problems, table.file, "rows are like that")
 
 
 def refuse_time(table: RawTable) -> None:
     """Refuse time that does not increase."""
     time = table.values["t"]
     problems = []
-    for row in not_increasing(time):
-        before = table.row_name(int(row) - 1)
+    for row in not_increasing(time).tolist():
+        before = table.row_name(row - 1)
         same = time[row] == time[row - 1]
         what = f"the same time as {before}" if same else f"time goes back from {before}"
         problems.append(
-            table.problem(f"{what}: {time[row - 1]:.9g} s, then {time[row]:.9g} s", "t", int(row))
+            table.problem(f"{what}: {time[row - 1]:.9g} s, then {time[row]:.9g} s", "t", row)
         )
-    refuse(problems, table, "rows are not later than the one before")
+    refuse(problems, table.file, "rows are not later than the one before")
 
 
 def refuse_gaps(table: RawTable) -> None:
@@ -139,13 +109,13 @@ def refuse_gaps(table: RawTable) -> None:
             f"{time[row - 1]:.9g} s, then {time[row]:.9g} s"
         )
         problems.append(table.problem(message, "t", row))
-    refuse(problems, table, "gaps")
+    refuse(problems, table.file, "gaps")
 
 
 def refuse_uneven(table: RawTable, grid: TimeBase, tolerance: float) -> None:
     """Refuse time that deviates from its uniform grid by more than a share of a step.
 
-    Missing samples are told as such.
+    Missing samples are reported as such.
     """
     if grid.jitter <= tolerance:
         return
@@ -154,51 +124,76 @@ def refuse_uneven(table: RawTable, grid: TimeBase, tolerance: float) -> None:
         f"time is not uniform: {100 * grid.jitter:.3g} % of a step ({grid.step:.6g} s) off the "
         "fitted grid"
     )
-    wider = f", or a time_tolerance above {grid.jitter:.3g}" if grid.jitter < _HALF else ""
+    wider = (
+        f", or a time_tolerance above {grid.jitter:.3g}" if grid.jitter < _WIDEST_TOLERANCE else ""
+    )
     allowed = f"up to {100 * tolerance:g} %; data.time: stamped{wider}"
     raise InputError(table.problem(message, "t", grid.worst, allowed))
+
+
+@dataclass(frozen=True, eq=False)
+class LengthRange:
+    """Lengths that a robot's struts can have: (6,) each, m, and where they are from."""
+
+    lower: Array
+    upper: Array
+    origin: str
+
+    @classmethod
+    def of(cls, robot: ResolvedRobot) -> LengthRange:
+        """Return the limits on the strut lengths; where there are none, the scale of the robot.
+
+        That is half to twice the length at home, more than a telescope can do.
+        """
+        home = robot.struts_at(robot.home).lengths
+        limit = robot.limits.get("strut_length")
+        if limit is None:
+            return cls(home / 2, home * 2, "half to twice the lengths at home")
+        lower = np.where(np.isfinite(limit.lower) & (limit.lower > 0), limit.lower, home / 2)
+        return cls(lower, np.where(np.isfinite(limit.upper), limit.upper, home * 2), limit.origin)
+
+    def fits(self, middle: Array) -> NDArray[np.bool_]:
+        """Tell for which struts a median length, (6,), m, is plausible."""
+        margin = _MARGIN * self.upper
+        return (middle >= self.lower - margin) & (middle <= self.upper + margin)
+
+    def problem(self, table: RawTable, strut: int, row: int, message: str) -> Problem:
+        """Return the record of a length that this strut cannot have."""
+        span = f"{self.lower[strut]:.4g} to {self.upper[strut]:.4g} m, {self.origin}"
+        return table.problem(f"strut {strut + 1} is {message}", LENGTH_CHANNELS[strut], row, span)
 
 
 def refuse_implausible_lengths(
     table: RawTable, lengths: Array, robot: ResolvedRobot, section: DataSection
 ) -> None:
-    """Refuse strut lengths that this robot cannot have: mistaken units, and wild values."""
-    allowed = length_range(robot)
+    """Refuse strut lengths, (T, 6), m, that this robot cannot have: wrong units, wild values."""
+    allowed = LengthRange.of(robot)
+    middle = np.median(lengths, axis=0)
+    outside = (lengths < allowed.lower) | (lengths > allowed.upper)
     problems = []
-    for strut in out_of_scale(lengths, allowed):
-        channel = LENGTH_CHANNELS[strut]
-        unit = fitting_unit(lengths, strut, unit_factor(channel, table, section), allowed)
+    for strut in np.flatnonzero(~allowed.fits(middle)).tolist():
+        unit = _fitting_unit(middle, strut, table, section, allowed)
         hint = f"; it would fit if the file were in {unit}: data.units: {{q: {unit}}}"
-        problems.append(
-            table.problem(
-                f"strut {strut + 1} is around {np.median(lengths[:, strut]):.4g} m long, out of "
-                f"this robot's range{hint if unit else ''}",
-                channel,
-                _first_outside(lengths[:, strut], allowed.lower[strut], allowed.upper[strut]),
-                _span(allowed.lower[strut], allowed.upper[strut], allowed.origin),
-            )
-        )
+        message = f"around {middle[strut]:.4g} m long, out of this robot's range"
+        row = int(np.argmax(outside[:, strut]))
+        problems.append(allowed.problem(table, strut, row, message + hint * (unit is not None)))
     if problems:
         raise InputError(problems)
-    refuse(
-        [
-            table.problem(
-                f"strut {strut + 1} is {lengths[row, strut]:.4g} m long, far out of this robot's "
-                "range",
-                LENGTH_CHANNELS[strut],
-                row,
-                _span(allowed.lower[strut], allowed.upper[strut], allowed.origin),
-            )
-            for row, strut in out_of_reach(lengths, allowed)
-        ],
-        table,
-        "lengths are like that",
-    )
+    stroke = allowed.upper - allowed.lower
+    wild = (lengths <= np.maximum(allowed.lower - stroke, 0)) | (lengths > allowed.upper + stroke)
+    wild_problems = [
+        allowed.problem(
+            table, strut, row, f"{lengths[row, strut]:.4g} m long, far out of this robot's range"
+        )
+        for row, strut in np.argwhere(wild).tolist()
+    ]
+    refuse(wild_problems, table.file, "lengths are like that")
 
 
-def _first_outside(values: Array, lower: float, upper: float) -> int:
-    return int(np.argmax((values < lower) | (values > upper)))
-
-
-def _span(lower: float, upper: float, origin: str) -> str:
-    return f"{lower:.4g} to {upper:.4g} m, {origin}"
+def _fitting_unit(
+    middle: Array, strut: int, table: RawTable, section: DataSection, allowed: LengthRange
+) -> str | None:
+    """Return the unit of the file that a strut's median length would fit in."""
+    in_file = middle / unit_factor(LENGTH_CHANNELS[strut], table, section)
+    fitting = (u for u in _UNITS if allowed.fits(in_file * LENGTH.parse(f"1 {u}"))[strut])
+    return next(fitting, None)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from constraints.arrays import Array
+from expdesign.mechanism.hexapod import ACTUATORS
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +38,7 @@ class Measurement:
     source : str
         Where it came from, for messages.
     warnings : tuple of str
-        What reading it found odd.
+        What a user should know about how it was read.
     """
 
     time: Array
@@ -55,11 +56,11 @@ class Measurement:
     def __post_init__(self) -> None:
         """Refuse shapes that do not fit together."""
         count = len(self.time)
-        for name, shape in (("lengths", (count, 6)), ("forces", (count, 6))):
-            if np.shape(getattr(self, name)) != shape:
-                raise ValueError(f"{name}: expected {shape}, got {np.shape(getattr(self, name))}")
-        if self.period is not None and self.period.shape != (count,):
-            raise ValueError(f"period: expected {(count,)}, got {self.period.shape}")
+        shapes = {"lengths": (count, ACTUATORS), "forces": (count, ACTUATORS), "period": (count,)}
+        for name, shape in shapes.items():
+            found = getattr(self, name)
+            if found is not None and np.shape(found) != shape:
+                raise ValueError(f"{name}: expected {shape}, got {np.shape(found)}")
 
     def __len__(self) -> int:
         """Return the number of rows T."""

@@ -12,12 +12,10 @@ import resource
 import signal
 import subprocess
 import sys
-from importlib import import_module
 from pathlib import Path
 
-from estimation.data.file_format import FileFormat
-from estimation.data.loading import damaged, load_table
-from estimation.data.table import RawTable
+from estimation.data.formats import damaged, load_table
+from estimation.data.table import FileFormat, RawTable
 from expdesign.configuration import DataSection, InputError
 
 _SECONDS = 60.0
@@ -38,22 +36,21 @@ def load_table_apart(file_format: FileFormat, path: Path, section: DataSection) 
     RuntimeError
         The process could not be started.
     """
-    module = file_format.read.__module__  # the others' libraries need not be loaded
     size = path.stat().st_size
     try:
         child = subprocess.run(
             [sys.executable, "-P", "-c", _COMMAND],
-            input=pickle.dumps((module, path, section)),
+            input=pickle.dumps((file_format, path, section)),
             capture_output=True,
             env=_environment(),
             timeout=_SECONDS + _SECONDS_PER_MEGABYTE * size / _MEGABYTE,
             check=False,
         )
     except subprocess.TimeoutExpired:
-        raise InputError(damaged(file_format, path, "reading does not end")) from None
+        raise damaged(file_format, path, "reading does not end") from None
     if child.returncode < 0:
         name = signal.Signals(-child.returncode).name
-        raise InputError(damaged(file_format, path, f"its library crashed ({name})"))
+        raise damaged(file_format, path, f"its library crashed ({name})")
     if child.returncode > 0:
         raise RuntimeError(f"reading {path} failed: {child.stderr.decode(errors='replace')}")
     answer: RawTable | InputError = pickle.loads(child.stdout)  # our own process wrote it
@@ -72,12 +69,12 @@ def serve() -> None:
     """Be the other process: read what standard input names, write a pickle to standard output."""
     answers = os.dup(1)
     os.dup2(2, 1)  # what a library prints is not part of the answer
-    module, path, section = pickle.load(sys.stdin.buffer)
+    file_format, path, section = pickle.load(sys.stdin.buffer)
     limit = _MEMORY + _MEMORY_PER_BYTE * path.stat().st_size  # a damaged size may ask for any
     resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     try:
-        answer: RawTable | InputError = load_table(import_module(module).FORMAT, path, section)
+        answer: RawTable | InputError = load_table(file_format, path, section)
     except InputError as error:
         answer = error
     with os.fdopen(answers, "wb") as stream:

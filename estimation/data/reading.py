@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from estimation.data.catalogue import format_of
 from estimation.data.defects import (
     refuse_cells,
     refuse_few_rows,
@@ -17,7 +16,7 @@ from estimation.data.defects import (
     refuse_time,
     refuse_uneven,
 )
-from estimation.data.loading import load_table, require_library
+from estimation.data.formats import format_of, load_table
 from estimation.data.measurement import Measurement
 from estimation.data.own_process import load_table_apart
 from estimation.data.table import RawTable
@@ -92,10 +91,8 @@ def measurement_of(
 
 def _raw_table(path: Path, section: DataSection) -> RawTable:
     file_format = format_of(path)
-    require_library(file_format, path)
-    if file_format.may_crash:
-        return load_table_apart(file_format, path, section)
-    return load_table(file_format, path, section)
+    load = load_table_apart if file_format.may_crash else load_table
+    return load(file_format, path, section)
 
 
 def _within(table: RawTable, section: DataSection) -> RawTable:
@@ -109,20 +106,17 @@ def _within(table: RawTable, section: DataSection) -> RawTable:
         return table
     # A stamp that jitters just below a limit is the first one after it.
     slack = section.time_tolerance * float(np.median(np.diff(finite))) if len(finite) > 1 else 0.0
-    span = f"the file has {finite.min():g} to {finite.max():g} s"
     first, end = 0, len(table)
     if section.start is not None:
-        after = np.flatnonzero(time >= section.start - slack)
-        if len(after) == 0:
-            message = f"no rows at or after data.start, {section.start:g} s"
-            raise InputError(table.problem(message, "t", allowed=span))
-        first = int(after[0])
+        first = int(np.argmax(np.append(time >= section.start - slack, True)))
     if section.end is not None:
-        beyond = first + np.flatnonzero(time[first:] >= section.end - slack)
-        end = int(beyond[0]) if len(beyond) else end
-        if end == first:
-            message = f"no rows before data.end, {section.end:g} s"
-            raise InputError(table.problem(message, "t", allowed=span))
+        end = first + int(np.argmax(np.append(time[first:] >= section.end - slack, True)))
+    if first >= end:
+        late = first == len(table)
+        key, limit = ("start", section.start) if late else ("end", section.end)
+        message = f"no rows {'at or after' if late else 'before'} data.{key}, {limit:g} s"
+        span = f"the file has {finite.min():g} to {finite.max():g} s"
+        raise InputError(table.problem(message, "t", allowed=span))
     return table.part(first, end)
 
 

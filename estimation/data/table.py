@@ -1,9 +1,9 @@
-"""What a file holds, before units and checks: the channels' columns as they stand there."""
+"""What a format is to the reader, and what it reads: the channels' columns as they stand there."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
@@ -12,11 +12,14 @@ from numpy.typing import NDArray
 
 from constraints.arrays import Array
 from estimation.data.columns import Column
-from expdesign.configuration import Problem
+from expdesign.configuration import DataSection, InputError, Problem
 
 RowNoun = Literal["line", "sample", "message"]
 HEADER_LINE = 1
 """Of text files, as an editor counts."""
+
+MOST_PROBLEMS = 5
+"""Defects of a kind that are shown one by one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,16 +87,63 @@ class RawTable:
         """Return the rows from `first` on and before `end`."""
         if first == 0 and end == len(self):
             return self
-        return RawTable(
-            self.file,
-            {channel: values[first:end] for channel, values in self.values.items()},
-            self.columns,
-            self.row_noun,
-            self.first_row + first,
-            None if self.rows is None else self.rows[first:end],
-            {
+        return replace(
+            self,
+            values={channel: values[first:end] for channel, values in self.values.items()},
+            first_row=self.first_row + first,
+            rows=None if self.rows is None else self.rows[first:end],
+            texts={
                 (channel, row - first): text
                 for (channel, row), text in self.texts.items()
                 if first <= row < end
             },
         )
+
+
+def refuse(problems: Sequence[Problem], file: Path, what: str) -> None:
+    """Raise when there are problems: the first ones, and how many more `what` there are."""
+    if not problems:
+        return
+    more = len(problems) - MOST_PROBLEMS
+    rest = [Problem(f"{more} more {what}", file)] if more > 0 else []
+    raise InputError([*problems[:MOST_PROBLEMS], *rest])
+
+
+@dataclass(frozen=True)
+class FileFormat:
+    """A format that measurements come in, declared in :mod:`estimation.data.readers`.
+
+    Attributes
+    ----------
+    title : str
+        For messages and the documentation.
+    extensions : tuple of str
+        Lower case, with the dot.
+    read : callable
+        ``read(path, section)``: lists the columns of the file, has
+        :func:`estimation.data.columns.pick` choose, and loads those. An `InputError` says
+        what is wrong; any other exception counts as a damaged file.
+    library, extra : str or None
+        The optional library that it needs, and by what to install it: ``pip install
+        expdesign[extra]``.
+    may_crash : bool
+        True for a library that can end the process on damaged files: it is read in another one,
+        to which the functions go by their names.
+    accepts : callable or None
+        ``accepts(path)``, for formats that share an extension or are folders; by default the
+        extension decides.
+    """
+
+    title: str
+    extensions: tuple[str, ...]
+    read: Callable[[Path, DataSection], RawTable]
+    library: str | None = None
+    extra: str | None = None
+    may_crash: bool = False
+    accepts: Callable[[Path], bool] | None = None
+
+    def claims(self, path: Path) -> bool:
+        """Tell whether a file or folder that exists is of this format."""
+        if self.accepts is not None:
+            return self.accepts(path)
+        return path.is_file() and path.suffix.lower() in self.extensions

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
-from estimation.data.readers import hdf5, matlab, matlab73
+from estimation.data.readers import hdf5, matlab
 from expdesign.configuration import DataSection
 from tests.data.recordings import matlab73_file
 
@@ -91,7 +91,7 @@ def test_matlab73_matrices_and_structs(tmp_path, rec):
         file["#refs#/q"] = rec.q.T
         text = file.create_dataset("rec/t1", data=np.full((1, 60), 65, dtype=np.uint16))
         text.attrs["MATLAB_class"] = np.bytes_("char")
-    table = matlab73.read(path, DataSection())
+    table = hdf5.read_matlab(path, DataSection())
     _check(table, rec)
     assert table.column_name("q2") == "rec.q(:,2)"
 

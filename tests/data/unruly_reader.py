@@ -8,8 +8,7 @@ import time
 import numpy as np
 
 from estimation.data.columns import Column
-from estimation.data.file_format import FileFormat
-from estimation.data.table import RawTable
+from estimation.data.table import FileFormat, RawTable
 
 
 def read(path, section):

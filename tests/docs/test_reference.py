@@ -9,7 +9,7 @@ import pytest
 from pydantic_core import PydanticUndefined
 
 from constraints import limit_definitions
-from estimation.data.catalogue import file_formats
+from estimation.data.formats import file_formats
 from estimation.montecarlo.tables import STATISTICS, repetition_columns
 from estimation.twin import Twin
 from estimation.twin.output import truth_record

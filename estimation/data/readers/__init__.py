@@ -1,1 +1,1 @@
-"""File formats of measurements, one per file: each declares a ``FORMAT``."""
+"""File formats of measurements: each module declares its ``FORMATS``."""

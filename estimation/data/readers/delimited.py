@@ -11,11 +11,9 @@ import numpy as np
 
 from constraints.arrays import Array
 from estimation.data.columns import header_column, pick
-from estimation.data.file_format import FileFormat
-from estimation.data.table import HEADER_LINE, RawTable
+from estimation.data.table import HEADER_LINE, FileFormat, RawTable, refuse
 from expdesign.configuration import DataSection, InputError, Problem
 
-_MOST_PROBLEMS = 5
 _QUOTE = '"'
 _OTHER_DELIMITERS = {";": "';'", "\t": "'\\t'", ",": "','", "|": "'|'"}
 
@@ -136,18 +134,16 @@ def _quoted_rows(lines: Sequence[str], delimiter: str) -> tuple[list[list[str]],
 
 
 def _refuse_ragged(cells: _Cells, numbers: Sequence[int] | None, width: int, path: Path) -> None:
-    bad = [row for row in range(len(cells)) if cells.width(row) != width]
     problems = []
-    for row in bad[:_MOST_PROBLEMS]:
+    for row in range(len(cells)):
+        if cells.width(row) == width:
+            continue
         line = HEADER_LINE + 1 + row if numbers is None else numbers[row]
         found = cells.row(row)
         count = f"{len(found)} column{'s' if len(found) > 1 else ''}"
         message = f"the line has {count}, the header has {width}" if any(found) else "empty line"
         problems.append(Problem(message, path, line))
-    if len(bad) > _MOST_PROBLEMS:
-        problems.append(Problem(f"{len(bad) - _MOST_PROBLEMS} more lines are like that", path))
-    if problems:
-        raise InputError(problems)
+    refuse(problems, path, "lines are like that")
 
 
 def _fast(
@@ -203,4 +199,4 @@ def _texts(
     }
 
 
-FORMAT = FileFormat(title="CSV, TSV", extensions=(".csv", ".tsv", ".txt"), read=read)
+FORMATS = (FileFormat(title="CSV, TSV", extensions=(".csv", ".tsv", ".txt"), read=read),)

@@ -10,10 +10,9 @@ import numpy as np
 from scipy.io import loadmat
 
 from estimation.data.columns import pick
-from estimation.data.file_format import FileFormat
-from estimation.data.hdf5_file import is_hdf5
 from estimation.data.hierarchy import NUMERIC, Leaf, leaf_columns, load_columns
-from estimation.data.table import RawTable
+from estimation.data.readers.hdf5 import is_hdf5
+from estimation.data.table import FileFormat, RawTable
 from expdesign.configuration import DataSection
 
 
@@ -53,6 +52,8 @@ def _accepts(path: Path) -> bool:
     return path.is_file() and path.suffix.lower() == ".mat" and not is_hdf5(path)
 
 
-FORMAT = FileFormat(
-    title="MATLAB up to v7", extensions=(".mat",), read=read, may_crash=True, accepts=_accepts
+FORMATS = (
+    FileFormat(
+        title="MATLAB up to v7", extensions=(".mat",), read=read, may_crash=True, accepts=_accepts
+    ),
 )

@@ -12,9 +12,8 @@ import numpy as np
 
 from constraints.arrays import Array
 from estimation.data.columns import OPTIONAL, Column, pick
-from estimation.data.file_format import FileFormat
 from estimation.data.hierarchy import NUMERIC
-from estimation.data.table import RawTable
+from estimation.data.table import FileFormat, RawTable
 from expdesign.configuration import DataSection, InputError, Problem
 
 _MASTER = "time stamps"
@@ -101,11 +100,13 @@ def _text(item: Any) -> str:
     return item.decode("utf-8", "replace") if isinstance(item, bytes) else str(item)
 
 
-FORMAT = FileFormat(
-    title="MDF 4",
-    extensions=(".mf4", ".mdf"),
-    read=read,
-    library="asammdf",
-    extra="mdf",
-    may_crash=True,
+FORMATS = (
+    FileFormat(
+        title="MDF 4",
+        extensions=(".mf4", ".mdf"),
+        read=read,
+        library="asammdf",
+        extra="mdf",
+        may_crash=True,
+    ),
 )

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from estimation.data.columns import Column, pick
-from estimation.data.file_format import FileFormat
-from estimation.data.table import RawTable
+from estimation.data.table import FileFormat, RawTable, refuse
 from expdesign.configuration import (
     FORCE_CHANNELS,
     LENGTH_CHANNELS,
@@ -25,7 +24,6 @@ _MESSAGE = "sensor_msgs/msg/JointState"
 _FIELDS = ("position", "velocity", "effort")
 _STAMP, _LOG_TIME = "header.stamp", "log_time"
 _NANOSECOND = 1e-9
-_MOST_PROBLEMS = 5
 _EXTENSIONS = (".mcap", ".db3")
 
 
@@ -81,9 +79,7 @@ def _columns(bag: Any, topics: Mapping[str, list[Any]]) -> list[Column]:
 def _joint_names(given: Mapping[str, str], columns: list[Column]) -> dict[str, str]:
     """Return the names of the columns for names that may be those of joints."""
     known = {spelling for column in columns for spelling in column.spellings}
-    names = {channel: name for channel, name in given.items() if channel == "t"}
-    if "period" in given:
-        names["period"] = given["period"]
+    names = {channel: given[channel] for channel in ("t", "period") if channel in given}
     for length, force in zip(LENGTH_CHANNELS, FORCE_CHANNELS, strict=True):
         joint = given.get(length, length)
         names[length] = joint if joint in known else f"{joint}.position"
@@ -137,10 +133,7 @@ def _table(bag: Any, connections: list[Any], picked: Mapping[str, Column], path:
             continue
         stamp = message.header.stamp
         stamps.append(log_time if by_log_time else stamp.sec * 1_000_000_000 + stamp.nanosec)
-    if problems:
-        more = len(problems) - _MOST_PROBLEMS
-        rest = [Problem(f"{more} more messages are like that", path)] if more > 0 else []
-        raise InputError([*problems[:_MOST_PROBLEMS], *rest])
+    refuse(problems, path, "messages are like that")
     if len(stamps) > 1 and not by_log_time and len(set(stamps)) == 1:
         message = "all messages have the same header.stamp: it was not set"
         allowed = f"data.columns: {{t: {_LOG_TIME}}} takes the time at which they were recorded"
@@ -171,11 +164,13 @@ def _accepts(path: Path) -> bool:
     return path.suffix.lower() in _EXTENSIONS
 
 
-FORMAT = FileFormat(
-    title="rosbag2, MCAP",
-    extensions=_EXTENSIONS,
-    read=read,
-    library="rosbags",
-    extra="ros",
-    accepts=_accepts,
+FORMATS = (
+    FileFormat(
+        title="rosbag2, MCAP",
+        extensions=_EXTENSIONS,
+        read=read,
+        library="rosbags",
+        extra="ros",
+        accepts=_accepts,
+    ),
 )
