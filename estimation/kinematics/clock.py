@@ -13,7 +13,6 @@ from constraints.arrays import Array
 from estimation.measurement_model import HarmonicMotion
 from estimation.processing import Record
 from expdesign.robot import Robot
-from expdesign.robot.kernels import length_kernel
 
 _ON_TIME = 1e-9
 """Share of a period by which rounding may put a sample into the period before."""
@@ -37,7 +36,7 @@ def clock_error(
     tell little: the std is then inf.
     """
     state = motion.basis(record.length_times).state(motion.table)
-    lengths, jacobian = length_kernel()(state[:, :6], robot.geometry_vector)
+    lengths, jacobian = robot.lengths_and_jacobian(state[:, :6])
     speeds = np.einsum("sij,sj->si", jacobian, state[:, 6:12])
     weighted = speeds @ np.linalg.inv(covariance)
     if record.length_periods is not None:

@@ -20,7 +20,6 @@ from estimation.measurement_model import HarmonicMotion
 from estimation.processing import Record
 from expdesign.information.fisher import whitening
 from expdesign.robot import Robot
-from expdesign.robot.kernels import length_kernel
 from expdesign.trajectory import PhaseBasis
 
 _FAMILY_LEVEL = 1e-3
@@ -122,7 +121,7 @@ def _p_values(robot: Robot, record: Record, covariance: Array, fit: MotionFit, m
     times = record.length_times[rows]
     phases = motion.omega * times
     poses = PhaseBasis.at(phases, motion.harmonics).value @ motion.table.T
-    _, jacobian = length_kernel()(poses, robot.geometry_vector)
+    _, jacobian = robot.lengths_and_jacobian(poses)
     weight = np.sqrt(record.length_counts[rows])
     slope = np.matmul(white, jacobian) * weight[:, None, None]
     residual = fit.residuals[rows] @ white.T * weight[:, None]

@@ -15,7 +15,6 @@ from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.mechanism.term import Term
 from expdesign.robot import Robot
 from expdesign.robot.batch import BatchFunction
-from expdesign.robot.kernels import length_kernel
 
 _CHUNK = 2048
 
@@ -64,7 +63,7 @@ def predict_lengths(
     """Return strut lengths at the times given, (S, 6), m, and their slope to ξ, (S, 6, x)."""
     basis = motion.basis(times)
     poses = basis.derivatives[0] @ motion.table.T
-    lengths, jacobian = length_kernel()(poses, robot.geometry_vector)
+    lengths, jacobian = robot.lengths_and_jacobian(poses)
     return lengths, chain(jacobian, basis, motion, free_frequency=free_frequency)
 
 

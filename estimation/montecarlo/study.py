@@ -28,7 +28,6 @@ from estimation.twin import Truth
 from estimation.uncertainty import interval_width
 from estimation.uncertainty.intervals import IDENTIFIED
 from expdesign.configuration import InputError, Problem, RunConfiguration, load_run
-from expdesign.experiment.scaling import parameter_scaling
 from expdesign.robot import Robot
 from expdesign.runfolder.manifest import Manifest, text_hash
 from expdesign.trajectory import FourierTrajectory
@@ -86,7 +85,7 @@ class Study:
     @property
     def identified(self) -> NDArray[np.intp]:
         """Places of the parameters whose bound is below half their scale: those that are pooled."""
-        scales = parameter_scaling(self.robot, "nominal")
+        scales = self.robot.scales
         return np.flatnonzero(self.knowledge.free & (self.bound_std < IDENTIFIED * scales))
 
     def estimated(self, estimator: str) -> tuple[tuple[Repetition, Outcome], ...]:

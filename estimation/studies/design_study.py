@@ -46,7 +46,6 @@ from estimation.studies.study import Study
 from estimation.uncertainty.differences import FAMILY_LEVEL, Differences
 from expdesign.configuration import RunConfiguration
 from expdesign.experiment import DesignRecord
-from expdesign.experiment.scaling import parameter_scaling
 from expdesign.mechanism.catalogue import TERMS, parameter_unit
 from expdesign.robot import robot_from
 from expdesign.runfolder import RowTable
@@ -104,7 +103,7 @@ class DesignStudy(Study):
     def determinant(self, pair: Pair, kinematics: str, estimator: str) -> DeterminantComparison:
         """Compare the determinants of what both designs achieved."""
         first, second = (trial.values[kinematics][estimator] for trial in pair)
-        return compare_determinants(first, second, parameter_scaling(self.robot, "nominal"))
+        return compare_determinants(first, second, self.robot.scales)
 
     def means(self, pair: Pair, kinematics: str) -> Differences:
         """Test whether both designs lead to the same mean LS estimate."""
@@ -261,7 +260,7 @@ class DesignStudy(Study):
         )
 
     def _designs(self) -> Iterator[DesignRow]:
-        nominal = parameter_scaling(self.robot, "nominal")
+        nominal = self.robot.scales
         for trial in self.trials:
             design = trial.design
             by_nominal = design.information * np.multiply.outer(nominal, nominal)

@@ -30,7 +30,6 @@ from estimation.studies.records import ESTIMATES, HAUSMAN, Claim, EstimateRow, H
 from estimation.studies.study import Study, TooFewEstimatesError, repeated
 from estimation.uncertainty.differences import FAMILY_LEVEL
 from expdesign.configuration import RunConfiguration
-from expdesign.experiment.scaling import parameter_scaling
 from expdesign.mechanism.catalogue import parameter_unit
 from expdesign.runfolder import RowTable
 from expdesign.trajectory import FourierTrajectory
@@ -89,7 +88,7 @@ class IdentificationStudy(Study):
     @cached_property
     def identified(self) -> Mask:
         """Parameters that ML knows to less than half their scale in undisturbed data, (m,)."""
-        scales = parameter_scaling(self.robot, "nominal")
+        scales = self.robot.scales
         std = self.cases[0].reported_std("ml")
         return np.asarray(self.knowledge.free & (std < IDENTIFIED * scales))
 

@@ -8,7 +8,6 @@ import numpy as np
 
 from constraints.arrays import Array
 from estimation.uncertainty.intervals import IDENTIFIED
-from expdesign.experiment.scaling import parameter_scaling
 from expdesign.robot import Robot
 
 
@@ -59,7 +58,7 @@ def identified_combinations(
     The partner is the parameter whose estimate is correlated with it most; the factor is the one
     that makes the combination uncorrelated with the weak parameter, and its variance smallest.
     """
-    scales = parameter_scaling(robot, "nominal")
+    scales = robot.scales
     std = np.sqrt(np.diag(covariance))
     found = []
     for k in np.flatnonzero(std >= IDENTIFIED * scales):

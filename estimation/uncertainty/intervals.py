@@ -9,7 +9,6 @@ from scipy import stats
 
 from constraints.arrays import Array
 from estimation.estimators import Knowledge, ParameterEstimate
-from expdesign.experiment.scaling import parameter_scaling
 from expdesign.mechanism.catalogue import parameter_unit
 from expdesign.robot import Robot
 
@@ -61,7 +60,7 @@ def parameter_rows(
     freedom : float
         Degrees of freedom behind the noise covariance; inf when it was given.
     """
-    scales = parameter_scaling(robot, "nominal")
+    scales = robot.scales
     width = interval_width(freedom)
     rows = []
     for k, name in enumerate(knowledge.names):

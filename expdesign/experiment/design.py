@@ -22,7 +22,6 @@ from expdesign.configuration import (
 )
 from expdesign.experiment.identifiable import imprecise
 from expdesign.experiment.result import DesignResult, PredictedPrecision, whole
-from expdesign.experiment.scaling import parameter_scaling
 from expdesign.information.catalogue import criteria_by_key
 from expdesign.information.fisher import (
     EXCITABLE,
@@ -121,7 +120,7 @@ def build_workshop(configuration: RunConfiguration) -> Workshop:
     run = configuration.run
     robot = robot_from(configuration.robot)
     names = judged_parameters(configuration, robot)
-    scaling = parameter_scaling(robot, run.design.scaling)
+    scaling = robot.scales if run.design.scaling == "nominal" else np.ones(len(robot.scales))
     criterion = criteria_by_key()[run.design.criterion]
     covariance = force_covariance(configuration)
     problem = build_problem(

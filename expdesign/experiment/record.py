@@ -21,7 +21,6 @@ from expdesign.configuration import (
     resolved_yaml,
 )
 from expdesign.experiment.result import DesignResult, PredictedPrecision, whole
-from expdesign.experiment.scaling import parameter_scaling
 from expdesign.information.catalogue import criteria_by_key
 from expdesign.information.fisher import ScaledInformation
 from expdesign.mechanism.catalogue import parameter_unit
@@ -473,7 +472,7 @@ def _iterations(search: SearchResult) -> Iterator[Iteration]:
 def _eigenvalues(result: DesignResult) -> Iterator[Eigenvalue]:
     every = result.robot.parameter_names
     judged = [every.index(name) for name in result.parameter_names]
-    sizes = parameter_scaling(result.robot, "nominal")[judged]
+    sizes = result.robot.scales[judged]
     by_nominal = np.linalg.eigvalsh(result.information * np.multiply.outer(sizes, sizes))
     values = ScaledInformation.of(result.information).eigenvalues()
     for number, pair in enumerate(zip(values, by_nominal, strict=True), start=1):

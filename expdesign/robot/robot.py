@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 
 import casadi as ca
 import numpy as np
@@ -13,12 +13,12 @@ from constraints import Limit
 from constraints.arrays import Array
 from expdesign.configuration import ResolvedRobot
 from expdesign.mechanism.geometry import Geometry, cardan_frames
-from expdesign.mechanism.graph import HexapodGraph, hexapod_graph
+from expdesign.mechanism.graph import Friction, HexapodGraph, hexapod_graph
 from expdesign.mechanism.hexapod import ACTUATORS
-from expdesign.mechanism.rotation import rotation_matrix
 from expdesign.mechanism.term import Term, parameters_of
+from expdesign.mechanism.terms.rigid_platform import MASS
+from expdesign.robot.batch import BatchFunction
 from expdesign.robot.forward import solve_pose
-from expdesign.robot.kernels import length_kernel, motion_kernel, regressor_kernel
 
 
 @dataclass(frozen=True)
@@ -32,6 +32,33 @@ class StrutMotion:
     alpha_rate: Array
     beta: Array
     beta_rate: Array
+
+
+@cache
+def _length_kernel() -> BatchFunction:
+    """Pose (6) → strut lengths (6) and their Jacobian to the pose (6, 6)."""
+    graph = hexapod_graph()
+    lengths = graph.kinematic["strut_length"]
+    slope = ca.jacobian(lengths, graph.pose)
+    return BatchFunction("lengths", [graph.pose], [graph.geometry.vector], [lengths, slope])
+
+
+@cache
+def _motion_kernel() -> BatchFunction:
+    """State (18) → the fields of `StrutMotion` (6 each)."""
+    graph = hexapod_graph()
+    lengths = ("strut_length", "strut_speed", "strut_acceleration")
+    names = (*lengths, "alpha", "alpha_rate", "beta", "beta_rate")
+    outputs = [graph.kinematic[name] for name in names]
+    return BatchFunction("strut_motion", [graph.state], [graph.geometry.vector], outputs)
+
+
+@cache
+def _regressor_kernel(terms: tuple[Term, ...]) -> BatchFunction:
+    """State (18) → regressor (6, m) with the exact signs of dry friction."""
+    graph = hexapod_graph(terms)
+    regressor = graph.regressor_with(Friction.EXACT)
+    return BatchFunction("regressor", [graph.state], [graph.machine.vector], [regressor])
 
 
 @dataclass(frozen=True)
@@ -51,10 +78,8 @@ class Robot:
     @classmethod
     def of(cls, description: ResolvedRobot) -> Robot:
         """Build a robot from its validated description."""
-        home = np.asarray(description.home, dtype=float)
-        rotation = ca.evalf(rotation_matrix(ca.SX(home[3:]))).full()
         joints, base = description.platform_joints, description.base_joints
-        at_home = home[:3] + joints @ rotation.T
+        at_home = description.struts_at(description.home).joints
         frames = cardan_frames(base, description.alpha_axes, at_home)
         geometry = Geometry(
             base, joints, frames, description.platform_joint_axes, description.gravity
@@ -101,6 +126,18 @@ class Robot:
         values.setflags(write=False)
         return values
 
+    @cached_property
+    def scales(self) -> Array:
+        """(m,) what counts as one of every parameter, SI: the size of its nominal value.
+
+        A nominal value of zero has the scale that its term states by mass, length and gravity of
+        the robot; where that is zero too, 1.
+        """
+        mass = abs(self.description.parameters.get(MASS, 0.0))
+        size = (mass, self.characteristic_length, float(np.linalg.norm(self.description.gravity)))
+        physical = [parameter.scale.of(*size) for parameter in parameters_of(self.terms)]
+        return np.where(self.parameters == 0, physical, np.abs(self.parameters))
+
     @property
     def graph(self) -> HexapodGraph:
         """The symbolic graph, shared by all robots with these terms."""
@@ -124,14 +161,19 @@ class Robot:
     def inverse_kinematics(self, pose: ArrayLike) -> Array:
         """Return strut lengths, m: (6,) or (N, 6) like the pose (m, rad)."""
         rows, single = _rows("pose", pose)
-        lengths, _ = length_kernel()(rows, self.geometry_vector)
+        lengths, _ = self.lengths_and_jacobian(rows)
         return lengths[0] if single else lengths
 
     def length_jacobian(self, pose: ArrayLike) -> Array:
         """Return ∂q/∂λ, (6, 6) or (N, 6, 6), of the strut lengths to the pose."""
         rows, single = _rows("pose", pose)
-        _, jacobian = length_kernel()(rows, self.geometry_vector)
+        _, jacobian = self.lengths_and_jacobian(rows)
         return jacobian[0] if single else jacobian
+
+    def lengths_and_jacobian(self, poses: Array) -> tuple[Array, Array]:
+        """Return strut lengths (N, 6), m, and ∂q/∂λ (N, 6, 6) at poses (N, 6)."""
+        lengths, jacobian = _length_kernel()(poses, self.geometry_vector)
+        return lengths, jacobian
 
     def forward_kinematics(self, lengths: ArrayLike, guess: ArrayLike | None = None) -> Array:
         """Return the pose of given strut lengths on the guess's assembly branch.
@@ -151,12 +193,7 @@ class Robot:
         rows, single = _rows("lengths", lengths)
         start, _ = _rows("guess", self.home if guess is None else guess)
         start = np.array(np.broadcast_to(start, rows.shape))
-
-        def function(poses: Array) -> tuple[Array, Array]:
-            values, jacobian = length_kernel()(poses, self.geometry_vector)
-            return values, jacobian
-
-        poses = solve_pose(function, rows, start)
+        poses = solve_pose(self.lengths_and_jacobian, rows, start)
         return poses[0] if single else poses
 
     def strut_motion(
@@ -170,14 +207,13 @@ class Robot:
             λ, λ̇, λ̈: m, rad, s.
         """
         state, single = _states(pose, rate, acceleration)
-        length, speed, acceleration_, *angles = motion_kernel()(state, self.geometry_vector)
-        values = (length, speed, acceleration_, *angles)
+        values = _motion_kernel()(state, self.geometry_vector)
         return StrutMotion(*(value[0] if single else value for value in values))
 
     def regressor(self, pose: ArrayLike, rate: ArrayLike, acceleration: ArrayLike) -> Array:
         """Return A of Q = A p with the exact signs of dry friction: (6, m) or (N, 6, m)."""
         state, single = _states(pose, rate, acceleration)
-        (regressors,) = regressor_kernel(self.terms)(state, self.machine)
+        (regressors,) = _regressor_kernel(self.terms)(state, self.machine)
         return regressors[0] if single else regressors
 
     def actuator_forces(

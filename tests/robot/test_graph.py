@@ -7,7 +7,7 @@ import pytest
 from expdesign.mechanism.catalogue import DEFAULT, parameter_unit, terms_named
 from expdesign.mechanism.term import parameters_of
 from expdesign.robot import Friction, Robot, hexapod_graph, load_robot
-from expdesign.robot.kernels import length_kernel, motion_kernel, regressor_kernel
+from expdesign.robot.robot import _regressor_kernel
 
 SYMMETRIC, GENERAL = (terms_named(DEFAULT, general=general) for general in (False, True))
 PASSIVE = slice(10, 12)
@@ -61,10 +61,8 @@ def test_one_graph_serves_all_robots():
 
 
 def test_kernels_are_compiled_once():
-    assert length_kernel() is length_kernel()
-    assert motion_kernel() is motion_kernel()
     for terms in (SYMMETRIC, GENERAL):
-        assert regressor_kernel(terms) is regressor_kernel(terms)
+        assert _regressor_kernel(terms) is _regressor_kernel(terms)
 
 
 @pytest.mark.parametrize(("terms", "columns"), [(SYMMETRIC, 24), (GENERAL, 29), ((), 0)])
@@ -92,7 +90,7 @@ def test_the_geometry_is_an_input(palida, states):
 
 def test_size_of_the_regressor():
     # The hand-structured regressor; the energies' automatic derivatives need 8 000 and more.
-    assert regressor_kernel(SYMMETRIC).instructions < 4500
+    assert _regressor_kernel(SYMMETRIC).instructions < 4500
 
 
 def test_quantities_have_their_documented_shapes(palida):

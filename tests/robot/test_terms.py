@@ -9,7 +9,6 @@ import pytest
 
 from estimation.measurement_model.prediction import force_kernel
 from expdesign.configuration import InputError, load_robot_description, load_run, resolved_yaml
-from expdesign.experiment.scaling import parameter_scaling
 from expdesign.mechanism import catalogue
 from expdesign.mechanism.catalogue import DEFAULT, TERMS, known_parameters, terms_named
 from expdesign.mechanism.graph import Friction
@@ -93,7 +92,7 @@ def test_only_rates_that_a_term_uses_have_signs(palida):
 
 
 def _scales(robot):
-    return dict(zip(robot.parameter_names, parameter_scaling(robot, "nominal"), strict=True))
+    return dict(zip(robot.parameter_names, robot.scales, strict=True))
 
 
 def test_parameters_without_a_nominal_value_are_compared_with_the_machine(palida):

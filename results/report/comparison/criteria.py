@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from constraints.arrays import Array
-from expdesign.experiment.scaling import parameter_scaling
 from results.report.comparison.designs import ComparedDesign, DesignComparison
 from results.report.comparison.machines import COUNTED
 from results.report.table import Column, ReportTable, Value
@@ -73,7 +72,7 @@ def criteria_table(comparison: DesignComparison) -> ReportTable:
 def _nominal_scale(design: ComparedDesign) -> Array:
     robot = design.record.robot
     places = [robot.parameter_names.index(name) for name in design.names]
-    return parameter_scaling(robot, "nominal")[places]
+    return robot.scales[places]
 
 
 def _spectrum(information: Array, covariance: Array | None, scale: Array) -> list[Value]:
