@@ -1,0 +1,69 @@
+"""A run folder of the version before files had formats: read, reported and compared as today's.
+
+``format_0`` is what it wrote; figures, the controller table and most rows of the sampled motions
+are left out.
+"""
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from expdesign.cli.app import app
+from expdesign.cli.errors import run
+from expdesign.experiment import DesignRecord
+from tests.report.html import Page
+
+OLD = Path(__file__).parent / "format_0"
+STAGES = ["design", "export", "experiment", "noise", "montecarlo", "estimate", "validation"]
+
+
+@pytest.fixture
+def old(tmp_path):
+    shutil.copytree(OLD, tmp_path / "old")
+    return tmp_path / "old"
+
+
+def test_the_design_is_read():
+    record = DesignRecord.read(OLD)
+    document = json.loads((OLD / "design.json").read_text(encoding="utf-8"))
+    assert "format" not in document
+    assert record.summary.trajectory.omega == document["omega"]
+    assert [start.best for start in record.summary.solver.starts] == [True, False]
+    for check in record.checks:
+        assert check.value == document["limits"][check.key]["value"]
+    sign, log_det = np.linalg.slogdet(record.information)
+    assert sign == 1
+    assert log_det == pytest.approx(record.summary.log_det_information, rel=1e-6)
+
+
+def test_it_is_reported(old, expdesign_says):
+    status, output, _ = expdesign_says("report", old)
+    assert status == 0, output
+    page = Page((old / "report.html").read_text(encoding="utf-8"))
+    assert set(STAGES) <= set(page.ids)
+    assert (old / "figures/struts.svg").is_file()
+
+
+def test_it_is_compared(old, tmp_path, expdesign_says):
+    shutil.copytree(OLD, tmp_path / "other")
+    out = tmp_path / "compared"
+    status, output, _ = expdesign_says("compare", old, tmp_path / "other", "--out", out, "--quick")
+    assert status == 0, output
+    assert (out / "report.html").is_file()
+    assert len((out / "tables/criteria.csv").read_text().splitlines()) == 3
+
+
+@pytest.mark.parametrize("command", ["report", "compare"])
+def test_a_newer_format_is_refused_with_both_numbers(old, tmp_path, command, capsys):
+    path = old / "design.json"
+    document = json.loads(path.read_text(encoding="utf-8"))
+    path.write_text(json.dumps({**document, "format": 99}), encoding="utf-8")
+    further = [OLD, "--out", tmp_path / "out"] if command == "compare" else []
+    assert run(app, [str(argument) for argument in (command, old, *further)]) == 2
+    message = capsys.readouterr().err
+    assert "format 99" in message
+    assert "up to 1" in message
+    assert not (old / "report.html").exists()
