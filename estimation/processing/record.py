@@ -41,8 +41,6 @@ class Record:
         Means over the periods, or single samples; m and N.
     length_counts, force_counts : (S,)
         How many samples (or how much weight) each mean is made of.
-    periods : float
-        Periods recorded.
     rows : int
         Rows of the recording that were used.
     dropped : int
@@ -53,7 +51,6 @@ class Record:
         The single periods, when they could be averaged.
     step : float
         Between two rows of the recording, s.
-    stamped : bool
     origin : float
         What was taken off the recording's times, s: whole periods, so that phases are those of the
         recording. Far from the origin phases and ω could not be told from each other.
@@ -123,9 +120,8 @@ def make_record(
     per_period = 2 * np.pi / (omega * data.step)
     start = _first_row(data)
     available = len(data) - start
-    periods = available / per_period
     # A last period that lacks less than a sample is complete.
-    complete = int(np.floor(periods + (1 - 1e-9) / per_period))
+    complete = int(np.floor(available / per_period + (1 - 1e-9) / per_period))
     if complete < 1:
         raise PeriodError(
             f"the recording has {available} rows, a period of {2 * np.pi / omega:.6g} s needs "
@@ -133,116 +129,99 @@ def make_record(
         )
     whole = None if data.stamped else whole_samples(omega, data.step, complete)
     if whole is not None and average:
-        return _averaged(data, omega, source, start, (complete, whole), robust=robust)
-    rows = int(np.ceil(complete * per_period * (1 - 1e-12)))
-    return _single(data, omega, source, slice(start, start + min(rows, available)), robust=robust)
-
-
-def _first_row(data: Measurement) -> int:
-    if data.period is None:
-        return 0
-    changes = np.flatnonzero(np.diff(data.period) != 0)
-    if not len(changes):
-        return 0
-    # A first period that is shorter than the second is incomplete.
-    first = int(changes[0]) + 1
-    second = int(changes[1]) + 1 - first if len(changes) > 1 else len(data) - first
-    return first if first < second - 1 else 0
-
-
-def _averaged(
-    data: Measurement,
-    omega: float,
-    source: PeriodSource,
-    start: int,
-    shape: tuple[int, int],
-    *,
-    robust: bool,
-) -> Record:
-    periods, samples = shape
-    rows = slice(start, start + periods * samples)
-    lengths = data.lengths[rows].reshape(periods, samples, -1)
-    forces = data.forces[rows].reshape(periods, samples, -1)
-    length_weights = force_weights = np.ones(shape)
-    if robust:
-        length_weights = _fellow_weights(data.time[rows], lengths, omega)
-        force_weights = _fellow_weights(data.time[rows], forces, omega)
-    times = data.time[start : start + samples]
-    repeated = periods >= _REPEATED
+        rows, origin = complete * whole, 0.0
+        periods: float = complete
+        forces, lengths = (
+            _mean_period(data.time, values, omega, slice(start, start + rows), whole, robust=robust)
+            for values in (data.forces, data.lengths)
+        )
+        times = data.time[start : start + whole]
+    else:
+        rows = min(int(np.ceil(complete * per_period * (1 - 1e-12))), available)
+        used = slice(start, start + rows)
+        middle = 0.5 * (data.time[used][0] + data.time[used][-1])
+        period = 2 * np.pi / omega
+        origin = float(np.floor(middle / period) * period)
+        times = data.time[used] - origin
+        # A last period that lacks less than a sample counts as whole.
+        nearest = round(rows / per_period)
+        near = abs(rows / per_period - nearest) * per_period < 1
+        periods = nearest if near else rows / per_period
+        repeated = periods >= _REPEATED - 0.5 / per_period
+        forces, lengths = (
+            _single_samples(
+                times, values[used], omega, per_period, repeated=repeated, robust=robust
+            )
+            for values in (data.forces, data.lengths)
+        )
     return Record(
         omega=omega,
         source=source,
         length_times=times - data.length_delay,
-        lengths=_weighted_mean(lengths, length_weights),
-        length_counts=length_weights.sum(axis=0),
+        lengths=lengths.values,
+        length_counts=lengths.counts,
         force_times=times - data.force_delay,
-        forces=_weighted_mean(forces, force_weights),
-        force_counts=force_weights.sum(axis=0),
+        forces=forces.values,
+        force_counts=forces.counts,
         periods=float(periods),
-        rows=periods * samples,
-        dropped=len(data) - periods * samples,
-        force_scatter=scatter_between_periods(forces, force_weights) if repeated else None,
-        length_scatter=scatter_between_periods(lengths, length_weights) if repeated else None,
-        length_periods=lengths,
-        force_periods=forces,
-        step=data.step,
-        stamped=False,
-    )
-
-
-def _fellow_weights(times: Array, values: Array, omega: float) -> Array:
-    periods, samples, channels = values.shape
-    if periods >= FEWEST_PERIODS:
-        return huber_weights(values)
-    harmonics = series_harmonics(periods * samples, samples)
-    _, weights = series_weights(times, values.reshape(-1, channels), omega, harmonics)
-    return weights.reshape(periods, samples)
-
-
-def _weighted_mean(values: Array, weights: Array) -> Array:
-    return np.einsum("mn,mnj->nj", weights, values) / weights.sum(axis=0)[:, None]
-
-
-def _single(
-    data: Measurement, omega: float, source: PeriodSource, rows: slice, *, robust: bool
-) -> Record:
-    lengths, forces = data.lengths[rows], data.forces[rows]
-    count = len(lengths)
-    period = 2 * np.pi / omega
-    middle = 0.5 * (data.time[rows][0] + data.time[rows][-1])
-    origin = float(np.floor(middle / period) * period)
-    times = data.time[rows] - origin
-    per_period = 2 * np.pi / (omega * data.step)
-    # A last period that lacks less than a sample counts as whole.
-    nearest = round(count / per_period)
-    periods = nearest if abs(count / per_period - nearest) * per_period < 1 else count / per_period
-    length_scatter = force_scatter = None
-    length_weights = force_weights = np.ones(count)
-    harmonics = series_harmonics(count, per_period)
-    repeated = periods >= _REPEATED - 0.5 / per_period
-    if robust:
-        length_scatter, length_weights = series_weights(times, lengths, omega, harmonics)
-        force_scatter, force_weights = series_weights(times, forces, omega, harmonics)
-    elif repeated:
-        length_scatter, _ = scatter_about_series(times, lengths, omega, harmonics)
-        force_scatter, _ = scatter_about_series(times, forces, omega, harmonics)
-    return Record(
-        omega=omega,
-        source=source,
-        length_times=times - data.length_delay,
-        lengths=lengths,
-        length_counts=length_weights,
-        force_times=times - data.force_delay,
-        forces=forces,
-        force_counts=force_weights,
-        periods=float(periods),
-        rows=count,
-        dropped=len(data) - count,
-        force_scatter=force_scatter if repeated else None,
-        length_scatter=length_scatter if repeated else None,
-        length_periods=None,
-        force_periods=None,
+        rows=rows,
+        dropped=len(data) - rows,
+        force_scatter=forces.scatter,
+        length_scatter=lengths.scatter,
+        length_periods=lengths.periods,
+        force_periods=forces.periods,
         step=data.step,
         stamped=data.stamped,
         origin=origin,
     )
+
+
+def _first_row(data: Measurement) -> int:
+    """Return the first row of a complete period: a first one shorter than the second is none."""
+    if data.period is None:
+        return 0
+    changes = np.flatnonzero(np.diff(data.period) != 0) + 1
+    if not len(changes):
+        return 0
+    first, second = int(changes[0]), int([*changes, len(data)][1]) - int(changes[0])
+    return first if first < second - 1 else 0
+
+
+@dataclass(frozen=True, eq=False)
+class _Channels:
+    """Six channels as a record holds them."""
+
+    values: Array
+    counts: Array
+    scatter: NoiseEstimate | None
+    periods: Array | None
+
+
+def _mean_period(
+    times: Array, values: Array, omega: float, rows: slice, samples: int, *, robust: bool
+) -> _Channels:
+    flat = values[rows]
+    periods = flat.reshape(-1, samples, flat.shape[1])
+    weights = np.ones(periods.shape[:2])
+    if robust and len(periods) >= FEWEST_PERIODS:
+        weights = huber_weights(periods)
+    elif robust:
+        harmonics = series_harmonics(len(flat), samples)
+        weights = series_weights(times[rows], flat, omega, harmonics)[1].reshape(weights.shape)
+    counts = weights.sum(axis=0)
+    mean = np.einsum("mn,mnj->nj", weights, periods) / counts[:, None]
+    repeated = len(periods) >= _REPEATED
+    scatter = scatter_between_periods(periods, weights) if repeated else None
+    return _Channels(mean, counts, scatter, periods)
+
+
+def _single_samples(
+    times: Array, values: Array, omega: float, per_period: float, *, repeated: bool, robust: bool
+) -> _Channels:
+    harmonics = series_harmonics(len(values), per_period)
+    counts, scatter = np.ones(len(values)), None
+    if robust:
+        scatter, counts = series_weights(times, values, omega, harmonics)
+    elif repeated:
+        scatter, _ = scatter_about_series(times, values, omega, harmonics)
+    return _Channels(values, counts, scatter if repeated else None, None)

@@ -8,11 +8,14 @@ import numpy as np
 
 from constraints.arrays import Array
 from estimation.data.measurement import Measurement
-from estimation.twin.disturbances.cogging import cogging_force
-from estimation.twin.disturbances.drift import final_drift, length_drift
-from estimation.twin.disturbances.outliers import gross_errors
-from estimation.twin.disturbances.quantisation import quantised
-from estimation.twin.execution import executed_motion
+from estimation.twin.disturbances import (
+    cogging_force,
+    executed_motion,
+    final_drift,
+    gross_errors,
+    length_drift,
+    quantised,
+)
 from estimation.twin.noise import SensorNoise
 from estimation.twin.sampling import SampleGrid
 from estimation.twin.streams import Repeated, Shared, experiment_stream, repetition_stream
@@ -138,15 +141,16 @@ class Twin:
         It depends on the configuration, the design, the seed and the number alone.
         """
         section, count = self.truth.experiment, self.grid.count
-        lengths = self.lengths + self.noise.lengths(
-            count, self._stream(repetition, Repeated.LENGTH_NOISE)
-        )
-        forces = self.forces + self.noise.forces(
-            count, self._stream(repetition, Repeated.FORCE_NOISE)
-        )
+
+        def stream(purpose: Repeated) -> np.random.Generator:
+            return repetition_stream(self.truth.seed, repetition, purpose)
+
+        lengths = self.lengths + self.noise.lengths(count, stream(Repeated.LENGTH_NOISE))
+        forces = self.forces + self.noise.forces(count, stream(Repeated.FORCE_NOISE))
         if section.outliers is not None:
-            stream = self._stream(repetition, Repeated.OUTLIERS)
-            length_errors, force_errors = gross_errors(section.outliers, count, stream)
+            length_errors, force_errors = gross_errors(
+                section.outliers, count, stream(Repeated.OUTLIERS)
+            )
             lengths += length_errors
             forces += force_errors
         if section.quantisation is not None:
@@ -160,9 +164,6 @@ class Twin:
             period=self.grid.period_numbers,
             source=f"digital twin of {self.truth.name}, repetition {repetition}",
         )
-
-    def _stream(self, repetition: int, purpose: Repeated) -> np.random.Generator:
-        return repetition_stream(self.truth.seed, repetition, purpose)
 
 
 def _table_truth(table: TableFile, error: float) -> ExecutedTableTruth:

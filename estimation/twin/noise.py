@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -55,16 +54,13 @@ class SensorNoise:
 
     def forces(self, count: int, rng: np.random.Generator) -> Array:
         """Draw the noise of `count` force samples, (count, 6), N."""
-        return rng.standard_normal((count, 6)) @ self._force_factor.T
+        return _draws(self.force_covariance, count, rng)
 
     def lengths(self, count: int, rng: np.random.Generator) -> Array:
         """Draw the noise of `count` length samples, (count, 6), m."""
-        return rng.standard_normal((count, 6)) @ self._length_factor.T
+        return _draws(self.length_covariance, count, rng)
 
-    @cached_property
-    def _force_factor(self) -> Array:
-        return np.asarray(np.linalg.cholesky(self.force_covariance), dtype=np.float64)
 
-    @cached_property
-    def _length_factor(self) -> Array:
-        return np.asarray(np.linalg.cholesky(self.length_covariance), dtype=np.float64)
+def _draws(covariance: Array, count: int, rng: np.random.Generator) -> Array:
+    factor = np.linalg.cholesky(covariance)
+    return rng.standard_normal((count, len(covariance))) @ factor.T

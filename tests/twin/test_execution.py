@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from estimation.twin.execution import executed_motion
+from estimation.twin.disturbances import executed_motion
 from expdesign.configuration.sections.experiment import TrackingError
 from tests.twin.examples import motion
 

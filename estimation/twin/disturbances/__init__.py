@@ -1,1 +1,0 @@
-"""What disturbs a measurement beside its noise, one concept per file."""
