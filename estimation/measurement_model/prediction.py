@@ -33,7 +33,7 @@ def force_kernel(terms: tuple[Term, ...]) -> BatchFunction:
     return BatchFunction(
         "force_sensitivity",
         [graph.state, graph.signs],
-        [graph.machine.vector, graph.parameters],
+        [graph.machine, graph.parameters],
         [regressor, slope],
     )
 
@@ -43,9 +43,7 @@ def held_regressor_kernel(terms: tuple[Term, ...]) -> BatchFunction:
     """State (18), signs (s) → regressor A (6, m) with the signs given."""
     graph = hexapod_graph(terms)
     regressor = graph.regressor_with(Friction.HELD)
-    return BatchFunction(
-        "held_regressor", [graph.state, graph.signs], [graph.machine.vector], [regressor]
-    )
+    return BatchFunction("held_regressor", [graph.state, graph.signs], [graph.machine], [regressor])
 
 
 @cache

@@ -34,73 +34,41 @@ class Friction(Enum):
 
 
 @dataclass(frozen=True)
-class MachineSymbols:
-    """A robot as input of the graph: one graph serves every robot with the same terms.
-
-    Attributes
-    ----------
-    geometry : GeometrySymbols
-    constants : (c, 1)
-        Of the terms in their order.
-    nominal : (m, 1)
-        Nominal parameters, from which the load of an actuator is known that friction may take.
-    """
-
-    geometry: GeometrySymbols
-    constants: ca.SX
-    nominal: ca.SX
-
-    @property
-    def vector(self) -> ca.SX:
-        """All of it as one column, in the order of `Robot.machine`."""
-        return ca.vertcat(self.geometry.vector, self.constants, self.nominal)
-
-
-@dataclass(frozen=True)
 class HexapodGraph:
-    """Symbols and expressions of one instant. SI units and radians.
-
-    Attributes
-    ----------
-    pose, rate, acceleration : (6, 1)
-        λ, λ̇, λ̈.
-    geometry : GeometrySymbols
-    machine : MachineSymbols
-        What A depends on beside the state.
-    rates : tuple of SlidingRate
-        Those whose signs the terms use.
-    signs : (s, 1)
-        Friction signs, six of each rate.
-    sliding : (s, 1)
-        The rates whose signs they are.
-    width : scalar
-        Of the smoothed signs, m/s.
-    parameters : (m, 1)
-    length_scale : scalar
-        Characteristic length that makes rotations comparable with translations, m.
-    regressor : (6, m)
-        A with `signs` in place of the sign functions.
-    kinematic : mapping
-        Quantities that depend on no parameter, by name (see `quantities`).
-    """
+    """Symbols and expressions of one instant, columns but the regressor. SI units and radians."""
 
     pose: ca.SX
     rate: ca.SX
     acceleration: ca.SX
     geometry: GeometrySymbols
-    machine: MachineSymbols
+    constants: ca.SX
+    """(c, 1), of the terms in their order."""
+    nominal: ca.SX
+    """(m, 1), nominal parameters: from them a term may know the load of the actuators."""
     rates: tuple[SlidingRate, ...]
+    """Those whose signs the terms use."""
     signs: ca.SX
+    """(s, 1), six of each rate."""
     width: ca.SX
+    """Of the smoothed signs, m/s."""
     parameters: ca.SX
+    """(m, 1)."""
     length_scale: ca.SX
+    """Characteristic length that makes rotations comparable with translations, m."""
     regressor: ca.SX
+    """(6, m), A with `signs` in place of the sign functions."""
     kinematic: Mapping[str, ca.SX]
+    """Quantities that depend on no parameter, by name (see `quantities`)."""
 
     @property
     def state(self) -> ca.SX:
         """(18, 1): pose, rate and acceleration."""
         return ca.vertcat(self.pose, self.rate, self.acceleration)
+
+    @property
+    def machine(self) -> ca.SX:
+        """(g + c + m, 1): what A depends on beside the state, so that one graph serves many."""
+        return ca.vertcat(self.geometry.vector, self.constants, self.nominal)
 
     @property
     def sliding(self) -> ca.SX:
@@ -109,14 +77,15 @@ class HexapodGraph:
 
     @cached_property
     def jumping(self) -> tuple[bool, ...]:
-        """M values, True for columns with a sign in them: they jump where a rate changes sign."""
+        """True for each column with a sign in it: it jumps where a rate changes sign."""
         slope = ca.jacobian(ca.sum1(self.regressor).T, self.signs)
         return tuple(slope[k, :].nnz() > 0 for k in range(slope.shape[0]))
 
-    def friction_signs(self, friction: Friction) -> ca.SX:
-        """Return the signs as expressions of the state, or as the symbols themselves."""
-        if friction is Friction.EXACT:
-            return ca.sign(self.sliding)
+    def regressor_with(self, friction: Friction) -> ca.SX:
+        """Return A (6, m) with the friction signs of the kind asked for."""
+        if friction is Friction.HELD:
+            return self.regressor
+        signs = ca.sign(self.sliding)
         if friction is Friction.SMOOTH:
             # One width in m/s for the actuators; a passive joint slides by the angle that a
             # strut of the present length turns, so that its width is the same at the strut's end.
@@ -124,14 +93,7 @@ class HexapodGraph:
                 ca.SX.ones(ACTUATORS) if rate.arm is None else self.kinematic[rate.arm]
                 for rate in self.rates
             )
-            return ca.tanh(self.sliding * arm / self.width)
-        return self.signs
-
-    def regressor_with(self, friction: Friction) -> ca.SX:
-        """Return A (6, m) with the friction signs of the kind asked for."""
-        if friction is Friction.HELD:
-            return self.regressor
-        signs = self.friction_signs(friction)
+            signs = ca.tanh(self.sliding * arm / self.width)
         return ca.cse(ca.substitute(self.regressor, self.signs, signs))
 
     def quantities(self, friction: Friction) -> Mapping[str, ca.SX]:
@@ -149,12 +111,9 @@ class HexapodGraph:
 
     def inputs(self, friction: Friction) -> list[ca.SX]:
         """Return state, machine, parameters, characteristic length and the friction's input."""
-        extra = {
-            Friction.EXACT: ca.SX(0, 1),
-            Friction.SMOOTH: self.width,
-            Friction.HELD: self.signs,
-        }[friction]
-        return [self.state, self.machine.vector, self.parameters, self.length_scale, extra]
+        extra = {Friction.SMOOTH: self.width, Friction.HELD: self.signs}
+        own = extra.get(friction, ca.SX(0, 1))
+        return [self.state, self.machine, self.parameters, self.length_scale, own]
 
 
 @cache
@@ -212,11 +171,8 @@ def hexapod_graph(terms: tuple[Term, ...] = ()) -> HexapodGraph:
     rates = tuple(dict.fromkeys(rate for term in terms for rate in term.rates))
     signs = ca.SX.sym("sign", ACTUATORS * len(rates))
     count = len(parameters_of(terms))
-    machine = MachineSymbols(
-        geometry,
-        constants=ca.SX.sym("constant", sum(len(term.constants) for term in terms)),
-        nominal=ca.SX.sym("nominal", count),
-    )
+    constants = ca.SX.sym("constant", sum(len(term.constants) for term in terms))
+    nominal = ca.SX.sym("nominal", count)
     instant = Instant(
         kinematic=kinematic,
         struts=tuple(struts),
@@ -234,28 +190,28 @@ def hexapod_graph(terms: tuple[Term, ...] = ()) -> HexapodGraph:
         rate=rate,
         acceleration=acceleration,
         geometry=geometry,
-        machine=machine,
+        constants=constants,
+        nominal=nominal,
         rates=rates,
         signs=signs,
         width=ca.SX.sym("width"),
         parameters=ca.SX.sym("p", count),
         length_scale=length_scale,
-        regressor=ca.cse(_regressor(terms, instant, machine, transposed)),
+        # ca.inv on SX is a QR factorisation: as accurate as the Jacobian's condition allows.
+        regressor=ca.cse(_regressor(terms, instant, constants, nominal, ca.inv(transposed))),
         kinematic=kinematic,
     )
 
 
 def _regressor(
-    terms: tuple[Term, ...], instant: Instant, machine: MachineSymbols, transposed: ca.SX
+    terms: tuple[Term, ...], instant: Instant, constants: ca.SX, nominal: ca.SX, carried: ca.SX
 ) -> ca.SX:
-    """Return A, (6, m): wrenches are carried to the actuators by Q = G⁻ᵀ W."""
-    # ca.inv on SX is a QR factorisation: as accurate as the Jacobian's condition allows.
-    carried = ca.inv(transposed)
+    """Return A, (6, m); `carried` is G⁻ᵀ, which takes wrenches to the actuators."""
     regressor = ca.SX(ACTUATORS, 0)
     load = ca.SX.zeros(ACTUATORS)
-    constants = iter(ca.vertsplit(machine.constants))
+    values = iter(ca.vertsplit(constants))
     for term in terms:
-        own = {constant.name: next(constants) for constant in term.constants}
+        own = {constant.name: next(values) for constant in term.constants}
         signs = {rate: instant.signs[rate] for rate in term.rates}
         columns = term.columns(replace(instant, signs=signs, constants=own, load=load))
         part = ca.SX(ACTUATORS, len(term.parameters))
@@ -265,7 +221,7 @@ def _regressor(
             part += columns.along
         if not term.rates:
             first = regressor.shape[1]
-            load += part @ machine.nominal[first : first + part.shape[1]]
+            load += part @ nominal[first : first + part.shape[1]]
         regressor = ca.horzcat(regressor, part)
     return ca.densify(regressor)
 

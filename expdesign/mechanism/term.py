@@ -7,12 +7,12 @@ columns of the parameters come from there, and from nowhere else.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
 
-from expdesign.mechanism.hexapod import ACTUATORS
+from expdesign.mechanism.hexapod import ACTUATORS, numbered
 from expdesign.mechanism.strut import StrutKinematics
 
 
@@ -20,106 +20,70 @@ from expdesign.mechanism.strut import StrutKinematics
 class Scale:
     """What counts as one for a parameter without a nominal value: share · p10ᵃ · Lᵇ · |g|ᶜ.
 
-    L is the robot's characteristic length, the attributes are the powers a, b and c.
+    L is the robot's characteristic length; mass, length and gravity are the powers a, b and c.
     """
 
+    text: str
     mass: int = 0
     length: int = 0
     gravity: int = 0
     share: float = 1.0
-    text: str = "1"
 
     def of(self, mass: float, length: float, gravity: float) -> float:
-        """Return the scale in the parameter's unit; 1 where the machine's is zero."""
+        """Return the scale, SI; 1 where a robot's is zero."""
         size = self.share * mass**self.mass * length**self.length * gravity**self.gravity
         return size or 1.0
 
 
-ONE = Scale()
-FIRST_MOMENT_SCALE = Scale(mass=1, length=1, text="p10 L")
-INERTIA_SCALE = Scale(mass=1, length=2, text="p10 L²")
-WEIGHT_SCALE = Scale(mass=1, gravity=1, share=1 / ACTUATORS, text="p10 g / 6")
+ONE = Scale("1")
+FIRST_MOMENT_SCALE = Scale("p10 L", mass=1, length=1)
+INERTIA_SCALE = Scale("p10 L²", mass=1, length=2)
+WEIGHT_SCALE = Scale("p10 g / 6", mass=1, gravity=1, share=1 / ACTUATORS)
 """The share of the platform's weight that one actuator bears."""
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """One parameter, and with it one column of A.
-
-    Attributes
-    ----------
-    name : str
-        As in files; no two terms of the catalogue share one.
-    unit : str
-        SI, as in files: ``kg m^2``.
-    meaning : str
-        The same text for parameters that differ in their number only.
-    scale : Scale
-        What counts as one where the nominal value is zero.
-    lower : float
-        Below it no machine can be, SI.
-    strict : bool
-        Whether `lower` itself is impossible too.
-    default : float or None
-        Nominal value where the robot file gives none; None: the file must give it.
-    """
+    """One parameter, and with it one column of A."""
 
     name: str
+    """As in files; no two terms of the catalogue share one."""
     unit: str
+    """SI, as in files: ``kg m^2``."""
     meaning: str
+    """The same text for parameters that differ in their number only."""
     scale: Scale = ONE
     lower: float = -np.inf
+    """No machine is below it, SI."""
     strict: bool = False
+    """Whether no machine is at `lower` either."""
     default: float | None = None
+    """Nominal value where the robot file gives none; None: the file must give it."""
 
 
-def per_actuator(
-    prefix: str,
-    unit: str,
-    meaning: str,
-    *,
-    scale: Scale = ONE,
-    lower: float = -np.inf,
-    default: float | None = None,
-) -> tuple[Parameter, ...]:
-    """Return one parameter for each actuator: ``r1`` … ``r6``."""
-    return tuple(
-        Parameter(f"{prefix}{j + 1}", unit, meaning, scale, lower, default=default)
-        for j in range(ACTUATORS)
-    )
+def per_actuator(parameter: Parameter) -> tuple[Parameter, ...]:
+    """Return the parameter once for each actuator, numbered: ``r1`` … ``r6``."""
+    return tuple(replace(parameter, name=name) for name in numbered(parameter.name))
 
 
 @dataclass(frozen=True)
 class Constant:
-    """A number of a term in which A is not linear, such as a pitch: an input of the graph.
-
-    Attributes
-    ----------
-    name, unit, meaning : str
-    value : float or None
-        Where the robot file gives none, SI; None: the file must give it.
-    """
+    """A number of a term in which A is not linear, such as a pitch: an input of the graph."""
 
     name: str
     unit: str
     meaning: str
     value: float | None = None
+    """Where the robot file gives none, SI; None: the file must give it."""
 
 
 @dataclass(frozen=True)
 class SlidingRate:
-    """Six rates whose signs dry friction takes.
-
-    Attributes
-    ----------
-    quantity : str
-        Name of the kinematic quantity (`HexapodGraph.kinematic`), (6, 1).
-    arm : str or None
-        Quantity that makes an angular rate a speed, m; None for what is a speed already.
-    """
+    """Six rates whose signs dry friction takes, by the name of the kinematic quantity."""
 
     quantity: str
     arm: str | None = None
+    """Quantity that makes an angular rate a speed; None for what is a speed already."""
 
 
 STRUT_SPEED = SlidingRate("strut_speed")
@@ -129,57 +93,36 @@ BETA_RATE = SlidingRate("beta_rate", arm="strut_length")
 
 @dataclass(frozen=True)
 class Instant:
-    """What the columns of a term may depend on: symbols and expressions, SI units and radians.
-
-    Attributes
-    ----------
-    kinematic : mapping
-        Named quantities of `HexapodGraph.quantities`, but the forces.
-    struts : tuple of StrutKinematics
-        One for each strut.
-    arms : (3, 6)
-        From the TCP to the platform joints, base frame, m.
-    acceleration : (3, 1)
-        Of the TCP, base frame, m/s².
-    angular_velocity, angular_acceleration : (3, 1)
-        ω, ω̇ in the base frame.
-    gravity : (3, 1)
-        g in the base frame, m/s².
-    signs : mapping
-        Signs (6, 1) of the rates that the term names.
-    constants : mapping
-        The term's constants by name.
-    load : (6, 1)
-        Force of the actuators at the nominal parameters by the terms listed before this one,
-        without those that take signs, N.
-    """
+    """What the columns of a term may depend on: expressions in the base frame, SI units, rad."""
 
     kinematic: Mapping[str, ca.SX]
+    """Named quantities of `HexapodGraph.quantities`, but the forces."""
     struts: tuple[StrutKinematics, ...]
     arms: ca.SX
+    """(3, 6), from the TCP to the platform joints."""
     acceleration: ca.SX
+    """(3, 1), of the TCP."""
     angular_velocity: ca.SX
     angular_acceleration: ca.SX
     gravity: ca.SX
+    """(3, 1), g."""
     signs: Mapping[SlidingRate, ca.SX]
+    """(6, 1) of each rate that the term names."""
     constants: Mapping[str, ca.SX]
+    """The term's own, by name."""
     load: ca.SX
+    """(6, 1), force of the actuators at the nominal parameters by the terms listed before this
+    one, without those that take signs."""
 
 
 @dataclass(frozen=True)
 class Columns:
-    """A term's part of A in two parts that are added; one that is None is zero.
-
-    Attributes
-    ----------
-    wrench : (6, k) or None
-        Force and moment about the TCP, base frame: the graph carries them to the actuators.
-    along : (6, k) or None
-        Forces of the actuators themselves, N.
-    """
+    """A term's part of A, (6, k), in two parts that are added; one that is None is zero."""
 
     wrench: ca.SX | None = None
+    """Force and moment about the TCP, base frame: the graph carries them to the actuators."""
     along: ca.SX | None = None
+    """Forces of the actuators themselves."""
 
 
 def _nothing_more(_: Mapping[str, float]) -> list[str]:
@@ -188,31 +131,20 @@ def _nothing_more(_: Mapping[str, float]) -> list[str]:
 
 @dataclass(frozen=True)
 class Term:
-    """A block of the regressor.
-
-    Attributes
-    ----------
-    name : str
-        Its key in the robot file's `terms`, and the name of its file.
-    meaning : str
-    parameters : tuple of Parameter
-        k of them, in the order of the columns.
-    columns : callable
-        `Instant` → `Columns` with k columns, per unit of each parameter.
-    rates : tuple of SlidingRate
-        Those whose signs the columns contain.
-    constants : tuple of Constant
-    impossible : callable
-        Nominal values by name → what no real bodies have beyond each one's lower bound, in words.
-    """
+    """A block of the regressor."""
 
     name: str
+    """Its key in the robot file's `terms`, and the name of its file."""
     meaning: str
     parameters: tuple[Parameter, ...]
+    """In the order of the columns."""
     columns: Callable[[Instant], Columns]
+    """The columns for one of each parameter, in its unit."""
     rates: tuple[SlidingRate, ...] = ()
+    """Those whose signs the columns contain."""
     constants: tuple[Constant, ...] = ()
     impossible: Callable[[Mapping[str, float]], list[str]] = _nothing_more
+    """Nominal values by name → what no bodies have beyond each one's bound, in words."""
 
 
 def parameters_of(terms: tuple[Term, ...]) -> tuple[Parameter, ...]:

@@ -30,7 +30,7 @@ class RegressorKernels:
         regressor = graph.regressor_with(Friction.SMOOTH)
         flat = ca.vec(regressor.T)
         slope = ca.cse(ca.jacobian(flat, graph.state))
-        fixed = [graph.machine.vector, graph.width]
+        fixed = [graph.machine, graph.width]
         return cls(
             BatchFunction("regressor", [graph.state], fixed, [regressor]),
             BatchFunction("regressor_slope", [graph.state], fixed, [regressor, slope]),

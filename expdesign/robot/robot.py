@@ -58,7 +58,7 @@ def _regressor_kernel(terms: tuple[Term, ...]) -> BatchFunction:
     """State (18) → regressor (6, m) with the exact signs of dry friction."""
     graph = hexapod_graph(terms)
     regressor = graph.regressor_with(Friction.EXACT)
-    return BatchFunction("regressor", [graph.state], [graph.machine.vector], [regressor])
+    return BatchFunction("regressor", [graph.state], [graph.machine], [regressor])
 
 
 @dataclass(frozen=True)

@@ -173,7 +173,9 @@ def _stribeck_columns(instant):
 STRIBECK = Term(
     name="stribeck",
     meaning="friction of the actuators that falls with the speed",
-    parameters=per_actuator("s", "N", "static friction beyond the dry one", lower=0, default=0.0),
+    parameters=per_actuator(
+        Parameter("s", "N", "static friction beyond the dry one", lower=0, default=0.0)
+    ),
     columns=_stribeck_columns,
     rates=(STRUT_SPEED,),
     constants=(Constant("velocity", "m/s", "speed at which it has fallen to 1/e"),),
@@ -219,10 +221,8 @@ def test_the_derivative_to_a_constant_is_there_for_its_estimation(stribeck):
     assert described.constants["velocity"].estimate
     graph, p = robot.graph, np.concatenate([robot.parameters[:24], np.full(6, 5.0)])
     forces = graph.regressor_with(Friction.EXACT) @ graph.parameters
-    slope = ca.jacobian(forces, graph.machine.constants)
-    kernel = BatchFunction(
-        "slope", [graph.state], [graph.machine.vector, graph.parameters], [slope]
-    )
+    slope = ca.jacobian(forces, graph.constants)
+    kernel = BatchFunction("slope", [graph.state], [graph.machine, graph.parameters], [slope])
     states = _states(robot)
     (found,) = kernel(np.concatenate(states, axis=1), robot.machine, p)
     ends = [stribeck(0.4 + step).actuator_forces(*states, p) for step in (1e-6, -1e-6)]

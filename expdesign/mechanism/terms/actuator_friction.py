@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import casadi as ca
 
-from expdesign.mechanism.term import STRUT_SPEED, Columns, Instant, Term, per_actuator
+from expdesign.mechanism.term import STRUT_SPEED, Columns, Instant, Parameter, Term, per_actuator
 
 
 def _columns(instant: Instant) -> Columns:
@@ -16,8 +16,8 @@ TERM = Term(
     name="actuator_friction",
     meaning="dry and viscous friction of the actuators",
     parameters=(
-        *per_actuator("r", "N", "dry friction of the actuators", lower=0),
-        *per_actuator("v", "N s/m", "viscous friction of the actuators", lower=0),
+        *per_actuator(Parameter("r", "N", "dry friction of the actuators", lower=0)),
+        *per_actuator(Parameter("v", "N s/m", "viscous friction of the actuators", lower=0)),
     ),
     columns=_columns,
     rates=(STRUT_SPEED,),

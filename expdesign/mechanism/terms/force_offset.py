@@ -5,7 +5,7 @@ from __future__ import annotations
 import casadi as ca
 
 from expdesign.mechanism.hexapod import ACTUATORS
-from expdesign.mechanism.term import WEIGHT_SCALE, Columns, Instant, Term, per_actuator
+from expdesign.mechanism.term import WEIGHT_SCALE, Columns, Instant, Parameter, Term, per_actuator
 
 
 def _columns(_: Instant) -> Columns:
@@ -16,7 +16,7 @@ TERM = Term(
     name="force_offset",
     meaning="constant force of each actuator",
     parameters=per_actuator(
-        "o", "N", "constant force of the actuators", scale=WEIGHT_SCALE, default=0.0
+        Parameter("o", "N", "constant force of the actuators", WEIGHT_SCALE, default=0.0)
     ),
     columns=_columns,
 )

@@ -7,29 +7,22 @@ import casadi as ca
 from expdesign.mechanism.strut import torque_wrench
 from expdesign.mechanism.term import ALPHA_RATE, BETA_RATE, Columns, Instant, Parameter, Term
 
+_MEANING = "dry friction about the cardan axes, the same in all struts"
+
 
 def _columns(instant: Instant) -> Columns:
     alpha, beta = instant.signs[ALPHA_RATE], instant.signs[BETA_RATE]
-    return Columns(
-        sum(
-            (
-                torque_wrench(strut, instant.arms[:, j], ca.diag(ca.vertcat(alpha[j], beta[j])))
-                for j, strut in enumerate(instant.struts)
-            ),
-            ca.SX.zeros(6, 2),
-        )
-    )
+    wrench = ca.SX.zeros(6, 2)
+    for j, strut in enumerate(instant.struts):
+        torques = ca.diag(ca.vertcat(alpha[j], beta[j]))
+        wrench += torque_wrench(strut, instant.arms[:, j], torques)
+    return Columns(wrench)
 
 
 TERM = Term(
     name="passive_friction",
     meaning="dry friction about the cardan axes",
-    parameters=tuple(
-        Parameter(
-            name, "N m", "dry friction about the cardan axes, the same in all struts", lower=0
-        )
-        for name in ("r_alpha", "r_beta")
-    ),
+    parameters=tuple(Parameter(name, "N m", _MEANING, lower=0) for name in ("r_alpha", "r_beta")),
     columns=_columns,
     rates=(ALPHA_RATE, BETA_RATE),
 )

@@ -85,6 +85,16 @@ def _moment_of_inertia(name: str, axis: str, first: str, second: str) -> Paramet
     return Parameter(name, "kg m^2", meaning, INERTIA_SCALE, lower=0, strict=True)
 
 
+_LATERAL = Parameter(
+    "s", "kg m", "lateral first moments; general platform only", FIRST_MOMENT_SCALE, default=0.0
+)
+_PRODUCT = Parameter(
+    "I",
+    "kg m^2",
+    "products of inertia as matrix entries; general platform only",
+    INERTIA_SCALE,
+    default=0.0,
+)
 SYMMETRIC = Term(
     name="rigid_platform",
     meaning="the platform as a rigid body, with the sliders' masses at its joints",
@@ -102,26 +112,8 @@ GENERAL = replace(
     SYMMETRIC,
     parameters=(
         *SYMMETRIC.parameters,
-        *(
-            Parameter(
-                name,
-                "kg m",
-                "lateral first moments; general platform only",
-                FIRST_MOMENT_SCALE,
-                default=0.0,
-            )
-            for name in ("sx", "sy")
-        ),
-        *(
-            Parameter(
-                name,
-                "kg m^2",
-                "products of inertia as matrix entries; general platform only",
-                INERTIA_SCALE,
-                default=0.0,
-            )
-            for name in _PRODUCTS
-        ),
+        *(replace(_LATERAL, name=name) for name in ("sx", "sy")),
+        *(replace(_PRODUCT, name=name) for name in _PRODUCTS),
     ),
     columns=_general,
 )
