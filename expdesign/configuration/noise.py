@@ -7,10 +7,11 @@ from dataclasses import dataclass
 from typing import Annotated, Any
 
 import numpy as np
+from pydantic import model_validator
 
 from constraints.arrays import Array
 from expdesign.configuration.document import Placed
-from expdesign.configuration.problem import Problem
+from expdesign.configuration.problem import Problem, refusal
 from expdesign.configuration.section import Section
 from expdesign.configuration.values.lists import exactly, read_only
 from expdesign.configuration.values.quantity import (
@@ -34,11 +35,15 @@ _ForceCovariance = Annotated[tuple[Annotated[tuple[ForceVariance, ...], _VALUES]
 _LengthCovariance = Annotated[tuple[Annotated[tuple[LengthVariance, ...], _VALUES], ...], _ROWS]
 
 
+def _keys(family: str) -> tuple[str, str, str]:
+    return f"{family}_std", f"{family}_correlation", f"{family}_covariance"
+
+
 class NoiseDescription(Section):
     """Noise of one sample of the actuators, as the YAML states it.
 
     A standard deviation with an optional correlation (default: none), or a covariance.
-    Whether they go together is checked after robot and run are merged.
+    Whether a correlation has its standard deviation is checked after robot and run are merged.
     """
 
     force_std: Annotated[tuple[Annotated[Force, Positive], ...], _VALUES] | None = None
@@ -47,6 +52,18 @@ class NoiseDescription(Section):
     length_std: Annotated[tuple[Annotated[Length, Positive], ...], _VALUES] | None = None
     length_correlation: _Correlation | None = None
     length_covariance: _LengthCovariance | None = None
+
+    @model_validator(mode="after")
+    def _one_of_both_ways(self) -> NoiseDescription:
+        for std, correlation, covariance in map(_keys, _FAMILIES):
+            given = [key for key in (std, correlation) if getattr(self, key) is not None]
+            if getattr(self, covariance) is not None and given:
+                raise refusal(
+                    f"{covariance} and {given[0]} are both given",
+                    f"{covariance}, or a standard deviation with an optional correlation",
+                    key=covariance,
+                )
+        return self
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,8 +85,8 @@ def resolve_noise(
     ----------
     sources : sequence of Placed[NoiseDescription]
         Later ones override earlier ones key by key. A later covariance takes the place of an
-        earlier standard deviation and correlation, a later standard deviation that of an
-        earlier covariance.
+        earlier standard deviation and correlation, a later standard deviation or correlation
+        that of an earlier covariance.
 
     Returns
     -------
@@ -83,29 +100,19 @@ def resolve_noise(
         return None, None, []
     merged: dict[str, Any] = {}
     places: dict[str, Placed[NoiseDescription]] = {}
-    problems: list[Problem] = []
     for source in sources:
         given = {k: v for k, v in source.value if v is not None}
         for family in _FAMILIES:
             std, correlation, covariance = _keys(family)
             if covariance in given:
-                problems += (
-                    source.problem(
-                        (covariance,),
-                        f"{covariance} and {other} are both given",
-                        f"{covariance}, or a standard deviation with an optional correlation",
-                    )
-                    for other in [key for key in (std, correlation) if key in given][:1]
-                )
                 merged.pop(std, None)
                 merged.pop(correlation, None)
-            if std in given:
+            if std in given or correlation in given:
                 merged.pop(covariance, None)
         merged |= given
         places |= dict.fromkeys(given, source)
-    if problems:
-        return None, None, problems
     covariances: list[Array | None] = []
+    problems: list[Problem] = []
     for family in _FAMILIES:
         covariance_of_family, found = _family(family, merged, places)
         covariances.append(covariance_of_family)
@@ -113,10 +120,6 @@ def resolve_noise(
     if problems:
         return None, None, problems
     return NoiseDescription(**merged), ResolvedNoise(*covariances), []
-
-
-def _keys(family: str) -> tuple[str, str, str]:
-    return f"{family}_std", f"{family}_correlation", f"{family}_covariance"
 
 
 def _family(

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from expdesign.configuration import InputError, NoiseDescription
+from expdesign.configuration import InputError, NoiseDescription, validate
 from expdesign.configuration.document import Document, Placed
 from expdesign.configuration.noise import resolve_noise
 
@@ -12,12 +12,15 @@ RING = [[0.5 ** min(abs(i - j), 6 - abs(i - j)) for j in range(6)] for i in rang
 
 
 def _resolve(*raws):
-    sources = [
-        Placed(NoiseDescription.model_validate(raw), Document({}), ("noise",)) for raw in raws
-    ]
-    _, noise, problems = resolve_noise(sources)
-    if problems:
-        raise InputError(problems)
+    sources, problems = [], []
+    for raw in raws:
+        description, found = validate(NoiseDescription, raw, Document({}), ("noise",))
+        problems += found
+        if description is not None:
+            sources.append(Placed(description, Document({}), ("noise",)))
+    _, noise, found = resolve_noise(sources)
+    if problems + found:
+        raise InputError(problems + found)
     return noise
 
 
@@ -156,3 +159,8 @@ def test_any_matrix_is_a_covariance_or_refused(matrix):
     except InputError:
         return
     np.linalg.cholesky(noise.force_covariance)
+
+
+def test_a_correlation_alone_does_not_go_with_an_earlier_covariance():
+    problem = _problem({"force_covariance": np.eye(6).tolist()}, {"force_correlation": RING})
+    assert "without force_std" in problem.message
