@@ -1,4 +1,3 @@
-import json
 from pathlib import Path
 
 import numpy as np
@@ -183,7 +182,3 @@ def test_files_are_package_data_next_to_the_module():
 
     folder = Path(expdesign.library.__file__).parent
     assert sorted(p.stem for p in (folder / "robots").iterdir()) == list(ROBOTS)
-
-
-def test_json_of_a_description(robot):
-    assert json.loads(robot.description.model_dump_json())["name"] == robot.name

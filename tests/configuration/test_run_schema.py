@@ -20,35 +20,6 @@ def error_of(run_mapping, the_problem):
     return error
 
 
-def test_defaults():
-    run = _run()
-    assert run.stages == ()
-    assert (run.workers, run.scheduler) == (2, None)
-    t = run.trajectory
-    assert (t.harmonics, t.frequency, t.samples) == (5, (0.1, 0.6), 200)
-    d = run.design
-    assert (d.criterion, d.starts, d.seed, d.search, d.hops) == ("d", 8, 0, "restarts", 100)
-    assert (d.start, d.scaling, d.parameters) == ("periodic", "si", None)
-    assert d.smoothing is None
-    assert d.max_iterations >= 1
-    assert d.max_seconds is None
-    e = run.experiment
-    assert (e.periods, e.sampling, e.seed, e.drift, e.step) == (10, 1000.0, 1, 0.0, 0.001)
-    assert (e.tracking_error, e.cogging, e.quantisation, e.outliers) == (None, None, None, None)
-    m = run.montecarlo
-    assert (m.repetitions, m.estimators, m.seed) == (400, ("ls", "gm", "ml"), 0)
-    s = run.estimate
-    assert (s.estimators, s.differentiation, s.harmonics) == (("ls", "gm", "ml"), "fourier", None)
-    assert (s.noise, s.frequency, s.fixed, s.prior, s.bounds) == ("auto", "known", {}, {}, {})
-    assert (run.data.time, run.data.time_tolerance, run.data.delimiter) == ("uniform", 0.01, ",")
-    assert (run.validation, run.export) == ((), ())
-
-
-def test_models_are_frozen():
-    with pytest.raises(ValidationError):
-        _run().design.starts = 3
-
-
 def test_stages_are_those_that_are_named_in_their_order():
     run = _run(
         report={},
