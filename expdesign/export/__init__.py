@@ -1,6 +1,5 @@
 """Controller tables: a motion in the format of the controller that executes it."""
 
-from expdesign.export.catalogue import table_formats
 from expdesign.export.definition import Settings, TableFormat, Task
 from expdesign.export.exporting import (
     Export,
@@ -10,6 +9,7 @@ from expdesign.export.exporting import (
     refuse_missing_library,
     refuse_unreadable_name,
 )
+from expdesign.export.formats import table_formats
 from expdesign.export.read_back import ReadBack, read_back
 from expdesign.export.readme import readme
 from expdesign.export.record import (

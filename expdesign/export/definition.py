@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
+
+import numpy as np
 
 from constraints.arrays import Array
 from expdesign.configuration import ExportSection
 from expdesign.export.axes import Axes
-from expdesign.export.interpolation import Interpolation
+from expdesign.export.execution import Interpolation
 from expdesign.export.rows import Rows
 from expdesign.motion import ExecutableMotion
 from expdesign.robot import Robot
@@ -56,6 +59,7 @@ class Settings:
     Attributes
     ----------
     section : ExportSection
+    form : TableFormat
     name : str
         Of the run.
     axes : Axes
@@ -76,6 +80,7 @@ class Settings:
     """
 
     section: ExportSection
+    form: TableFormat
     name: str
     axes: Axes
     digits: int | None
@@ -98,9 +103,18 @@ class Settings:
         text = f"{value:.{self.digits}f}"
         return text.removeprefix("-") if not text.strip("-0.") else text
 
+    def numbers(self, values: Array) -> list[str]:
+        """Return the numbers of a row, (k,), each as `number`."""
+        return [self.number(value) for value in values]
 
-def _as_they_are(times: Array) -> Array:
-    return times
+
+def rounded_times(digits: int) -> Callable[[Array], Array]:
+    """Return what rounds times to digits of a second after the decimal point."""
+    return partial(_rounded, digits=digits)
+
+
+def _rounded(times: Array, digits: int | None = None) -> Array:
+    return times if digits is None else np.round(times, digits)
 
 
 @dataclass(frozen=True)
@@ -136,8 +150,6 @@ class TableFormat:
         Whether its rotations are roll, pitch and yaw about fixed axes.
     whole : bool
         Whether the table also holds pose, struts and forces in SI units.
-    needs : str
-        Extra of the distribution without which it cannot be written, and a module of it.
     """
 
     name: str
@@ -151,7 +163,7 @@ class TableFormat:
     units: str = "mm"
     angles: str = "deg"
     axes: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    written_times: Callable[[Array], Array] = _as_they_are
+    written_times: Callable[[Array], Array] = _rounded
     uniform: bool = False
     fixed_angles: bool = False
     whole: bool = False

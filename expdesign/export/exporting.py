@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from constraints.arrays import Array
 from expdesign.configuration import ExportSection, InputError, Problem
 from expdesign.export import ros_bag
-from expdesign.export.catalogue import table_formats
 from expdesign.export.definition import Settings, Task
+from expdesign.export.formats import table_formats
 from expdesign.export.read_back import ReadBack, read_back
-from expdesign.export.row_times import chosen_times, ideal_rows
+from expdesign.export.row_times import chosen_times, ideal_rows, whole_motion
 from expdesign.export.rows import Rows
 from expdesign.export.settling import settled
-from expdesign.export.whole_motion import whole_motion
 from expdesign.runfolder.manifest import file_hash
 
 _BAG = ".mcap"
@@ -136,16 +135,15 @@ def export_table(
     ExportError
         The file is beyond a tolerance.
     """
-    form = table_formats()[section.format]
     refuse_missing_library(section, place)
     settings = settled(section, task)
-    times = chosen_times(form, task, settings, place)
+    times = chosen_times(task, settings, place)
     rows = table_rows(task, settings, times)
     path.parent.mkdir(parents=True, exist_ok=True)
     # A folder beside it: some libraries go by the file's name.
     with TemporaryDirectory(prefix=".export-", dir=path.parent) as folder:
         beside = Path(folder) / file_name(section)
-        (write or form.write)(beside, rows, settings)
+        (write or settings.form.write)(beside, rows, settings)
         check = read_back(beside, task, settings)
         if not check.passed:
             raise ExportError(path.name, check, settings)
@@ -156,9 +154,8 @@ def export_table(
 
 def table_rows(task: Task, settings: Settings, times: Array) -> Rows:
     """Return the rows of a table at these times, unrounded."""
-    form = table_formats()[settings.section.format]
     rows = ideal_rows(task, settings, times)
-    if not form.whole:
+    if not settings.form.whole:
         return rows
     record = whole_motion(task.robot, task.motion, times)
-    return Rows(rows.times, rows.position, rows.rate, rows.acceleration, record)
+    return replace(rows, record=record)

@@ -8,15 +8,17 @@ from pathlib import Path
 
 import numpy as np
 
-from expdesign.export.catalogue import table_formats
 from expdesign.export.definition import Settings, Task
-from expdesign.export.deviation import Deviation, blocks, deviation
-from expdesign.export.execution import ExecutedTable
-from expdesign.export.information import InformationChange, information_change
-from expdesign.export.interpolation import Interpolation, refined
-from expdesign.export.row_times import SHARE, ideal_rows
+from expdesign.export.deviation import (
+    Deviation,
+    InformationChange,
+    blocks,
+    deviation,
+    information_change,
+)
+from expdesign.export.execution import ExecutedTable, Interpolation, refined
+from expdesign.export.row_times import SHARE, ideal_rows, whole_motion
 from expdesign.export.rows import Rows, TableError
-from expdesign.export.whole_motion import whole_motion
 from expdesign.recheck import LimitCheck, judge, worst_of_each
 from expdesign.robot import ForwardKinematicsError, LimitModel
 
@@ -91,7 +93,7 @@ def read_back(path: Path, task: Task, settings: Settings) -> ReadBack:
     settings : Settings
         With which the file was written.
     """
-    form = table_formats()[settings.section.format]
+    form = settings.form
     try:
         rows = form.read(path, settings)
     except TableError as error:

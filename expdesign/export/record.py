@@ -7,7 +7,6 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from expdesign.export.catalogue import table_formats
 from expdesign.export.definition import Task
 from expdesign.export.exporting import Export
 from expdesign.export.read_back import LIMIT_SHARE, LOG_DET_CHANGE, STD_SHARE, limits_in_words
@@ -57,7 +56,7 @@ def motion_record(task: Task) -> dict[str, Any]:
 def file_record(export: Export) -> dict[str, Any]:
     """Return what the record says of a file."""
     settings, check = export.settings, export.check
-    form, axes = table_formats()[settings.section.format], settings.axes
+    form, axes = settings.form, settings.axes
     moved = _COORDINATES if axes.space == "pose" else tuple(f"q{j}" for j in range(1, 7))
     step = f"{1e3 * check.longest:.6g} ms"
     guide = form.guide.format(axes=", ".join(axes.names), step=step, file=export.path.name)

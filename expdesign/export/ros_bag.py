@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
@@ -13,11 +15,11 @@ import numpy as np
 
 from expdesign.configuration import InputError, Problem
 from expdesign.export.definition import Settings
-from expdesign.export.ros_messages import FRAME, NANOSECONDS, PLATFORM, Points, message_type
+from expdesign.export.ros_messages import FRAME, JOINTS, PLATFORM, message_type
 from expdesign.export.rows import TableError
 
 TOPICS = {
-    "trajectory_msgs/msg/JointTrajectory": "/joint_trajectory_controller/joint_trajectory",
+    JOINTS: "/joint_trajectory_controller/joint_trajectory",
     PLATFORM: "/platform_trajectory",
 }
 _BAG_VERSION = 9
@@ -55,22 +57,26 @@ def refuse_without_library(key: str = "encoding") -> None:
         )
 
 
-def write(path: Path, points: Points, settings: Settings) -> None:
+def write(path: Path, message: Mapping[str, Any], settings: Settings) -> None:
     """Write a message into a bag of one file."""
     rosbag2 = import_module("rosbags.rosbag2")
     store = _store()
     kind = message_type(settings)
-    message = _message(store, kind, points)
+    header = {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": FRAME}
+    # No efforts are commanded; points of a platform have none.
+    points = [{"effort": [], **point} for point in message["points"]]
+    data = {"header": header, "joint_names": message["joint_names"], "points": points}
+    built = _built(store, kind, data)
     with TemporaryDirectory(dir=path.parent) as folder:
         bag_folder = Path(folder) / "bag"
         plugin = rosbag2.StoragePlugin.MCAP
         with rosbag2.Writer(bag_folder, version=_BAG_VERSION, storage_plugin=plugin) as bag:
             connection = bag.add_connection(TOPICS[kind], kind, typestore=store)
-            bag.write(connection, 0, store.serialize_cdr(message, kind))
+            bag.write(connection, 0, store.serialize_cdr(built, kind))
         next(bag_folder.glob("*.mcap")).replace(path)
 
 
-def read(path: Path, settings: Settings) -> Points:
+def read(path: Path, settings: Settings) -> Mapping[str, Any]:
     """Read the message of a bag.
 
     Raises
@@ -92,7 +98,10 @@ def read(path: Path, settings: Settings) -> Points:
         raise TableError(f"no bag that can be read: {error}") from error
     if len(found) != 1:
         raise TableError(f"{len(found)} messages {kind} where there is one")
-    return _points(kind, found[0])
+    message = _plain(found[0])
+    for point in message["points"]:
+        point.pop("effort", None)
+    return message
 
 
 def _store() -> Any:
@@ -100,66 +109,28 @@ def _store() -> Any:
     return typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
 
 
-def _message(store: Any, kind: str, points: Points) -> Any:
-    types = store.types
-    stamp, duration = (types[f"builtin_interfaces/msg/{name}"] for name in ("Time", "Duration"))
-    header = types["std_msgs/msg/Header"](stamp=stamp(sec=0, nanosec=0), frame_id=FRAME)
-    point_type = types[f"{kind}Point"]
-    vector, quaternion, transform, twist = (
-        types[f"geometry_msgs/msg/{name}"]
-        for name in ("Vector3", "Quaternion", "Transform", "Twist")
-    )
-    made = []
-    for k, time in enumerate(points.nanoseconds.tolist()):
-        sec, nanosec = divmod(time, NANOSECONDS)
-        p, v, a = (
-            np.ascontiguousarray(x[k])
-            for x in (points.positions, points.velocities, points.accelerations)
-        )
-        stamped = {"time_from_start": duration(sec=sec, nanosec=nanosec)}
-        if kind == PLATFORM:
-            made.append(
-                point_type(
-                    transforms=[transform(vector(*p[:3]), quaternion(*p[3:]))],
-                    velocities=[twist(vector(*v[:3]), vector(*v[3:]))],
-                    accelerations=[twist(vector(*a[:3]), vector(*a[3:]))],
-                    **stamped,
-                )
-            )
-        else:
-            made.append(
-                point_type(
-                    positions=p, velocities=v, accelerations=a, effort=np.zeros(0), **stamped
-                )
-            )
-    return types[kind](header=header, joint_names=list(points.names), points=made)
+def _built(store: Any, kind: str, data: Any) -> Any:
+    """Return a message of a type from nested data."""
+    made = {}
+    for name, (node, about) in store.fielddefs[kind][1]:
+        value = data[name]
+        if node.name == "NAME":
+            value = _built(store, about, value)
+        elif node.name == "SEQUENCE":
+            (item, of), _ = about
+            if item.name == "NAME":
+                value = [_built(store, of, one) for one in value]
+            elif of[0] == "float64":
+                value = np.array(value, dtype=np.float64)
+        made[name] = value
+    return store.types[kind](**made)
 
 
-def _points(kind: str, message: Any) -> Points:
-    rows: list[tuple[Any, ...]] = []
-    for k, point in enumerate(message.points, start=1):
-        if kind == PLATFORM:
-            parts = (point.transforms, point.velocities, point.accelerations)
-            if any(len(part) != 1 for part in parts):
-                raise TableError(f"point {k} is not about one body")
-            place = point.transforms[0]
-            first = [*_vector(place.translation), *_vector(place.rotation), place.rotation.w]
-            rates = (point.velocities[0], point.accelerations[0])
-            twists = ([*_vector(t.linear), *_vector(t.angular)] for t in rates)
-            rows.append((first, *twists))
-        else:
-            cells = (point.positions, point.velocities, point.accelerations)
-            if any(len(cell) != 6 for cell in cells):  # noqa: PLR2004 - six struts
-                raise TableError(f"point {k} has not 6 positions, velocities and accelerations")
-            rows.append(cells)
-    if not rows:
-        raise TableError("the message has no points")
-    times = [
-        p.time_from_start.sec * NANOSECONDS + p.time_from_start.nanosec for p in message.points
-    ]
-    columns = (np.array(part, dtype=float) for part in zip(*rows, strict=True))
-    return Points(tuple(message.joint_names), np.array(times, dtype=np.int64), *columns)
-
-
-def _vector(value: Any) -> list[float]:
-    return [value.x, value.y, value.z]
+def _plain(value: Any) -> Any:
+    """Return a message as nested data."""
+    if is_dataclass(value):
+        names = (field.name for field in fields(value) if not field.name.startswith("_"))
+        return {name: _plain(getattr(value, name)) for name in names}
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    return [_plain(one) for one in value] if isinstance(value, list) else value

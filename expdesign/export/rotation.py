@@ -1,14 +1,18 @@
 """The platform's rotation in the conventions of controllers.
 
-Ours is R = Rx(φ) Ry(θ) Rz(ψ), rotations about moving axes.
+Ours is that of `expdesign.mechanism.rotation`: R = Rx(φ) Ry(θ) Rz(ψ), about moving axes.
 """
 
 from __future__ import annotations
 
+from functools import cache
+
+import casadi as ca
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from constraints.arrays import Array
+from expdesign.mechanism.rotation import angular_acceleration, angular_velocity
 
 _OURS, _FIXED_AXES = "XYZ", "xyz"
 """SciPy's letters: upper case for moving axes, lower case for fixed ones."""
@@ -41,45 +45,30 @@ def from_quaternions(values: Array) -> Array:
 
 def angular_motion(angles: Array, rates: Array, accelerations: Array) -> tuple[Array, Array]:
     """Return ω and ω̇ in the base frame, (N, 3) each, of angles with their derivatives."""
-    matrix = _rate_matrix(angles)
-    return (
-        _times(matrix, rates),
-        _times(matrix, accelerations) + _convective(angles, rates),
-    )
+    return _rows(_functions()[0], angles, rates, accelerations)
 
 
 def angle_derivatives(angles: Array, velocity: Array, acceleration: Array) -> tuple[Array, Array]:
     """Return the first and second derivatives of φ, θ, ψ from ω and ω̇, (N, 3) each."""
-    matrix = _rate_matrix(angles)
-    rates = _solved(matrix, velocity)
-    return rates, _solved(matrix, acceleration - _convective(angles, rates))
+    return _rows(_functions()[1], angles, velocity, acceleration)
 
 
-def _solved(matrices: Array, vectors: Array) -> Array:
-    return np.asarray(np.linalg.solve(matrices, vectors[:, :, None])[:, :, 0], dtype=np.float64)
-
-
-def _times(matrices: Array, vectors: Array) -> Array:
-    return np.einsum("nij,nj->ni", matrices, vectors)
-
-
-def _rate_matrix(angles: Array) -> Array:
-    """Return E of ω = E (φ̇, θ̇, ψ̇); its columns are e_x, Rx e_y and Rx Ry e_z."""
-    (sphi, sthe, _), (cphi, cthe, _) = np.sin(angles).T, np.cos(angles).T
-    zero, one = np.zeros_like(sphi), np.ones_like(sphi)
-    rows = [[one, zero, sthe], [zero, cphi, -sphi * cthe], [zero, sphi, cphi * cthe]]
-    return np.moveaxis(np.array(rows), 2, 0)
-
-
-def _convective(angles: Array, rates: Array) -> Array:
-    """Return Ė (φ̇, θ̇, ψ̇)."""
-    (sphi, sthe, _), (cphi, cthe, _) = np.sin(angles).T, np.cos(angles).T
-    dphi, dthe, dpsi = rates.T
-    return np.stack(
-        [
-            cthe * dthe * dpsi,
-            -sphi * dphi * dthe + (sphi * sthe * dthe - cphi * cthe * dphi) * dpsi,
-            cphi * dphi * dthe + (-cphi * sthe * dthe - sphi * cthe * dphi) * dpsi,
-        ],
-        axis=1,
+@cache
+def _functions() -> tuple[ca.Function, ca.Function]:
+    """Make ω and ω̇ of the graph a function, and its inverse: both are linear in what they take."""
+    angles, first, second = (ca.SX.sym(name, 3) for name in ("angles", "first", "second"))
+    velocity = angular_velocity(angles, first)
+    acceleration = angular_acceleration(angles, first, second)
+    matrix = ca.jacobian(velocity, first)
+    rates = ca.solve(matrix, first)
+    rest = angular_acceleration(angles, rates, ca.SX.zeros(3))
+    given = [angles, first, second]
+    return (
+        ca.Function("angular_motion", given, [velocity, acceleration]),
+        ca.Function("angle_derivatives", given, [rates, ca.solve(matrix, second - rest)]),
     )
+
+
+def _rows(function: ca.Function, *parts: Array) -> tuple[Array, Array]:
+    first, second = function(*(part.T for part in parts))
+    return np.array(first).T, np.array(second).T

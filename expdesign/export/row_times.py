@@ -1,4 +1,4 @@
-"""At which times a table has its rows."""
+"""The rows of a table before they are rounded: at which times, and what the design does then."""
 
 from __future__ import annotations
 
@@ -9,18 +9,24 @@ import numpy as np
 
 from constraints.arrays import Array
 from expdesign.configuration import InputError, Problem
-from expdesign.export.definition import Settings, TableFormat, Task
+from expdesign.export.definition import Settings, Task
 from expdesign.export.deviation import Deviation, blocks, deviation
-from expdesign.export.execution import ExecutedTable
-from expdesign.export.interpolation import refined
-from expdesign.export.rows import Rows
+from expdesign.export.execution import ExecutedTable, refined
+from expdesign.export.rows import Rows, in_window
 from expdesign.motion import ExecutableMotion
+from expdesign.robot import Robot
+from expdesign.runfolder.columns import TRAJECTORY
+from expdesign.runfolder.described import Column
 
 SHARE = 1e-3
 """Largest deviation of accelerations and forces, as a share of their limits' range."""
 
 STEPS = (0.1, 0.05, 0.025, 0.02, 0.01, 0.005, 0.004, 0.0025, 0.002, 0.001, 0.0005, 0.00025)
 """Times between two rows that are tried, s, the longest first."""
+
+WINDOW = Column("window", "1", "1 in the measurement window, 0 on the way to and from it")
+COLUMNS = (Column("t", "s", "time from the start of the motion"), *TRAJECTORY[1:], WINDOW)
+"""The whole motion in SI units, as tables that engineers read hold it."""
 
 _RESERVE = 0.8
 _ROUNDING = 1e-9
@@ -35,6 +41,26 @@ def ideal_rows(task: Task, settings: Settings, times: Array) -> Rows:
         return axes.rows(times, states.pose, states.rate, states.acceleration)
     struts = robot.strut_motion(states.pose, states.rate, states.acceleration)
     return axes.rows(times, struts.length, struts.length_rate, struts.length_acceleration)
+
+
+def whole_motion(robot: Robot, motion: ExecutableMotion, times: Array) -> dict[str, Array]:
+    """Return every column of `COLUMNS` by its name at the times (N,), s."""
+    states = motion.sample(times)
+    parts = (states.pose, states.rate, states.acceleration)
+    struts = robot.strut_motion(*parts)
+    blocks = [
+        times[:, None],
+        *parts,
+        struts.length,
+        struts.length_rate,
+        struts.length_acceleration,
+        struts.alpha,
+        struts.beta,
+        robot.actuator_forces(*parts),
+        in_window(times, motion.window).astype(float)[:, None],
+    ]
+    table = np.concatenate(blocks, axis=1)
+    return {column.name: table[:, k] for k, column in enumerate(COLUMNS)}
 
 
 def uniform_times(motion: ExecutableMotion, step: float) -> Array:
@@ -63,7 +89,7 @@ def _divided(motion: ExecutableMotion, segment: int, longest: float) -> Array:
     return np.linspace(begin, end, parts * steps + 1)
 
 
-def chosen_times(form: TableFormat, task: Task, settings: Settings, place: str = "") -> Array:
+def chosen_times(task: Task, settings: Settings, place: str = "") -> Array:
     """Return the times of the rows, as the file can state them.
 
     Without a segment time every segment of the motion gets the longest of `STEPS` with which the
@@ -76,17 +102,17 @@ def chosen_times(form: TableFormat, task: Task, settings: Settings, place: str =
     InputError
         No step is short enough.
     """
-    motion = task.motion
+    form, motion = settings.form, task.motion
     if settings.step is not None:
         return form.written_times(uniform_times(motion, settings.step))
     given = settings.section.segment
     if given is not None:
         return form.written_times(divided_times(motion, [given] * len(motion.segments)))
-    steps = [_step(form, task, settings, k, place) for k in range(len(motion.segments))]
+    steps = [_step(task, settings, k, place) for k in range(len(motion.segments))]
     return form.written_times(divided_times(motion, steps))
 
 
-def _step(form: TableFormat, task: Task, settings: Settings, segment: int, place: str) -> float:
+def _step(task: Task, settings: Settings, segment: int, place: str) -> float:
     motion = task.motion
     found = Deviation()
     for step in STEPS:
@@ -94,7 +120,7 @@ def _step(form: TableFormat, task: Task, settings: Settings, segment: int, place
         if motion.segments[segment].name == "periods":
             # All periods have the same rows.
             times = times[: (len(times) - 1) // motion.periods + 1]
-        found = _deviation(form, task, settings, form.written_times(times))
+        found = _deviation(task, settings, settings.form.written_times(times))
         shares = (found.position / settings.tolerance, found.acceleration / SHARE)
         if np.nanmax([*shares, found.force / SHARE]) <= _RESERVE:
             return step
@@ -109,9 +135,9 @@ def _step(form: TableFormat, task: Task, settings: Settings, segment: int, place
     )
 
 
-def _deviation(form: TableFormat, task: Task, settings: Settings, times: Array) -> Deviation:
+def _deviation(task: Task, settings: Settings, times: Array) -> Deviation:
     rows = ideal_rows(task, settings, times)
-    table = ExecutedTable(task.robot, task.motion, settings.axes, rows, form.interpolation)
+    table = ExecutedTable(task.robot, task.motion, settings.axes, rows, settings.form.interpolation)
     worst = Deviation()
     for part in blocks(refined(times, _POINTS)):
         worst = worst.with_worse(deviation(table, part, table.between(part), forces=True))

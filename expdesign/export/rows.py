@@ -40,6 +40,20 @@ class Rows:
     acceleration: Array | None = None
     record: Mapping[str, Array] = field(default_factory=dict)
 
+    @property
+    def velocities(self) -> Array:
+        """The rates of a table that has to have them."""
+        if self.rate is None:
+            raise ValueError("the table needs velocities")
+        return self.rate
+
+    @property
+    def accelerations(self) -> Array:
+        """The accelerations of a table that has to have them."""
+        if self.acceleration is None:
+            raise ValueError("the table needs accelerations")
+        return self.acceleration
+
     def checked(self) -> Rows:
         """Return the rows when they are complete, finite and in the order of time.
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from constraints.arrays import Array
 from expdesign.configuration import ExportSection
 from expdesign.export.axes import ANGLE_UNITS, LENGTH_UNITS, Axes
-from expdesign.export.catalogue import table_formats
 from expdesign.export.definition import Settings, TableFormat, Task
-from expdesign.export.interpolation import Interpolation
+from expdesign.export.execution import Interpolation
+from expdesign.export.formats import table_formats
+from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES, POSE
 from expdesign.robot import Robot
 
 TOLERANCES = {
@@ -36,10 +36,13 @@ def settled(section: ExportSection, task: Task) -> Settings:
         more = _MORE_DIGITS[section.units or form.units]
         counted = section.counts_per_metre is not None
         digits = _COUNT_DIGITS if counted else max(0, form.digits + more)
-    home = task.motion.sample(0.0)
-    start = axes.rows(np.zeros(1), coordinates(axes, task.robot, home.pose)).position[0]
+    home = task.motion.sample(0.0).pose
+    # What the axes move: the pose itself or the struts' lengths.
+    moved = home if axes.space == "pose" else task.robot.inverse_kinematics(home)
+    start = axes.rows(np.zeros(1), moved).position[0]
     return Settings(
         section=section,
+        form=form,
         name=task.name,
         axes=axes,
         digits=digits,
@@ -52,27 +55,22 @@ def settled(section: ExportSection, task: Task) -> Settings:
     )
 
 
-def coordinates(axes: Axes, robot: Robot, pose: Array) -> Array:
-    """Return what the axes move, (N, 6): the pose itself or the struts' lengths, SI."""
-    return pose if axes.space == "pose" else robot.inverse_kinematics(pose)
-
-
 def _axes(section: ExportSection, form: TableFormat, robot: Robot) -> Axes:
     space = section.coordinates
     names = section.axes or form.axes[space]
     length, angle = section.units or form.units, section.angles or form.angles
     if space == "pose":
-        units = (length,) * 3 + (angle,) * 3
-        factor = np.repeat([LENGTH_UNITS[length], ANGLE_UNITS[angle]], 3)
-        nowhere = np.zeros(6)
-        return Axes(space, names, units, np.arange(6), factor, nowhere, form.fixed_angles)
-    source = np.array(section.order or range(1, 7), dtype=np.intp) - 1
-    scale = np.full(6, LENGTH_UNITS[length])
+        units = [length if one.unit == "m" else angle for one in POSE]
+        factor = np.array([(LENGTH_UNITS | ANGLE_UNITS)[unit] for unit in units])
+        places, nowhere = np.arange(COORDINATES), np.zeros(COORDINATES)
+        return Axes(space, names, tuple(units), places, factor, nowhere, form.fixed_angles)
+    source = np.array(section.order or range(1, ACTUATORS + 1), dtype=np.intp) - 1
+    scale = np.full(ACTUATORS, LENGTH_UNITS[length])
     if section.counts_per_metre is not None:
         scale, length = np.array(section.counts_per_metre), COUNTS
     if section.offset == "home":
         zero = robot.inverse_kinematics(robot.home)
     else:
-        zero = np.zeros(6) if section.offset is None else np.array(section.offset)
-    factor = scale * np.array(section.sign or (1,) * 6, dtype=float)
-    return Axes(space, names, (length,) * 6, source, factor[source], zero)
+        zero = np.zeros(ACTUATORS) if section.offset is None else np.array(section.offset)
+    factor = scale * np.array(section.sign or (1,) * ACTUATORS, dtype=float)
+    return Axes(space, names, (length,) * ACTUATORS, source, factor[source], zero)

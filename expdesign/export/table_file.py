@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from expdesign.configuration import ExportSection, InputError, Problem
-from expdesign.export.catalogue import table_formats
 from expdesign.export.definition import Settings, Task
 from expdesign.export.execution import ExecutedTable
 from expdesign.export.exporting import refuse_missing_library
@@ -79,7 +78,7 @@ def read_table_file(path: Path, task: Task, settings: Settings) -> TableFile:
     TableError
         The controller would not read it.
     """
-    form = table_formats()[settings.section.format]
+    form = settings.form
     rows = form.read(path, settings)
     executed = ExecutedTable(task.robot, task.motion, settings.axes, rows, form.interpolation)
     return TableFile(path, file_hash(path), settings, executed)

@@ -1,14 +1,47 @@
-"""Reading tables of text strictly: what is no plain decimal number is refused."""
+"""What formats of text share: rows, marks of the window, and reading them strictly back."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from expdesign.export.rows import TableError
+import numpy as np
+
+from constraints.arrays import Array
+from expdesign.export.definition import Settings
+from expdesign.export.rows import Rows, TableError, in_window
 
 LARGEST_FILE = 1 << 30
 _NUMBER = re.compile(r"[+-]?(?:\d{1,30}(?:\.\d{0,30})?|\.\d{1,30})(?:[eE][+-]?\d{1,3})?")
+
+
+def write_lines(path: Path, text: Iterable[str]) -> None:
+    """Write lines of ASCII."""
+    path.write_text("\n".join(text) + "\n", encoding="ascii")
+
+
+def marked(text: Iterable[str], times: Array, settings: Settings, comment: str) -> Iterator[str]:
+    """Yield the lines of rows, with comments where the measurement window begins and ends.
+
+    Parameters
+    ----------
+    text : iterable of str
+        One line for every row.
+    times : (N,)
+        Of the rows, s.
+    settings : Settings
+    comment : str
+        A comment of the format, with ``{}`` for what it says.
+    """
+    inside = in_window(times, settings.window)
+    edges = np.diff(inside.astype(int), prepend=0, append=0)
+    for line, before, after in zip(text, edges[:-1], edges[1:], strict=True):
+        if before > 0:
+            yield comment.format("measurement window begins")
+        yield line
+        if after < 0:
+            yield comment.format("measurement window ends")
 
 
 def lines(path: Path) -> list[str]:
@@ -27,27 +60,93 @@ def lines(path: Path) -> list[str]:
         raise TableError("the file is no plain text") from error
 
 
-def number(text: str, line: int, what: str) -> float:
-    """Return a decimal number.
+def lines_after(path: Path, head: str, message: str) -> list[str]:
+    """Return the lines after the first one, which has to be `head`.
 
     Raises
     ------
     TableError
-        Naming the line.
+        As `lines`, or the first line is another.
+    """
+    first, *rest = lines(path) or [""]
+    if first != head:
+        raise TableError(f"line 1: {message}")
+    return rest
+
+
+def number(text: str, line: int, what: str) -> float:
+    """Return a plain decimal number.
+
+    Raises
+    ------
+    TableError
+        It is none; naming the line.
     """
     if not _NUMBER.fullmatch(text):
         raise TableError(f"line {line}: the {what} '{text[:40]}' is not a number")
     return float(text)
 
 
-def numbers(cells: list[str], count: int, line: int, what: str) -> list[float]:
-    """Return the numbers of a row that has to have `count` of them.
+def numbers(
+    text: Iterable[str],
+    count: int,
+    what: str,
+    separator: str | None = None,
+    *,
+    first: int = 1,
+    comment: str = "",
+) -> Array:
+    """Return the numbers of a table, (N, count).
+
+    Parameters
+    ----------
+    text : iterable of str
+    count : int
+        Numbers in every row.
+    what : str
+        They are, for messages.
+    separator : str, optional
+        Between them; white space by default.
+    first : int
+        Number of the first line in its file.
+    comment : str
+        What a comment begins with; lines without anything else are left out. None by default.
 
     Raises
     ------
     TableError
-        Naming the line.
+        A row has more, fewer, or what is no plain decimal number; naming the line. Or there are
+        no rows.
     """
-    if len(cells) != count:
-        raise TableError(f"line {line}: {len(cells)} {what} where there are {count}")
-    return [number(cell.strip(), line, what) for cell in cells]
+    table = []
+    for k, line in enumerate(text, start=first):
+        code = line.partition(comment)[0].strip() if comment else line
+        if comment and not code:
+            continue
+        cells = code.split(separator)
+        if len(cells) != count:
+            raise TableError(f"line {k}: {len(cells)} {what} where there are {count}")
+        table.append([number(cell.strip(), k, what) for cell in cells])
+    if not table:
+        raise TableError("the table has no rows")
+    return np.array(table)
+
+
+def uniform_rows(positions: Array, settings: Settings) -> Rows:
+    """Return the rows of a table that states neither times nor velocities, (N, 6)."""
+    if settings.step is None:
+        raise ValueError("the table needs a step")
+    times = np.multiply(settings.step, range(len(positions)), dtype=np.float64)
+    return Rows(times, positions).checked()
+
+
+def refuse_motion_at_end(velocities: Array, line: int) -> None:
+    """Refuse a table after which the axes go on moving.
+
+    Raises
+    ------
+    TableError
+        A velocity of the last row, (6,), is not zero.
+    """
+    if np.any(velocities != 0):
+        raise TableError(f"line {line}: the last velocities are not 0")

@@ -12,7 +12,7 @@ from expdesign.configuration import ExportSection
 from expdesign.export import table_formats
 from expdesign.export.axes import Axes
 from expdesign.export.definition import Settings
-from expdesign.export.interpolation import Interpolation, differences, interpolated, refined
+from expdesign.export.execution import Interpolation, differences, interpolated, refined
 from expdesign.export.rotation import (
     angle_derivatives,
     angular_motion,

@@ -8,10 +8,11 @@ import numpy as np
 import pandas as pd
 
 from expdesign.export.definition import Settings, TableFormat
-from expdesign.export.interpolation import Interpolation
-from expdesign.export.rows import Rows, TableError
-from expdesign.export.text_table import lines, numbers
-from expdesign.export.whole_motion import COLUMNS
+from expdesign.export.execution import Interpolation
+from expdesign.export.row_times import COLUMNS
+from expdesign.export.rows import Rows
+from expdesign.export.text_table import lines_after, numbers
+from expdesign.mechanism.hexapod import numbered
 
 _HEADER = [f"{column.name} [{column.unit}]" for column in COLUMNS]
 
@@ -24,16 +25,14 @@ def _write(path: Path, rows: Rows, _settings: Settings) -> None:
 
 
 def _read(path: Path, _settings: Settings) -> Rows:
-    head, *rest = lines(path) or [""]
-    if head != ",".join(_HEADER):
-        raise TableError("line 1: other columns than were written")
-    cells = [numbers(line.split(","), len(COLUMNS), k, "cells") for k, line in enumerate(rest, 2)]
-    values = np.array(cells, dtype=float).reshape(-1, len(COLUMNS))
+    text = lines_after(path, ",".join(_HEADER), "other columns than were written")
+    values = numbers(text, len(COLUMNS), "cells", ",", first=2)
     record = {column.name: values[:, k] for k, column in enumerate(COLUMNS)}
-    lengths, rates, accelerations = (
-        np.stack([record[f"{name}{j}"] for j in range(1, 7)], axis=1) for name in ("q", "dq", "ddq")
+    length, rate, acceleration = (
+        np.stack([record[name] for name in numbered(prefix)], axis=1)
+        for prefix in ("q", "dq", "ddq")
     )
-    return Rows(record["t"], lengths, rates, accelerations, record).checked()
+    return Rows(record["t"], length, rate, acceleration, record).checked()
 
 
 FORMAT = TableFormat(
@@ -53,7 +52,7 @@ FORMAT = TableFormat(
     digits=None,
     units="m",
     angles="rad",
-    axes={"strut": tuple(f"q{j}" for j in range(1, 7))},
+    axes={"strut": numbered("q")},
     uniform=True,
     whole=True,
 )

@@ -9,9 +9,9 @@ import numpy as np
 
 from constraints.arrays import Array
 from expdesign.export.definition import Settings, TableFormat
-from expdesign.export.interpolation import Interpolation
-from expdesign.export.rows import Rows, TableError, in_window
-from expdesign.export.text_table import lines, number
+from expdesign.export.execution import Interpolation
+from expdesign.export.rows import Rows, TableError
+from expdesign.export.text_table import lines, marked, number, write_lines
 
 AXES = ("X", "Y", "Z", "A", "B", "C")
 START_FEED = 6.0
@@ -34,21 +34,21 @@ def _written_times(times: Array) -> Array:
 
 def _write(path: Path, rows: Rows, settings: Settings) -> None:
     blend = 1e3 * (settings.section.blend or _BLEND)
-    text = [
+    head = [
         f"({settings.name}: mm and degrees, A B C are roll, pitch and yaw about fixed axes)",
         f"G21 G90 G93 G64 P{blend:.6f}",
         "(start)",
     ]
     feeds = [START_FEED, *_feeds(rows.times)]
-    inside = in_window(rows.times, settings.window)
-    for k, feed in enumerate(feeds):
-        if k and inside[k] and not inside[k - 1]:
-            text.append("(measurement window begins)")
-        words = (f"{a}{settings.number(v)}" for a, v in zip(AXES, rows.position[k], strict=True))
-        text.append(f"G1 {' '.join(words)} F{feed:.{_FEED_DIGITS}f}")
-        if inside[k] and (k + 1 == len(feeds) or not inside[k + 1]):
-            text.append("(measurement window ends)")
-    path.write_text("\n".join([*text, "M2", ""]), encoding="ascii")
+    moves = (
+        f"G1 {_move(row, settings)} F{feed:.{_FEED_DIGITS}f}"
+        for row, feed in zip(rows.position, feeds, strict=True)
+    )
+    write_lines(path, [*head, *marked(moves, rows.times, settings, "({})"), "M2"])
+
+
+def _move(row: Array, settings: Settings) -> str:
+    return " ".join(f"{a}{text}" for a, text in zip(AXES, settings.numbers(row), strict=True))
 
 
 def _read(path: Path, _settings: Settings) -> Rows:
@@ -85,7 +85,7 @@ def _read(path: Path, _settings: Settings) -> Rows:
     if any(feed <= 0 for feed in feeds):
         raise TableError("a feed is not positive")
     times = np.concatenate([[0.0], np.cumsum(60 / np.array(feeds[1:]))])
-    return Rows(times, np.array(positions).reshape(-1, 6)).checked()
+    return Rows(times, np.array(positions).reshape(-1, len(AXES))).checked()
 
 
 def _words(code: str, line: int) -> list[tuple[str, str]]:

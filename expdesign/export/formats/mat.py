@@ -11,9 +11,10 @@ from scipy.io import loadmat, savemat
 from scipy.io.matlab import MatReadError
 
 from expdesign.export.definition import POSE_AXES, Settings, TableFormat
-from expdesign.export.interpolation import Interpolation
+from expdesign.export.execution import Interpolation
+from expdesign.export.row_times import COLUMNS
 from expdesign.export.rows import Rows, TableError
-from expdesign.export.whole_motion import COLUMNS
+from expdesign.mechanism.hexapod import numbered
 
 _AXES = 6
 
@@ -79,7 +80,7 @@ FORMAT = TableFormat(
         "measurement window, `window` its beginning and end in s."
     ),
     digits=None,
-    axes={"strut": tuple(f"S{j}" for j in range(1, 7)), "pose": POSE_AXES},
+    axes={"strut": numbered("S"), "pose": POSE_AXES},
     uniform=True,
     whole=True,
 )

@@ -4,30 +4,18 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-
 from expdesign.export.definition import POSE_AXES, Settings, TableFormat
-from expdesign.export.interpolation import Interpolation
-from expdesign.export.rows import Rows, TableError
-from expdesign.export.text_table import lines, numbers
+from expdesign.export.execution import Interpolation
+from expdesign.export.rows import Rows
+from expdesign.export.text_table import lines, numbers, uniform_rows, write_lines
 
 
 def _write(path: Path, rows: Rows, settings: Settings) -> None:
-    text = ("\t".join(settings.number(value) for value in row) for row in rows.position)
-    path.write_text("\n".join(text) + "\n", encoding="ascii")
+    write_lines(path, ("\t".join(settings.numbers(row)) for row in rows.position))
 
 
 def _read(path: Path, settings: Settings) -> Rows:
-    if settings.step is None:
-        raise ValueError("the table needs a step")
-    table = [
-        numbers(line.split(), 6, k, "coordinates") for k, line in enumerate(lines(path), start=1)
-    ]
-    if not table:
-        raise TableError("the table has no rows")
-    return Rows(
-        np.multiply(settings.step, range(len(table)), dtype=np.float64), np.array(table)
-    ).checked()
+    return uniform_rows(numbers(lines(path), len(POSE_AXES), "coordinates"), settings)
 
 
 FORMAT = TableFormat(

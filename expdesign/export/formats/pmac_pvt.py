@@ -7,11 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from constraints.arrays import Array
-from expdesign.export.definition import Settings, TableFormat
-from expdesign.export.interpolation import Interpolation
+from expdesign.export.definition import Settings, TableFormat, rounded_times
+from expdesign.export.execution import Interpolation
 from expdesign.export.rows import Rows, TableError
-from expdesign.export.text_table import lines, number
+from expdesign.export.text_table import lines, number, refuse_motion_at_end, write_lines
 
 LETTERS = ("X", "Y", "Z", "A", "B", "C")
 LONGEST = 4095.9998
@@ -22,13 +21,7 @@ _PROGRAM = 10
 _MOVE = re.compile(r"([A-Z])([^:\s]*):(\S*)")
 
 
-def _written_times(times: Array) -> Array:
-    return np.round(times, _TIME_DIGITS)
-
-
 def _write(path: Path, rows: Rows, settings: Settings) -> None:
-    if rows.rate is None:
-        raise ValueError("a PVT table needs velocities")
     first, last = settings.window
     begins, ends = (int(np.argmin(np.abs(rows.times - t))) for t in (first, last))
     axes = settings.axes
@@ -49,14 +42,14 @@ def _write(path: Path, rows: Rows, settings: Settings) -> None:
         text.append(
             " ".join(
                 f"{a}{settings.number(p)}:{settings.number(v)}"
-                for a, p, v in zip(axes.names, rows.position[k], rows.rate[k], strict=True)
+                for a, p, v in zip(axes.names, rows.position[k], rows.velocities[k], strict=True)
             )
         )
         if k == begins:
             text.append("; measurement window begins")
         if k == ends:
             text.append("; measurement window ends")
-    path.write_text("\n".join([*text, "CLOSE", ""]), encoding="ascii")
+    write_lines(path, [*text, "CLOSE"])
 
 
 def _read(path: Path, settings: Settings) -> Rows:
@@ -71,7 +64,7 @@ def _read(path: Path, settings: Settings) -> Rows:
     moves = code[2:-1]
     if not moves or len(moves) % 2:
         raise TableError("the PVT times and the moves are not as many")
-    times, positions, rates = [0.0], [settings.start], [np.zeros(6)]
+    times, positions, rates = [0.0], [settings.start], [np.zeros(len(LETTERS))]
     for (k, time), (m, move) in zip(moves[::2], moves[1::2], strict=True):
         if not time.startswith("PVT"):
             raise TableError(f"line {k}: '{time[:40]}' is no PVT time")
@@ -85,8 +78,7 @@ def _read(path: Path, settings: Settings) -> Rows:
         times.append(times[-1] + milliseconds / 1e3)
         positions.append(np.array([number(p, m, "position") for p, _ in pairs]))
         rates.append(np.array([number(v, m, "velocity") for _, v in pairs]))
-    if np.any(rates[-1] != 0):
-        raise TableError(f"line {moves[-1][0]}: the last velocities are not 0")
+    refuse_motion_at_end(rates[-1], moves[-1][0])
     return Rows(np.round(times, _TIME_DIGITS), np.array(positions), np.array(rates)).checked()
 
 
@@ -106,5 +98,5 @@ FORMAT = TableFormat(
         "kinematic programs."
     ),
     axes={"strut": LETTERS, "pose": LETTERS},
-    written_times=_written_times,
+    written_times=rounded_times(_TIME_DIGITS),
 )

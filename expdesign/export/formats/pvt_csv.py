@@ -6,18 +6,14 @@ from pathlib import Path
 
 import numpy as np
 
-from constraints.arrays import Array
-from expdesign.export.definition import Settings, TableFormat
-from expdesign.export.interpolation import Interpolation
+from expdesign.export.definition import Settings, TableFormat, rounded_times
+from expdesign.export.execution import Interpolation
 from expdesign.export.rows import Rows, TableError
-from expdesign.export.text_table import lines, numbers
+from expdesign.export.text_table import lines_after, numbers, refuse_motion_at_end, write_lines
+from expdesign.mechanism.hexapod import ACTUATORS, numbered
 
 _TIME_DIGITS = 9
-_CELLS = 13
-
-
-def _written_times(times: Array) -> Array:
-    return np.round(times, _TIME_DIGITS)
+_CELLS = 1 + 2 * ACTUATORS
 
 
 def _header(settings: Settings) -> str:
@@ -26,29 +22,21 @@ def _header(settings: Settings) -> str:
 
 
 def _write(path: Path, rows: Rows, settings: Settings) -> None:
-    if rows.rate is None:
-        raise ValueError("a PVT table needs velocities")
-    text = [_header(settings)]
-    steps = np.diff(rows.times, prepend=0.0)
-    for step, position, rate in zip(steps, rows.position, rows.rate, strict=True):
-        cells = [f"{1e3 * step:.{_TIME_DIGITS - 3}f}"]
-        for p, v in zip(position, rate, strict=True):
-            cells += [settings.number(p), settings.number(v)]
-        text.append(",".join(cells))
-    path.write_text("\n".join(text) + "\n", encoding="ascii")
+    steps = 1e3 * np.diff(rows.times, prepend=0.0)
+    cells = np.stack([rows.position, rows.velocities], axis=2).reshape(len(steps), -1)
+    text = (
+        ",".join([f"{step:.{_TIME_DIGITS - 3}f}", *settings.numbers(row)])
+        for step, row in zip(steps, cells, strict=True)
+    )
+    write_lines(path, [_header(settings), *text])
 
 
 def _read(path: Path, settings: Settings) -> Rows:
-    head, *rest = lines(path) or [""]
-    if head != _header(settings):
-        raise TableError("line 1: the header does not name time, positions and velocities")
-    table = np.array(
-        [numbers(line.split(","), _CELLS, k, "cells") for k, line in enumerate(rest, start=2)]
-    ).reshape(-1, _CELLS)
-    if not len(table) or table[0, 0] != 0:
+    message = "the header does not name time, positions and velocities"
+    table = numbers(lines_after(path, _header(settings), message), _CELLS, "cells", ",", first=2)
+    if table[0, 0] != 0:
         raise TableError("line 2: no start position at the time 0")
-    if np.any(table[-1, 2::2] != 0):
-        raise TableError(f"line {len(table) + 1}: the last velocities are not 0")
+    refuse_motion_at_end(table[-1, 2::2], len(table) + 1)
     times = np.round(np.cumsum(table[:, 0]) / 1e3, _TIME_DIGITS)
     return Rows(times, table[:, 1::2], table[:, 2::2]).checked()
 
@@ -67,6 +55,6 @@ FORMAT = TableFormat(
         "Positions are absolute, times count from the row before, velocities are those at the "
         "row."
     ),
-    axes={"strut": tuple(f"S{j}" for j in range(1, 7))},
-    written_times=_written_times,
+    axes={"strut": numbered("S")},
+    written_times=rounded_times(_TIME_DIGITS),
 )

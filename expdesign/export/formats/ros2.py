@@ -3,22 +3,28 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import ModuleType
 
 from expdesign.export import ros_bag, ros_yaml
-from expdesign.export.definition import POSE_AXES, Settings, TableFormat
-from expdesign.export.interpolation import Interpolation
-from expdesign.export.ros_messages import points_of, rows_of, written_times
+from expdesign.export.definition import POSE_AXES, Settings, TableFormat, rounded_times
+from expdesign.export.execution import Interpolation
+from expdesign.export.ros_messages import message_of, rows_of
 from expdesign.export.rows import Rows
+from expdesign.mechanism.hexapod import numbered
+
+_TIME_DIGITS = 9
+
+
+def _encoding(settings: Settings) -> ModuleType:
+    return ros_bag if settings.section.encoding == "mcap" else ros_yaml
 
 
 def _write(path: Path, rows: Rows, settings: Settings) -> None:
-    encoding = ros_bag if settings.section.encoding == "mcap" else ros_yaml
-    encoding.write(path, points_of(rows, settings), settings)
+    _encoding(settings).write(path, message_of(rows, settings), settings)
 
 
 def _read(path: Path, settings: Settings) -> Rows:
-    encoding = ros_bag if settings.section.encoding == "mcap" else ros_yaml
-    return rows_of(encoding.read(path, settings), settings)
+    return rows_of(_encoding(settings).read(path, settings), settings)
 
 
 FORMAT = TableFormat(
@@ -38,6 +44,6 @@ FORMAT = TableFormat(
     ),
     units="m",
     angles="rad",
-    axes={"strut": tuple(f"strut_{j}" for j in range(1, 7)), "pose": POSE_AXES},
-    written_times=written_times,
+    axes={"strut": numbered("strut_"), "pose": POSE_AXES},
+    written_times=rounded_times(_TIME_DIGITS),
 )

@@ -6,49 +6,36 @@ from pathlib import Path
 
 import numpy as np
 
-from constraints.arrays import Array
-from expdesign.export.definition import POSE_AXES, Settings, TableFormat
-from expdesign.export.interpolation import Interpolation
-from expdesign.export.rows import Rows, TableError
-from expdesign.export.text_table import lines, numbers
+from expdesign.export.definition import POSE_AXES, Settings, TableFormat, rounded_times
+from expdesign.export.execution import Interpolation
+from expdesign.export.rows import Rows
+from expdesign.export.text_table import lines, numbers, refuse_motion_at_end, write_lines
+from expdesign.mechanism.hexapod import ACTUATORS, numbered
 
 _TIME_DIGITS = 8
-_CELLS = 13
-
-
-def _written_times(times: Array) -> Array:
-    return np.round(times, _TIME_DIGITS)
+_CELLS = 1 + 2 * ACTUATORS
 
 
 def _write(path: Path, rows: Rows, settings: Settings) -> None:
-    if rows.rate is None or settings.digits is None:
-        raise ValueError("a PVT table needs velocities and a number of digits")
+    if settings.digits is None:
+        raise ValueError("the table needs a number of digits")
     # Displacements are relative: those of rounded positions add up to rounded positions.
-    positions = np.round(rows.position, settings.digits)
-    elements = []
-    for k in range(1, len(rows.times)):
-        cells = [f"{rows.times[k] - rows.times[k - 1]:.{_TIME_DIGITS}f}"]
-        for axis in range(6):
-            cells.append(settings.number(positions[k, axis] - positions[k - 1, axis]))
-            cells.append(settings.number(rows.rate[k, axis]))
-        elements.append(", ".join(cells))
-    path.write_text("\n".join(elements) + "\n", encoding="ascii")
+    moved = np.diff(np.round(rows.position, settings.digits), axis=0)
+    steps = np.diff(rows.times)
+    cells = np.stack([moved, rows.velocities[1:]], axis=2).reshape(len(steps), -1)
+    text = (
+        ", ".join([f"{step:.{_TIME_DIGITS}f}", *settings.numbers(row)])
+        for step, row in zip(steps, cells, strict=True)
+    )
+    write_lines(path, text)
 
 
 def _read(path: Path, settings: Settings) -> Rows:
-    table = np.array(
-        [
-            numbers(line.split(","), _CELLS, k, "cells")
-            for k, line in enumerate(lines(path), start=1)
-        ]
-    )
-    if not len(table):
-        raise TableError("the table has no elements")
-    if np.any(table[-1, 2::2] != 0):
-        raise TableError(f"line {len(table)}: the last velocities are not 0")
+    table = numbers(lines(path), _CELLS, "cells", ",")
+    refuse_motion_at_end(table[-1, 2::2], len(table))
     times = np.round(np.concatenate([[0.0], np.cumsum(table[:, 0])]), _TIME_DIGITS)
     steps = np.concatenate([settings.start[None, :], table[:, 1::2]])
-    rates = np.concatenate([np.zeros((1, 6)), table[:, 2::2]])
+    rates = np.concatenate([np.zeros((1, ACTUATORS)), table[:, 2::2]])
     return Rows(times, np.cumsum(steps, axis=0), rates).checked()
 
 
@@ -68,6 +55,6 @@ FORMAT = TableFormat(
         "to the row before, velocities are those at the end of the row."
     ),
     digits=8,
-    axes={"strut": tuple(f"S{j}" for j in range(1, 7)), "pose": POSE_AXES},
-    written_times=_written_times,
+    axes={"strut": numbered("S"), "pose": POSE_AXES},
+    written_times=rounded_times(_TIME_DIGITS),
 )
