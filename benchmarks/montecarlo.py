@@ -19,14 +19,15 @@ from estimation.identification.estimate import parameter_knowledge, run_estimato
 from estimation.identification.recording import prepare_experiment
 from estimation.montecarlo import Study, run_study
 from estimation.montecarlo.journal import NAME as JOURNAL
-from estimation.montecarlo.output import write_study
+from estimation.montecarlo.record import MonteCarloRecord
 from estimation.montecarlo.statistics import ParameterStatistics, PooledStatistics
 from estimation.twin import Twin
 from expdesign.configuration import load_run
 from expdesign.robot import robot_from
 from expdesign.trajectory import FourierTrajectory, TrajectoryFile
-from results import StudyRecord, study_figures
+from results import study_figures
 from results.figures.montecarlo import bias
+from results.figures.montecarlo.series import study_series
 from results.figures.saving import save_figures
 
 TITLE = "Monte-Carlo study"
@@ -117,12 +118,10 @@ def central(repetitions: int) -> Iterator[Row]:
     yield _unbiased(fourier, "ml")
     yield _row("ml beside it: RMSE / bound", _ratio(_pooled(fourier, "ml")))
     labels = {"ls": "LS, central", "gm": "GM, central", "ml": "ML, Fourier"}
-    record = StudyRecord(
-        tuple(
-            replace(series, label=labels[series.estimator])
-            for study in ("central", "central-ml")
-            for series in StudyRecord.load(_folder(study)).series
-        )
+    record = tuple(
+        replace(series, label=labels[series.estimator])
+        for study in ("central", "central-ml")
+        for series in study_series(MonteCarloRecord.read(_folder(study)).rows)
     )
     figure = replace(bias.FIGURE, key="montecarlo_central")
     for path in save_figures([figure], record, _ROOT / "docs" / "figures"):
@@ -262,8 +261,9 @@ def _study(
     )
     folder = _folder(name)
     study = run_study(run, _design(), folder / JOURNAL)
-    write_study(study, folder)
-    study_figures(folder)
+    record = MonteCarloRecord.of(study)
+    record.write(folder)
+    study_figures(record, folder)
     return study
 
 

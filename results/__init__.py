@@ -2,13 +2,14 @@
 
 from results.comparison_study import comparison_study_figures
 from results.design import design_figures
-from results.estimate import estimate_figures, noise_figures
-from results.study import study_figures
-from results.study_record import StudyRecord
-from results.validation import validation_figures
+from results.estimation import (
+    estimate_figures,
+    noise_figures,
+    study_figures,
+    validation_figures,
+)
 
 __all__ = [
-    "StudyRecord",
     "comparison_study_figures",
     "design_figures",
     "estimate_figures",

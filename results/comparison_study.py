@@ -7,8 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from estimation.studies import DesignStudy, Study, ValidationStudy
-from estimation.validation import MotionValidation
-from results.figures.estimation import prediction
+from estimation.validation.record import MotionRecord
+from results.figures.estimation.catalogue import PREDICTION_FIGURE
 from results.figures.saving import FORMATS, save_figures
 from results.figures.studies.catalogue import RECORD_FIGURES, REPETITIONS_FIGURE
 
@@ -38,10 +38,10 @@ def _predictions(study: ValidationStudy, place: Path, formats: Collection[str]) 
     paths: tuple[Path, ...] = ()
     number = 0
     for situation, motions in study.first.items():
-        for motion, (experiment, diagnosis) in zip(study.motions, motions, strict=True):
+        for motion, (_, diagnosis) in zip(study.motions, motions, strict=True):
             number += 1
             name = f"{motion}: {_SITUATIONS[situation]}"
-            record = MotionValidation(name, True, None, None, experiment, diagnosis)
-            figure = replace(prediction.FIGURE, key=f"{prediction.FIGURE.key}_study_{number}")
+            record = MotionRecord.of(name, diagnosis)
+            figure = replace(PREDICTION_FIGURE, key=f"{PREDICTION_FIGURE.key}_study_{number}")
             paths += save_figures((figure,), record, place, formats=formats)
     return paths

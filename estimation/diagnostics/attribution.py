@@ -9,10 +9,12 @@ as there is no effect nothing is selected but at the levels of the families.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
 from constraints.arrays import Array
+from estimation.diagnostics.channel_test import Strut
 from estimation.diagnostics.column_test import (
     Candidates,
     ColumnTest,
@@ -31,6 +33,7 @@ from estimation.diagnostics.position_periodic import (
     scan_pitches,
 )
 from expdesign.mechanism.hexapod import ACTUATORS
+from expdesign.runfolder import OpenNumber, described
 
 _MOST = 12
 """Effects that are looked for: whoever has more needs another model."""
@@ -38,31 +41,18 @@ _MOST = 12
 
 @dataclass(frozen=True)
 class Effect:
-    """Something in the residuals that the model does not have.
+    """Something in the residuals that the model does not have, fitted with all other effects."""
 
-    Attributes
-    ----------
-    kind : str
-        ``"position-periodic"``, ``"column"`` or ``"delay"``.
-    strut : int or None
-        From 0; None: all of them.
-    parameter : str
-        Of a column; empty otherwise.
-    log_p : float
-        Corrected for its family, when it was found.
-    force : PeriodicForce or None
-        Of a position-periodic effect, fitted together with all others.
-    value, std : float
-        Of a column (SI) or the delay (s), fitted together with all others.
-    """
-
-    kind: str
-    strut: int | None
-    parameter: str
-    log_p: float
-    force: PeriodicForce | None
-    value: float
-    std: float
+    kind: Annotated[str, described("", "position-periodic, column or delay")]
+    strut: Annotated[Strut, described("1", "number of the strut; null: all of them")]
+    parameter: Annotated[str, described("", "of a column; empty otherwise")]
+    log_p: Annotated[
+        OpenNumber,
+        described("1", "logarithm of p, corrected for its family, when it was found"),
+    ]
+    force: Annotated[PeriodicForce | None, described("", "of a position-periodic effect")]
+    value: Annotated[OpenNumber, described("SI", "of a column or the delay")]
+    std: Annotated[OpenNumber, described("SI", "standard deviation of the value")]
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,40 +3,37 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from pydantic import Field
 from scipy import stats
 
 from constraints.arrays import Array
 from estimation.diagnostics.residual_law import ResidualLaw
+from expdesign.runfolder import OpenNumber, described
 
 
 @dataclass(frozen=True)
 class ChiSquare:
-    """Weighted sum of squares of one kind of channel.
+    """Weighted sum of squares of one kind of channel."""
 
-    Attributes
-    ----------
-    value : float
-        Σ counts · eᵀ Σ⁻¹ e.
-    freedom : float
-        Its expectation when the model and the noise are right.
-    ratio : float
-        value / freedom, with an estimated Σ corrected for its uncertainty.
-    p_value : float
-        Of a larger value.
-    p_smaller : float
-        Of a smaller value: the noise was given too large, or the model fits the noise.
-    refused : str
-        Why there are no p-values; empty when there are.
-    """
-
-    value: float
-    freedom: float
-    ratio: float
-    p_value: float
-    p_smaller: float
-    refused: str = ""
+    value: Annotated[OpenNumber, described("1", "Σ counts · eᵀ Σ⁻¹ e")]
+    freedom: Annotated[
+        OpenNumber,
+        Field(alias="degrees_of_freedom"),
+        described("1", "its expectation when the model and the noise are right"),
+    ]
+    ratio: Annotated[
+        OpenNumber,
+        described("1", "value / freedom, with an estimated Σ corrected for its uncertainty"),
+    ]
+    p_value: Annotated[OpenNumber, Field(alias="p_larger"), described("1", "of a larger value")]
+    p_smaller: Annotated[
+        OpenNumber,
+        described("1", "of a smaller value: the noise was given too large, or the model fits it"),
+    ]
+    refused: Annotated[str, described("", "why there are no p-values; empty when there are")] = ""
 
 
 def chi_square(

@@ -2,46 +2,45 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 from scipy import stats
 
 from constraints.arrays import Array
+from estimation.diagnostics.channel_test import ChannelTest, no_numbers
 from estimation.diagnostics.levels import NOISE
+from expdesign.runfolder import OpenNumbers, described
 
 
 @dataclass(frozen=True, eq=False)
-class Drift:
-    """Test of six channels, or why it was not done.
+class Drift(ChannelTest):
+    """Test of six channels for change from period to period, or why it was not done."""
 
-    Attributes
-    ----------
-    refused : str
-    means : (M, 6)
-        Of every period, less the mean of all, SI.
-    std_error : (6,)
-        Of each of these means.
-    slope : (6,)
-        Trend, SI per period.
-    statistic, p_values : (6,)
-    level : float
-        Of the family of six.
-    """
-
-    refused: str
-    means: Array
-    std_error: Array
-    slope: Array
-    statistic: Array
-    p_values: Array
-    level: float = NOISE
-
-    @property
-    def failed(self) -> NDArray[np.bool_]:
-        """(6,) channels that change from period to period."""
-        return self.p_values < self.level / len(self.p_values)
+    refused: Annotated[str, described("", "why there is no test; empty when there is one")]
+    means: Annotated[
+        OpenNumbers,
+        Field(alias="period_means"),
+        described("SI", "periods × 6: mean of every period, less the mean of all"),
+    ] = field(default_factory=lambda: np.zeros((0, 6)))
+    std_error: Annotated[OpenNumbers, described("SI", "of each of these means")] = field(
+        default_factory=no_numbers
+    )
+    slope: Annotated[
+        OpenNumbers, Field(alias="slope_per_period"), described("SI", "trend per period")
+    ] = field(default_factory=no_numbers)
+    statistic: Annotated[OpenNumbers, Field(alias="f"), described("1", "F of each channel")] = (
+        field(default_factory=no_numbers)
+    )
+    p_values: Annotated[OpenNumbers, Field(alias="p"), described("1", "of each channel")] = field(
+        default_factory=no_numbers
+    )
+    level: Annotated[
+        float, Field(alias="family_level"), described("1", "level of the family of six")
+    ] = NOISE
 
     @property
     def extent(self) -> Array:
@@ -63,9 +62,7 @@ def drift(values: Array, block: NDArray[np.intp], phases: int, level: float = NO
     """
     count = int(block[-1]) + 1
     if count < 2:  # noqa: PLR2004 - a difference takes two
-        nothing = np.full(6, np.nan)
-        reason = "one period shows no change between periods"
-        return Drift(reason, np.zeros((0, 6)), nothing, nothing, nothing, nothing, level)
+        return Drift("one period shows no change between periods", level=level)
     sizes = np.bincount(block, minlength=count).astype(float)
     sums = np.stack([np.bincount(block, column, minlength=count) for column in values.T], axis=1)
     centred = sums / sizes[:, None] - values.mean(axis=0)

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from estimation.diagnostics.diagnosis import ExperimentDiagnosis, diagnose_experiments
-from estimation.diagnostics.json_form import experiment_form, verdict_form
 from estimation.diagnostics.verdict import Verdict, verdict
 from estimation.estimators.experiment import Experiment
 from estimation.estimators.knowledge import Knowledge
@@ -29,14 +27,6 @@ class Diagnosis:
     estimator: str
     experiments: tuple[ExperimentDiagnosis, ...]
     verdict: Verdict
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the statistics and the verdict in a form that JSON takes."""
-        return {
-            "estimator": self.estimator,
-            "verdict": verdict_form(self.verdict),
-            "experiments": [experiment_form(experiment) for experiment in self.experiments],
-        }
 
 
 def diagnose(

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import Enum
+from enum import StrEnum
+from typing import Annotated
+
+from expdesign.runfolder import described
 
 
-class Outcome(Enum):
+class Outcome(StrEnum):
     """What became of an assumption."""
 
     HOLDS = "holds"
@@ -16,22 +19,12 @@ class Outcome(Enum):
 
 @dataclass(frozen=True)
 class Finding:
-    """One assumption.
+    """One assumption."""
 
-    Attributes
-    ----------
-    assumption : str
-    outcome : Outcome
-    sentence : str
-        What was seen.
-    advice : str
-        What to do next; empty when the assumption holds.
-    serious : bool
-        Its failure makes the result doubtful: parameters or intervals are wrong.
-    """
-
-    assumption: str
-    outcome: Outcome
-    sentence: str
-    advice: str = ""
-    serious: bool = True
+    assumption: Annotated[str, described("", "in words")]
+    outcome: Annotated[Outcome, described("", "holds, fails or not tested")]
+    sentence: Annotated[str, described("", "what was seen")]
+    advice: Annotated[str, described("", "what to do next; empty when the assumption holds")] = ""
+    serious: Annotated[
+        bool, described("", "its failure makes parameters or intervals doubtful")
+    ] = True

@@ -11,81 +11,61 @@ the sum of squares with all eigenvalues of Cov(e_j), which is F's where Cov(e_j)
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
+from pydantic import Field
 
 from constraints.arrays import Array
+from estimation.diagnostics.channel_test import ChannelTest, no_numbers
 from estimation.diagnostics.levels import LACK_OF_FIT
 from estimation.diagnostics.linearisation import Linearisation
 from estimation.diagnostics.quadratic_tail import ratio_tail
 from estimation.diagnostics.residual_law import ResidualLaw
+from expdesign.runfolder import OpenNumbers, described
 
 
 @dataclass(frozen=True, eq=False)
-class LackOfFit:
-    """The test of all six actuators, or why it was not done.
+class LackOfFit(ChannelTest):
+    """The test of all six actuators for a bias, or why it was not done."""
 
-    Attributes
-    ----------
-    refused : str
-        Why there is no test; empty when there is one, and then everything below is set.
-    samples : int
-        N, phases per period.
-    fitted_freedom : (6,)
-        ν_j; zero for held-out data.
-    added_variance : (6,)
-        Expected variance besides the noise, relative to it: of unknown friction signs, and for
-        held-out data of the parameters and the motion.
-    mean_square : (6,)
-        MS_lof, N².
-    pure_error : (6,)
-        MS_pe, N².
-    pure_error_freedom : float
-        (M − 1) N.
-    statistic : (6,)
-        F_j = MS_lof / (MS_pe (1 + added variance)).
-    statistic_freedom : (6,)
-        Of its numerator, effective: (tr B)² / tr B², B = Cov(e_j) / σ_j².
-    p_values : (6,)
-    level : float
-        Of the family of six.
-    """
-
-    refused: str
-    samples: int
-    fitted_freedom: Array
-    added_variance: Array
-    mean_square: Array
-    pure_error: Array
-    pure_error_freedom: float
-    statistic: Array
-    statistic_freedom: Array
-    p_values: Array
-    level: float = LACK_OF_FIT
-
-    @property
-    def failed(self) -> NDArray[np.bool_]:
-        """(6,) actuators with a bias."""
-        return self.p_values < self.level / len(self.p_values)
-
-    @classmethod
-    def not_done(cls, reason: str) -> LackOfFit:
-        """Return a refusal."""
-        nothing = np.full(6, np.nan)
-        return cls(
-            refused=reason,
-            samples=0,
-            fitted_freedom=nothing,
-            added_variance=nothing,
-            mean_square=nothing,
-            pure_error=nothing,
-            pure_error_freedom=0.0,
-            statistic=nothing,
-            statistic_freedom=nothing,
-            p_values=nothing,
-        )
+    refused: Annotated[str, described("", "why there is no test; empty when there is one")]
+    samples: Annotated[int, described("1", "N, phases per period")] = 0
+    fitted_freedom: Annotated[OpenNumbers, described("1", "ν_j; zero for held-out data")] = field(
+        default_factory=no_numbers
+    )
+    added_variance: Annotated[
+        OpenNumbers,
+        described(
+            "1",
+            "variance expected besides the noise, relative to it: of unknown friction signs, and "
+            "for held-out data of the parameters and the motion",
+        ),
+    ] = field(default_factory=no_numbers)
+    mean_square: Annotated[OpenNumbers, Field(alias="ms_lof"), described("N^2", "MS_lof")] = field(
+        default_factory=no_numbers
+    )
+    pure_error: Annotated[OpenNumbers, Field(alias="ms_pe"), described("N^2", "MS_pe")] = field(
+        default_factory=no_numbers
+    )
+    statistic: Annotated[
+        OpenNumbers, Field(alias="f"), described("1", "F_j = MS_lof / (MS_pe (1 + added variance))")
+    ] = field(default_factory=no_numbers)
+    statistic_freedom: Annotated[
+        OpenNumbers,
+        Field(alias="degrees_of_freedom"),
+        described("1", "of F's numerator, effective: (tr B)² / tr B², B = Cov(e_j) / σ_j²"),
+    ] = field(default_factory=no_numbers)
+    pure_error_freedom: Annotated[
+        float, Field(alias="pure_error_degrees_of_freedom"), described("1", "(M − 1) N")
+    ] = 0.0
+    p_values: Annotated[OpenNumbers, Field(alias="p"), described("1", "of each actuator")] = field(
+        default_factory=no_numbers
+    )
+    level: Annotated[
+        float, Field(alias="family_level"), described("1", "level of the family of six")
+    ] = LACK_OF_FIT
 
 
 def lack_of_fit(
@@ -111,13 +91,13 @@ def lack_of_fit(
         The covariances come from the residuals of the model itself.
     """
     if includes_model_error:
-        return LackOfFit.not_done(
+        return LackOfFit(
             "the noise was taken from the residuals of the model, so it includes the error of the "
             "model: measure three or more periods, or give the noise"
         )
     scatter = part.force_scatter
     if scatter is None:
-        return LackOfFit.not_done(
+        return LackOfFit(
             "without a second period nothing tells the noise from the error of the model: measure "
             "two or more"
         )

@@ -75,7 +75,7 @@ def position_periodic_finding(diagnosis: ExperimentDiagnosis) -> Finding:
         return Finding(
             name, Outcome.HOLDS, f"no strut has a position-periodic force (p = {chance:.2g})"
         )
-    struts = np.array(sorted({e.force.strut for e in effects if e.force is not None}))
+    struts = np.array(sorted({_strut(e) for e in effects}))
     return Finding(
         name,
         Outcome.FAILS,
@@ -95,7 +95,7 @@ def _force(effect: Effect) -> str:
     if force is None:
         raise AssertionError("a position-periodic effect has a force")
     return (
-        f"strut {force.strut + 1} {force.amplitude:.3g} ± {force.amplitude_std:.1g} N, pitch "
+        f"strut {_strut(effect) + 1} {force.amplitude:.3g} ± {force.amplitude_std:.1g} N, pitch "
         f"{1e3 * force.pitch:.4g} ± {1e3 * force.pitch_std:.1g} mm"
     )
 

@@ -6,14 +6,12 @@ Everything comes from contrasts between the periods.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from constraints.arrays import Array
 from estimation.diagnostics.drift import Drift, drift
 from estimation.diagnostics.finding import Finding
-from estimation.diagnostics.json_form import finding_form, noise_form
 from estimation.diagnostics.measurement_findings import (
     constant_finding,
     normal_finding,
@@ -64,13 +62,6 @@ class NoiseAnalysis:
             normal_finding(self),
             constant_finding(self),
         )
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the statistics in a form that JSON takes."""
-        return {
-            **noise_form(self),
-            "findings": [finding_form(finding) for finding in self.findings],
-        }
 
 
 def analyse_noise(record: Record) -> NoiseAnalysis:

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BeforeValidator, Field
 from scipy import stats
 
 from constraints.arrays import Array
+from estimation.diagnostics.channel_test import ChannelTest, no_numbers
 from estimation.diagnostics.levels import NOISE
+from expdesign.runfolder import OpenNumbers, described
 
 _SKEWED, _KURTIC = 0.1, 0.3
 """Sizes of skewness and excess kurtosis below which they change nothing that is estimated here."""
@@ -19,44 +23,40 @@ _FAR = 4.5
 
 
 @dataclass(frozen=True, eq=False)
-class Normality:
-    """Test of six channels.
+class Normality(ChannelTest):
+    """Test of six channels for a normal distribution, and for outliers.
 
-    Attributes
-    ----------
-    mean, std : (6,)
-        SI.
-    skewness, kurtosis : (6,)
-        Kurtosis in excess of the normal one.
-    statistic, p_values : (6,)
-        D'Agostino and Pearson's K².
-    outliers : (6,) of int
-        Instants at which a sample is further away than 4.5 robust standard deviations. (An outlier
-        is in the contrasts of its own and of all later periods: instants count it once.)
-    outliers_expected : float
-        In each channel, of normal noise.
-    outlier_p_values : (6,)
-    samples : int
-    level : float
-        Of each of the two families of six.
+    An outlier is in the contrasts of its own and of all later periods: instants count it once.
     """
 
-    mean: Array
-    std: Array
-    skewness: Array
-    kurtosis: Array
-    statistic: Array
-    p_values: Array
-    outliers: NDArray[np.int64]
-    outliers_expected: float
-    outlier_p_values: Array
-    samples: int
-    level: float = NOISE
+    std: Annotated[OpenNumbers, described("SI", "standard deviation")]
+    skewness: Annotated[OpenNumbers, described("1", "0 for normal noise")]
+    kurtosis: Annotated[
+        OpenNumbers, Field(alias="excess_kurtosis"), described("1", "in excess of the normal one")
+    ]
+    statistic: Annotated[OpenNumbers, described("1", "D'Agostino and Pearson's K²")]
+    p_values: Annotated[OpenNumbers, Field(alias="p"), described("1", "of each channel")]
+    outliers: Annotated[
+        NDArray[np.int64],
+        BeforeValidator(np.array),
+        described("1", "instants with a sample further away than 4.5 robust standard deviations"),
+    ]
+    outliers_expected: Annotated[float, described("1", "of normal noise, in each channel")]
+    outlier_p_values: Annotated[
+        OpenNumbers, Field(alias="outlier_p"), described("1", "of as many outliers")
+    ]
+    samples: Annotated[int, described("1", "number of samples of each channel")]
+    mean: Annotated[OpenNumbers, described("SI", "mean")] = field(default_factory=no_numbers)
+    level: Annotated[
+        float,
+        Field(alias="family_level"),
+        described("1", "level of each of the two families of six"),
+    ] = NOISE
 
     @property
     def significant(self) -> NDArray[np.bool_]:
         """(6,) channels that are not normal: with many samples, no real channel is."""
-        return self.p_values < self.level / len(self.p_values)
+        return super().failed
 
     @property
     def failed(self) -> NDArray[np.bool_]:

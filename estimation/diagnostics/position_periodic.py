@@ -12,6 +12,7 @@ by Rice's rate at which the envelope of the two components crosses a level upwar
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from scipy.optimize import brentq, minimize_scalar
@@ -22,6 +23,7 @@ from estimation.diagnostics.levels import POSITION_PERIODIC
 from estimation.diagnostics.linearisation import Linearisation
 from estimation.diagnostics.tails import log_pair_tail
 from expdesign.mechanism.hexapod import ACTUATORS
+from expdesign.runfolder import described
 
 SAMPLES_PER_PITCH = 4.0
 """Fewest samples in one pitch at the largest speed: shorter pitches are not looked for."""
@@ -63,34 +65,17 @@ class PitchScan:
 
 @dataclass(frozen=True)
 class PeriodicForce:
-    """amplitude · sin(2π length / pitch + phase) in one strut.
+    """amplitude · sin(2π length / pitch + phase) in one strut."""
 
-    Attributes
-    ----------
-    strut : int
-        From 0.
-    pitch, pitch_std : float
-        m.
-    amplitude, amplitude_std : float
-        N.
-    phase, phase_std : float
-        rad, at length zero: its error is mostly that of the pitch.
-    centre : float
-        Mean length of the strut, m.
-    centre_phase, centre_phase_std : float
-        rad, at that length.
-    """
-
-    strut: int
-    pitch: float
-    pitch_std: float
-    amplitude: float
-    amplitude_std: float
-    phase: float
-    phase_std: float
-    centre: float
-    centre_phase: float
-    centre_phase_std: float
+    pitch: Annotated[float, described("m", "period in the strut's length")]
+    pitch_std: Annotated[float, described("m", "its standard deviation")]
+    amplitude: Annotated[float, described("N", "amplitude")]
+    amplitude_std: Annotated[float, described("N", "its standard deviation")]
+    phase: Annotated[float, described("rad", "at length zero: its error is mostly the pitch's")]
+    phase_std: Annotated[float, described("rad", "its standard deviation")]
+    centre: Annotated[float, described("m", "mean length of the strut")]
+    centre_phase: Annotated[float, described("rad", "phase at that length")]
+    centre_phase_std: Annotated[float, described("rad", "its standard deviation")]
 
 
 def scan_pitches(
@@ -197,7 +182,6 @@ def periodic_force(
         return float(np.sqrt(slope @ covariance @ slope))
 
     return PeriodicForce(
-        strut=strut,
         pitch=float(1 / frequency),
         pitch_std=float(np.sqrt(covariance[2, 2]) / frequency**2),
         amplitude=amplitude,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from constraints.arrays import Array
 from estimation.diagnostics.linearisation import Linearisation
 from estimation.estimators.experiment import Experiment
 from estimation.processing import NoiseModel
+from expdesign.runfolder import Numbers, described
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,18 +79,15 @@ def _std(covariance: Array, counts: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class VarianceComparison:
-    """The paper's comparison: information, not a test, since a residual contains the noise.
+    """The paper's comparison, over all single samples of each actuator."""
 
-    Attributes
-    ----------
-    model_error : (6,)
-        Mean square of measured minus predicted force over all single samples, N².
-    measurement_error : (6,)
-        Variance of the noise of one sample, N².
-    """
-
-    model_error: Array
-    measurement_error: Array
+    model_error: Annotated[
+        Numbers, described("N^2", "mean square of measured minus predicted force")
+    ]
+    measurement_error: Annotated[Numbers, described("N^2", "variance of the noise of one sample")]
+    note: Annotated[str, described("", "how it is to be read")] = (
+        "information as in the paper, not a test: a residual contains the noise"
+    )
 
 
 def variance_comparison(residual: Residuals, rows: Array, noise: NoiseModel) -> VarianceComparison:

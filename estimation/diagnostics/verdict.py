@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import Enum
+from enum import StrEnum
+from typing import Annotated
 
 from estimation.diagnostics.diagnosis import ExperimentDiagnosis
 from estimation.diagnostics.finding import Finding, Outcome
@@ -24,9 +25,10 @@ from estimation.diagnostics.model_findings import (
     position_periodic_finding,
 )
 from estimation.diagnostics.wording import listed
+from expdesign.runfolder import described
 
 
-class Status(Enum):
+class Status(StrEnum):
     """Of an estimate or a prediction as a whole."""
 
     ACCEPTED = "accepted"
@@ -35,19 +37,11 @@ class Status(Enum):
 
 @dataclass(frozen=True)
 class Verdict:
-    """All findings, and what follows.
+    """All findings, and what follows."""
 
-    Attributes
-    ----------
-    status : Status
-    summary : str
-        One sentence.
-    findings : tuple of Finding
-    """
-
-    status: Status
-    summary: str
-    findings: tuple[Finding, ...]
+    status: Annotated[Status, described("", "accepted or doubtful")]
+    summary: Annotated[str, described("", "one sentence")]
+    findings: Annotated[tuple[Finding, ...], described("", "of every assumption")]
 
     @property
     def failed(self) -> tuple[Finding, ...]:

@@ -9,13 +9,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 from scipy import stats
 
 from constraints.arrays import Array
+from estimation.diagnostics.channel_test import ChannelTest
 from estimation.diagnostics.levels import NOISE
+from expdesign.runfolder import OpenNumbers, described
 
 _LAGS = 20
 _NOTICEABLE = 0.05
@@ -23,32 +27,25 @@ _NOTICEABLE = 0.05
 
 
 @dataclass(frozen=True, eq=False)
-class Whiteness:
-    """Test of six channels.
+class Whiteness(ChannelTest):
+    """Test of six channels for autocorrelation."""
 
-    Attributes
-    ----------
-    lags : int
-        Autocorrelations 1 … lags are tested.
-    autocorrelation : (6, lags)
-        Less what the fit takes away from white noise.
-    statistic : (6,)
-        Largest autocorrelation in standard deviations.
-    p_values : (6,)
-    level : float
-        Of the family of six.
-    """
-
-    lags: int
-    autocorrelation: Array
-    statistic: Array
-    p_values: Array
-    level: float = NOISE
+    lags: Annotated[int, described("1", "autocorrelations 1 … lags are tested")]
+    autocorrelation: Annotated[
+        OpenNumbers, described("1", "6 × lags, less what the fit takes away from white noise")
+    ]
+    statistic: Annotated[
+        OpenNumbers, described("1", "largest autocorrelation in standard deviations")
+    ]
+    p_values: Annotated[OpenNumbers, Field(alias="p"), described("1", "of each channel")]
+    level: Annotated[
+        float, Field(alias="family_level"), described("1", "level of the family of six")
+    ] = NOISE
 
     @property
     def significant(self) -> NDArray[np.bool_]:
         """(6,) channels that are not white."""
-        return self.p_values < self.level / len(self.p_values)
+        return super().failed
 
     @property
     def failed(self) -> NDArray[np.bool_]:

@@ -7,16 +7,15 @@ ends, whatever the order; a last line that a crash left incomplete is dropped an
 from __future__ import annotations
 
 import json
-import math
 import os
 from pathlib import Path
-from typing import Any
 
-import numpy as np
+from estimation.montecarlo.repetition import Repetition
+from expdesign.runfolder.atomic import plain, write_text
+from expdesign.runfolder.described import checker
+from expdesign.runfolder.json_file import FORMAT, known_format
 
-from estimation.montecarlo.repetition import Outcome, Repetition
-from expdesign.runfolder.atomic import write_text
-
+_FORMAT = 1
 NAME = "montecarlo/repetitions.jsonl"
 
 
@@ -39,7 +38,8 @@ class Journal:
     def __init__(self, path: Path, inputs: str) -> None:
         self.path = path
         self.done: dict[int, Repetition] = {}
-        self._header = json.dumps({"inputs": inputs}) + "\n"
+        self._header = json.dumps({FORMAT: _FORMAT, "inputs": inputs}) + "\n"
+        self._inputs = inputs
         self._valid = self._read()
 
     def _read(self) -> int:
@@ -48,13 +48,13 @@ class Journal:
             lines = self.path.read_bytes().splitlines(keepends=True)
         except FileNotFoundError:
             return 0
-        if not lines or lines[0] != self._header.encode():
+        if not lines or not self._is_of_this_study(lines[0]):
             return 0
         size = len(lines[0])
         for line in lines[1:]:
             try:
-                repetition = _parsed(json.loads(line))
-            except (ValueError, KeyError, TypeError):
+                repetition = checker(Repetition).validate_json(line)
+            except ValueError:
                 break
             if not line.endswith(b"\n"):
                 break
@@ -62,12 +62,22 @@ class Journal:
             size += len(line)
         return size
 
+    def _is_of_this_study(self, line: bytes) -> bool:
+        try:
+            header = json.loads(line)
+        except ValueError:
+            return False
+        if not isinstance(header, dict) or header.get("inputs") != self._inputs:
+            return False
+        known_format(self.path, header.get(FORMAT, 0), _FORMAT)
+        return True
+
     def add(self, repetition: Repetition) -> None:
         """Keep a repetition; it is on disk when this returns."""
         if not self._valid:
             write_text(self.path, self._header)
             self._valid = len(self._header)
-        line = (json.dumps(_plain(repetition)) + "\n").encode()
+        line = (json.dumps(plain(checker(Repetition).dump_python(repetition))) + "\n").encode()
         with self.path.open("r+b") as stream:
             stream.truncate(self._valid)
             stream.seek(self._valid)
@@ -76,40 +86,3 @@ class Journal:
             os.fsync(stream.fileno())
         self._valid += len(line)
         self.done[repetition.number] = repetition
-
-
-def _plain(repetition: Repetition) -> dict[str, Any]:
-    freedom = repetition.freedom
-    return {
-        "number": repetition.number,
-        "harmonics": repetition.harmonics,
-        "freedom": freedom if math.isfinite(freedom) else None,
-        "outcomes": {
-            name: {
-                "values": None if outcome.values is None else outcome.values.tolist(),
-                "std": None if outcome.std is None else outcome.std.tolist(),
-                "converged": outcome.converged,
-                "iterations": outcome.iterations,
-                "error": outcome.error,
-            }
-            for name, outcome in repetition.outcomes.items()
-        },
-    }
-
-
-def _parsed(data: dict[str, Any]) -> Repetition:
-    return Repetition(
-        number=int(data["number"]),
-        harmonics=data["harmonics"],
-        freedom=np.inf if data["freedom"] is None else float(data["freedom"]),
-        outcomes={
-            name: Outcome(
-                None if outcome["values"] is None else np.array(outcome["values"], dtype=float),
-                None if outcome["std"] is None else np.array(outcome["std"], dtype=float),
-                bool(outcome["converged"]),
-                int(outcome["iterations"]),
-                str(outcome["error"]),
-            )
-            for name, outcome in data["outcomes"].items()
-        },
-    )

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from pydantic import ConfigDict
 
-from constraints.arrays import Array
+from estimation.diagnostics.noise_record import Freedom
 from estimation.estimators import Experiment, Knowledge, ParameterEstimate
 from estimation.identification.estimate import parameter_knowledge, run_estimators
 from estimation.identification.recording import prepare_experiment
@@ -15,6 +16,7 @@ from estimation.identification.unsuitable import UnsuitableDataError
 from estimation.twin import Twin
 from expdesign.configuration import RunConfiguration
 from expdesign.robot import Robot, robot_from
+from expdesign.runfolder import Numbers, described
 from expdesign.trajectory import FourierTrajectory
 
 NUMERICAL_FAILURES = (ArithmeticError, np.linalg.LinAlgError)
@@ -26,45 +28,30 @@ FAILURES = (*NUMERICAL_FAILURES, UnsuitableDataError)
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What one estimator came to in one repetition.
+    """What one estimator found in one repetition."""
 
-    Attributes
-    ----------
-    values, std : (m,) or None
-        SI; None when it failed.
-    converged : bool
-    iterations : int
-    error : str
-        Why it failed; empty when it did not.
-    """
-
-    values: Array | None = None
-    std: Array | None = None
-    converged: bool = False
-    iterations: int = 0
-    error: str = ""
+    values: Annotated[Numbers | None, described("SI", "(m,) estimates; null when it failed")] = None
+    std: Annotated[Numbers | None, described("SI", "(m,) as stated; null when it failed")] = None
+    converged: Annotated[bool, described("", "the iteration ended as it should")] = False
+    iterations: Annotated[int, described("1", "number of iterations")] = 0
+    error: Annotated[str, described("", "why it failed; empty when it did not")] = ""
 
 
 @dataclass(frozen=True, eq=False)
 class Repetition:
-    """What is kept of one repetition.
+    """What is kept of one repetition: a line of the journal."""
 
-    Attributes
-    ----------
-    number : int
-        From 1.
-    harmonics : int or None
-        Of the fitted motion; None after pointwise differentiation, or without a motion.
-    freedom : float
-        Degrees of freedom behind the noise covariance; inf when it was given.
-    outcomes : mapping
-        By estimator.
-    """
+    __pydantic_config__ = ConfigDict(arbitrary_types_allowed=True)
 
-    number: int
-    harmonics: int | None
-    freedom: float
-    outcomes: Mapping[str, Outcome]
+    number: Annotated[int, described("1", "from 1")]
+    harmonics: Annotated[
+        int | None, described("1", "of the fitted motion; null where there is none")
+    ]
+    freedom: Annotated[
+        Freedom,
+        described("1", "degrees of freedom behind the noise covariance; null when given"),
+    ]
+    outcomes: Annotated[dict[str, Outcome], described("", "by estimator")]
 
 
 @dataclass(frozen=True, eq=False)

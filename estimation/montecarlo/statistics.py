@@ -8,80 +8,67 @@ from the scatter of these averages between repetitions.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from scipy import stats
 
 from constraints.arrays import Array
+from expdesign.runfolder import OpenNumber, described
 
 LEVEL = 0.95
 """Of the intervals about the statistics themselves."""
 
 
+_LOW, _HIGH = "lower end of its 95 % interval", "upper end of its 95 % interval"
+
+
 @dataclass(frozen=True)
 class ParameterStatistics:
-    """One parameter of one estimator over all repetitions, SI.
+    """One parameter of one estimator over all repetitions, SI."""
 
-    Attributes
-    ----------
-    bias, bias_std_error, bias_t : float
-        Mean error, its standard error and their ratio.
-    spread : float
-        Standard deviation of the estimates.
-    rmse : float
-        Root mean square of their errors.
-    reported_std : float
-        Root mean square of the standard deviations that the estimator states.
-    reported_over_spread : float
-        Their ratio: 1 when the estimator knows its own precision.
-    rmse_over_bound, rmse_over_bound_low, rmse_over_bound_high : float
-        With its 95 % interval.
-    coverage, coverage_low, coverage_high : float
-        Share of the estimator's 95 % intervals that hold the truth, with its 95 % interval.
-    largest_error : float
-        In any repetition, in units of the RMSE.
-    """
-
-    bias: float
-    bias_std_error: float
-    bias_t: float
-    spread: float
-    rmse: float
-    reported_std: float
-    reported_over_spread: float
-    rmse_over_bound: float
-    rmse_over_bound_low: float
-    rmse_over_bound_high: float
-    coverage: float
-    coverage_low: float
-    coverage_high: float
-    largest_error: float
+    bias: Annotated[OpenNumber, described("see unit", "mean error")]
+    bias_std_error: Annotated[OpenNumber, described("see unit", "standard error of the bias")]
+    bias_t: Annotated[OpenNumber, described("1", "bias in standard errors")]
+    spread: Annotated[OpenNumber, described("see unit", "standard deviation of the estimates")]
+    rmse: Annotated[OpenNumber, described("see unit", "root mean square of the errors")]
+    bound: Annotated[
+        OpenNumber,
+        described("see unit", "Cramér–Rao bound at the truth, as a standard deviation"),
+    ]
+    reported_std: Annotated[
+        OpenNumber,
+        described("see unit", "root mean square of the standard deviations stated"),
+    ]
+    reported_over_spread: Annotated[
+        OpenNumber, described("1", "the stated over the true standard deviation")
+    ]
+    rmse_over_bound: Annotated[
+        OpenNumber, described("1", "1 for an estimator that cannot be improved")
+    ]
+    rmse_over_bound_low: Annotated[OpenNumber, described("1", _LOW)]
+    rmse_over_bound_high: Annotated[OpenNumber, described("1", _HIGH)]
+    coverage: Annotated[
+        OpenNumber, described("1", "share of the stated 95 % intervals that hold the truth")
+    ]
+    coverage_low: Annotated[OpenNumber, described("1", _LOW)]
+    coverage_high: Annotated[OpenNumber, described("1", _HIGH)]
+    largest_error: Annotated[OpenNumber, described("1", "in any repetition, in units of the RMSE")]
 
 
 @dataclass(frozen=True)
 class PooledStatistics:
-    """Several parameters of one estimator together.
+    """Several parameters of one estimator together."""
 
-    Attributes
-    ----------
-    rmse_over_bound : float
-        Root mean square over the parameters.
-    rmse_over_bound_std_error, rmse_over_bound_low, rmse_over_bound_high : float
-    coverage, coverage_std_error, coverage_low, coverage_high : float
-        Mean over the parameters.
-    largest_bias_t : float
-        Of all parameters, without its sign.
-    """
-
-    rmse_over_bound: float
-    rmse_over_bound_std_error: float
-    rmse_over_bound_low: float
-    rmse_over_bound_high: float
-    coverage: float
-    coverage_std_error: float
-    coverage_low: float
-    coverage_high: float
-    largest_bias_t: float
+    rmse_over_bound: Annotated[OpenNumber, described("1", "root mean square over the parameters")]
+    rmse_over_bound_std_error: Annotated[OpenNumber, described("1", "its standard error")]
+    rmse_over_bound_low: Annotated[OpenNumber, described("1", _LOW)]
+    rmse_over_bound_high: Annotated[OpenNumber, described("1", _HIGH)]
+    coverage: Annotated[OpenNumber, described("1", "mean over the parameters")]
+    coverage_std_error: Annotated[OpenNumber, described("1", "its standard error")]
+    coverage_low: Annotated[OpenNumber, described("1", _LOW)]
+    coverage_high: Annotated[OpenNumber, described("1", _HIGH)]
+    largest_bias_t: Annotated[OpenNumber, described("1", "of all parameters, without its sign")]
 
 
 def parameter_statistics(
@@ -125,6 +112,7 @@ def parameter_statistics(
         bias_t=_ratio(bias, std_error),
         spread=spread,
         rmse=rmse,
+        bound=bound,
         reported_std=reported,
         reported_over_spread=_ratio(reported, spread),
         rmse_over_bound=rmse / bound,

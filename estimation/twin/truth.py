@@ -4,36 +4,30 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
 from constraints.arrays import Array
 from expdesign.configuration import ExperimentSection
+from expdesign.runfolder import described
 from expdesign.trajectory import FourierTrajectory
 
 
 @dataclass(frozen=True)
 class ExecutedTableTruth:
-    """A controller table that the machine executed instead of the series itself.
+    """A controller table that the machine executed instead of the series itself."""
 
-    Attributes
-    ----------
-    file, format : str
-        Name of the file and of its format.
-    sha256 : str
-        Of the file.
-    window : (2,)
-        Beginning and end of its measurement window, s from the start of the table.
-    position_error : float
-        Largest distance of a commanded strut from the design at the samples, m: by so much the
-        motion that was made is off the series `executed`.
-    """
-
-    file: str
-    format: str
-    sha256: str
-    window: tuple[float, float]
-    position_error: float
+    file: Annotated[str, described("", "name of the file")]
+    format: Annotated[str, described("", "name of its format")]
+    sha256: Annotated[str, described("", "of the file")]
+    window: Annotated[
+        tuple[float, float],
+        described("s", "measurement window: beginning and end, from the start of the table"),
+    ]
+    position_error: Annotated[
+        float, described("m", "by which the struts are off `executed` at most")
+    ]
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,41 +3,30 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import model_serializer
 
 from constraints.arrays import Array
 from estimation.uncertainty.intervals import IDENTIFIED
 from expdesign.robot import Robot
+from expdesign.runfolder import described
 
 
 @dataclass(frozen=True)
 class Combination:
-    """p_other + factor · p_weak, which the data know better than either.
+    """p_other + factor · p_weak, which the data know better than either."""
 
-    Attributes
-    ----------
-    weak : str
-        The parameter that is not identified.
-    other : str
-        The one that it is confounded with most.
-    factor : float
-        In units of other per unit of weak.
-    value, std : float
-        Of the combination, in the unit of other.
-    correlation : float
-        Of the two estimates.
-    identified : bool
-        Whether the combination is known to half the scale of the other parameter.
-    """
-
-    weak: str
-    other: str
-    factor: float
-    value: float
-    std: float
-    correlation: float
-    identified: bool = True
+    weak: Annotated[str, described("", "the parameter that is not identified")]
+    other: Annotated[str, described("", "the one that it is confounded with most")]
+    factor: Annotated[float, described("SI", "in units of other per unit of weak")]
+    value: Annotated[float, described("SI", "of the combination, in the unit of other")]
+    std: Annotated[float, described("SI", "standard deviation of the combination")]
+    correlation: Annotated[float, described("1", "of the two estimates")]
+    identified: Annotated[
+        bool, described("", "the combination is known to half the scale of the other parameter")
+    ] = True
 
     @property
     def text(self) -> str:
@@ -48,6 +37,10 @@ class Combination:
         if not self.identified:
             return f"{self.weak} is not identified, nor is it with {self.other}: {sum_} = {known}"
         return f"{self.weak} is not identified; {sum_} is: {known}"
+
+    @model_serializer(mode="wrap")
+    def _in_a_file(self, fields: Any) -> dict[str, Any]:
+        return {**fields(self), "text": self.text}
 
 
 def identified_combinations(

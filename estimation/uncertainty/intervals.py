@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from scipy import stats
@@ -11,6 +12,7 @@ from constraints.arrays import Array
 from estimation.estimators import Knowledge, ParameterEstimate
 from expdesign.mechanism.catalogue import parameter_unit
 from expdesign.robot import Robot
+from expdesign.runfolder import MAY_BE_EMPTY, OpenNumber, described
 
 LEVEL = 0.95
 """Coverage of the intervals."""
@@ -21,33 +23,26 @@ IDENTIFIED = 0.5
 
 @dataclass(frozen=True)
 class ParameterRow:
-    """One parameter of one estimator, as `estimates.csv` states it; SI.
+    """One parameter of one estimator: a row of `estimates.csv`."""
 
-    Attributes
-    ----------
-    estimator, parameter, unit : str
-    value : float
-    std : float
-        NaN for a fixed parameter.
-    ci_low, ci_high : float
-        95 % interval; NaN for a fixed parameter.
-    rel_std_percent : float
-        Of the a-priori value; NaN without one.
-    a_priori : float
-    identified : bool or None
-        None for a fixed parameter.
-    """
-
-    estimator: str
-    parameter: str
-    unit: str
-    value: float
-    std: float
-    ci_low: float
-    ci_high: float
-    rel_std_percent: float
-    a_priori: float
-    identified: bool | None
+    estimator: Annotated[str, described("", "ls, gm or ml")]
+    parameter: Annotated[str, described("", "name")]
+    unit: Annotated[str, described("", "SI unit of value, std, ci_low, ci_high and a_priori")]
+    value: Annotated[float, described("see unit", "estimate")]
+    std: Annotated[
+        OpenNumber, described("see unit", "standard deviation; empty for a fixed parameter")
+    ]
+    ci_low: Annotated[OpenNumber, described("see unit", "lower end of the 95 % interval")]
+    ci_high: Annotated[OpenNumber, described("see unit", "upper end of the 95 % interval")]
+    rel_std_percent: Annotated[
+        OpenNumber, described("%", "std over the a-priori value; empty without one")
+    ]
+    a_priori: Annotated[float, described("see unit", "value in the robot file, no prior")]
+    identified: Annotated[
+        bool | None,
+        MAY_BE_EMPTY,
+        described("", "std below half the parameter's scale; empty for a fixed one"),
+    ]
 
 
 def parameter_rows(

@@ -1,7 +1,7 @@
 """Prediction of motions that were not used for the estimate."""
 
+from estimation.identification.record import SavedEstimate, read_estimate
 from estimation.validation.motions import benchmark_motion
-from estimation.validation.saved_estimate import SavedEstimate, read_estimate
 from estimation.validation.validate import MotionValidation, ValidationResult, validate
 
 __all__ = [

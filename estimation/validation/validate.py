@@ -14,9 +14,9 @@ from estimation.data.reading import read_measurement
 from estimation.diagnostics import Diagnosis, diagnose
 from estimation.estimators import Experiment
 from estimation.identification import prepare_experiment
+from estimation.identification.record import SavedEstimate
 from estimation.twin import Twin
 from estimation.validation.motions import benchmark_motion
-from estimation.validation.saved_estimate import SavedEstimate
 from expdesign.configuration import InputError, Problem, RunConfiguration, ValidationMotion
 from expdesign.experiment.design import controller_period
 from expdesign.recheck import Recheck, recheck

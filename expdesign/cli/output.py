@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
-import math
 import os
 from typing import Annotated, Any
 
 import typer
 from rich.console import Console
 from rich.text import Text
+
+from expdesign.runfolder.atomic import plain
 
 RunArgument = Annotated[
     str,
@@ -43,7 +44,7 @@ def messages() -> Console:
 
 def write_json(data: Any) -> None:
     """Write data to standard output as JSON; NaN and ±inf, which JSON does not have, as null."""
-    typer.echo(json.dumps(_finite(data), indent=2))
+    typer.echo(json.dumps(plain(data), indent=2))
 
 
 def warn(text: str) -> None:
@@ -54,13 +55,3 @@ def warn(text: str) -> None:
 def note(text: str) -> None:
     """Write a remark to standard error."""
     messages().print(Text.assemble(("note: ", "cyan"), text))
-
-
-def _finite(data: Any) -> Any:
-    if isinstance(data, dict):
-        return {key: _finite(value) for key, value in data.items()}
-    if isinstance(data, list | tuple):
-        return [_finite(item) for item in data]
-    if isinstance(data, float) and not math.isfinite(data):
-        return None
-    return data

@@ -186,7 +186,7 @@ def estimate(outcome: Outcome) -> None:
 
 def validate(outcome: Outcome) -> None:
     """Print how the prediction of each motion compares with the noise."""
-    from estimation.validation.output import validation_table
+    from estimation.validation.record import ValidationRecord
 
     console, result = results(), outcome.result
     table = Table(
@@ -195,7 +195,7 @@ def validate(outcome: Outcome) -> None:
     )
     for head in ("motion", "actuator", "prediction", "noise", "F", "verdict"):
         table.add_column(head, justify="left" if head in {"motion", "verdict"} else "right")
-    for row in validation_table(result).itertuples():
+    for row in ValidationRecord.of(result).rows:
         table.add_row(
             row.motion,
             str(row.actuator),

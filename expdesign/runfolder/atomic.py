@@ -39,7 +39,7 @@ def write_text(path: Path, text: str) -> None:
 
 def write_json(path: Path, data: Any) -> None:
     """Write JSON; numbers that JSON does not have (NaN, ±inf) become null."""
-    write_text(path, json.dumps(_plain(data), indent=2, ensure_ascii=False) + "\n")
+    write_text(path, json.dumps(plain(data), indent=2, ensure_ascii=False) + "\n")
 
 
 def write_csv(path: Path, table: pd.DataFrame) -> None:
@@ -48,13 +48,14 @@ def write_csv(path: Path, table: pd.DataFrame) -> None:
         table.to_csv(beside, index=False, lineterminator="\n")
 
 
-def _plain(data: Any) -> Any:
+def plain(data: Any) -> Any:
+    """Return arrays as lists, and numbers that JSON does not have (NaN, ±inf) as None."""
     if isinstance(data, dict):
-        return {str(key): _plain(value) for key, value in data.items()}
+        return {str(key): plain(value) for key, value in data.items()}
     if isinstance(data, list | tuple):
-        return [_plain(item) for item in data]
+        return [plain(item) for item in data]
     if hasattr(data, "tolist"):
-        return _plain(data.tolist())
+        return plain(data.tolist())
     if isinstance(data, float) and not math.isfinite(data):
         return None
     return data

@@ -109,7 +109,7 @@ class JsonFile:
 
     def as_data(self) -> dict[str, Any]:
         """Return the keys of the file and their values."""
-        return checker(type(self)).dump_python(self)
+        return checker(type(self)).dump_python(self, by_alias=True)
 
     @classmethod
     def described_keys(cls) -> tuple[Column, ...]:

@@ -62,8 +62,10 @@ class Table:
         """The names of the columns."""
         return tuple(column.name for column in self.columns)
 
-    def numbered(self, number: int) -> Self:
-        """Return the same table in the file of one of several: ``tables/motion_2.csv``."""
+    def numbered(self, number: int | None) -> Self:
+        """Return the table of one of several: ``tables/motion_2.csv``; None: there is just one."""
+        if number is None:
+            return self
         stem, ending = self.file.rsplit(".", 1)
         return replace(self, file=f"{stem}_{number}.{ending}")
 

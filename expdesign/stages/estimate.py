@@ -8,11 +8,11 @@ from numpy.linalg import LinAlgError
 
 from estimation import diagnostics, identification
 from estimation.diagnostics import Diagnosis
-from estimation.diagnostics.noise_output import noise_record, write_noise
+from estimation.diagnostics.noise_record import NoiseRecord
 from estimation.estimators import UnidentifiableError
 from estimation.identification import EstimationResult
-from estimation.identification.output import write_estimate
 from estimation.identification.period_choice import choose_omega
+from estimation.identification.record import EstimateRecord
 from estimation.kinematics.fourier_fit import MotionFitError
 from estimation.processing import PeriodError, make_record
 from expdesign.configuration import InputError, Problem
@@ -51,13 +51,14 @@ def perform(work: Workspace) -> Outcome:
         diagnosis = diagnostics.diagnose(
             result.robot, result.experiments, result.knowledge, result.best
         )
-    found = None if diagnosis is None else diagnosis.as_dict()
+    record = EstimateRecord.of(result, diagnosis)
+    figures = configuration.run.report.figures
     summary = _summary(result, diagnosis, str(folder))
     return Outcome(
         "estimate",
         folder,
         (result, diagnosis),
-        (*write_estimate(result, folder, found), *estimate_figures(result, diagnosis, folder)),
+        (*record.write(folder), *estimate_figures(record, folder, figures)),
         summary=summary,
         message="; ".join(f"{name}: {e.status}" for name, e in result.estimates.items()),
         warnings=result.warnings[len(configuration.warnings) :],
@@ -85,14 +86,14 @@ def analyse_noise(work: Workspace) -> Outcome:
     except (PeriodError, ValueError) as error:
         problem = Problem(str(error), file=file, key="--data", allowed="two periods or more")
         raise InputError(problem) from error
-    written = write_noise(analysis, str(file), configuration, folder)
-    figures = noise_figures(analysis, folder, configuration.run.report.figures)
+    record = NoiseRecord.of(analysis, str(file))
+    figures = noise_figures(record, folder, configuration.run.report.figures)
     return Outcome(
         "noise",
         folder,
         analysis,
-        (*written, *figures),
-        summary={"folder": str(folder), **noise_record(analysis, str(file))},
+        (*record.write(folder), *figures),
+        summary={"folder": str(folder), **record.summary.as_data()},
     )
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import time
 
 from estimation.twin import Twin
-from estimation.twin.output import (
-    MEASUREMENT_FILE,
+from estimation.twin.record import (
+    MEASUREMENT,
     repetition_file,
     write_measurement,
     write_truth,
@@ -52,10 +52,10 @@ def perform(work: Workspace) -> Outcome:
     files = clear_outdated(NAME, work)
     status = "done"
     try:
-        files |= set(write_truth(twin.truth, configuration, folder, repeated=repetitions > 1))
+        files |= set(write_truth(twin.truth, folder, repeated=repetitions > 1))
         with work.progress.count("repetitions") as advanced:
             for number in range(1, repetitions + 1):
-                file = folder / (repetition_file(number) if repetitions > 1 else MEASUREMENT_FILE)
+                file = folder / (repetition_file(number) if repetitions > 1 else MEASUREMENT.file)
                 write_measurement(twin.measurement(number), file)
                 files.add(file)
                 done = number

@@ -12,7 +12,7 @@ from estimation.kinematics.fourier_fit import MotionFitError
 from estimation.montecarlo import Study
 from estimation.montecarlo import run_study as run_montecarlo
 from estimation.montecarlo.journal import NAME as JOURNAL
-from estimation.montecarlo.output import write_study
+from estimation.montecarlo.record import MonteCarloRecord
 from estimation.studies import Claim, StudyInterruptedError, TooFewEstimatesError, run_study
 from expdesign.information.fisher import SingularInformationError
 from expdesign.solver import InfeasibleLimitsError, NoDesignError
@@ -52,9 +52,10 @@ def montecarlo(work: Workspace) -> Outcome:
         raise StageFailed("interrupted before the first repetition was done")
     if not any(study.estimated(name) for name in study.estimators):
         raise StageFailed(f"no repetition could be estimated: {_reasons(study)}")
+    record = MonteCarloRecord.of(study)
     files = [
-        *write_study(study, folder),
-        *study_figures(folder, configuration.run.report.figures),
+        *record.write(folder),
+        *study_figures(record, folder, configuration.run.report.figures),
     ]
     count = f"{len(study.repetitions)} of {study.wanted} repetitions"
     message = f"interrupted after {count}" if study.interrupted else count

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from estimation.kinematics.fourier_fit import MotionFitError
 from estimation.validation import validate
-from estimation.validation.output import write_validation
+from estimation.validation.record import ValidationRecord
 from expdesign.robot import robot_from
 from expdesign.stages.outcome import Outcome, StageFailed
 from expdesign.stages.workspace import Workspace
@@ -26,11 +26,13 @@ def perform(work: Workspace) -> Outcome:
         result = validate(configuration, work.estimate(robot_from(configuration.robot)))
     except MotionFitError as error:
         raise StageFailed(str(error)) from error
+    record = ValidationRecord.of(result)
+    figures = validation_figures(record, folder, configuration.run.report.figures)
     return Outcome(
         "validate",
         folder,
         result,
-        (*write_validation(result, folder), *validation_figures(result, folder)),
+        (*record.write(folder), *figures),
         summary={
             "folder": str(folder),
             "accepted": result.accepted,

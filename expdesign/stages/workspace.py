@@ -25,7 +25,7 @@ from expdesign.trajectory import FourierTrajectory, TrajectoryFile, fourier_keys
 if TYPE_CHECKING:
     from estimation.data.measurement import Measurement
     from estimation.data.table import RawTable
-    from estimation.validation.saved_estimate import SavedEstimate
+    from estimation.identification.record import SavedEstimate
     from expdesign.robot import Robot
 
 _DESIGN, _EXPERIMENT = "design", "experiment"

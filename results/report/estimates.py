@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from constraints.arrays import Array
+from estimation.identification.record import EstimateFile
 from estimation.uncertainty.differences import FAMILY_LEVEL, Differences, hausman_test
-from results.reading.document import Document
 from results.report.table import Column, ReportTable, Value
 
 
@@ -33,28 +33,20 @@ class EstimatedParameters:
     kinematic: Array | None
 
     @classmethod
-    def read(cls, document: Document, estimator: str) -> EstimatedParameters:
-        """Read one estimator."""
-        names = document.texts("parameters")
-        entry = document.section("estimators").section(estimator)
-        values, shape = entry.section("values"), (len(names), len(names))
+    def of(cls, summary: EstimateFile, estimator: str) -> EstimatedParameters:
+        """Take one estimator of an `estimate.json`."""
+        entry = summary.estimators[estimator]
+        values = np.array([entry.values[name] for name in summary.parameters])
         return cls(
-            estimator,
-            names,
-            np.array([values.number(name) for name in names]),
-            entry.array("covariance", shape),
-            entry.array("covariance_kinematics", shape)
-            if "covariance_kinematics" in entry
-            else None,
+            estimator, summary.parameters, values, entry.covariance, entry.covariance_kinematics
         )
 
 
-def information_test(document: Document) -> Differences | None:
+def information_test(summary: EstimateFile) -> Differences | None:
     """Return the Hausman-type test of ML − GM; None where the folder has not both."""
-    estimators = document.section("estimators").keys()
-    if not {"gm", "ml"} <= set(estimators):
+    if not {"gm", "ml"} <= set(summary.estimators):
         return None
-    efficient, robust = (EstimatedParameters.read(document, name) for name in ("gm", "ml"))
+    efficient, robust = (EstimatedParameters.of(summary, name) for name in ("gm", "ml"))
     if robust.kinematic is None:
         return None
     return hausman_test(efficient.values, robust.values, robust.kinematic)

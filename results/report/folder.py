@@ -11,8 +11,12 @@ from typing import Any, Protocol, Self, TypeVar
 from expdesign.configuration import InputError, Problem, RunConfiguration, load_run
 from expdesign.runfolder.manifest import Manifest, StageEntry
 from results.figures.design.catalogue import DESIGN_FIGURES
-from results.figures.estimation import prediction
-from results.figures.estimation.catalogue import DIAGNOSTIC_FIGURES, ESTIMATE_FIGURES
+from results.figures.estimation.catalogue import (
+    DIAGNOSTIC_FIGURES,
+    ESTIMATE_FIGURES,
+    NOISE_FIGURES,
+    PREDICTION_FIGURE,
+)
 from results.figures.montecarlo.catalogue import STUDY_FIGURES
 from results.figures.studies.catalogue import RECORD_FIGURES, REPETITIONS_FIGURE
 from results.reading.document import Document
@@ -34,7 +38,8 @@ _CAPTIONS = {
     **{figure.key: figure.caption for figure in DESIGN_FIGURES},
     **{figure.key: figure.caption for figure in ESTIMATE_FIGURES},
     **{figure.key: figure.caption for figure in DIAGNOSTIC_FIGURES},
-    prediction.FIGURE.key: prediction.FIGURE.caption,
+    **{figure.key: figure.caption for figure in NOISE_FIGURES},
+    PREDICTION_FIGURE.key: PREDICTION_FIGURE.caption,
     **{figure.key: figure.caption for figure in STUDY_FIGURES},
     REPETITIONS_FIGURE.key: REPETITIONS_FIGURE.caption,
     **{one.key: one.caption for figures in RECORD_FIGURES.values() for one in figures},

@@ -7,11 +7,13 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
+from estimation.montecarlo.record import MonteCarloRecord
 from expdesign.configuration import RunConfiguration
 from expdesign.experiment import DesignRecord
 from expdesign.runfolder.atomic import write_text
 from expdesign.runfolder.manifest import Manifest
 from results.design import design_figures
+from results.estimation import study_figures
 from results.report.content import (
     Level,
     Page,
@@ -32,7 +34,6 @@ from results.report.stages.noise import noise_report
 from results.report.stages.study import study_report
 from results.report.stages.validation import validation_report
 from results.report.view import robot_view
-from results.study import study_figures
 
 NAME = "report.html"
 
@@ -154,7 +155,7 @@ def _missing_figures(folder: RunFolder) -> list[Path]:
     if folder.has("design") and missing("excitation"):
         drawn += design_figures(folder.record(DesignRecord), folder.path, formats)
     if folder.has("montecarlo") and missing("montecarlo_bias"):
-        drawn += study_figures(folder.path, formats)
+        drawn += study_figures(MonteCarloRecord.read(folder.path), folder.path, formats)
     return drawn
 
 

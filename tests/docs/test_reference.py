@@ -10,9 +10,9 @@ from pydantic_core import PydanticUndefined
 
 from constraints import limit_definitions
 from estimation.data.formats import file_formats
-from estimation.montecarlo.tables import STATISTICS, repetition_columns
+from estimation.montecarlo.record import STATISTICS, repetition_table
 from estimation.twin import Twin
-from estimation.twin.output import truth_record
+from estimation.twin.record import TruthFile
 from expdesign.configuration import (
     STAGES,
     DataSection,
@@ -244,7 +244,7 @@ def test_keys_of_the_truth():
     rows = table(RUN_FOLDER, "## truth.json")
     motion = FourierTrajectory(3.0, [0, 0, -0.654, 0, 0, 0], np.zeros((6, 1)), np.zeros((6, 1)))
     run = {"name": "n", "robot": "palida", "experiment": {"periods": 1, "sampling": 10}}
-    record = truth_record(Twin.of(load_run(run), motion).truth)
+    record = TruthFile.of(Twin.of(load_run(run), motion).truth).as_data()
     assert [key for row in rows for key in codes(row[0])] == list(record)
     for row in rows:
         for key in codes(row[0]):
@@ -277,10 +277,10 @@ def test_formats_of_measured_data():
 def test_columns_of_the_study():
     rows = table(RUN_FOLDER, "### Columns of montecarlo.csv")
     names = [name for row in rows for name in codes(row[0])]
-    assert sorted(names) == sorted(column.name for column in STATISTICS)
+    assert sorted(names) == sorted(STATISTICS.names)
     page = RUN_FOLDER.read_text(encoding="utf-8")
-    for column in repetition_columns(()):
-        assert f"`{column.name}`" in page
+    for name in repetition_table(()).names:
+        assert f"`{name}`" in page
 
 
 def test_figures_of_the_study():

@@ -7,8 +7,8 @@ import pytest
 
 from estimation.data.measurement import Measurement
 from estimation.identification import estimate
-from estimation.identification.output import write_estimate
 from estimation.identification.period_choice import choose_omega
+from estimation.identification.record import EstimateRecord
 from estimation.processing import PeriodSource
 from expdesign.configuration import InputError, load_run
 from expdesign.robot import robot_from
@@ -119,7 +119,7 @@ def test_time_stamps_far_from_zero_change_nothing(since, tmp_path):
     for name in near.estimates:
         close = (far[name].values - near[name].values) / near[name].std
         assert np.max(np.abs(close)) < 0.02
-    write_estimate(far, tmp_path)
+    EstimateRecord.of(far).write(tmp_path)
     table = pd.read_csv(tmp_path / "tables" / "estimated_motion.csv")
     assert table["t"].iloc[0] == pytest.approx(since, abs=1e-6)
     record = json.loads((tmp_path / "estimate.json").read_text())

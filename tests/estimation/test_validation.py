@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from estimation.identification import estimate
-from estimation.identification.output import write_estimate
+from estimation.identification.record import EstimateRecord
 from estimation.validation import benchmark_motion, read_estimate, validate
 from expdesign.configuration import InputError, load_run
 from expdesign.configuration.sections.validation import ValidationMotion
@@ -18,7 +18,7 @@ SAMPLING = f"{1 / STEP} Hz"
 def folder(tmp_path_factory):
     """Return a run folder with an estimate."""
     path = tmp_path_factory.mktemp("estimate")
-    write_estimate(estimate(run(), measured(MOTION, periods=10), MOTION), path)
+    EstimateRecord.of(estimate(run(), measured(MOTION, periods=10), MOTION)).write(path)
     return path
 
 
@@ -147,6 +147,6 @@ def test_an_estimate_of_another_robot_is_refused(folder, tmp_path):
 
 def test_a_pointwise_estimate_warns(tmp_path):
     config = run({"estimators": ["gm"], "differentiation": "central"})
-    write_estimate(estimate(config, measured(MOTION), MOTION), tmp_path)
+    EstimateRecord.of(estimate(config, measured(MOTION), MOTION)).write(tmp_path)
     warnings = validate(case(), read_estimate(tmp_path, ROBOT)).warnings
     assert any("pointwise differentiation" in warning for warning in warnings)

@@ -1,5 +1,6 @@
 """A small experiment: two harmonics, three periods of 120 samples."""
 
+from estimation.montecarlo.record import repetition_table
 from expdesign.configuration import load_run
 from tests.twin.examples import motion
 
@@ -20,6 +21,11 @@ def small(repetitions=4, estimate=None, montecarlo=None, **more):
         }
         | more
     )
+
+
+def repetition_rows(study):
+    """Return the rows of `tables/montecarlo_repetitions.csv`."""
+    return repetition_table(study.knowledge.names).frame(study.repetitions)
 
 
 class Watcher:

@@ -9,16 +9,16 @@ from estimation.identification import estimate
 from estimation.kinematics.fourier_fit import MotionFitError
 from estimation.montecarlo import repetition as one
 from estimation.montecarlo import run_study
-from estimation.montecarlo.output import repetitions_table, statistics_table, write_study
+from estimation.montecarlo.record import MonteCarloRecord
 from estimation.montecarlo.study import study_inputs
 from estimation.twin import Twin
 from expdesign.configuration import InputError
-from tests.montecarlo.examples import DESIGN, Watcher, small
+from tests.montecarlo.examples import DESIGN, Watcher, repetition_rows, small
 from tests.twin.examples import motion
 
 
 def table(study):
-    return repetitions_table(study).to_csv()
+    return repetition_rows(study).to_csv()
 
 
 # --- what a repetition is -------------------------------------------------------------------------
@@ -51,7 +51,7 @@ def test_statistics_are_about_the_free_parameters():
     assert np.all(study.bound_std[:2] == 0)
     assert np.all(study.bound_std[2:] > 0)
     assert not set(study.identified) & {0, 1}
-    assert "p1" not in set(statistics_table(study)["parameter"])
+    assert "p1" not in {row.parameter for row in MonteCarloRecord.of(study).rows}
 
 
 # --- the bound ------------------------------------------------------------------------------------
@@ -109,7 +109,7 @@ def test_an_experiment_that_determines_too_little_is_refused():
 def test_the_number_of_workers_changes_no_byte(study, tmp_path):
     two = run_study(small(workers=2), DESIGN, tmp_path / "journal")
     for folder, found in (("one", study), ("two", two)):
-        write_study(found, tmp_path / folder)
+        MonteCarloRecord.of(found).write(tmp_path / folder)
     for name in ("montecarlo.json", "tables/montecarlo.csv", "tables/montecarlo_repetitions.csv"):
         assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes()
 
@@ -199,16 +199,16 @@ def test_failures_are_recorded_with_their_reason(monkeypatch, tmp_path):
     assert "do not determine p1" in study.failures("ml")[0][1]
     assert [r.number for r, _ in study.estimated("gm")] == [1, 3]
     assert [r.number for r, _ in study.estimated("ml")] == [3]
-    rows = repetitions_table(study)
-    assert len(rows) == 6
-    failed = rows[rows["failure"] != ""]
+    found = repetition_rows(study)
+    assert len(found) == 6
+    failed = found[found["failure"] != ""]
     assert list(zip(failed["repetition"], failed["estimator"], strict=True)) == [
         (1, "ml"),
         (2, "gm"),
         (2, "ml"),
     ]
     assert failed["p1"].isna().all()
-    assert statistics_table(study)["estimates"].tolist() == [2] * 24 + [1] * 24
+    assert [row.estimates for row in MonteCarloRecord.of(study).rows] == [2] * 24 + [1] * 24
     assert table(run_study(small(3), DESIGN, journal)) == table(study)
 
 

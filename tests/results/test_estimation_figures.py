@@ -6,12 +6,22 @@ import numpy as np
 import pytest
 
 from estimation.diagnostics import diagnose
-from results.figures.estimation.catalogue import DIAGNOSTIC_FIGURES
+from estimation.diagnostics.record import ExperimentRecord
+from results.figures.estimation.catalogue import DIAGNOSTIC_FIGURES, NOISE_FIGURES
 from results.figures.saving import save_figures
 from results.style import PAGE_WIDTH, RESOLUTION, house_style
 from tests.diagnostics.conftest import Laboratory
 
-KEYS = [definition.key for definition in DIAGNOSTIC_FIGURES]
+KEYS = [definition.key for definition in (*DIAGNOSTIC_FIGURES, *NOISE_FIGURES)]
+
+
+def drawn(diagnosis):
+    """Return every figure of a diagnosis by its name."""
+    record = ExperimentRecord.of(diagnosis)
+    with house_style():
+        return {figure.key: figure.draw(record) for figure in DIAGNOSTIC_FIGURES} | {
+            figure.key: figure.draw(record.pictures) for figure in NOISE_FIGURES
+        }
 
 
 @pytest.fixture(scope="module")
@@ -25,8 +35,7 @@ def diagnosis():
 
 @pytest.fixture(scope="module")
 def figures(diagnosis):
-    with house_style():
-        return {definition.key: definition.draw(diagnosis) for definition in DIAGNOSTIC_FIGURES}
+    return drawn(diagnosis)
 
 
 def _texts(axes):
@@ -34,7 +43,9 @@ def _texts(axes):
 
 
 def test_files_are_complete(diagnosis, tmp_path):
-    paths = save_figures(DIAGNOSTIC_FIGURES, diagnosis, tmp_path)
+    record = ExperimentRecord.of(diagnosis)
+    paths = save_figures(DIAGNOSTIC_FIGURES, record, tmp_path)
+    paths += save_figures(NOISE_FIGURES, record.pictures, tmp_path)
     assert {p.name for p in paths} == {f"{key}.{end}" for key in KEYS for end in ("png", "svg")}
     for path in paths:
         if path.suffix == ".svg":
@@ -82,6 +93,5 @@ def test_given_noise_and_pointwise_kinematics_can_be_drawn():
     experiment = lab.pointwise(lab.measure(1)).with_noise(lab.noise)
     estimate = lab.estimate([experiment])
     result = diagnose(lab.robot, [experiment], lab.knowledge, estimate).experiments[0]
-    with house_style():
-        for definition in DIAGNOSTIC_FIGURES:
-            assert definition.draw(result).axes, definition.key
+    for key, figure in drawn(result).items():
+        assert figure.axes, key

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from estimation.diagnostics import ExperimentDiagnosis
-from estimation.diagnostics.noise_tests import NoiseTests
-from estimation.identification import EstimationResult
+from estimation.diagnostics.noise_record import NoisePictures
+from estimation.diagnostics.record import ExperimentRecord
+from estimation.identification.record import EstimateRecord
 from results.figures.definition import FigureDefinition
 from results.figures.estimation import (
     correlation,
@@ -17,24 +17,25 @@ from results.figures.estimation import (
     residuals_over_time,
 )
 
-NOISE_FIGURES: tuple[FigureDefinition[NoiseTests], ...] = (
+NOISE_FIGURES: tuple[FigureDefinition[NoisePictures], ...] = (
     noise_distribution.FIGURE,
     noise_quantiles.FIGURE,
     noise_covariance.FIGURE,
 )
 """What is shown of noise alone."""
 
-DIAGNOSTIC_FIGURES: tuple[FigureDefinition[ExperimentDiagnosis], ...] = (
+DIAGNOSTIC_FIGURES: tuple[FigureDefinition[ExperimentRecord], ...] = (
     residuals_over_time.FIGURE,
     residual_dependence.FIGURE,
     position_periodic.FIGURE,
-    noise_distribution.FIGURE,
-    noise_quantiles.FIGURE,
-    noise_covariance.FIGURE,
 )
+"""What is shown of the residuals, beside the noise."""
 
-ESTIMATE_FIGURES: tuple[FigureDefinition[EstimationResult], ...] = (
+ESTIMATE_FIGURES: tuple[FigureDefinition[EstimateRecord], ...] = (
     estimates.FIGURE,
     correlation.FIGURE,
 )
 """What is shown of the parameters."""
+
+PREDICTION_FIGURE = residuals_over_time.PREDICTION
+"""What is shown of the prediction of each motion of a validation."""

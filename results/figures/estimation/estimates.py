@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.container import Container
 from matplotlib.figure import Figure
 
-from estimation.identification import EstimationResult
+from estimation.identification.record import EstimateRecord
 from results.figures.definition import FigureDefinition
 from results.figures.legends import legend_above
 from results.style import ESTIMATOR_LOOKS, MUTED, new_figure
@@ -15,25 +15,25 @@ from results.symbols import symbol
 _SPREAD = 0.5
 
 
-def draw(result: EstimationResult) -> Figure:
+def draw(record: EstimateRecord) -> Figure:
     """Draw deviations in units of the best estimator's standard deviation."""
     figure = new_figure(3.4)
     axes = figure.subplots()
-    names = result.knowledge.names
+    tables = record.by_estimator()
+    best = record.summary.best
+    names = record.summary.parameters
     position = np.arange(len(names), dtype=float)
-    free = result.knowledge.free
-    unit = np.where(free, result.best.std, 1.0)
-    count = len(result.estimates)
+    unit = np.array([row.std for row in tables[best]])
+    free = np.isfinite(unit)
     handles: list[Container] = []
-    for place, (name, estimate) in enumerate(result.estimates.items()):
-        shift = _SPREAD * ((place + 0.5) / count - 0.5)
-        rows = {row.parameter: row for row in result.rows if row.estimator == name}
-        width = np.array([rows[n].ci_high - rows[n].value for n in names])
+    for place, (name, rows) in enumerate(tables.items()):
+        shift = _SPREAD * ((place + 0.5) / len(tables) - 0.5)
+        numbers = np.array([(row.value, row.a_priori, row.ci_high) for row in rows])[free]
         handles.append(
             axes.errorbar(
                 position[free] + shift,
-                ((estimate.values - result.knowledge.nominal) / unit)[free],
-                yerr=(width / unit)[free],
+                (numbers[:, 0] - numbers[:, 1]) / unit[free],
+                yerr=(numbers[:, 2] - numbers[:, 0]) / unit[free],
                 **ESTIMATOR_LOOKS[name],
                 linestyle="none",
                 markersize=3.0,
@@ -61,8 +61,7 @@ def draw(result: EstimationResult) -> Figure:
     axes.grid(visible=False, axis="x")
     axes.set_xlim(-0.7, len(names) - 0.3)
     axes.set_xlabel("Parameter")
-    best = result.best.estimator.upper()
-    axes.set_ylabel(f"(Estimate − a priori) / std of {best}")
+    axes.set_ylabel(f"(Estimate − a priori) / std of {best.upper()}")
     axes.set_title("Estimates against the a-priori values, 95 % intervals")
     legend_above(axes, handles)
     return figure

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from constraints.arrays import Array
-from estimation.diagnostics.noise_tests import NoiseTests
+from estimation.diagnostics.noise_record import NoisePictures
 from results.figures.definition import FigureDefinition
 from results.style import BLUE, INK, STRUT_COLOURS, VERMILLION, new_figure
 from results.units import handy_unit
@@ -19,9 +19,9 @@ _DARK = 0.6
 """Correlation from which on text is white."""
 
 
-def draw(diagnosis: NoiseTests) -> Figure:
+def draw(pictures: NoisePictures) -> Figure:
     """Draw the forces above and the lengths below."""
-    noise = diagnosis.noise
+    noise = pictures.noise
     figure = new_figure(5.6)
     panels = figure.subplots(2, 2, gridspec_kw={"width_ratios": [1.15, 1.0]})
     _pair(

@@ -6,28 +6,23 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy import stats
 
-from estimation.diagnostics.noise_tests import NoiseTests
+from estimation.diagnostics.noise_record import NoisePictures
 from results.figures.definition import FigureDefinition
 from results.figures.estimation.panels import corner_text, strut_panels
 from results.style import INK, STRUT_COLOURS, new_figure
 from results.units import plain_number
 
-_REACH = 4.2
-"""Half the width of the axis, in standard deviations."""
-_MOST_BINS, _FEWEST_BINS = 60, 12
 
-
-def draw(diagnosis: NoiseTests) -> Figure:
+def draw(pictures: NoisePictures) -> Figure:
     """Draw a histogram per actuator; what lies beyond the axis is counted in its outer bins."""
-    samples, test = diagnosis.samples.forces.pooled, diagnosis.force_normality
+    bins, test = pictures.histogram, pictures.normality
     figure = new_figure(4.3)
-    reach = _REACH * float(np.max(test.std))
-    bins = int(np.clip(np.sqrt(len(samples)), _FEWEST_BINS, _MOST_BINS))
+    reach = float(bins.high[-1])
     for j, axes in enumerate(strut_panels(figure, "Actuator", share=True)):
-        inside = np.clip(samples[:, j], -reach, reach)
         axes.hist(
-            inside,
-            bins=np.linspace(-reach, reach, bins + 1).tolist(),
+            bins.low,
+            bins=[*bins.low.tolist(), reach],
+            weights=bins.counts[:, j],
             density=True,
             color=STRUT_COLOURS[j],
             alpha=0.55,

@@ -7,35 +7,38 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from estimation.diagnostics import ExperimentDiagnosis
+from estimation.diagnostics.record import ExperimentRecord
 from results.figures.definition import FigureDefinition
 from results.figures.estimation.panels import corner_text, strut_panels
 from results.style import ALERT, FAINT, MUTED, STRUT_COLOURS, new_figure
 
 
-def draw(diagnosis: ExperimentDiagnosis) -> Figure:
+def draw(record: ExperimentRecord) -> Figure:
     """Draw the statistic over the pitch: of the residuals, and with what was found taken out."""
-    attribution = diagnosis.attribution
-    forces = {e.strut: e.force for e in attribution.effects if e.force is not None}
+    tests = record.tests
+    forces = {e.strut: e.force for e in tests.effects if e.force is not None}
     figure = new_figure(5.4)
     panels = strut_panels(figure, "Strut", (3, 2), share=True)
-    for axes, first, last in zip(panels, attribution.scans, attribution.last_scans, strict=True):
-        if not len(first.pitches):
+    for strut, (axes, scan) in enumerate(zip(panels, tests.position_periodic, strict=True)):
+        rows = [row for row in record.pitches if row.strut == strut + 1]
+        if not rows:
             axes.text(0.5, 0.5, "not scanned", transform=axes.transAxes, ha="center", color=MUTED)
             continue
-        pitch = 1e3 * first.pitches
-        if attribution.effects:
-            axes.plot(pitch, first.statistic, color=FAINT, linewidth=0.9, zorder=2)
-        axes.plot(pitch, last.statistic, color=STRUT_COLOURS[first.strut], linewidth=0.9, zorder=3)
-        axes.axhline(first.critical, color=ALERT, linewidth=0.9, linestyle=(0, (4, 2)), zorder=4)
-        force = forces.get(first.strut)
+        pitch = [1e3 * row.pitch for row in rows]
+        if tests.effects:
+            first = [row.statistic for row in rows]
+            axes.plot(pitch, first, color=FAINT, linewidth=0.9, zorder=2)
+        last = [row.statistic_with_effects for row in rows]
+        axes.plot(pitch, last, color=STRUT_COLOURS[strut], linewidth=0.9, zorder=3)
+        axes.axhline(scan.critical, color=ALERT, linewidth=0.9, linestyle=(0, (4, 2)), zorder=4)
+        force = forces.get(strut)
         if force is not None:
             corner_text(
                 axes,
                 f"position-periodic:\n{force.amplitude:.3g} ± {force.amplitude_std:.1g} N\n"
                 f"pitch {1e3 * force.pitch:.3f} mm",
             )
-    _scales(panels[0], attribution.scans[0].critical)
+    _scales(panels[0], tests.position_periodic[0].critical)
     figure.supxlabel("Pitch (mm)", fontsize="medium")
     figure.supylabel("Statistic (χ² of sine and cosine)", fontsize="medium")
     return figure

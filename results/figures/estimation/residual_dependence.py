@@ -2,31 +2,33 @@
 
 from __future__ import annotations
 
+import numpy as np
 from matplotlib.figure import Figure
 
-from estimation.diagnostics import ExperimentDiagnosis
+from estimation.diagnostics.record import ExperimentRecord
 from results.figures.definition import FigureDefinition
 from results.style import MUTED, STRUT_COLOURS, new_figure
 from results.units import handy_unit
 
 
-def draw(diagnosis: ExperimentDiagnosis) -> Figure:
+def draw(record: ExperimentRecord) -> Figure:
     """Draw one row per strut: means in bins with their 95 % intervals."""
     figure = new_figure(7.8)
     panels = figure.subplots(6, 2, sharex="col", sharey=True)
-    columns = (
-        ("Strut length", "m", diagnosis.dependence.position),
-        ("Strut speed", "m/s", diagnosis.dependence.speed),
-    )
-    for column, (label, si, struts) in enumerate(columns):
-        unit = handy_unit(si, [value for strut in struts for value in strut.centres])
-        for j, strut in enumerate(struts):
+    columns = (("length", "m"), ("speed", "m/s"))
+    for column, (over, si) in enumerate(columns):
+        rows = [row for row in record.dependence if row.over == over]
+        unit = handy_unit(si, [row.centre for row in rows])
+        for j in range(6):
             axes = panels[j, column]
             axes.axhline(0, color=MUTED, linewidth=0.7, zorder=1)
+            bins = np.array(
+                [(r.centre, r.mean, r.half_width) for r in rows if r.strut == j + 1]
+            ).reshape(-1, 3)
             axes.errorbar(
-                unit.shown(strut.centres),
-                strut.means,
-                yerr=strut.half_widths,
+                unit.shown(bins[:, 0]),
+                bins[:, 1],
+                yerr=bins[:, 2],
                 fmt="o",
                 markersize=2.2,
                 color=STRUT_COLOURS[j],
@@ -35,8 +37,8 @@ def draw(diagnosis: ExperimentDiagnosis) -> Figure:
             )
             if column == 0:
                 axes.set_ylabel(f"{j + 1}", rotation=0, labelpad=10, va="center", weight="bold")
-        panels[-1, column].set_xlabel(unit.label(label))
-        panels[0, column].set_title(f"Over the {label.split()[1]}")
+        panels[-1, column].set_xlabel(unit.label(f"Strut {over}"))
+        panels[0, column].set_title(f"Over the {over}")
     figure.supylabel("Strut: mean residual force (N)", fontsize="medium")
     return figure
 

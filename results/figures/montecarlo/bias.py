@@ -8,8 +8,7 @@ from matplotlib.ticker import FuncFormatter
 
 from results.figures.definition import FigureDefinition
 from results.figures.legends import legend_above
-from results.figures.montecarlo.series import parameter_axis, points
-from results.study_record import StudyRecord
+from results.figures.montecarlo.series import Series, parameter_axis, points
 from results.style import FAINT, MUTED, new_figure
 
 CLEAR = 3.5
@@ -18,19 +17,18 @@ CLEAR = 3.5
 _LINEAR_REACH = 12.0
 
 
-def draw(record: StudyRecord) -> Figure:
+def draw(series: Series) -> Figure:
     """Draw the bias with its standard error, and the band in which chance leaves it.
 
     The axis is linear near zero and logarithmic further out when biases are large.
     """
-    series = record.series
     band = CLEAR / np.sqrt(min(one.estimates for one in series))
     figure = new_figure(3.3)
     axes = figure.subplots()
     handles = []
     largest = band
     for number, one in enumerate(series):
-        bias, error = one.bias / one.bound, one.bias_std_error / one.bound
+        bias, error = one.bias, one.bias_std_error
         largest = max(largest, float(np.nanmax(np.abs(bias) + np.nan_to_num(error))))
         handles.append(points(axes, series, number, bias, np.stack([error, error])))
     axes.axhspan(-band, band, color=FAINT, alpha=0.35, linewidth=0, zorder=1)

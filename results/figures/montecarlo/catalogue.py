@@ -4,6 +4,6 @@ from __future__ import annotations
 
 from results.figures.definition import FigureDefinition
 from results.figures.montecarlo import bias, efficiency
-from results.study_record import StudyRecord
+from results.figures.montecarlo.series import Series
 
-STUDY_FIGURES: tuple[FigureDefinition[StudyRecord], ...] = (bias.FIGURE, efficiency.FIGURE)
+STUDY_FIGURES: tuple[FigureDefinition[Series], ...] = (bias.FIGURE, efficiency.FIGURE)

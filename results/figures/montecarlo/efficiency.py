@@ -10,8 +10,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from constraints.arrays import Array
 from results.figures.definition import FigureDefinition
 from results.figures.legends import legend_above
-from results.figures.montecarlo.series import parameter_axis, points
-from results.study_record import StudyRecord
+from results.figures.montecarlo.series import Series, parameter_axis, points
 from results.style import MUTED, new_figure
 
 NOMINAL = 95.0
@@ -20,20 +19,19 @@ NOMINAL = 95.0
 _LINEAR_REACH = 3.0
 
 
-def draw(record: StudyRecord) -> Figure:
+def draw(series: Series) -> Figure:
     """Draw two panels over the parameters, every point with its 95 % interval."""
-    series = record.series
     figure = new_figure(4.6)
     above, below = figure.subplots(2, 1, sharex=True)
     handles = []
     for number, one in enumerate(series):
-        ratio, cover = one.rmse_over_bound, 100 * one.coverage
+        ratio, cover = one.rmse, 100 * one.coverage
         handles.append(points(above, series, number, ratio[:, 0], _bars(ratio)))
         points(below, series, number, cover[:, 0], _bars(cover))
     for axes, target in ((above, 1.0), (below, NOMINAL)):
         axes.axhline(target, color=MUTED, linewidth=1.0, zorder=2)
         parameter_axis(axes, series)
-    _ratio_scale(above, np.concatenate([one.rmse_over_bound.ravel() for one in series]))
+    _ratio_scale(above, np.concatenate([one.rmse.ravel() for one in series]))
     above.set_ylabel("RMSE / Cramér–Rao bound")
     above.set_title("Efficiency")
     legend_above(above, handles)

@@ -3,17 +3,71 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 
 from constraints.arrays import Array
-from results.reading.estimator_statistics import EstimatorStatistics
+from estimation.montecarlo.record import StatisticsRow
 from results.style import BLACK, ESTIMATOR_LOOKS
 from results.symbols import symbol
 
-Series = Sequence[EstimatorStatistics]
+
+@dataclass(frozen=True, eq=False)
+class EstimatorSeries:
+    """One estimator over all repetitions.
+
+    Attributes
+    ----------
+    estimator : str
+        ``"ls"``, ``"gm"`` or ``"ml"``.
+    label : str
+        Its name in legends.
+    estimates : int
+        Repetitions that it is judged by.
+    parameters : tuple of str
+    bias, bias_std_error : (m,)
+        In units of the Cramér–Rao bound.
+    rmse, coverage : (m, 3)
+        RMSE in units of the bound; share of the intervals that hold the truth. Value, lower and
+        upper end of its 95 % interval.
+    """
+
+    estimator: str
+    label: str
+    estimates: int
+    parameters: tuple[str, ...]
+    bias: Array
+    bias_std_error: Array
+    rmse: Array
+    coverage: Array
+
+
+Series = Sequence[EstimatorSeries]
+
+
+def study_series(rows: Sequence[StatisticsRow]) -> tuple[EstimatorSeries, ...]:
+    """Return the estimators of a study in their order."""
+    found = []
+    for estimator in dict.fromkeys(row.estimator for row in rows):
+        own = [row for row in rows if row.estimator == estimator]
+        ratio = [(r.rmse_over_bound, r.rmse_over_bound_low, r.rmse_over_bound_high) for r in own]
+        found.append(
+            EstimatorSeries(
+                estimator,
+                estimator.upper(),
+                own[0].estimates,
+                tuple(row.parameter for row in own),
+                np.array([row.bias / row.bound for row in own]),
+                np.array([row.bias_std_error / row.bound for row in own]),
+                np.array(ratio),
+                np.array([(r.coverage, r.coverage_low, r.coverage_high) for r in own]),
+            )
+        )
+    return tuple(found)
+
 
 _OTHER_LOOK = {"color": BLACK, "marker": "D"}
 _WIDTH = 0.56

@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from constraints.arrays import Array
+from estimation.identification.record import EstimateFile
+from estimation.twin.record import TruthFile
 from estimation.uncertainty.differences import Differences, difference_test
 from expdesign.mechanism.catalogue import parameter_unit
 from expdesign.runfolder.manifest import file_hash
@@ -46,18 +48,20 @@ class ComparedEstimate:
     ----------
     label : str
     folder : RunFolder
+    summary : EstimateFile
     estimate : EstimatedParameters
     """
 
     label: str
     folder: RunFolder
+    summary: EstimateFile
     estimate: EstimatedParameters
 
     @classmethod
     def read(cls, label: str, folder: RunFolder) -> ComparedEstimate:
         """Read the best estimate of a folder."""
-        document = folder.document("estimate")
-        return cls(label, folder, EstimatedParameters.read(document, document.text("best")))
+        summary = EstimateFile.read(folder.path)
+        return cls(label, folder, summary, EstimatedParameters.of(summary, summary.best))
 
     @property
     def std(self) -> Array:
@@ -89,7 +93,7 @@ def estimates_report(found: tuple[ComparedEstimate, ...]) -> StageReport:
         caption = f"{title}: each parameter against the sum of both covariances"
         blocks.append(TableBlock(differences_table(f"difference_{number}", caption, names, test)))
     for each in found:
-        test_of_information = information_test(each.folder.document("estimate"))
+        test_of_information = information_test(each.summary)
         if test_of_information is not None:
             text = f"{each.label}. {information_sentence(test_of_information)}."
             blocks.append(TextBlock((text,)))
@@ -129,10 +133,8 @@ def not_independent(one: ComparedEstimate, other: ComparedEstimate) -> str:
             "of their covariances is not that of the difference."
         )
     if one.folder.has("experiment") and other.folder.has("experiment"):
-        first, second = (
-            each.folder.document("experiment").section("seeds") for each in (one, other)
-        )
-        if first.optional("repetitions") == second.optional("repetitions"):
+        first, second = (TruthFile.read(each.folder.path).seeds for each in (one, other))
+        if first.repetitions == second.repetitions:
             return (
                 "Both experiments were simulated with the same seed, so that their noise may be "
                 "the same; simulate one of them with another experiment.seed."
@@ -143,8 +145,8 @@ def not_independent(one: ComparedEstimate, other: ComparedEstimate) -> str:
 def _recordings(each: ComparedEstimate) -> set[str]:
     """Return what identifies the data of an estimate: contents where they are there, else names."""
     found = set()
-    for recording in each.folder.document("estimate").sections("recordings"):
-        source = Path(recording.text("source"))
+    for recording in each.summary.recordings:
+        source = Path(recording.source)
         own = each.folder.path / source.name
         file = source if source.is_file() else own
         found.add(file_hash(file) if file.is_file() else str(source))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from results.reading.table import Table
+from estimation.montecarlo.record import STATISTICS
 from results.report.folder import RunFolder
 from results.report.stages.estimate import NAMES
 from results.report.table import Column, ReportTable, Value
@@ -14,24 +14,19 @@ def achieved_table(folders: dict[str, RunFolder]) -> ReportTable:
     cells: dict[tuple[str, str], list[Value]] = {}
     width = 0
     for label, folder in folders.items():
-        table = Table.read(
-            folder.table_file("montecarlo"), ["estimator", "parameter", "unit", "bound", "spread"]
-        )
-        bound, spread = (table.numbers(name, blank=True).tolist() for name in ("bound", "spread"))
-        estimators = tuple(dict.fromkeys(table.columns["estimator"]))
+        rows = STATISTICS.read(folder.path)
+        estimators = tuple(dict.fromkeys(row.estimator for row in rows))
         columns.append(Column(f"bound, {label}", digits=3))
         columns += [Column(f"{NAMES.get(e, e)}, {label}", digits=3) for e in estimators]
-        for k, key in enumerate(
-            zip(table.columns["parameter"], table.columns["unit"], strict=True)
-        ):
-            row = cells.setdefault(key, [])
+        for found in rows:
+            row = cells.setdefault((found.parameter, found.unit), [])
             row += [None] * (width + 1 + len(estimators) - len(row))
-            row[width] = bound[k]
-            row[width + 1 + estimators.index(table.columns["estimator"][k])] = spread[k]
+            row[width] = found.bound
+            row[width + 1 + estimators.index(found.estimator)] = found.spread
         width += 1 + len(estimators)
-    rows = [(*key, *row, *[None] * (width - len(row))) for key, row in cells.items()]
+    table = [(*key, *row, *[None] * (width - len(row))) for key, row in cells.items()]
     caption = (
         "Standard deviations that the estimators achieved in simulated experiments, beside the "
         "Cramér–Rao bound of each, SI units"
     )
-    return ReportTable.of("achieved", caption, columns, rows)
+    return ReportTable.of("achieved", caption, columns, table)

@@ -4,33 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from results.reading.document import Document
+from estimation.diagnostics import Finding, Outcome, Status, Verdict
 from results.report.content import Level
 from results.report.table import Column, ReportTable
 
 
-def verdict_level(diagnostics: Document) -> Level:
+def verdict_level(verdict: Verdict) -> Level:
     """Return how a verdict is to be taken."""
-    status = diagnostics.section("verdict").text("status")
-    return {"accepted": Level.GOOD, "doubtful": Level.BAD}.get(status, Level.CAUTION)
+    return Level.GOOD if verdict.status is Status.ACCEPTED else Level.BAD
 
 
-def model_findings(diagnostics: Document) -> tuple[Document, ...]:
-    """Return the findings of the diagnostics of an estimate or a prediction."""
-    return diagnostics.section("verdict").sections("findings")
-
-
-def findings_table(key: str, findings: Sequence[Document], what: str) -> ReportTable:
-    """Return every assumption with what became of it."""
-    rows = [
-        (
-            finding.text("assumption"),
-            finding.text("outcome"),
-            finding.text("sentence"),
-            finding.text("advice"),
-        )
-        for finding in findings
-    ]
+def findings_table(key: str, findings: Sequence[Finding], what: str) -> ReportTable:
+    """Return every assumption with its outcome."""
+    rows = [(f.assumption, f.outcome.value, f.sentence, f.advice) for f in findings]
     columns = (
         Column("assumption", kind="text"),
         Column("outcome", kind="outcome"),
@@ -40,13 +26,11 @@ def findings_table(key: str, findings: Sequence[Document], what: str) -> ReportT
     return ReportTable.of(key, f"Assumptions of {what} and what became of them", columns, rows)
 
 
-def against(diagnostics: Document) -> str:
+def against(verdict: Verdict) -> str:
     """Return what speaks against the model, as the diagnostics put it; empty when nothing does."""
-    return "; ".join(
-        failures([f for f in model_findings(diagnostics) if f.flag("serious")]),
-    )
+    return "; ".join(failures([finding for finding in verdict.findings if finding.serious]))
 
 
-def failures(findings: Sequence[Document]) -> tuple[str, ...]:
+def failures(findings: Sequence[Finding]) -> tuple[str, ...]:
     """Return what was seen where an assumption fails."""
-    return tuple(f.text("sentence") for f in findings if f.text("outcome") == "fails")
+    return tuple(f.sentence for f in findings if f.outcome is Outcome.FAILS)

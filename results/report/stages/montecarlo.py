@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from results.reading.document import Document
-from results.reading.table import Table
+from estimation.montecarlo.record import EstimatorKeys, MonteCarloRecord
 from results.report.content import Block, Fact, Level, Section, StageReport, TableBlock, Verdict
 from results.report.folder import RunFolder
 from results.report.numerals import percent, readable
@@ -11,92 +10,68 @@ from results.report.stages.estimate import NAMES
 from results.report.table import Column, ReportTable, Value
 
 FIGURES = ("montecarlo_bias", "montecarlo_efficiency")
-_STATISTICS = (
-    "truth",
-    "bias",
-    "bias_t",
-    "spread",
-    "rmse",
-    "bound",
-    "rmse_over_bound",
-    "coverage",
-)
+_TITLE = "Monte-Carlo study"
 
 
 def montecarlo_report(folder: RunFolder) -> StageReport:
-    """Return what is to be said of the study in a folder."""
-    document = folder.document("montecarlo")
-    repetitions = document.section("repetitions")
-    done, wanted = repetitions.integer("done"), repetitions.integer("wanted")
-    estimators = dict(document.section("estimators").items())
-    interrupted = document.flag("interrupted")
-    failures = sum(len(entry.sections("failures")) for entry in estimators.values())
-    sentence = f"{done} simulated experiments, estimators {_listed(estimators)}."
-    if interrupted:
-        sentence += f" Interrupted: {wanted} were wanted."
+    """Describe the study in a folder."""
+    record = MonteCarloRecord.read(folder.path)
+    summary, estimators = record.summary, record.summary.estimators
+    failures = sum(len(entry.failures) for entry in estimators.values())
+    names = ", ".join(NAMES.get(name, name) for name in estimators)
+    sentence = f"{summary.repetitions.done} simulated experiments, estimators {names}."
+    if summary.interrupted:
+        sentence += f" Interrupted: {summary.repetitions.wanted} were wanted."
     if failures:
         sentence += f" {failures} estimates failed."
-    level = Level.BAD if interrupted else Level.CAUTION if failures else Level.GOOD
-    verdict = Verdict(
-        "Monte-Carlo study", level, "interrupted" if interrupted else "done", sentence, "montecarlo"
-    )
+    level = Level.BAD if summary.interrupted else Level.CAUTION if failures else Level.GOOD
+    word = "interrupted" if summary.interrupted else "done"
     blocks: list[Block] = [TableBlock(_pooled_table(estimators))]
     blocks += folder.figures(*FIGURES)
-    blocks.append(TableBlock(_statistics_table(folder)))
-    return StageReport(verdict, _facts(estimators), (_section(blocks),))
+    blocks.append(TableBlock(_statistics_table(record)))
+    return StageReport(
+        Verdict(_TITLE, level, word, sentence, "montecarlo"),
+        _facts(estimators),
+        (Section("montecarlo", _TITLE, tuple(blocks)),),
+    )
 
 
-def _section(blocks: list[Block]) -> Section:
-    return Section("montecarlo", "Monte-Carlo study", tuple(blocks))
-
-
-def _listed(estimators: dict[str, Document]) -> str:
-    return ", ".join(NAMES.get(name, name) for name in estimators)
-
-
-def _facts(estimators: dict[str, Document]) -> tuple[Fact, ...]:
+def _facts(estimators: dict[str, EstimatorKeys]) -> tuple[Fact, ...]:
     name = "ml" if "ml" in estimators else next(iter(estimators), "")
-    if not name or "pooled" not in estimators[name]:
+    pooled = estimators[name].pooled if name else None
+    if pooled is None:
         return ()
-    pooled = estimators[name].section("pooled")
     title = NAMES.get(name, name)
     return (
         Fact(
             f"{title}: RMSE / bound",
-            readable(pooled.number("rmse_over_bound"), 3),
-            f"pooled; 95 %: {readable(pooled.number('rmse_over_bound_low'), 3)} … "
-            f"{readable(pooled.number('rmse_over_bound_high'), 3)}",
+            readable(pooled.rmse_over_bound, 3),
+            f"pooled; 95 %: {readable(pooled.rmse_over_bound_low, 3)} … "
+            f"{readable(pooled.rmse_over_bound_high, 3)}",
         ),
-        Fact(
-            f"{title}: coverage",
-            percent(pooled.number("coverage")),
-            "of its 95 % intervals",
-        ),
+        Fact(f"{title}: coverage", percent(pooled.coverage), "of its 95 % intervals"),
     )
 
 
-def _pooled_table(estimators: dict[str, Document]) -> ReportTable:
-    rows: list[tuple[Value, ...]] = []
-    for name, entry in estimators.items():
-        pooled = entry.section("pooled") if "pooled" in entry else None
-
-        def of(key: str, section: Document | None = pooled) -> float | None:
-            return None if section is None else section.number_or_none(key)
-
-        rows.append(
-            (
-                NAMES.get(name, name),
-                entry.integer("estimates"),
-                len(entry.sections("failures")),
-                of("rmse_over_bound"),
-                of("rmse_over_bound_low"),
-                of("rmse_over_bound_high"),
-                of("coverage"),
-                of("coverage_low"),
-                of("coverage_high"),
-                of("largest_bias_t"),
-            )
+def _pooled_table(estimators: dict[str, EstimatorKeys]) -> ReportTable:
+    shown = (
+        "rmse_over_bound",
+        "rmse_over_bound_low",
+        "rmse_over_bound_high",
+        "coverage",
+        "coverage_low",
+        "coverage_high",
+        "largest_bias_t",
+    )
+    rows: list[tuple[Value, ...]] = [
+        (
+            NAMES.get(name, name),
+            entry.estimates,
+            len(entry.failures),
+            *(None if entry.pooled is None else getattr(entry.pooled, key) for key in shown),
         )
+        for name, entry in estimators.items()
+    ]
     columns = (
         Column("estimator", kind="text"),
         Column("estimates"),
@@ -113,19 +88,22 @@ def _pooled_table(estimators: dict[str, Document]) -> ReportTable:
     return ReportTable.of("montecarlo_pooled", caption, columns, rows)
 
 
-def _statistics_table(folder: RunFolder) -> ReportTable:
-    table = Table.read(
-        folder.table_file("montecarlo"), ["estimator", "parameter", "unit", *_STATISTICS]
-    )
-    cells = {name: table.numbers(name, blank=True).tolist() for name in _STATISTICS}
-    rows = [
+def _statistics_table(record: MonteCarloRecord) -> ReportTable:
+    rows: list[tuple[Value, ...]] = [
         (
-            NAMES.get(table.columns["estimator"][k], table.columns["estimator"][k]),
-            table.columns["parameter"][k],
-            table.columns["unit"][k],
-            *(cells[name][k] for name in _STATISTICS),
+            NAMES.get(row.estimator, row.estimator),
+            row.parameter,
+            row.unit,
+            row.truth,
+            row.bias,
+            row.bias_t,
+            row.spread,
+            row.rmse,
+            row.bound,
+            row.rmse_over_bound,
+            row.coverage,
         )
-        for k in range(len(table))
+        for row in record.rows
     ]
     columns = (
         Column("estimator", kind="text"),

@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import astuple
+
 import numpy as np
 
-from results.reading.document import Document
-from results.reading.table import Table
+from constraints.arrays import Array
+from estimation.diagnostics import Outcome
+from estimation.diagnostics.noise_record import NOISE_COVARIANCE, NoiseFile
+from estimation.diagnostics.normality import Normality
+from estimation.diagnostics.whiteness import Whiteness
+from estimation.identification.record import EstimateFile
 from results.report.content import (
     Block,
     Fact,
@@ -25,7 +31,6 @@ from results.report.table import Column, ReportTable, Value
 FIGURES = ("noise_distribution", "noise_quantiles", "noise_covariance")
 """Figures of the noise; an estimate of the same recording draws the same ones."""
 
-_STRUTS = 6
 _MM = 1e3
 
 
@@ -39,41 +44,44 @@ def shows_noise(folder: RunFolder) -> bool:
         return False
     if not folder.has("estimate"):
         return True
-    recordings = folder.document("estimate").sections("recordings")
+    recordings = EstimateFile.read(folder.path).recordings
+    own = NoiseFile.read(folder.path).recording
     # The figures of several recordings have numbers, and leave those of the analysis alone.
-    return len(recordings) > 1 or any(
-        recording.text("source") == folder.document("noise").text("recording")
-        for recording in recordings
-    )
+    return len(recordings) > 1 or any(recording.source == own for recording in recordings)
 
 
 def noise_report(folder: RunFolder) -> StageReport:
-    """Return what is to be said of the noise analysis in a folder."""
-    document = folder.document("noise")
-    findings = document.sections("findings")
-    failed = [finding for finding in findings if finding.text("outcome") == "fails"]
-    serious = any(finding.flag("serious") for finding in failed)
+    """Describe the noise analysis in a folder."""
+    noise = NoiseFile.read(folder.path)
+    failed = [finding for finding in noise.findings if finding.outcome is Outcome.FAILS]
+    serious = any(finding.serious for finding in failed)
     level = Level.BAD if serious else Level.CAUTION if failed else Level.GOOD
     sentence = (
-        f"{_count(document)}: standard deviation of the forces "
-        f"{_range(document, 'force_std', 1.0)} N, of the lengths "
-        f"{_range(document, 'length_std', _MM)} mm."
+        f"{noise.rows} samples in {readable(noise.periods)} periods: standard deviation of the "
+        f"forces {_range(noise.force_std)} N, of the lengths {_range(_MM * noise.length_std)} mm."
     )
     if failed:
-        sentence += f" Against what is assumed of it: {'; '.join(failures(findings))}."
+        sentence += f" Against what is assumed of it: {'; '.join(failures(failed))}."
     word = "doubtful" if serious else "conspicuous" if failed else "as assumed"
+    shape, memory = noise.normality, noise.whiteness
     blocks: list[Block] = [
-        Facts(_details(document)),
-        TableBlock(_channels_table(document, "force", "N", 1.0)),
-        TableBlock(_channels_table(document, "length", "mm", _MM)),
+        Facts(_details(noise)),
+        TableBlock(
+            _channels_table("force", "N", noise.force_std, shape.forces, memory.force_noise)
+        ),
+        TableBlock(
+            _channels_table(
+                "length", "mm", _MM * noise.length_std, shape.lengths, memory.length_noise
+            )
+        ),
     ]
-    if not document.flag("averaged"):
+    if not noise.averaged:
         text = (
             "The periods are no whole number of samples: the scatter is that about a Fourier "
             "series, and no two periods can be compared sample by sample."
         )
         blocks.append(TextBlock((text,), Level.CAUTION))
-    blocks.append(TableBlock(findings_table("noise_findings", findings, "the noise")))
+    blocks.append(TableBlock(findings_table("noise_findings", noise.findings, "the noise")))
     if shows_noise(folder):
         blocks += folder.figures(*FIGURES)
     blocks.append(TableBlock(_covariance_table(folder)))
@@ -84,24 +92,18 @@ def noise_report(folder: RunFolder) -> StageReport:
     )
 
 
-def _count(document: Document) -> str:
-    periods = document.number("periods")
-    return f"{document.integer('rows')} samples in {readable(periods)} periods"
-
-
-def _range(document: Document, key: str, factor: float) -> str:
-    std = factor * document.array(key, (_STRUTS,))
+def _range(std: Array) -> str:
     return f"{readable(np.min(std), 3)} to {readable(np.max(std), 3)}"
 
 
-def _details(document: Document) -> tuple[Fact, ...]:
-    freedom = document.number("force_freedom")
+def _details(noise: NoiseFile) -> tuple[Fact, ...]:
+    freedom = noise.force_freedom
     # With F degrees of freedom a standard deviation is known to 1/√(2F).
     relative = 100 / np.sqrt(2 * freedom) if freedom > 0 else float("nan")
     return (
-        Fact("recording", f"{document.integer('rows')} samples", document.text("recording")),
-        Fact("periods", readable(document.number("periods"))),
-        Fact("period", f"{readable(document.number('period'))} s"),
+        Fact("recording", f"{noise.rows} samples", noise.recording),
+        Fact("periods", readable(noise.periods)),
+        Fact("period", f"{readable(noise.period)} s"),
         Fact(
             "degrees of freedom",
             readable(freedom),
@@ -110,18 +112,23 @@ def _details(document: Document) -> tuple[Fact, ...]:
     )
 
 
-def _channels_table(document: Document, what: str, unit: str, factor: float) -> ReportTable:
-    std = factor * document.array(f"{what}_std", (_STRUTS,))
-    normality, whiteness = document.section("normality"), document.section("whiteness")
-    shape = normality.section(f"{what}s") if f"{what}s" in normality else None
-    memory = whiteness.section(f"{what}_noise") if f"{what}_noise" in whiteness else None
+def _channels_table(
+    what: str, unit: str, std: Array, shape: Normality | None, memory: Whiteness | None
+) -> ReportTable:
+    unknown: list[Value] = [None] * len(std)
+    largest = unknown
+    if memory is not None:
+        found = memory.autocorrelation
+        largest = np.take_along_axis(found, np.argmax(np.abs(found), axis=1)[:, None], axis=1)[
+            :, 0
+        ].tolist()
     cells: tuple[list[Value], ...] = (
-        [j + 1 for j in range(_STRUTS)],
-        list(std.tolist()),
-        _channels(shape, "skewness"),
-        _channels(shape, "excess_kurtosis"),
-        _channels(shape, "outliers"),
-        _memory(memory),
+        list(range(1, len(std) + 1)),
+        std.tolist(),
+        unknown if shape is None else shape.skewness.tolist(),
+        unknown if shape is None else shape.kurtosis.tolist(),
+        unknown if shape is None else shape.outliers.tolist(),
+        largest,
     )
     columns = (
         Column("strut"),
@@ -135,27 +142,8 @@ def _channels_table(document: Document, what: str, unit: str, factor: float) -> 
     return ReportTable.of(f"noise_{what}s", caption, columns, list(zip(*cells, strict=True)))
 
 
-def _channels(section: Document | None, key: str) -> list[Value]:
-    if section is None:
-        return [None] * _STRUTS
-    return list(section.array(key, (_STRUTS,)).tolist())
-
-
-def _memory(section: Document | None) -> list[Value]:
-    if section is None:
-        return [None] * _STRUTS
-    found = section.array("autocorrelation", (_STRUTS, section.integer("lags")))
-    return [float(row[np.argmax(np.abs(row))]) for row in found]
-
-
 def _covariance_table(folder: RunFolder) -> ReportTable:
-    numbers = ("row", "column", "covariance", "std_error", "correlation")
-    table = Table.read(folder.table_file("noise_covariance"), ["quantity", *numbers])
-    cells = {name: table.numbers(name).tolist() for name in numbers}
-    rows = [
-        (table.columns["quantity"][k], *(cells[name][k] for name in numbers))
-        for k in range(len(table))
-    ]
+    rows = [astuple(row) for row in NOISE_COVARIANCE.read(folder.path)]
     columns = (
         Column("quantity", kind="text"),
         Column("row"),

@@ -1,0 +1,282 @@
+"""The noise of a recording as a run folder keeps it: `noise.json`, tables, and its pictures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Self
+
+import numpy as np
+from pydantic import BeforeValidator
+from scipy import stats
+
+from constraints.arrays import Array
+from estimation.diagnostics.drift import Drift
+from estimation.diagnostics.finding import Finding
+from estimation.diagnostics.noise_analysis import NoiseAnalysis
+from estimation.diagnostics.noise_tests import NoiseTests
+from estimation.diagnostics.normality import Normality
+from estimation.diagnostics.whiteness import Whiteness
+from estimation.processing import NoiseModel
+from estimation.processing.noise import NoiseEstimate
+from expdesign.runfolder import (
+    ArrayTable,
+    Column,
+    JsonFile,
+    Numbers,
+    RowTable,
+    array_columns,
+    described,
+)
+from expdesign.runfolder.columns import strutwise
+
+
+def _infinite(value: object) -> object:
+    return np.inf if value is None else value
+
+
+Freedom = Annotated[float, BeforeValidator(_infinite)]
+"""Degrees of freedom behind a covariance; infinitely many, null in a file, when it was given."""
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseKeys:
+    """Size of the noise: Σ and Δ of one sample."""
+
+    source: Annotated[str, described("", "estimated, given or residuals")]
+    force_covariance: Annotated[Numbers, described("N^2", "Σ, 6 × 6")]
+    length_covariance: Annotated[Numbers, described("m^2", "Δ, 6 × 6")]
+    force_freedom: Annotated[Freedom, described("1", "degrees of freedom of Σ; null when given")]
+    length_freedom: Annotated[Freedom, described("1", "degrees of freedom of Δ; null when given")]
+
+
+def noise_keys(noise: NoiseModel) -> dict[str, Any]:
+    """Return the values of `NoiseKeys`, for the types that have further ones."""
+    return {name: getattr(noise, name) for name in NoiseKeys.__dataclass_fields__}
+
+
+@dataclass(frozen=True, eq=False)
+class Normalities:
+    """Tests of the noise's distribution."""
+
+    source: Annotated[str, described("", "periods, or residuals where they cannot be compared")]
+    forces: Annotated[Normality, described("", "of the forces")]
+    lengths: Annotated[Normality | None, described("", "of the lengths")]
+
+    @classmethod
+    def of(cls, tests: NoiseTests) -> Self:
+        """Collect them."""
+        return cls(tests.samples.forces.source, tests.force_normality, tests.length_normality)
+
+
+@dataclass(frozen=True, eq=False)
+class Drifts:
+    """Tests for change from period to period."""
+
+    forces: Annotated[Drift | None, described("", "of the forces")]
+    lengths: Annotated[Drift | None, described("", "of the lengths")]
+
+
+@dataclass(frozen=True, eq=False)
+class Whitenesses:
+    """Tests for autocorrelation; null where there is nothing to test."""
+
+    force_noise: Annotated[Whiteness | None, described("", "scatter between periods")]
+    length_noise: Annotated[Whiteness | None, described("", "scatter between periods")]
+    force_residuals: Annotated[
+        Whiteness | None, described("", "mean residuals, with the effects found taken as known")
+    ] = None
+    length_residuals: Annotated[Whiteness | None, described("", "mean residuals")] = None
+
+
+_HISTOGRAM_REACH = 4.2
+"""Half the width of the histograms, in standard deviations."""
+_MOST_BINS, _FEWEST_BINS = 60, 12
+_POINTS, _TAIL = 400, 40
+"""Quantiles over the whole distribution, and in each of its tails."""
+
+
+@dataclass(frozen=True, eq=False)
+class Histogram:
+    """Distribution of the forces' noise; what lies further out is counted in the outer bins."""
+
+    low: Annotated[Array, array_columns(Column("low", "N", "beginning of the bin"))]
+    high: Annotated[Array, array_columns(Column("high", "N", "end of the bin"))]
+    counts: Annotated[
+        Array,
+        array_columns(*strutwise("n", "1", "samples in the bin,")),
+    ]
+
+    @classmethod
+    def of(cls, tests: NoiseTests) -> Self:
+        """Count the samples of the forces' noise."""
+        samples = tests.samples.forces.pooled
+        reach = _HISTOGRAM_REACH * float(np.max(tests.force_normality.std))
+        bins = int(np.clip(np.sqrt(len(samples)), _FEWEST_BINS, _MOST_BINS))
+        edges = np.linspace(-reach, reach, bins + 1)
+        counts = [np.histogram(np.clip(x, -reach, reach), edges)[0] for x in samples.T]
+        return cls(edges[:-1], edges[1:], np.stack(counts, axis=1).astype(float))
+
+
+@dataclass(frozen=True, eq=False)
+class Quantiles:
+    """Quantiles of the forces' noise in standard deviations, dense in the tails."""
+
+    normal: Annotated[Array, array_columns(Column("normal", "1", "of the normal distribution"))]
+    low: Annotated[
+        Array, array_columns(Column("low", "1", "lower end of the 95 % band of normal noise"))
+    ]
+    high: Annotated[
+        Array, array_columns(Column("high", "1", "upper end of the 95 % band of normal noise"))
+    ]
+    noise: Annotated[
+        Array,
+        array_columns(*strutwise("z", "1", "of the noise")),
+    ]
+
+    @classmethod
+    def of(cls, tests: NoiseTests) -> Self:
+        """Order the samples of the forces' noise."""
+        samples = tests.samples.forces.pooled
+        count = len(samples)
+        tail = np.arange(min(count, _TAIL))
+        middle = np.linspace(0, count - 1, _POINTS).astype(int)
+        rank = np.unique(np.concatenate([tail, middle, count - 1 - tail]))
+        centred = samples - samples.mean(axis=0)
+        return cls(
+            stats.norm.ppf((rank + 0.5) / count),
+            stats.norm.ppf(stats.beta.ppf(0.025, rank + 1, count - rank)),
+            stats.norm.ppf(stats.beta.ppf(0.975, rank + 1, count - rank)),
+            np.sort(centred / centred.std(axis=0, ddof=1), axis=0)[rank],
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class NoisePictures:
+    """What the figures of the noise are drawn from."""
+
+    noise: NoiseKeys
+    normality: Normality
+    histogram: Histogram
+    quantiles: Quantiles
+
+    @classmethod
+    def of(cls, tests: NoiseTests) -> Self:
+        """Take them from a diagnosis, or from an analysis of the noise alone."""
+        return cls(
+            NoiseKeys(**noise_keys(tests.noise)),
+            tests.force_normality,
+            Histogram.of(tests),
+            Quantiles.of(tests),
+        )
+
+
+@dataclass(frozen=True)
+class CovarianceRow:
+    """One element of Σ or Δ."""
+
+    quantity: Annotated[str, described("", "force or length")]
+    row: Annotated[int, described("1", "strut")]
+    column: Annotated[int, described("1", "strut")]
+    covariance: Annotated[float, described("N^2 or m^2", "of one sample")]
+    std_error: Annotated[
+        float, described("N^2 or m^2", "standard error of the covariance; 0 when it was given")
+    ]
+    correlation: Annotated[float, described("1", "of one sample")]
+
+
+def covariance_rows(noise: NoiseKeys) -> tuple[CovarianceRow, ...]:
+    """Return Σ and Δ element by element."""
+    rows = []
+    for quantity, covariance, freedom in (
+        ("force", noise.force_covariance, noise.force_freedom),
+        ("length", noise.length_covariance, noise.length_freedom),
+    ):
+        std = np.sqrt(np.diag(covariance))
+        parts = (
+            covariance,
+            NoiseEstimate(covariance, freedom).std_error(),
+            covariance / np.multiply.outer(std, std),
+        )
+        rows += [
+            CovarianceRow(quantity, i + 1, j + 1, *(float(part[i, j]) for part in parts))
+            for i, j in np.ndindex(covariance.shape)
+        ]
+    return tuple(rows)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class NoiseFile(NoiseKeys, JsonFile):
+    """`noise.json`; its covariances can be copied into a robot or run file."""
+
+    FILE: ClassVar[str] = "noise.json"
+    WRITTEN_BY: ClassVar[str] = "`expdesign noise`"
+
+    units: Annotated[str, described("", "of all values")] = "SI and radians"
+    recording: Annotated[str, described("", "file that was analysed")]
+    rows: Annotated[int, described("1", "number of samples")]
+    periods: Annotated[float, described("1", "number of periods")]
+    period: Annotated[float, described("s", "duration of a period")]
+    averaged: Annotated[bool, described("", "the periods are a whole number of samples")]
+    force_std: Annotated[Numbers, described("N", "standard deviation of each force")]
+    length_std: Annotated[Numbers, described("m", "standard deviation of each length")]
+    whiteness: Annotated[Whitenesses, described("", "autocorrelation")]
+    normality: Annotated[Normalities, described("", "distribution")]
+    drift: Annotated[Drifts, described("", "change from period to period")]
+    findings: Annotated[tuple[Finding, ...], described("", "what holds and what does not")]
+
+
+_NOISE = NoiseFile.WRITTEN_BY
+NOISE_COVARIANCE = RowTable("tables/noise_covariance.csv", _NOISE, CovarianceRow)
+NOISE_HISTOGRAM = ArrayTable("tables/noise_histogram.csv", _NOISE, Histogram)
+NOISE_QUANTILES = ArrayTable("tables/noise_quantiles.csv", _NOISE, Quantiles)
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseRecord:
+    """An analysis of the noise of one recording, from memory or from its run folder."""
+
+    summary: NoiseFile
+    pictures: NoisePictures
+
+    @classmethod
+    def of(cls, analysis: NoiseAnalysis, source: str) -> Self:
+        """Take it from the analysis of the recording in the file `source`."""
+        record, noise = analysis.record, analysis.noise
+        summary = NoiseFile(
+            **noise_keys(noise),
+            recording=source,
+            rows=record.rows,
+            periods=float(record.periods),
+            period=float(record.period),
+            averaged=record.averaged,
+            force_std=np.sqrt(np.diag(noise.force_covariance)),
+            length_std=np.sqrt(np.diag(noise.length_covariance)),
+            whiteness=Whitenesses(analysis.force_noise_whiteness, analysis.length_noise_whiteness),
+            normality=Normalities.of(analysis),
+            drift=Drifts(analysis.force_drift, analysis.length_drift),
+            findings=analysis.findings,
+        )
+        return cls(summary, NoisePictures.of(analysis))
+
+    @classmethod
+    def read(cls, folder: Path) -> Self:
+        """Read it from a run folder.
+
+        Raises
+        ------
+        InputError
+            A file is missing or not what it should be.
+        """
+        summary = NoiseFile.read(folder)
+        histogram, quantiles = NOISE_HISTOGRAM.read(folder), NOISE_QUANTILES.read(folder)
+        return cls(summary, NoisePictures(summary, summary.normality.forces, histogram, quantiles))
+
+    def write(self, folder: Path) -> list[Path]:
+        """Write `noise.json` and the tables; return the files."""
+        return [
+            *NOISE_COVARIANCE.write(folder, covariance_rows(self.summary)),
+            *NOISE_HISTOGRAM.write(folder, self.pictures.histogram),
+            *NOISE_QUANTILES.write(folder, self.pictures.quantiles),
+            self.summary.write(folder),
+        ]

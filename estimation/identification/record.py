@@ -1,0 +1,492 @@
+"""An estimate as its run folder keeps it: `estimate.json`, `estimates.csv` and the tables."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, ClassVar, Self
+
+import numpy as np
+
+from constraints.arrays import Array
+from estimation.diagnostics import Diagnosis
+from estimation.diagnostics.noise_record import NoiseKeys, covariance_rows, noise_keys
+from estimation.diagnostics.record import RESIDUALS, DiagnosisKeys, ExperimentRecord
+from estimation.estimators import Knowledge, ParameterEstimate
+from estimation.identification.result import EstimationResult, RecordSummary
+from estimation.uncertainty import Combination, ParameterRow, correlation
+from expdesign.configuration import EstimateSection, InputError, Problem
+from expdesign.robot import Robot
+from expdesign.runfolder import (
+    ArrayTable,
+    Column,
+    JsonFile,
+    MatrixTable,
+    Numbers,
+    OpenNumber,
+    RowTable,
+    array_columns,
+    described,
+)
+from expdesign.runfolder.columns import (
+    ACCELERATION_COLUMNS,
+    POSE_COLUMNS,
+    RATE_COLUMNS,
+    TIME,
+    strutwise,
+)
+from expdesign.trajectory import FourierKeys, fourier_keys
+
+_WRITTEN_BY = "`expdesign estimate`"
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class WeightingKeys(NoiseKeys):
+    """The noise that the estimators weighted with."""
+
+    force_source: Annotated[str, described("", "estimated, given or residuals")]
+    length_source: Annotated[str, described("", "estimated, given or residuals")]
+    includes_model_error: Annotated[bool, described("", "Σ comes from the model's residuals")]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class RecordingKeys:
+    """One recording of an estimate."""
+
+    source: Annotated[str, described("", "its file")]
+    rows: Annotated[int, described("1", "rows that were used")]
+    dropped_rows: Annotated[int, described("1", "rows of incomplete periods that were not")]
+    samples: Annotated[int, described("1", "means over the periods, or rows")]
+    averaged: Annotated[bool, described("", "the samples are means over the periods")]
+    periods: Annotated[float, described("1", "number of periods")]
+    omega: Annotated[float, described("rad/s", "base frequency")]
+    omega_std: Annotated[
+        float | None, described("rad/s", "its standard deviation; null when it was not estimated")
+    ]
+    period_source: Annotated[str, described("", "where the period came from")]
+    jitter: Annotated[float, described("1", "of the time stamps, as a share of a step")]
+    harmonics: Annotated[
+        int | None, described("1", "of the fitted motion; null after pointwise differentiation")
+    ]
+    harmonics_of_the_design: Annotated[
+        int | None, described("1", "fewest that were tried; null when the number was given")
+    ]
+    noise: Annotated[WeightingKeys, described("", "noise that the estimators weighted with")]
+
+    @classmethod
+    def of(cls, summary: RecordSummary) -> Self:
+        """Describe a recording."""
+        record, noise = summary.experiment.record, summary.experiment.noise
+        fit, choice = summary.experiment.fit, summary.choice
+        free = fit is not None and fit.free_frequency
+        return cls(
+            source=summary.source,
+            rows=record.rows,
+            dropped_rows=record.dropped,
+            samples=record.samples,
+            averaged=record.averaged,
+            periods=float(record.periods),
+            omega=float(record.omega if fit is None else fit.motion.omega),
+            omega_std=float(np.sqrt(fit.covariance[-1, -1])) if fit and free else None,
+            period_source=record.source.value,
+            jitter=float(summary.jitter),
+            harmonics=summary.harmonics,
+            harmonics_of_the_design=None if choice is None else choice.design_harmonics,
+            noise=WeightingKeys(
+                **noise_keys(noise),
+                force_source=noise.force_source,
+                length_source=noise.length_source,
+                includes_model_error=noise.forces_include_model_error,
+            ),
+        )
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class EstimatorKeys:
+    """What one estimator found."""
+
+    status: Annotated[str, described("", "how it ended, in words")]
+    converged: Annotated[bool, described("", "the iteration ended as it should")]
+    iterations: Annotated[int, described("1", "number of iterations")]
+    cost: Annotated[float, described("1", "weighted sum of squares that was minimised")]
+    seconds: Annotated[float, described("s", "how long it took")]
+    values: Annotated[dict[str, float], described("SI", "by parameter")]
+    covariance: Annotated[Numbers, described("SI", "m × m; zero for fixed parameters")]
+    covariance_forces: Annotated[
+        Numbers, described("SI", "its share that the forces' noise and the prior make")
+    ]
+    covariance_kinematics: Annotated[
+        Numbers | None,
+        described("SI", "its share that the lengths' noise makes; null where it is not known"),
+    ]
+    combinations: Annotated[
+        tuple[Combination, ...], described("", "what is known of parameters not identified")
+    ]
+    motions: Annotated[
+        tuple[FourierKeys, ...], described("", "motion of every recording, as in design.json")
+    ]
+
+    @classmethod
+    def of(cls, result: EstimationResult, estimate: ParameterEstimate) -> Self:
+        """Describe an estimate."""
+        motions = [
+            motion.delayed(record.experiment.record.origin).trajectory
+            for motion, record in zip(estimate.motions, result.records, strict=False)
+        ]
+        return cls(
+            status=estimate.status,
+            converged=bool(estimate.converged),
+            iterations=estimate.iterations,
+            cost=float(estimate.cost),
+            seconds=estimate.seconds,
+            values=dict(zip(result.knowledge.names, estimate.values.tolist(), strict=True)),
+            covariance=estimate.covariance,
+            covariance_forces=estimate.force_share,
+            covariance_kinematics=estimate.kinematic_share,
+            combinations=result.combinations[estimate.estimator],
+            motions=tuple(FourierKeys(**fourier_keys(motion)) for motion in motions),
+        )
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class EstimateFile(JsonFile):
+    """`estimate.json`."""
+
+    FILE: ClassVar[str] = "estimate.json"
+    WRITTEN_BY: ClassVar[str] = _WRITTEN_BY
+
+    units: Annotated[str, described("", "of all values")] = "SI and radians"
+    name: Annotated[str, described("", "name of the run")]
+    robot: Annotated[str, described("", "name of the robot")]
+    parameters: Annotated[tuple[str, ...], described("", "order of rows and columns")]
+    fixed: Annotated[tuple[str, ...], described("", "parameters that were not estimated")]
+    best: Annotated[str, described("", "the estimator to use")]
+    recordings: Annotated[tuple[RecordingKeys, ...], described("", "what it was made from")]
+    estimators: Annotated[dict[str, EstimatorKeys], described("", "what each of them found")]
+    cramer_rao_covariance: Annotated[
+        Numbers | None, described("SI", "the bound with noise in forces and lengths, m × m")
+    ]
+    intervals_cover: Annotated[bool, described("", "the intervals count the lengths' noise")]
+    intervals_note: Annotated[str, described("", "what the intervals count, in words")]
+    diagnostics: Annotated[
+        DiagnosisKeys | None, described("", "what the residuals say; null when not asked")
+    ]
+    seconds: Annotated[float, described("s", "how long it took")]
+    warnings: Annotated[tuple[str, ...], described("", "in words")]
+
+    @property
+    def best_estimator(self) -> EstimatorKeys:
+        """What the estimator to use found."""
+        return self.estimators[self.best]
+
+    def covariance(self, estimator: str) -> Array:
+        """Return the covariance of one estimator's parameters, (m, m)."""
+        return self.estimators[estimator].covariance
+
+    @classmethod
+    def of(cls, result: EstimationResult, diagnosis: Diagnosis | None) -> Self:
+        """Describe a result."""
+        knowledge = result.knowledge
+        return cls(
+            name=result.configuration.run.name,
+            robot=result.robot.name,
+            parameters=knowledge.names,
+            fixed=tuple(np.array(knowledge.names)[~knowledge.free].tolist()),
+            best=result.best.estimator,
+            recordings=tuple(RecordingKeys.of(record) for record in result.records),
+            estimators={
+                name: EstimatorKeys.of(result, found) for name, found in result.estimates.items()
+            },
+            cramer_rao_covariance=result.bound,
+            intervals_cover=result.intervals_cover,
+            intervals_note="95 %, with the noise of forces and lengths"
+            if result.intervals_cover
+            else "pointwise differentiation: the lengths' noise is in the regressor, which biases "
+            "the estimates and is not in the intervals; they do not cover",
+            diagnostics=None if diagnosis is None else DiagnosisKeys.of(diagnosis),
+            seconds=result.seconds,
+            warnings=result.warnings,
+        )
+
+
+@dataclass(frozen=True)
+class PrecisionRow:
+    """The shares of one standard deviation beside the Cramér–Rao bound."""
+
+    estimator: Annotated[str, described("", "ls, gm or ml")]
+    parameter: Annotated[str, described("", "name")]
+    std: Annotated[float, described("SI", "standard deviation")]
+    std_forces: Annotated[float, described("SI", "the share that the noise of the forces makes")]
+    std_kinematics: Annotated[
+        OpenNumber, described("SI", "the share that the noise of the lengths makes")
+    ]
+    bound: Annotated[
+        OpenNumber, described("SI", "Cramér–Rao bound with noise in forces and lengths")
+    ]
+
+
+@dataclass(frozen=True)
+class NoiseRow:
+    """One element of Σ or Δ of one recording."""
+
+    recording: Annotated[int, described("1", "number of the recording")]
+    quantity: Annotated[str, described("", "force or length")]
+    row: Annotated[int, described("1", "strut")]
+    column: Annotated[int, described("1", "strut")]
+    covariance: Annotated[float, described("N^2 or m^2", "of one sample")]
+    std_error: Annotated[
+        float, described("N^2 or m^2", "standard error of the covariance; 0 when it was given")
+    ]
+
+
+@dataclass(frozen=True, eq=False)
+class EstimatedMotion:
+    """Measured and modelled quantities at the samples of one recording."""
+
+    time: Annotated[Array, array_columns(TIME)]
+    state: Annotated[Array, array_columns(*POSE_COLUMNS, *RATE_COLUMNS, *ACCELERATION_COLUMNS)]
+    lengths: Annotated[
+        Array, array_columns(*strutwise("q", "m", "measured length, mean over periods,"))
+    ]
+    lengths_model: Annotated[
+        Array,
+        array_columns(*strutwise("q", "m", "length on the estimated motion", suffix="_model")),
+    ]
+    forces: Annotated[
+        Array, array_columns(*strutwise("Q", "N", "measured force, mean over periods,"))
+    ]
+    forces_model: Annotated[
+        Array, array_columns(*strutwise("Q", "N", "force by the estimate", suffix="_model"))
+    ]
+
+    @classmethod
+    def of(cls, result: EstimationResult, number: int) -> Self:
+        """Evaluate the best estimate at the samples of a recording, counted from 0."""
+        experiment, motion = result.records[number].experiment, result.best.motions[number]
+        record = experiment.record
+        length_state = motion.basis(record.length_times).state(motion.table)
+        return cls(
+            record.force_times + record.origin,
+            motion.basis(record.force_times).state(motion.table),
+            record.lengths,
+            result.robot.inverse_kinematics(length_state[:, : len(POSE_COLUMNS)]),
+            record.forces,
+            experiment.regressors(result.robot, motion) @ result.best.values,
+        )
+
+
+_MATRIX_KEYS = (Column("estimator", "", "ls, gm or ml"), Column("parameter", "", "name of the row"))
+
+ESTIMATES = RowTable("estimates.csv", _WRITTEN_BY, ParameterRow)
+PRECISION = RowTable("tables/precision.csv", _WRITTEN_BY, PrecisionRow)
+NOISE = RowTable("tables/noise.csv", _WRITTEN_BY, NoiseRow)
+COVARIANCE = MatrixTable(
+    "tables/covariance.csv", _WRITTEN_BY, _MATRIX_KEYS, Column("<parameter>", "SI", "covariance")
+)
+CORRELATION = MatrixTable(
+    "tables/correlation.csv", _WRITTEN_BY, _MATRIX_KEYS, Column("<parameter>", "1", "correlation")
+)
+MOTION = ArrayTable("tables/estimated_motion.csv", _WRITTEN_BY, EstimatedMotion)
+
+
+@dataclass(frozen=True, eq=False)
+class EstimateRecord:
+    """An estimate, from memory or from its run folder: what figures and reports are made from.
+
+    Attributes
+    ----------
+    summary : EstimateFile
+    rows : tuple of ParameterRow
+        Every parameter by every estimator.
+    experiments : tuple of ExperimentRecord
+        The diagnosis of every recording; empty without one, and of a folder whose version did
+        not keep its tables.
+    motions : dict of EstimatedMotion
+        By the recording's number, from 1; empty when read from a folder.
+    """
+
+    summary: EstimateFile
+    rows: tuple[ParameterRow, ...]
+    experiments: tuple[ExperimentRecord, ...]
+    motions: dict[int, EstimatedMotion]
+
+    @classmethod
+    def of(cls, result: EstimationResult, diagnosis: Diagnosis | None = None) -> Self:
+        """Take it from a result; `diagnosis` is that of its best estimator."""
+        return cls(
+            EstimateFile.of(result, diagnosis),
+            result.rows,
+            tuple(ExperimentRecord.of(e) for e in diagnosis.experiments) if diagnosis else (),
+            {
+                number + 1: EstimatedMotion.of(result, number)
+                for number, record in enumerate(result.records)
+                if record.experiment.fit is not None
+            },
+        )
+
+    @classmethod
+    def read(cls, folder: Path) -> Self:
+        """Read it from a run folder.
+
+        Raises
+        ------
+        InputError
+            A file is missing or not what it should be.
+        """
+        summary = EstimateFile.read(folder)
+        found = () if summary.diagnostics is None else summary.diagnostics.experiments
+        several = len(summary.recordings) > 1
+        experiments = tuple(
+            ExperimentRecord.read(folder, tests, recording.noise, number if several else None)
+            for number, (tests, recording) in enumerate(
+                zip(found, summary.recordings, strict=False), start=1
+            )
+            if RESIDUALS.numbered(number if several else None).is_in(folder)
+        )
+        return cls(summary, ESTIMATES.read(folder), experiments, {})
+
+    def by_estimator(self) -> dict[str, tuple[ParameterRow, ...]]:
+        """Return the rows of each estimator, in the order of the parameters."""
+        return {
+            name: tuple(row for row in self.rows if row.estimator == name)
+            for name in dict.fromkeys(row.estimator for row in self.rows)
+        }
+
+    def write(self, folder: Path) -> list[Path]:
+        """Write `estimates.csv`, `estimate.json` and the tables; return the files."""
+        several = len(self.summary.recordings) > 1
+        written = [
+            *CORRELATION.write(folder, self._matrices(correlated=True)),
+            *COVARIANCE.write(folder, self._matrices(correlated=False)),
+            *PRECISION.write(folder, self._precision()),
+            *NOISE.write(folder, self._noise()),
+        ]
+        for number, motion in self.motions.items():
+            written += MOTION.numbered(number if several else None).write(folder, motion)
+        for number, experiment in enumerate(self.experiments, start=1):
+            written += experiment.write(folder, number if several else None)
+        written += ESTIMATES.write(folder, self.rows)
+        return [*dict.fromkeys(written), self.summary.write(folder)]
+
+    def _matrices(
+        self, *, correlated: bool
+    ) -> list[tuple[list[tuple[str, str]], tuple[str, ...], Array]]:
+        names = self.summary.parameters
+        return [
+            (
+                [(estimator, name) for name in names],
+                names,
+                correlation(entry.covariance) if correlated else entry.covariance,
+            )
+            for estimator, entry in self.summary.estimators.items()
+        ]
+
+    def _precision(self) -> list[PrecisionRow]:
+        unknown = np.full(len(self.summary.parameters), np.nan)
+        bound = self.summary.cramer_rao_covariance
+        rows = []
+        for estimator, entry in self.summary.estimators.items():
+            share = entry.covariance_kinematics
+            columns = (
+                np.sqrt(np.diag(entry.covariance)),
+                np.sqrt(np.diag(entry.covariance_forces)),
+                unknown if share is None else np.sqrt(np.maximum(np.diag(share), 0.0)),
+                unknown if bound is None else np.sqrt(np.diag(bound)),
+            )
+            rows += [
+                PrecisionRow(estimator, name, *numbers)
+                for name, *numbers in zip(
+                    self.summary.parameters, *(c.tolist() for c in columns), strict=True
+                )
+            ]
+        return rows
+
+    def _noise(self) -> list[NoiseRow]:
+        return [
+            NoiseRow(number, row.quantity, row.row, row.column, row.covariance, row.std_error)
+            for number, recording in enumerate(self.summary.recordings, start=1)
+            for row in covariance_rows(recording.noise)
+        ]
+
+
+@dataclass(frozen=True, eq=False)
+class SavedEstimate:
+    """Parameters and their covariance, ready to predict other motions with.
+
+    Attributes
+    ----------
+    path : Path
+        Of the `estimate.json`.
+    estimate : ParameterEstimate
+        Without motions.
+    knowledge : Knowledge
+        Which parameters were free.
+    """
+
+    path: Path
+    estimate: ParameterEstimate
+    knowledge: Knowledge
+
+
+def read_estimate(source: Path, robot: Robot, estimator: str | None = None) -> SavedEstimate:
+    """Read an estimate to predict with.
+
+    Parameters
+    ----------
+    source : Path
+        A run folder, or its `estimate.json`.
+    robot : Robot
+        Whose parameters they are.
+    estimator : str, optional
+        The best one by default.
+
+    Raises
+    ------
+    InputError
+        There is none, or it is not this robot's.
+    """
+    path = source / EstimateFile.FILE if source.is_dir() else source
+    found = EstimateFile.read(source)
+    names, key = found.parameters, found.best if estimator is None else estimator
+    for wrong, message, allowed in (
+        (
+            names != robot.parameter_names,
+            f"its parameters are not those of the robot {robot.name}",
+            ", ".join(robot.parameter_names),
+        ),
+        (
+            found.robot != robot.name,
+            f"it is an estimate of the robot {found.robot!r}, not of {robot.name!r}",
+            robot.name,
+        ),
+        (
+            key not in found.estimators,
+            f"it has no estimator '{key}'",
+            ", ".join(found.estimators),
+        ),
+    ):
+        if wrong:
+            raise InputError(Problem(message, file=path, key="--estimate", allowed=allowed))
+    entry = found.estimators[key]
+    missing = [name for name in names if name not in entry.values]
+    if missing or entry.covariance.shape != (len(names), len(names)):
+        message = f"values or covariance do not fit the {len(names)} parameters"
+        raise InputError(Problem(message, file=path, key=f"estimators.{key}"))
+    fixed: dict[str, float | None] = {name: entry.values[name] for name in found.fixed}
+    return SavedEstimate(
+        path,
+        ParameterEstimate(
+            estimator=key,
+            values=np.array([entry.values[name] for name in names]),
+            covariance=entry.covariance,
+            force_share=entry.covariance_forces,
+            kinematic_share=entry.covariance_kinematics,
+            motions=(),
+            cost=entry.cost,
+            iterations=entry.iterations,
+            converged=entry.converged,
+            status=entry.status,
+            seconds=entry.seconds,
+        ),
+        Knowledge.of(robot, EstimateSection(fixed=fixed)),
+    )

@@ -1,0 +1,226 @@
+"""A validation as its run folder keeps it: `validation.json`, the tables and the residuals."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, ClassVar, Self
+
+import numpy as np
+
+from constraints.arrays import Array
+from estimation.diagnostics import Diagnosis
+from estimation.diagnostics.record import DiagnosisKeys, ExperimentTests, ForceResiduals
+from estimation.estimators import Experiment
+from estimation.validation.validate import MotionValidation, ValidationResult
+from expdesign.mechanism.hexapod import ACTUATORS
+from expdesign.runfolder import (
+    ArrayTable,
+    Column,
+    JsonFile,
+    OpenNumber,
+    RowTable,
+    array_columns,
+    described,
+)
+from expdesign.runfolder.columns import strutwise
+
+_WRITTEN_BY = "`expdesign validate`"
+
+
+@dataclass(frozen=True, eq=False)
+class MotionKeys:
+    """The prediction of one motion."""
+
+    name: Annotated[str, described("", "which motion")]
+    simulated: Annotated[bool, described("", "measured on the digital twin")]
+    period: Annotated[float, described("s", "duration of a period")]
+    periods: Annotated[float, described("1", "number of periods")]
+    diagnostics: Annotated[DiagnosisKeys, described("", "what the residuals say")]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ValidationFile(JsonFile):
+    """`validation.json`."""
+
+    FILE: ClassVar[str] = "validation.json"
+    WRITTEN_BY: ClassVar[str] = _WRITTEN_BY
+
+    units: Annotated[str, described("", "of all values")] = "SI and radians"
+    name: Annotated[str, described("", "name of the run")]
+    robot: Annotated[str, described("", "name of the robot")]
+    estimate: Annotated[str, described("", "the `estimate.json` that predicted")]
+    estimator: Annotated[str, described("", "ls, gm or ml")]
+    accepted: Annotated[bool, described("", "no motion speaks against the model")]
+    motions: Annotated[tuple[MotionKeys, ...], described("", "motion by motion")]
+    seconds: Annotated[float, described("s", "how long it took")]
+    warnings: Annotated[tuple[str, ...], described("", "in words")]
+
+
+@dataclass(frozen=True)
+class ActuatorRow:
+    """The prediction of one actuator's force on one motion."""
+
+    number: Annotated[int, described("1", "number of the motion")]
+    motion: Annotated[str, described("", "which motion")]
+    actuator: Annotated[int, described("1", "actuator")]
+    rms_measured: Annotated[float, described("N", "rms of the measured force about its mean")]
+    rms_residual: Annotated[
+        float, described("N", "rms of measured minus predicted force, mean over the periods")
+    ]
+    variance_model_error: Annotated[
+        float, described("N^2", "of single samples about the prediction")
+    ]
+    variance_measurement_error: Annotated[
+        float, described("N^2", "of single samples about the mean over periods")
+    ]
+    statistic: Annotated[
+        OpenNumber, described("1", "F of the lack-of-fit test; empty where it was refused")
+    ]
+    p_value: Annotated[OpenNumber, described("1", "of that test")]
+    verdict: Annotated[str, described("", "passes, fails or not tested")]
+
+
+@dataclass(frozen=True, eq=False)
+class PredictedForces:
+    """Measured and predicted forces of one motion."""
+
+    time: Annotated[Array, array_columns(Column("t", "s", "time"))]
+    measured: Annotated[
+        Array, array_columns(*strutwise("Q", "N", "measured force, mean over periods,"))
+    ]
+    predicted: Annotated[
+        Array, array_columns(*strutwise("Q", "N", "predicted force", suffix="_predicted"))
+    ]
+
+
+VALIDATION = RowTable("tables/validation.csv", _WRITTEN_BY, ActuatorRow)
+FORCES = ArrayTable("tables/validation_forces.csv", _WRITTEN_BY, PredictedForces)
+RESIDUALS = ArrayTable("tables/validation_residuals.csv", _WRITTEN_BY, ForceResiduals)
+
+
+@dataclass(frozen=True, eq=False)
+class MotionRecord:
+    """What the figure of a prediction is drawn from."""
+
+    name: str
+    tests: ExperimentTests
+    residuals: ForceResiduals
+
+    @classmethod
+    def of(cls, name: str, diagnosis: Diagnosis) -> Self:
+        """Take it from the diagnosis of a prediction."""
+        (only,) = diagnosis.experiments
+        return cls(name, ExperimentTests.of(only), ForceResiduals.of(only))
+
+
+@dataclass(frozen=True, eq=False)
+class ValidationRecord:
+    """A validation, from memory or from its run folder: what figures and reports are made from.
+
+    Attributes
+    ----------
+    summary : ValidationFile
+    rows : tuple of ActuatorRow
+    motions : tuple of MotionRecord
+        Empty when read from a folder whose version did not keep the residuals.
+    forces : tuple of PredictedForces
+        Of every motion; empty when read from a folder.
+    """
+
+    summary: ValidationFile
+    rows: tuple[ActuatorRow, ...]
+    motions: tuple[MotionRecord, ...]
+    forces: tuple[PredictedForces, ...]
+
+    @classmethod
+    def of(cls, result: ValidationResult) -> Self:
+        """Take it from a result."""
+        estimate = result.saved.estimate
+        summary = ValidationFile(
+            name=result.configuration.run.name,
+            robot=result.robot.name,
+            estimate=str(result.saved.path),
+            estimator=estimate.estimator,
+            accepted=result.accepted,
+            motions=tuple(
+                MotionKeys(
+                    motion.name,
+                    motion.simulated,
+                    float(motion.experiment.record.period),
+                    float(motion.experiment.record.periods),
+                    DiagnosisKeys.of(motion.diagnosis),
+                )
+                for motion in result.motions
+            ),
+            seconds=result.seconds,
+            warnings=result.warnings,
+        )
+
+        def forces(experiment: Experiment) -> PredictedForces:
+            predicted = experiment.regressors(result.robot) @ estimate.values
+            return PredictedForces(experiment.times, experiment.forces, predicted)
+
+        return cls(
+            summary,
+            tuple(
+                row
+                for number, motion in enumerate(result.motions, start=1)
+                for row in _actuator_rows(number, motion)
+            ),
+            tuple(MotionRecord.of(motion.name, motion.diagnosis) for motion in result.motions),
+            tuple(forces(motion.experiment) for motion in result.motions),
+        )
+
+    @classmethod
+    def read(cls, folder: Path) -> Self:
+        """Read it from a run folder.
+
+        Raises
+        ------
+        InputError
+            A file is missing or not what it should be.
+        """
+        summary = ValidationFile.read(folder)
+        motions = tuple(
+            MotionRecord(
+                motion.name,
+                motion.diagnostics.experiments[0],
+                RESIDUALS.numbered(number).read(folder),
+            )
+            for number, motion in enumerate(summary.motions, start=1)
+            if RESIDUALS.numbered(number).is_in(folder)
+        )
+        return cls(summary, VALIDATION.read(folder), motions, ())
+
+    def write(self, folder: Path) -> list[Path]:
+        """Write `validation.json` and the tables; return the files."""
+        written = VALIDATION.write(folder, self.rows)
+        for number, (motion, forces) in enumerate(
+            zip(self.motions, self.forces, strict=True), start=1
+        ):
+            written += FORCES.numbered(number).write(folder, forces)
+            written += RESIDUALS.numbered(number).write(folder, motion.residuals)
+        return [*dict.fromkeys(written), self.summary.write(folder)]
+
+
+def _actuator_rows(number: int, motion: MotionValidation) -> list[ActuatorRow]:
+    (diagnosis,) = motion.diagnosis.experiments
+    test, variances = diagnosis.lack_of_fit, diagnosis.variances
+    forces, rest = motion.experiment.forces, diagnosis.residuals.forces
+    words = ["not tested" if test.refused else "fails" if f else "passes" for f in test.failed]
+    return [
+        ActuatorRow(
+            number=number,
+            motion=motion.name,
+            actuator=j + 1,
+            rms_measured=float(np.std(forces[:, j])),
+            rms_residual=float(np.sqrt(np.mean(rest[:, j] ** 2))),
+            variance_model_error=float(variances.model_error[j]),
+            variance_measurement_error=float(variances.measurement_error[j]),
+            statistic=float(test.statistic[j]),
+            p_value=float(test.p_values[j]),
+            verdict=words[j],
+        )
+        for j in range(ACTUATORS)
+    ]
