@@ -37,6 +37,7 @@ from expdesign.configuration.values.quantity import Acceleration
 from expdesign.configuration.values.scalars import Name, Text, one_of
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.term import Term
+from expdesign.mechanism.terms import rigid_platform
 
 PlatformKind = Literal["symmetric", "general"]
 
