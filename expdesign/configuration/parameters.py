@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field, ValidationError, ValidationInfo, model_serializer
@@ -82,39 +82,63 @@ def _term(item: object, wanted: str) -> TermDescription:
         ((name, given),) = item.items()
     if not isinstance(name, str) or name not in TERMS:
         raise refusal(f"{shown(name)} is no term", wanted, nearest(name, TERMS))
-    constants = {constant.name: constant for constant in TERMS[name].constants}
-    allowed = ", ".join(constants) or f"the name '{name}' alone: this term has no constants"
     if not isinstance(given, Mapping):
-        raise refusal(f"{shown(given)} is no mapping of constants", allowed)
-    for key in given:
-        if key not in constants:
-            raise refusal(
-                f"{shown(key)} is no constant of the term '{name}'",
-                allowed,
-                nearest(key, constants),
-            )
-    return TermDescription(
-        name=name,
-        constants={key: _constant(c, name, given.get(key)) for key, c in constants.items()},
+        raise refusal(f"{shown(given)} is no mapping of constants", "constants with their values")
+    stated = {key: _constant(f"{name}.{key}", item) for key, item in given.items()}
+    values = _quantities(
+        {key: value for key, (value, _) in stated.items()},
+        {constant.name: constant for constant in TERMS[name].constants},
+        lambda key: f"the term {name} has no constant {shown(key)}",
+        (name,),
     )
+    constants = {
+        key: ConstantDescription(value=value, estimate=key in stated and stated[key][1])
+        for key, value in values.items()
+    }
+    return TermDescription(name=name, constants=constants)
 
 
-def _constant(constant: Constant, term: str, given: object) -> ConstantDescription:
-    key = f"{term}.{constant.name}"
-    dimension = dimension_of(constant.unit)
-    estimate: object = False
-    if isinstance(given, Mapping):
-        if odd := set(given) - {"value", "estimate"}:
-            raise refusal(f"unknown key {shown(odd.pop())} of {key}", "value, estimate")
-        estimate = given.get("estimate", False)
-        given = given.get("value")
-    if not isinstance(estimate, bool):
-        raise refusal(f"{key}: {shown(estimate)} is neither true nor false", "true, false")
-    if given is None:
-        given = constant.value
-    if given is None:
-        raise refusal(f"the constant {key} ({constant.meaning}) is missing", dimension.allowed)
-    return ConstantDescription(value=dimension.parse(given), estimate=estimate)
+def _constant(key: str, given: object) -> tuple[object, bool]:
+    """Return what stands for the value, and whether the constant shall be estimated."""
+    if not isinstance(given, Mapping):
+        return given, False
+    estimate = given.get("estimate", False)
+    if set(given) != {"value", "estimate"} or not isinstance(estimate, bool):
+        allowed = "a value, or {value: …, estimate: true}"
+        raise refusal(f"{shown(given)} is no constant", allowed, key=key)
+    return given["value"], estimate
+
+
+def _quantities(
+    given: Mapping[str, object],
+    expected: Mapping[str, Parameter | Constant],
+    unknown: Callable[[str], str],
+    place: tuple[str, ...] = (),
+) -> dict[str, float]:
+    """Return the values of exactly the names expected, SI; raise everything that is wrong."""
+    found: dict[str, float] = {}
+    problems: list[InitErrorDetails] = []
+    for name in (*expected, *(name for name in given if name not in expected)):
+        wrong: str | PydanticCustomError | None = None
+        try:
+            if name not in expected:
+                allowed = ", ".join(expected) or "none"
+                raise refusal(unknown(name), allowed, nearest(name, expected))
+            default = expected[name].default
+            if given.get(name) is None and default is not None:
+                found[name] = default
+            elif name in given:
+                found[name] = dimension_of(expected[name].unit).parse(given[name])
+            else:
+                wrong = "missing"
+        except PydanticCustomError as error:
+            wrong = error
+        if wrong is not None:
+            location = (*place, str(name))
+            problems.append({"type": wrong, "loc": location, "input": given.get(name)})
+    if problems:
+        raise ValidationError.from_exception_data("quantities", problems)
+    return found
 
 
 def whose(name: object) -> str:
@@ -142,34 +166,12 @@ def _parameters(value: object, info: ValidationInfo) -> dict[str, float]:
         raise refusal(f"{shown(value)} is not a mapping", "parameters with their values")
     if "terms" not in info.data or "platform" not in info.data:
         return {}  # refused themselves: which parameters there are is not known
-    expected = {p.name: p for p in parameters_of(chosen_terms(**_choice(info.data)))}
-    found: dict[str, float] = {}
-    problems: list[InitErrorDetails] = []
-    for name in (*expected, *(name for name in value if name not in expected)):
-        try:
-            found[name] = _value(name, expected, value)
-        except PydanticCustomError as error:
-            problems.append({"type": error, "loc": (str(name),), "input": value.get(name)})
-        except KeyError:
-            problems.append({"type": "missing", "loc": (name,), "input": value})
-    if problems:
-        raise ValidationError.from_exception_data("parameters", problems)
-    return found
-
-
-def _choice(data: Mapping[str, Any]) -> dict[str, Any]:
-    return {"described": data["terms"], "platform": data["platform"]}
-
-
-def _value(name: str, expected: Mapping[str, Parameter], given: Mapping[str, object]) -> float:
-    """Return one value; raise KeyError where it is missing."""
-    if name not in expected:
-        message = f"no term of this robot has the parameter {shown(name)}"
-        raise refusal(message + whose(name), ", ".join(expected), nearest(name, expected))
-    default = expected[name].default
-    if given.get(name) is None and default is not None:
-        return default
-    return parsed_parameter(name, given[name])
+    terms = chosen_terms(info.data["terms"], info.data["platform"])
+    return _quantities(
+        value,
+        {parameter.name: parameter for parameter in parameters_of(terms)},
+        lambda name: f"no term of this robot has the parameter {shown(name)}{whose(name)}",
+    )
 
 
 Parameters = Annotated[dict[str, float], BeforeValidator(_parameters)]

@@ -73,8 +73,8 @@ class Constant:
     name: str
     unit: str
     meaning: str
-    value: float | None = None
-    """Where the robot file gives none, SI; None: the file must give it."""
+    default: float | None = None
+    """Value where the robot file gives none, SI; None: the file must give it."""
 
 
 @dataclass(frozen=True)
