@@ -74,7 +74,7 @@ def cheap_finish(monkeypatch):
     It holds in this process only: not with several workers.
     """
     recheck, jobs = (
-        importlib.import_module(f"expdesign.{name}") for name in ("recheck.recheck", "solver.jobs")
+        importlib.import_module(f"expdesign.{name}") for name in ("recheck.judge", "solver.jobs")
     )
     monkeypatch.setattr(recheck, "LEAST_POINTS", 400)
     monkeypatch.setattr(jobs, "_FINISH_ROUNDS", 1)

@@ -34,8 +34,8 @@ from expdesign.problem import DesignProblem, build_problem
 from expdesign.recheck import Judge
 from expdesign.robot import Robot, robot_from
 from expdesign.solver.continuation import coarse_points
-from expdesign.solver.jobs import SearchPlan, Workshop
-from expdesign.solver.random_start import InfeasibleLimitsError, random_start
+from expdesign.solver.initial import InfeasibleLimitsError, random_start
+from expdesign.solver.jobs import DesignTask, SearchPlan
 from expdesign.solver.search import NoDesignError, search
 from expdesign.trajectory import FourierTrajectory
 from expdesign.workers import Monitor, SilentMonitor
@@ -81,15 +81,15 @@ def design(config: ConfigurationLike, monitor: Monitor | None = None) -> DesignR
             ]
         )
     watch = monitor or SilentMonitor()
-    shop = build_workshop(configuration)
-    _refuse_unexcitable(shop)
+    task = design_task(configuration)
+    _refuse_unexcitable(task)
     try:
-        found = search(partial(build_workshop, configuration), shop.plan, watch)
+        found = search(partial(design_task, configuration), task.plan, watch)
     except NoDesignError as error:
-        _blame_unexcited(shop, error)
+        _blame_unexcited(task, error)
         raise
     trajectory = found.finished.trajectory
-    judge, samples = shop.judge, configuration.run.trajectory.samples
+    judge, samples = task.judge, configuration.run.trajectory.samples
     information = judge.information(trajectory, samples)
     experiment = _experiment_precision(judge, trajectory, configuration)
     return DesignResult(
@@ -97,7 +97,7 @@ def design(config: ConfigurationLike, monitor: Monitor | None = None) -> DesignR
         robot=judge.robot,
         trajectory=trajectory,
         samples=samples,
-        samples_per_period=trajectory.period / shop.plan.controller_period,
+        samples_per_period=trajectory.period / task.plan.controller_period,
         parameter_names=judge.names,
         information=information,
         log_det_information=judge.log_det(information),
@@ -109,13 +109,13 @@ def design(config: ConfigurationLike, monitor: Monitor | None = None) -> DesignR
         seconds=time.perf_counter() - began,
         warnings=(
             *configuration.warnings,
-            *_warnings(configuration, trajectory, shop),
+            *_warnings(configuration, trajectory, task),
             *imprecise(judge.robot, experiment),
         ),
     )
 
 
-def build_workshop(configuration: RunConfiguration) -> Workshop:
+def design_task(configuration: RunConfiguration) -> DesignTask:
     """Build problem, judge and plan of a run; every worker process does it once."""
     run = configuration.run
     robot = robot_from(configuration.robot)
@@ -146,7 +146,7 @@ def build_workshop(configuration: RunConfiguration) -> Workshop:
         max_seconds=run.design.max_seconds,
     )
     judge = Judge(robot, covariance, criterion, scaling, names)
-    return Workshop(_well_scaled(problem, judge, plan), judge, plan)
+    return DesignTask(_well_scaled(problem, judge, plan), judge, plan)
 
 
 def _well_scaled(problem: DesignProblem, judge: Judge, plan: SearchPlan) -> DesignProblem:
@@ -212,33 +212,33 @@ def judged_parameters(configuration: RunConfiguration, robot: Robot) -> tuple[st
     return tuple(name for name in robot.parameter_names if wanted is None or name in wanted)
 
 
-def _refuse_unexcitable(shop: Workshop) -> None:
+def _refuse_unexcitable(task: DesignTask) -> None:
     """Fail early when random feasible motions are hopelessly far from exciting everything."""
-    problem, best, found = shop.problem, 0.0, None
+    problem, best, found = task.problem, 0.0, None
     for number in range(_PROBES):
-        trajectory = _probe(problem, shop.plan, number)
-        scaled = ScaledInformation.of(shop.judge.information(trajectory, problem.cost.samples))
+        trajectory = _probe(problem, task.plan, number)
+        scaled = ScaledInformation.of(task.judge.information(trajectory, problem.cost.samples))
         values = scaled.eigenvalues()
         ratio = max(float(values[0] / values[-1]), 0.0) if values[-1] > 0 else 0.0
         if found is None or ratio > best:
             best, found = ratio, scaled
     if found is not None and best < _HOPELESS * EXCITABLE:
-        raise SingularInformationError(found.weak_directions(shop.judge.names))
+        raise SingularInformationError(found.weak_directions(task.judge.names))
 
 
-def _blame_unexcited(shop: Workshop, error: NoDesignError) -> None:
+def _blame_unexcited(task: DesignTask, error: NoDesignError) -> None:
     """Raise `SingularInformationError` if that is why none of the starts has a result."""
     informations = [
         ScaledInformation.of(
-            shop.judge.information(
-                shop.problem.variables.trajectory(start.variables), shop.problem.cost.samples
+            task.judge.information(
+                task.problem.variables.trajectory(start.variables), task.problem.cost.samples
             )
         )
         for start in error.starts
         if np.all(np.isfinite(start.variables))
     ]
     if informations and all(scaled.is_singular() for scaled in informations):
-        fewest = min((s.weak_directions(shop.judge.names) for s in informations), key=len)
+        fewest = min((s.weak_directions(task.judge.names) for s in informations), key=len)
         raise SingularInformationError(fewest) from error
 
 
@@ -269,12 +269,12 @@ def _experiment_precision(
 
 
 def _warnings(
-    configuration: RunConfiguration, trajectory: FourierTrajectory, shop: Workshop
+    configuration: RunConfiguration, trajectory: FourierTrajectory, task: DesignTask
 ) -> tuple[str, ...]:
     found = []
-    steps = trajectory.period / shop.plan.controller_period
+    steps = trajectory.period / task.plan.controller_period
     if whole(steps) is None:
-        step = shop.plan.controller_period
+        step = task.plan.controller_period
         slower, faster = (1 / (count * step) for count in (math.ceil(steps), math.floor(steps)))
         found.append(
             f"the frequency is fixed, and its period is {steps:.6g} controller steps, not a whole "

@@ -20,11 +20,11 @@ from scipy.optimize import nnls
 
 from constraints.arrays import Array
 from expdesign.configuration import RunConfiguration
-from expdesign.experiment.design import build_workshop
+from expdesign.experiment.design import design_task
 from expdesign.problem import DesignProblem
 from expdesign.recheck import local_worst
 from expdesign.solver.continuation import finish_stage
-from expdesign.solver.jobs import Workshop
+from expdesign.solver.jobs import DesignTask
 from expdesign.solver.stage import run_stage
 from expdesign.trajectory import FourierTrajectory
 
@@ -72,28 +72,28 @@ def limit_sensitivity(
     InputError
         The run cannot be designed for.
     """
-    shop = build_workshop(configuration)
-    problem, plan = shop.problem, shop.plan
+    task = design_task(configuration)
+    problem, plan = task.problem, task.plan
     stage = replace(finish_stage(problem, plan.widths, plan.iterations), radius=_RADIUS)
     x, _ = run_stage(problem, stage, problem.variables.pack(trajectory), lambda *_: True)
-    return _sensitivity(shop, x, _NEAR)
+    return _sensitivity(task, x, _NEAR)
 
 
-def sensitivity_at_design(shop: Workshop, trajectory: FourierTrajectory) -> LimitSensitivity:
+def sensitivity_at_design(task: DesignTask, trajectory: FourierTrajectory) -> LimitSensitivity:
     """Return about what every limit costs a finished design, without another solve.
 
     Parameters
     ----------
-    shop : Workshop
+    task : DesignTask
         Of the run that the design is of.
     trajectory : FourierTrajectory
     """
-    return _sensitivity(shop, shop.problem.variables.pack(trajectory), _NEAR_A_DESIGN)
+    return _sensitivity(task, task.problem.variables.pack(trajectory), _NEAR_A_DESIGN)
 
 
-def _sensitivity(shop: Workshop, x: Array, near: float) -> LimitSensitivity:
-    problem = shop.problem
-    width, level = shop.plan.widths[-1], problem.criterion.levels[-1]
+def _sensitivity(task: DesignTask, x: Array, near: float) -> LimitSensitivity:
+    problem = task.problem
+    width, level = task.plan.widths[-1], problem.criterion.levels[-1]
     _, slope = problem.cost.gradient(x, width, level)
     keys, slopes, room = _active_rows(problem, x, width, near)
     multipliers, unexplained = balance(slope, slopes)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+from scipy.special import logsumexp, softmax
 
 from constraints.arrays import Array
 
@@ -102,3 +103,15 @@ def spectral_cost(information: Array, criterion: Criterion, level: float) -> Spe
     spectrum, vectors = np.linalg.eigh((curvature + curvature.T) / 2)
     diagonal = (vectors * np.maximum(spectrum, 0.0)) @ vectors.T
     return SpectralCost(cost, basis, slope, diagonal, np.maximum(mixing, 0.0))
+
+
+def log_sum_exp(logs: Array, power: float) -> tuple[float, Array, Array]:
+    """Return log(Σ exp(p x))/|p| with gradient and Hessian with respect to x, (m,).
+
+    For p → +∞ it tends to the largest x, for p → −∞ to minus the smallest.
+    """
+    value = float(logsumexp(power * logs)) / abs(power)
+    weights = softmax(power * logs)
+    sign = np.sign(power)
+    hessian = abs(power) * (np.diag(weights) - np.multiply.outer(weights, weights))
+    return value, sign * weights, hessian

@@ -1,7 +1,7 @@
 """The motion that a machine executes: from rest at home, through the periods, back to rest."""
 
-from expdesign.motion.check import check_motion
 from expdesign.motion.executable import ExecutableMotion, Segment
+from expdesign.motion.limits import check_motion
 from expdesign.motion.planning import executable_motion
 from expdesign.motion.ramp import NoRampError
 from expdesign.motion.record import motion_from_record, motion_to_record

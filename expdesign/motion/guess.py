@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from constraints.arrays import Array
-from expdesign.motion.jerk import moving_states
+from expdesign.motion.limits import moving_states
 from expdesign.motion.ramp_problem import RampProblem
 from expdesign.motion.spline import FIXED, SplineRamp, derivatives
 from expdesign.recheck import Motion

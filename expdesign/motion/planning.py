@@ -9,10 +9,9 @@ import numpy as np
 
 from constraints.arrays import Array
 from expdesign.configuration import InputError, Problem, RunConfiguration
-from expdesign.motion.executable import WHOLE, ExecutableMotion
+from expdesign.motion.executable import WHOLE, ExecutableMotion, Periods
 from expdesign.motion.guess import guesses
-from expdesign.motion.jerk import jerk_limit
-from expdesign.motion.periods import Periods
+from expdesign.motion.limits import jerk_limit
 from expdesign.motion.ramp import NoRampError, find_ramp, shortest
 from expdesign.motion.ramp_problem import RampProblem
 from expdesign.motion.spline import MotionState, SplineRamp

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from constraints.arrays import Array, Mask
-from expdesign.motion.jerk import moving_states
+from expdesign.motion.limits import moving_states
 from expdesign.motion.ramp_problem import RampProblem, RampProgram
 from expdesign.motion.spline import SplineRamp
 from expdesign.problem import hidden_by_smoothing

@@ -9,8 +9,7 @@ import numpy as np
 
 from constraints.arrays import Array
 from expdesign.mechanism.hexapod import COORDINATES
-from expdesign.motion.executable import ExecutableMotion
-from expdesign.motion.periods import PERIODS, Periods
+from expdesign.motion.executable import PERIODS, ExecutableMotion, Periods
 from expdesign.motion.spline import FIXED, MotionState, SplineRamp
 from expdesign.trajectory import FourierTrajectory
 

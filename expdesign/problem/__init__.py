@@ -2,8 +2,7 @@
 
 from expdesign.problem.design_problem import DesignProblem, DesignProgram, build_problem
 from expdesign.problem.program import LimitedProgram, hidden_by_smoothing
-from expdesign.problem.reach import coordinate_reach
-from expdesign.problem.variables import DesignVariables
+from expdesign.problem.variables import DesignVariables, coordinate_reach
 
 __all__ = [
     "DesignProblem",

@@ -13,8 +13,7 @@ from expdesign.information.spectral import Criterion
 from expdesign.mechanism.term import Term
 from expdesign.problem.cost import InformationCost, RegressorKernels
 from expdesign.problem.program import LimitedProgram
-from expdesign.problem.reach import coordinate_reach
-from expdesign.problem.variables import DesignVariables
+from expdesign.problem.variables import DesignVariables, coordinate_reach
 from expdesign.robot import LimitModel, Robot, hexapod_graph
 from expdesign.trajectory import PhaseBasis
 

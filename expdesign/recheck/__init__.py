@@ -1,9 +1,17 @@
 """Checks of a motion that share nothing with the optimiser but the graph."""
 
 from expdesign.recheck.information import Judge
-from expdesign.recheck.judge import Motion, judge, local_worst, states_at, worst_of_each
+from expdesign.recheck.judge import (
+    Motion,
+    Recheck,
+    grid_points,
+    judge,
+    local_worst,
+    recheck,
+    states_at,
+    worst_of_each,
+)
 from expdesign.recheck.limit_check import TOLERANCE, LimitCheck
-from expdesign.recheck.recheck import Recheck, grid_points, recheck
 
 __all__ = [
     "TOLERANCE",

@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Protocol
 
 import numpy as np
 
 from constraints import Limit
 from constraints.arrays import Array, Mask
-from expdesign.recheck.limit_check import LimitCheck
+from expdesign.recheck.limit_check import TOLERANCE, LimitCheck
 from expdesign.robot import LimitModel
-from expdesign.trajectory import PoseSamples
+from expdesign.trajectory import FourierTrajectory, PoseSamples
 
-ZOOMS = 4
-ZOOM_POINTS = 33
+_ZOOMS = 4
+_ZOOM_POINTS = 33
 _MOST_CANDIDATES = 48
+FINER = 20
+"""The grid has at least this many points for every sample of the design."""
+LEAST_POINTS = 4000
 
 
 class Motion(Protocol):
@@ -123,8 +127,8 @@ def _refined(
     points, rows = points[order], rows[order]
     centers, width = times[points], times[1] - times[0]
     every = np.arange(len(rows))
-    for _ in range(ZOOMS if len(rows) else 0):
-        local = centers[:, None] + np.linspace(-width, width, ZOOM_POINTS)
+    for _ in range(_ZOOMS if len(rows) else 0):
+        local = centers[:, None] + np.linspace(-width, width, _ZOOM_POINTS)
         if not periodic:
             local = np.clip(local, times[0], times[-1])
         values = limits.values(between(local.ravel()))
@@ -132,7 +136,7 @@ def _refined(
         values = values[:, columns].reshape(*local.shape, -1)[every, :, rows]
         steps = np.argmax(found, axis=1)
         centers, highest = local[every, steps], found[every, steps]
-        width *= 2 / (ZOOM_POINTS - 1)
+        width *= 2 / (_ZOOM_POINTS - 1)
         k = int(np.argmax(highest))
         if highest[k] > worst.violation:
             value = float(values[k, steps[k]])
@@ -159,3 +163,60 @@ def _check(limit: Limit, worst: _Moment) -> LimitCheck:
         time=worst.time,
         origin=limit.origin,
     )
+
+
+@dataclass(frozen=True)
+class Recheck:
+    """All limits of one motion.
+
+    Attributes
+    ----------
+    limits : tuple of LimitCheck
+    points : int
+        Points of the grid.
+    span : str
+        What the grid covers, in words.
+    """
+
+    limits: tuple[LimitCheck, ...]
+    points: int
+    span: str = "one period"
+
+    @property
+    def worst(self) -> float:
+        """Largest violation as a share of its limit's range; −inf without limits."""
+        return max((check.violation for check in self.limits), default=-np.inf)
+
+    @property
+    def passed(self) -> bool:
+        """True when every limit is kept within `TOLERANCE` of its range."""
+        return self.worst <= TOLERANCE
+
+    @property
+    def method(self) -> str:
+        """How the limits were checked, in words."""
+        return (
+            f"unsmoothed model on {self.points} points of {self.span}, every possible worst "
+            f"moment refined {(_ZOOM_POINTS - 1) // 2}-fold {_ZOOMS} times; sampled, no proof "
+            "between the points"
+        )
+
+
+def grid_points(samples: int) -> int:
+    """Return the number of points on which a design of `samples` samples is checked."""
+    return max(LEAST_POINTS, FINER * samples)
+
+
+def recheck(limits: LimitModel, trajectory: FourierTrajectory, samples: int) -> Recheck:
+    """Judge every limit on a grid at least 20 times finer than the design's samples.
+
+    Every moment that could be a limit's worst is then searched again on ever finer grids around
+    it, so that neither a maximum between the points nor a jump of dry friction is missed. Two
+    changes of a rate's sign within one step of the grid are not seen.
+    """
+    points = grid_points(samples)
+    times = trajectory.sample_times(points)
+    between = partial(states_at, trajectory)
+    checks = judge(limits, times, between(times), between, periodic=True)
+    period = trajectory.period
+    return Recheck(tuple(replace(check, time=check.time % period) for check in checks), points)

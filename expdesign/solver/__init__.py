@@ -1,16 +1,16 @@
 """Solving the design problem: Ipopt, continuation, many starts, and the finish."""
 
-from expdesign.solver.jobs import SearchPlan, Workshop
-from expdesign.solver.progress import SearchEvent
-from expdesign.solver.random_start import InfeasibleLimitsError
+from expdesign.solver.initial import InfeasibleLimitsError
+from expdesign.solver.jobs import DesignTask, SearchPlan
 from expdesign.solver.search import NoDesignError, SearchResult, search
+from expdesign.solver.stage import SearchEvent
 
 __all__ = [
+    "DesignTask",
     "InfeasibleLimitsError",
     "NoDesignError",
     "SearchEvent",
     "SearchPlan",
     "SearchResult",
-    "Workshop",
     "search",
 ]

@@ -18,12 +18,10 @@ from expdesign.solver.continuation import (
     hop_stages,
 )
 from expdesign.solver.finish import Finished, controller_omega, finish
-from expdesign.solver.hop import Screening, perturbed
+from expdesign.solver.initial import InfeasibleLimitsError, perturbed, random_start
 from expdesign.solver.population import Candidate
-from expdesign.solver.progress import SearchEvent
-from expdesign.solver.random_start import InfeasibleLimitsError, random_start
-from expdesign.solver.stage import TracePoint
-from expdesign.solver.start import StartResult, infeasible_start, run_start
+from expdesign.solver.stage import SearchEvent, TracePoint
+from expdesign.solver.start import Screening, StartResult, infeasible_start, run_start
 from expdesign.workers import Monitor
 
 _FINISH_ROUNDS = 4
@@ -61,7 +59,7 @@ class SearchPlan:
 
 
 @dataclass(frozen=True)
-class Workshop:
+class DesignTask:
     """What every worker process needs: the problem, its judge and the plan."""
 
     problem: DesignProblem
@@ -69,15 +67,15 @@ class Workshop:
     plan: SearchPlan
 
 
-Build = Callable[[], Workshop]
+Build = Callable[[], DesignTask]
 """Builds the workshop inside a worker; picklable."""
 
 
 def random_job(
-    shop: Workshop, monitor: Monitor, index: int, screening: Screening | None = None
+    task: DesignTask, monitor: Monitor, index: int, screening: Screening | None = None
 ) -> StartResult:
     """Start from a random motion; with a `screening` it may be given up."""
-    problem, plan = shop.problem, shop.plan
+    problem, plan = task.problem, task.plan
     stages = continuation_stages(problem, plan.widths, plan.iterations)
     first = problem.with_variables(harmonics=stages[0].harmonics or problem.variables.harmonics)
     points = coarse_points(first.variables.harmonics)
@@ -87,7 +85,7 @@ def random_job(
         return infeasible_start(problem, index, str(error), monitor)
     return run_start(
         problem,
-        shop.judge,
+        task.judge,
         stages,
         start,
         index=index,
@@ -98,23 +96,23 @@ def random_job(
 
 
 def newcomer_job(
-    shop: Workshop, monitor: Monitor, index: int, screening: Screening
+    task: DesignTask, monitor: Monitor, index: int, screening: Screening
 ) -> tuple[StartResult, Candidate | None]:
     """Start from a random motion, and finish what is not given up."""
-    result = random_job(shop, monitor, index, screening)
-    return _finished(shop, monitor, result, lineage=index)
+    result = random_job(task, monitor, index, screening)
+    return _finished(task, monitor, result, lineage=index)
 
 
 def hop_job(
-    shop: Workshop, monitor: Monitor, index: int, origin: Candidate
+    task: DesignTask, monitor: Monitor, index: int, origin: Candidate
 ) -> tuple[StartResult, Candidate | None]:
     """Hop, and finish what is not given up: only finished motions can be compared."""
-    problem, plan = shop.problem, shop.plan
+    problem, plan = task.problem, task.plan
     start = problem.variables.pack(origin.finished.trajectory)
     start = perturbed(problem, start, _rng(plan.seed, index), plan.widths[-1])
     result = run_start(
         problem,
-        shop.judge,
+        task.judge,
         hop_stages(problem, plan.widths, plan.iterations),
         start,
         index=index,
@@ -122,14 +120,14 @@ def hop_job(
         monitor=monitor,
         screening=Screening(origin.start.stages),
     )
-    return _finished(shop, monitor, result, origin.lineage)
+    return _finished(task, monitor, result, origin.lineage)
 
 
 def finish_job(
-    shop: Workshop, monitor: Monitor, index: int, variables: Array
+    task: DesignTask, monitor: Monitor, index: int, variables: Array
 ) -> tuple[float, Finished]:
     """Finish what a start reached; return what it is worth, too."""
-    problem, plan = shop.problem, shop.plan
+    problem, plan = task.problem, task.plan
     began = time.perf_counter()
     omega = problem.variables.trajectory(variables).omega
     bounds = problem.variables.omega_bounds
@@ -149,14 +147,14 @@ def finish_job(
 
     stage = finish_stage(problem, plan.widths, plan.iterations)
     rounds = 0 if monitor.stop_requested() else _FINISH_ROUNDS
-    finished = finish(fixed, shop.judge, variables, stage, rounds=rounds, report=report)
-    merit = shop.judge.merit(finished.trajectory, problem.cost.samples)
+    finished = finish(fixed, task.judge, variables, stage, rounds=rounds, report=report)
+    merit = task.judge.merit(finished.trajectory, problem.cost.samples)
     monitor.report(
         SearchEvent(
             index,
             "finished",
             len(trace),
-            merit if shop.judge.criterion.larger_is_better else -merit,
+            merit if task.judge.criterion.larger_is_better else -merit,
             finished.check.worst,
             time.perf_counter() - began,
             "every limit kept" if finished.check.passed else "a limit is broken",
@@ -166,11 +164,11 @@ def finish_job(
 
 
 def _finished(
-    shop: Workshop, monitor: Monitor, result: StartResult, lineage: int
+    task: DesignTask, monitor: Monitor, result: StartResult, lineage: int
 ) -> tuple[StartResult, Candidate | None]:
     if not np.isfinite(result.merit) or monitor.stop_requested():
         return result, None
-    merit, finished = finish_job(shop, monitor, result.index, result.variables)
+    merit, finished = finish_job(task, monitor, result.index, result.variables)
     return result, Candidate(merit, finished, result, lineage)
 
 

@@ -9,11 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from expdesign.solver.finish import Finished
-from expdesign.solver.hop import Screening
 from expdesign.solver.jobs import Build, SearchPlan, finish_job, hop_job, newcomer_job, random_job
 from expdesign.solver.population import CAPACITY, Candidate, Population
-from expdesign.solver.progress import SearchEvent
-from expdesign.solver.start import StartResult
+from expdesign.solver.stage import SearchEvent
+from expdesign.solver.start import Screening, StartResult
 from expdesign.workers import Job, Monitor, run_jobs
 
 HOPS_AT_ONCE = 4

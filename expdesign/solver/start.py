@@ -11,11 +11,12 @@ import numpy as np
 from constraints.arrays import Array
 from expdesign.problem import DesignProblem
 from expdesign.recheck import Judge, recheck
-from expdesign.solver.hop import Screening
-from expdesign.solver.progress import SearchEvent
-from expdesign.solver.shrink import Shrunk, shrink_to_limits
-from expdesign.solver.stage import Stage, StageRecord, TracePoint, run_stage
+from expdesign.solver.finish import Shrunk, shrink_to_limits
+from expdesign.solver.stage import SearchEvent, Stage, StageRecord, TracePoint, run_stage
 from expdesign.workers import Monitor
+
+_BEHIND = {"hop": 0.03, "sharp": 0.01}
+"""Cost by which a hop may be behind. One per cent: the finish was seen to gain so unevenly."""
 
 
 @dataclass(frozen=True)
@@ -88,6 +89,32 @@ def _why_useless(problem: DesignProblem, shrunk: Shrunk) -> str:
         f"by the unsmoothed model its motion breaks {worst.key}, even shrunk to {shrunk.factor:g} "
         "of its size"
     )
+
+
+@dataclass(frozen=True)
+class Screening:
+    """Decides after each stage whether a hop or a new start is worth going on.
+
+    Attributes
+    ----------
+    reference : tuple of StageRecord
+        What the motion that it is measured by had reached after its own stages.
+    """
+
+    reference: tuple[StageRecord, ...]
+
+    def hopeless(self, record: StageRecord) -> bool:
+        """Tell whether it is too far behind what the reference had reached at the same stage.
+
+        A later stage says more about the finished motion than an earlier one, and is stricter.
+        """
+        alike = [one for one in self.reference if _kind(one) == _kind(record)]
+        return bool(alike) and record.objective > alike[-1].objective + _BEHIND[record.name]
+
+
+def _kind(record: StageRecord) -> tuple[str, float, float, int]:
+    """Return what must agree for two costs to be of the same problem."""
+    return record.name, record.width, record.level, record.samples
 
 
 def infeasible_start(

@@ -9,7 +9,7 @@ import numpy as np
 from constraints import limit_definitions
 from expdesign.configuration import InputError
 from expdesign.experiment import DesignRecord
-from expdesign.experiment.design import build_workshop
+from expdesign.experiment.design import design_task
 from expdesign.experiment.sensitivity import FREQUENCY, LimitSensitivity, sensitivity_at_design
 from expdesign.information.fisher import SingularInformationError
 from expdesign.recheck.information import Judge
@@ -37,7 +37,7 @@ def design_sensitivity(record: DesignRecord) -> LimitSensitivity | None:
     ):
         return None
     try:
-        shop = build_workshop(record.configuration)
+        shop = design_task(record.configuration)
         if not (_same_limits(record) and _same_criterion(record, shop.judge)):
             return None
         return sensitivity_at_design(shop, summary.trajectory)

@@ -8,10 +8,10 @@ import pytest
 import expdesign
 from expdesign.configuration import load_run
 from expdesign.experiment import DesignRecord
-from expdesign.experiment.design import build_workshop
+from expdesign.experiment.design import design_task
 from expdesign.information.fisher import SingularInformationError
 from expdesign.solver import InfeasibleLimitsError, NoDesignError
-from expdesign.solver.random_start import random_start
+from expdesign.solver.initial import random_start
 
 POINTS = 4000
 TOLERANCE = 1e-6
@@ -270,10 +270,10 @@ def test_other_criteria(criterion, tiny, tiny_result, cheap_finish):
     assert result.log_det_information == pytest.approx(log_det_of(information), abs=1e-5)
     assert_limits_kept(result)
     # Better than the feasible random motion that the start began with.
-    shop = build_workshop(result.configuration)
+    task = design_task(result.configuration)
     rng = np.random.default_rng(np.random.SeedSequence(0, spawn_key=(1,)))
-    x = random_start(shop.problem, rng, 24, 0.4)
-    before = shop.judge.information(shop.problem.variables.trajectory(x), 24)
+    x = random_start(task.problem, rng, 24, 0.4)
+    before = task.judge.information(task.problem.variables.trajectory(x), 24)
     assert (value(information) > value(before)) == (criterion == "e")
     if criterion == "condition":
         assert value(information) < value(tiny_result.information)
@@ -299,7 +299,7 @@ def test_scaling_changes_no_d_optimal_trajectory(tiny, cheap_finish):
 
 def test_rescaled_parameters_change_no_d_optimal_trajectory(tiny, cheap_finish):
     """The cost's own scales shift the cost by a constant and leave its derivatives alone."""
-    problem = build_workshop(load_run(tiny())).problem
+    problem = design_task(load_run(tiny())).problem
     factors = 10 ** np.random.default_rng(5).uniform(-2, 2, problem.cost.scaling.size)
     rescaled = replace(problem.cost, scaling=problem.cost.scaling * factors)
     x = random_start(problem, np.random.default_rng(1), 40, 0.4)

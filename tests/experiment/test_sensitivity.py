@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from expdesign.configuration import load_run
-from expdesign.experiment.design import build_workshop
+from expdesign.experiment.design import design_task
 from expdesign.experiment.sensitivity import (
     FREQUENCY,
     WIDER,
@@ -56,9 +56,9 @@ def run():
 
 @pytest.mark.slow
 def test_gains_are_those_of_solving_again_with_wider_limits(run):
-    shop = build_workshop(run)
-    problem = shop.problem
-    stage = replace(finish_stage(problem, shop.plan.widths, 400), radius=None)
+    task = design_task(run)
+    problem = task.problem
+    stage = replace(finish_stage(problem, task.plan.widths, 400), radius=None)
     # Of four starts that were tried, one of the two that end converged.
     x = 0.1 * np.random.default_rng(1).normal(size=problem.variables.size)
     x[:-1] *= np.tile(problem.variables.orders, 6)
@@ -94,7 +94,7 @@ def test_gains_at_a_design_are_about_those_at_the_optimum_beside_it():
     file = Path(__file__).parents[2] / "benchmarks" / "designs" / "palida.json"
     trajectory = TrajectoryFile.read(file).trajectory
     exact = limit_sensitivity(run, trajectory)
-    rough = sensitivity_at_design(build_workshop(run), trajectory)
+    rough = sensitivity_at_design(design_task(run), trajectory)
     assert rough.unexplained < 0.03
     assert rough.gains == pytest.approx(exact.gains, abs=0.015)
     assert max(rough.gains.values()) > 0.03

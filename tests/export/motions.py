@@ -9,7 +9,7 @@ import numpy as np
 
 from expdesign.export.definition import Task
 from expdesign.motion import ExecutableMotion, motion_from_record
-from expdesign.motion.periods import Periods as RealPeriods
+from expdesign.motion.executable import Periods as RealPeriods
 from expdesign.motion.spline import MotionState, SplineRamp, end_coefficients, reversed_in_time
 from expdesign.robot import LimitModel, load_robot
 from expdesign.trajectory import FourierTrajectory, PoseSamples, TrajectoryFile

@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 
 from expdesign.information import criteria
 from expdesign.information.catalogue import criteria_by_key
-from expdesign.information.log_norm import log_sum_exp
-from expdesign.information.spectral import spectral_cost
+from expdesign.information.spectral import log_sum_exp, spectral_cost
 
 KEYS = ("a", "condition", "d", "e")
 EXACT = ("d", "a")

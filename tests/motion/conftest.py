@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from expdesign.configuration import load_run
-from expdesign.experiment.design import build_workshop
+from expdesign.experiment.design import design_task
 from expdesign.motion import executable_motion
 from expdesign.recheck import recheck
-from expdesign.solver.random_start import random_start
-from expdesign.solver.shrink import GRID_MARGIN, shrink_to_limits
+from expdesign.solver.finish import GRID_MARGIN, shrink_to_limits
+from expdesign.solver.initial import random_start
 from expdesign.trajectory import FourierTrajectory
 
 STEP = 1e-3
@@ -38,7 +38,7 @@ def _configuration(robot, harmonics):
 @cache
 def _orbit(robot, harmonics):
     """A random periodic motion that is scaled until it touches a limit."""
-    problem = build_workshop(_configuration(robot, harmonics)).problem
+    problem = design_task(_configuration(robot, harmonics)).problem
     x = random_start(problem, np.random.default_rng(harmonics), 200, 0.1)
     drawn = problem.variables.trajectory(x)
     omega = 2 * np.pi / (round(drawn.period / STEP) * STEP)

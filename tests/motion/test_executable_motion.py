@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from expdesign.configuration import InputError, load_run
-from expdesign.experiment.design import build_workshop
+from expdesign.experiment.design import design_task
 from expdesign.motion import NoRampError, check_motion, executable_motion
 from expdesign.motion import ramp as ramp_module
 from expdesign.robot import robot_from
-from expdesign.solver.random_start import random_start
+from expdesign.solver.initial import random_start
 from expdesign.trajectory import FourierTrajectory
 from tests.motion.conftest import PERIODS, STEP
 
@@ -178,7 +178,7 @@ def test_a_design_at_rest_only_has_to_be_approached():
         "experiment": {"periods": 2},
     }
     configuration = load_run(run)
-    problem = build_workshop(configuration).problem
+    problem = design_task(configuration).problem
     x = random_start(problem, np.random.default_rng(1), 200, 0.1)
     drawn = problem.variables.trajectory(x)
     omega = 2 * np.pi / (round(drawn.period / STEP) * STEP)

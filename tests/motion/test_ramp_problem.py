@@ -5,7 +5,7 @@ import pytest
 
 from constraints import Limit
 from expdesign.configuration import row_labels
-from expdesign.motion.jerk import STRUT_JERK, moving_states
+from expdesign.motion.limits import STRUT_JERK, moving_states
 from expdesign.motion.ramp_problem import RampProblem, RampProgram
 from expdesign.motion.spline import MotionState
 from expdesign.robot import LimitModel, load_robot

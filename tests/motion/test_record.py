@@ -7,7 +7,7 @@ import pytest
 
 from expdesign.configuration import load_run
 from expdesign.motion import ExecutableMotion, check_motion, motion_from_record, motion_to_record
-from expdesign.motion.periods import Periods
+from expdesign.motion.executable import Periods
 from expdesign.motion.planning import PIECES
 from expdesign.motion.spline import MotionState, SplineRamp, end_coefficients, reversed_in_time
 from tests.estimation.cases import ROBOT, trajectory

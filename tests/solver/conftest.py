@@ -3,7 +3,7 @@ from functools import partial
 import pytest
 
 from expdesign.configuration import load_run
-from expdesign.experiment.design import build_workshop
+from expdesign.experiment.design import design_task
 
 
 @pytest.fixture(scope="package")
@@ -11,16 +11,16 @@ def build(tiny):
     """Return what builds the workshop of the tiny run; keywords change its sections."""
 
     def maker(**changes):
-        return partial(build_workshop, load_run(tiny(**changes)))
+        return partial(design_task, load_run(tiny(**changes)))
 
     return maker
 
 
 @pytest.fixture(scope="package")
-def shop(build):
+def task(build):
     return build()()
 
 
 @pytest.fixture(scope="package")
-def problem(shop):
-    return shop.problem
+def problem(task):
+    return task.problem

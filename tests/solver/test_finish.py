@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from expdesign.recheck import recheck
 from expdesign.solver.continuation import finish_stage
 from expdesign.solver.finish import controller_omega, finish
-from expdesign.solver.random_start import random_start
+from expdesign.solver.initial import random_start
 
 # --- whole controller steps -----------------------------------------------------------------------
 
@@ -62,26 +62,26 @@ def test_no_whole_number_of_steps():
 
 @pytest.fixture
 def on_coarse_grid(monkeypatch):
-    monkeypatch.setattr(importlib.import_module("expdesign.recheck.recheck"), "LEAST_POINTS", 400)
+    monkeypatch.setattr(importlib.import_module("expdesign.recheck.judge"), "LEAST_POINTS", 400)
 
 
-def test_the_finish_keeps_limits_and_frequency(shop, on_coarse_grid):
+def test_the_finish_keeps_limits_and_frequency(task, on_coarse_grid):
     """From a motion that breaks the limits between the samples to one that does not."""
-    problem = shop.problem
+    problem = task.problem
     x = random_start(problem, np.random.default_rng(0), 40, 0.4)
     x[:-1] *= 1.04
     omega = 2 * np.pi / 2.5
     fixed = problem.with_variables(omega_bounds=(omega, omega))
-    stage = finish_stage(problem, shop.plan.widths, shop.plan.iterations)
+    stage = finish_stage(problem, task.plan.widths, task.plan.iterations)
     seen = []
 
     def report(iteration, cost, violation):
         seen.append(iteration)
         return True
 
-    none = finish(fixed, shop.judge, x, stage, rounds=0, report=report)
+    none = finish(fixed, task.judge, x, stage, rounds=0, report=report)
     assert seen == []
-    done = finish(fixed, shop.judge, x, stage, rounds=1, report=report)
+    done = finish(fixed, task.judge, x, stage, rounds=1, report=report)
     assert seen == list(range(1, len(seen) + 1))
     for finished in (none, done):
         assert finished.trajectory.omega == pytest.approx(omega, rel=1e-14)
@@ -90,14 +90,14 @@ def test_the_finish_keeps_limits_and_frequency(shop, on_coarse_grid):
     assert done.check.passed
     assert done.record.rounds == 1
     samples = problem.cost.samples
-    assert shop.judge.merit(done.trajectory, samples) >= shop.judge.merit(none.trajectory, samples)
+    assert task.judge.merit(done.trajectory, samples) >= task.judge.merit(none.trajectory, samples)
     assert dataclasses.asdict(done.record)["evaluations"]["grad_f"] > 0
 
 
-def test_the_finish_can_be_stopped(shop, on_coarse_grid):
-    problem = shop.problem
+def test_the_finish_can_be_stopped(task, on_coarse_grid):
+    problem = task.problem
     x = random_start(problem, np.random.default_rng(0), 40, 0.4)
-    stage = finish_stage(problem, shop.plan.widths, shop.plan.iterations)
+    stage = finish_stage(problem, task.plan.widths, task.plan.iterations)
     omega = 2 * np.pi / 2.5
     fixed = problem.with_variables(omega_bounds=(omega, omega))
     calls = []
@@ -106,7 +106,7 @@ def test_the_finish_can_be_stopped(shop, on_coarse_grid):
         calls.append(iteration)
         return False
 
-    finished = finish(fixed, shop.judge, x, stage, rounds=4, report=report)
+    finished = finish(fixed, task.judge, x, stage, rounds=4, report=report)
     assert calls == [1]
     assert finished.record.status == "User_Requested_Stop"
     assert finished.record.rounds == 1

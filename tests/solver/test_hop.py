@@ -3,9 +3,9 @@ import pytest
 
 from expdesign.information.catalogue import criteria_by_key
 from expdesign.solver.continuation import continuation_stages, hop_stages
-from expdesign.solver.hop import Screening, perturbed
-from expdesign.solver.random_start import random_start
+from expdesign.solver.initial import perturbed, random_start
 from expdesign.solver.stage import StageRecord
+from expdesign.solver.start import Screening
 
 WIDTH = 0.4
 

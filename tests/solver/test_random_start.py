@@ -5,7 +5,7 @@ import pytest
 
 from expdesign.robot import LimitModel
 from expdesign.solver import InfeasibleLimitsError
-from expdesign.solver.random_start import random_start
+from expdesign.solver.initial import random_start
 
 POINTS = 40
 WIDTH = 0.4

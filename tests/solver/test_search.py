@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from expdesign.solver import NoDesignError, search
-from expdesign.solver.hop import Screening
 from expdesign.solver.jobs import hop_job, newcomer_job, random_job
-from expdesign.solver.population import Candidate
+from expdesign.solver.population import Candidate, Screening
 from expdesign.solver.start import GIVEN_UP
 from expdesign.workers import Job, SilentMonitor, run_jobs
 
@@ -31,21 +30,21 @@ class Recorder:
 
 
 @pytest.fixture
-def run(build, shop, cheap_finish):
+def run(build, task, cheap_finish):
     """Search with another plan; return the result."""
 
     def searched(monitor=None, **changes):
-        plan = dataclasses.replace(shop.plan, iterations=4, **changes)
+        plan = dataclasses.replace(task.plan, iterations=4, **changes)
         return search(build(design=QUICK), plan, monitor or SilentMonitor())
 
     return searched
 
 
-def merit(result, shop):
-    return shop.judge.merit(result.finished.trajectory, shop.problem.cost.samples)
+def merit(result, task):
+    return task.judge.merit(result.finished.trajectory, task.problem.cost.samples)
 
 
-def test_seed_and_starts(run, build, shop):
+def test_seed_and_starts(run, build, task):
     """More starts begin like fewer, and come to no less."""
     monitor = Recorder()
     # The plan that a job uses is the one that its workshop was built with.
@@ -54,7 +53,7 @@ def test_seed_and_starts(run, build, shop):
     two = run(monitor, starts=2)
     np.testing.assert_array_equal(two.starts[0].variables, one.starts[0].variables)
     assert two.starts[0].merit == one.starts[0].merit
-    assert merit(two, shop) >= merit(one, shop)
+    assert merit(two, task) >= merit(one, task)
     assert np.max(np.abs(two.starts[0].variables - two.starts[1].variables)) > 1e-2
     _events_tell_everything(monitor.events, two)
 
@@ -74,21 +73,21 @@ def _events_tell_everything(events, result):
     assert max(told, key=told.get) == result.best.index
 
 
-def test_seeds_differ(shop):
+def test_seeds_differ(task):
     reached = []
     for seed in (1, 2):
-        plan = dataclasses.replace(shop.plan, seed=seed, iterations=2)
-        reached.append(random_job(dataclasses.replace(shop, plan=plan), SilentMonitor(), 1))
+        plan = dataclasses.replace(task.plan, seed=seed, iterations=2)
+        reached.append(random_job(dataclasses.replace(task, plan=plan), SilentMonitor(), 1))
     assert np.max(np.abs(reached[0].variables - reached[1].variables)) > 1e-2
 
 
-def test_hopping_is_never_worse_than_the_starts_alone(run, shop):
+def test_hopping_is_never_worse_than_the_starts_alone(run, task):
     alone = run(starts=1)
     hopped = run(starts=1, hops=3)
     assert [start.kind for start in hopped.starts] == ["random", "hop", "random", "hop"]
     assert [start.index for start in hopped.starts] == [1, 2, 3, 4]
     np.testing.assert_array_equal(hopped.starts[0].variables, alone.starts[0].variables)
-    assert merit(hopped, shop) >= merit(alone, shop)
+    assert merit(hopped, task) >= merit(alone, task)
     assert hopped.finished.check.passed
     assert hopped.best.index in {start.index for start in hopped.starts}
 
@@ -108,11 +107,11 @@ class Hops:
     def __init__(self, gains, one):
         self.gains, self.one, self.seen = gains, one, []
 
-    def hop(self, shop, monitor, index, origin):
+    def hop(self, task, monitor, index, origin):
         self.seen.append(("hop", origin.merit))
         return self._result(index, "hop", origin.lineage)
 
-    def newcomer(self, shop, monitor, index, screening):
+    def newcomer(self, task, monitor, index, screening):
         self.seen.append(("newcomer", *(one.objective for one in screening.reference)))
         return self._result(index, "random", index)
 
@@ -132,11 +131,11 @@ class Hops:
         return result, Candidate(1000.0 + gain, finished, result, lineage)
 
 
-def test_hops_set_out_from_the_best_of_the_batches_before_in_turn(run, monkeypatch, shop):
+def test_hops_set_out_from_the_best_of_the_batches_before_in_turn(run, monkeypatch, task):
     """Four at a time, whoever is first; what was given up changes nothing."""
     module = importlib.import_module("expdesign.solver.search")
     one = run(starts=1)
-    known = merit(one, shop)
+    known = merit(one, task)
     hops = Hops([2.0, 1.0, -np.inf, -np.inf, 1.5, 3.0, -2000.0, 0.5, 4.0, -np.inf], one)
     monkeypatch.setattr(module, "hop_job", hops.hop)
     monkeypatch.setattr(module, "newcomer_job", hops.newcomer)
@@ -152,10 +151,10 @@ def test_hops_set_out_from_the_best_of_the_batches_before_in_turn(run, monkeypat
     assert len(result.starts) == 11
 
 
-def test_a_newcomer_and_a_hop_know_their_descent_and_are_given_up(shop, run):
+def test_a_newcomer_and_a_hop_know_their_descent_and_are_given_up(task, run):
     """A newcomer begins a lineage of its own, a hop goes on with its origin's."""
     start = run(starts=1).starts[0]
-    quick = dataclasses.replace(shop, plan=dataclasses.replace(shop.plan, iterations=4))
+    quick = dataclasses.replace(task, plan=dataclasses.replace(task.plan, iterations=4))
     out_of_reach = tuple(dataclasses.replace(one, objective=-1e9) for one in start.stages)
     result, newcomer = newcomer_job(quick, SilentMonitor(), 5, Screening(()))
     assert (newcomer.lineage, newcomer.start.index) == (5, 5)
@@ -208,7 +207,7 @@ def test_the_number_of_workers_changes_nothing(build):
 def test_no_start_keeps_the_limits(run, monkeypatch):
     """What the starts came to is said and kept."""
     from expdesign.solver import start as module
-    from expdesign.solver.shrink import Shrunk
+    from expdesign.solver.finish import Shrunk
 
     def hopeless(problem, trajectory):
         return Shrunk(trajectory, 0.8, kept=False)

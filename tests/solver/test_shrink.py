@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from expdesign.recheck import grid_points, states_at
-from expdesign.solver.random_start import random_start
-from expdesign.solver.shrink import GRID_MARGIN, SMALLEST_FACTOR, shrink_to_limits
+from expdesign.solver.finish import GRID_MARGIN, SMALLEST_FACTOR, shrink_to_limits
+from expdesign.solver.initial import random_start
 
 
 def worst(problem, trajectory):

@@ -61,7 +61,7 @@ class MotionSection(Section):
 
     jerk: Annotated[Jerk, Positive] | None = None
     """Largest jerk of a strut, m/s³. None: it follows from the limit of the struts' acceleration
-    and from the designed motion (`expdesign.motion.jerk`)."""
+    and from the designed motion (`expdesign.motion.limits`)."""
     phase: Annotated[Phase, one_of(Phase)] = "start"
     """Where on its orbit the designed motion is entered and left: at its t = 0, or where the
     ramps are shortest."""

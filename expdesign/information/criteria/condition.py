@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from constraints.arrays import Array
-from expdesign.information.log_norm import log_sum_exp
+from expdesign.information.spectral import log_sum_exp
 
 
 class ConditionNumber:

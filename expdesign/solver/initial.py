@@ -1,16 +1,23 @@
-"""A feasible random trajectory to start from."""
+"""Where solves set out from: random motions, and good ones thrown out of their basin."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
 from constraints.arrays import Array
 from expdesign.problem import DesignProblem
+from expdesign.solver.continuation import coarse_points
 
 _DECAY = 0.7
 _BISECTIONS = 16
 _LARGEST_SHARE = 4.0
 _INSIDE = 0.95
+_HOP_SIZES = (0.1, 0.2, 0.4)
+_HOP_BISECTIONS = 12
+_HOP_INSIDE = 0.98
 
 
 class InfeasibleLimitsError(ArithmeticError):
@@ -51,18 +58,15 @@ def random_start(
     omega = rng.uniform((lower[-1] + upper[-1]) / 2, upper[-1])
     phases = 2 * np.pi * np.arange(points) / points
 
-    def kept(share: float, at: float) -> bool:
+    def kept(at: float, share: float) -> bool:
         candidate = np.append((share * table).ravel(), at)
         violations = problem.smooth_violations(candidate, phases, width)
         return bool(np.all(violations <= 0))
 
     for at in (omega, lower[-1]):
-        low, high = 0.0, _LARGEST_SHARE
-        for _ in range(_BISECTIONS):
-            share = (low + high) / 2
-            low, high = (share, high) if kept(share, at) else (low, share)
-        if low > 0:
-            return np.append((_INSIDE * low * table).ravel(), at)
+        share = largest(partial(kept, at), 0.0, _LARGEST_SHARE, _BISECTIONS)
+        if share > 0:
+            return np.append((_INSIDE * share * table).ravel(), at)
     raise InfeasibleLimitsError(
         f"no motion keeps the limits: one of {_LARGEST_SHARE / 2**_BISECTIONS:.1g} of the "
         f"coordinates' reach about home breaks {_broken(problem, table, lower[-1], width)}"
@@ -77,3 +81,46 @@ def _broken(problem: DesignProblem, table: Array, omega: float, width: float) ->
     broken = np.flatnonzero(violations > 0)
     keys = dict.fromkeys(problem.limits.keys[row] for row in broken)
     return ", ".join(keys) or "one of them"
+
+
+def largest(kept: Callable[[float], bool], low: float, high: float, steps: int) -> float:
+    """Return by bisection the largest number that is kept; `low` is taken to be."""
+    for _ in range(steps):
+        middle = (low + high) / 2
+        low, high = (middle, high) if kept(middle) else (low, middle)
+    return low
+
+
+def perturbed(
+    problem: DesignProblem, origin: Array, rng: np.random.Generator, width: float
+) -> Array:
+    """Add normal noise to the scaled variables, then shrink the motion into its limits.
+
+    The size of the noise is drawn from three orders, because neither small nor large hops alone
+    find the better basins.
+
+    Parameters
+    ----------
+    problem : DesignProblem
+    origin : (z,)
+        Scaled variables.
+    rng : numpy Generator
+    width : float
+        Smoothing of dry friction, m/s.
+    """
+    variables = problem.variables
+    size = rng.choice(_HOP_SIZES)
+    noise = rng.normal(size=(6, variables.per_coordinate))
+    table = origin[:-1].reshape(6, -1) + size * noise
+    lower, upper = variables.bounds()
+    omega = np.clip(origin[-1] * np.exp(size * rng.normal()), lower[-1], upper[-1])
+    points = coarse_points(variables.harmonics)
+    phases = 2 * np.pi * np.arange(points) / points
+
+    def motion(factor: float) -> Array:
+        return np.append((factor * table).ravel(), omega)
+
+    def kept(factor: float) -> bool:
+        return bool(np.all(problem.smooth_violations(motion(factor), phases, width) <= 0))
+
+    return motion(_HOP_INSIDE * largest(kept, 0.0, 1.0, _HOP_BISECTIONS))

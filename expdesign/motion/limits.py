@@ -1,7 +1,8 @@
-"""Jerk of the struts as a limit: the third derivative of their lengths, which no design knows."""
+"""What a motion from rest to rest has to keep: the robot's limits and the jerk of its struts."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -10,10 +11,9 @@ from constraints import Limit, LimitDefinition
 from constraints.arrays import Array
 from expdesign.configuration import InputError, Problem, RunConfiguration, row_labels
 from expdesign.mechanism.hexapod import ACTUATORS
-from expdesign.motion.executable import Segment
-from expdesign.motion.periods import Periods
-from expdesign.recheck import judge, states_at
-from expdesign.robot import LimitModel, Robot
+from expdesign.motion.executable import PERIODS, ExecutableMotion, Periods, Segment
+from expdesign.recheck import LimitCheck, Recheck, grid_points, judge, states_at, worst_of_each
+from expdesign.robot import LimitModel, Robot, robot_from
 
 STRUT_JERK = LimitDefinition(
     key="strut_jerk",
@@ -86,3 +86,37 @@ def jerk_limit(configuration: RunConfiguration, robot: Robot, orbit: Periods) ->
 
 def _within(largest: Array, origin: str) -> Limit:
     return Limit(STRUT_JERK, -largest, largest, row_labels(STRUT_JERK), origin)
+
+
+def check_motion(configuration: RunConfiguration, motion: ExecutableMotion) -> Recheck:
+    """Judge every limit, and that on the struts' jerk, from rest to rest.
+
+    Every segment has a grid of its own of at least 4000 points, both ends included; of the
+    periods, which repeat, the first is looked at. The worst moment of each limit is searched
+    between the points as for a design.
+
+    Parameters
+    ----------
+    configuration : RunConfiguration
+    motion : ExecutableMotion
+
+    Returns
+    -------
+    Recheck
+        Times are from the start of the motion.
+    """
+    robot = robot_from(configuration.robot)
+    orbit = Periods(motion.trajectory, motion.periods)
+    limits = LimitModel.of(robot, jerk_limit(configuration, robot, orbit))
+    points = grid_points(configuration.run.trajectory.samples)
+    checks: list[LimitCheck] = []
+    # The jerk jumps at the junctions: each segment answers for its own ends.
+    for start, segment in zip(motion.starts[:-1], motion.segments, strict=True):
+        between = partial(moving_states, segment)
+        once = motion.trajectory.period if segment.name == PERIODS else segment.duration
+        times = np.linspace(0.0, once, points)
+        found = judge(limits, times, between(times), between)
+        checks += [replace(check, time=float(start) + check.time) for check in found]
+    return Recheck(
+        worst_of_each(checks), points * len(motion.segments), "the motion from rest to rest"
+    )
