@@ -68,7 +68,7 @@ class DesignTask:
 
 
 Build = Callable[[], DesignTask]
-"""Builds the workshop inside a worker; picklable."""
+"""Builds the task inside a worker; picklable."""
 
 
 def random_job(

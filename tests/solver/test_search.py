@@ -9,8 +9,8 @@ import pytest
 
 from expdesign.solver import NoDesignError, search
 from expdesign.solver.jobs import hop_job, newcomer_job, random_job
-from expdesign.solver.population import Candidate, Screening
-from expdesign.solver.start import GIVEN_UP
+from expdesign.solver.population import Candidate
+from expdesign.solver.start import GIVEN_UP, Screening
 from expdesign.workers import Job, SilentMonitor, run_jobs
 
 QUICK = {"max_iterations": 4}
