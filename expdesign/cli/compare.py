@@ -47,6 +47,7 @@ def compare(
     intervals, and whether they differ. Studies: achieved standard deviations.
     """
     from expdesign.stages import refuse_unwritable, short
+    from expdesign.stages.report import reported_stages
     from results.report.comparison.comparison import write_comparison
 
     share = precision_share(precision)
@@ -55,7 +56,9 @@ def compare(
     paths = [folder.absolute() for folder in folders]
     if not quick and not as_json and any((path / "design.json").is_file() for path in paths):
         note("one solve per design for what each limit costs (--quick leaves it out) …")
-    written = write_comparison(paths, place, precision=share, with_sensitivity=not quick)
+    written = write_comparison(
+        paths, place, reported_stages(), precision=share, with_sensitivity=not quick
+    )
     if as_json:
         write_json(
             {

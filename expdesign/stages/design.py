@@ -44,6 +44,7 @@ def perform(work: Workspace) -> Outcome:
         message=result.status_text,
         warnings=result.warnings[len(work.configuration.warnings) :],
         failure="" if result.passed else _what_is_wrong(result, short(work.folder)),
+        record=record,
     )
 
 

@@ -50,6 +50,8 @@ class Outcome:
         What speaks against the result, though it is one; an error with ``--strict``.
     failure : str
         Why it is no success although files were written; empty when it is one.
+    record : object
+        The result as its files hold it, for the report; None where there is no type for that.
     """
 
     stage: str
@@ -62,6 +64,7 @@ class Outcome:
     warnings: tuple[str, ...] = ()
     doubt: str = ""
     failure: str = ""
+    record: Any = None
 
     @property
     def kept(self) -> bool:

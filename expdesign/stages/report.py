@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 from expdesign.configuration import RunConfiguration
 from expdesign.stages.outcome import Outcome
 from expdesign.stages.record import keep_configuration
-from expdesign.stages.table import STAGES
+from expdesign.stages.table import STAGES, loaded
 from expdesign.stages.workspace import Workspace
+from results.report.folder import ReportedStage
 from results.report.run_report import write_report
 
 
@@ -23,10 +26,13 @@ def perform(work: Workspace) -> Outcome:
     if work.folder.is_dir():
         # It is shown in the report. All other stages of the run are done by now.
         keep_configuration(work.configuration, work.folder)
-    return written_report(work.folder, work.configuration)
+    records = [made.record for made in work.made.values() if made.record is not None]
+    return written_report(work.folder, work.configuration, records)
 
 
-def written_report(folder: Path, configuration: RunConfiguration | None = None) -> Outcome:
+def written_report(
+    folder: Path, configuration: RunConfiguration | None = None, records: Iterable[Any] = ()
+) -> Outcome:
     """Write the report of a folder, with the sections of the stages that it holds.
 
     Parameters
@@ -34,13 +40,15 @@ def written_report(folder: Path, configuration: RunConfiguration | None = None) 
     folder : Path
     configuration : RunConfiguration, optional
         Whose `report` section counts; the folder's `run.yaml` by default.
+    records : iterable
+        What the run has just made, and is not read from the folder therefore.
 
     Raises
     ------
     InputError
         It is no run folder, or a file of it does not hold what it should.
     """
-    files = tuple(write_report(folder, configuration))
+    files = tuple(write_report(folder, reported_stages(), configuration, records))
     page = folder / STAGES["report"].record
     return Outcome(
         "report",
@@ -53,3 +61,13 @@ def written_report(folder: Path, configuration: RunConfiguration | None = None) 
             "files": [str(path.relative_to(folder)) for path in files],
         },
     )
+
+
+def reported_stages() -> dict[str, ReportedStage]:
+    """Return what reports know of the stages, in the order of their sections."""
+    found: dict[str, ReportedStage] = {}
+    for place in STAGES:
+        for name, stage in STAGES.items():
+            if stage.report is not None and (stage.reported_after or name) == place:
+                found[name] = ReportedStage(stage.record, loaded(stage.report))
+    return found

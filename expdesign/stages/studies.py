@@ -138,6 +138,7 @@ def study(work: Workspace) -> Outcome:
             "seconds": time.perf_counter() - began,
         },
         message=_how_many_hold(claims),
+        record=found.record,
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol, Self, TypeVar
@@ -20,19 +20,7 @@ from results.figures.estimation.catalogue import (
 from results.figures.montecarlo.catalogue import STUDY_FIGURES
 from results.figures.studies.catalogue import RECORD_FIGURES, REPETITIONS_FIGURE
 from results.reading.document import Document
-from results.report.content import FigureBlock
-
-STAGE_FILES = {
-    "design": "design.json",
-    "export": "exports/exports.json",
-    "experiment": "truth.json",
-    "noise": "noise.json",
-    "montecarlo": "montecarlo.json",
-    "estimate": "estimate.json",
-    "validate": "validation.json",
-    "study": "study.json",
-}
-"""The file without which a folder does not hold a stage."""
+from results.report.content import FigureBlock, StageReport
 
 _CAPTIONS = {
     **{figure.key: figure.caption for figure in DESIGN_FIGURES},
@@ -44,6 +32,22 @@ _CAPTIONS = {
     REPETITIONS_FIGURE.key: REPETITIONS_FIGURE.caption,
     **{one.key: one.caption for figures in RECORD_FIGURES.values() for one in figures},
 }
+
+
+@dataclass(frozen=True)
+class ReportedStage:
+    """A stage as reports know it; the table of stages hands them down.
+
+    Attributes
+    ----------
+    file : str
+        The file without which a folder does not hold the stage.
+    report : callable
+        Makes its part of the report.
+    """
+
+    file: str
+    report: Callable[[RunFolder], StageReport]
 
 
 class Readable(Protocol):
@@ -64,6 +68,8 @@ class RunFolder:
     Attributes
     ----------
     path : Path
+    stages : mapping of str to ReportedStage
+        Those that it may hold, by name, in the order of their sections.
     configuration : RunConfiguration
     manifest : Manifest or None
         None when it is missing or cannot be used.
@@ -72,17 +78,21 @@ class RunFolder:
     """
 
     path: Path
+    stages: Mapping[str, ReportedStage]
     configuration: RunConfiguration
     manifest: Manifest | None
     records: dict[type[Any], Any] = field(default_factory=dict)
 
     @classmethod
-    def open(cls, path: Path, records: Iterable[Any] = ()) -> RunFolder:
+    def open(
+        cls, path: Path, stages: Mapping[str, ReportedStage], records: Iterable[Any] = ()
+    ) -> RunFolder:
         """Open a run folder.
 
         Parameters
         ----------
         path : Path
+        stages : mapping of str to ReportedStage
         records : iterable
             What is in memory of it, and is not read from its files therefore.
 
@@ -95,10 +105,12 @@ class RunFolder:
             raise _refused(path, "there is no such folder")
         if not (path / "run.yaml").is_file():
             raise _refused(path, "it is no run folder: it has no run.yaml")
-        if not any((path / name).is_file() for name in STAGE_FILES.values()):
-            raise _refused(path, f"it has no results: none of {', '.join(STAGE_FILES.values())}")
+        files = [stage.file for stage in stages.values()]
+        if not any((path / file).is_file() for file in files):
+            raise _refused(path, f"it has no results: none of {', '.join(files)}")
         return cls(
             path,
+            stages,
             load_run(path / "run.yaml"),
             _usable(Manifest.read(path)),
             {type(record): record for record in records},
@@ -110,7 +122,7 @@ class RunFolder:
 
     def stage_file(self, stage: str) -> Path:
         """Return the place of the file without which the folder does not hold a stage."""
-        return self.path / STAGE_FILES[stage]
+        return self.path / self.stages[stage].file
 
     def record(self, kind: type[Record]) -> Record:
         """Return what the folder holds of a kind, ``folder.record(DesignRecord)``; read once.

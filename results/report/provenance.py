@@ -12,7 +12,7 @@ from results.report.content import (
     TableBlock,
     TextBlock,
 )
-from results.report.folder import STAGE_FILES, RunFolder
+from results.report.folder import RunFolder
 from results.report.numerals import duration
 from results.report.table import Column, ReportTable
 
@@ -25,9 +25,8 @@ def provenance(folder: RunFolder) -> Section:
     blocks: list[Block] = []
     manifest = folder.manifest
     if manifest is None:
-        text = (
-            f"The folder has no manifest.json: stages told from {', '.join(STAGE_FILES.values())}."
-        )
+        known = ", ".join(stage.file for stage in folder.stages.values())
+        text = f"The folder has no manifest.json: a stage is there when its file is, of {known}."
         blocks.append(TextBlock((text,), Level.CAUTION))
     else:
         stages = {name: entry for name, entry in manifest.stages.items() if name != OWN_STAGE}

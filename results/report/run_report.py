@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -21,32 +21,14 @@ from results.report.content import (
     StageReport,
     Verdict,
 )
-from results.report.folder import RunFolder
+from results.report.folder import ReportedStage, RunFolder
 from results.report.latex import latex_table
 from results.report.provenance import OWN_STAGE, provenance
 from results.report.rendering import rendered
-from results.report.stages.design import design_report
-from results.report.stages.estimate import estimate_report
-from results.report.stages.experiment import experiment_report
-from results.report.stages.export import export_report
-from results.report.stages.montecarlo import montecarlo_report
-from results.report.stages.noise import noise_report
-from results.report.stages.study import study_report
-from results.report.stages.validation import validation_report
 from results.report.view import robot_view
 
 NAME = "report.html"
 
-_STAGES: dict[str, Callable[[RunFolder], StageReport]] = {
-    "design": design_report,
-    "export": export_report,
-    "experiment": experiment_report,
-    "noise": noise_report,
-    "montecarlo": montecarlo_report,
-    "estimate": estimate_report,
-    "validate": validation_report,
-    "study": study_report,
-}
 LATEX_TABLES = (
     "limits",
     "parameters",
@@ -60,7 +42,10 @@ LATEX_TABLES = (
 
 
 def write_report(
-    path: Path, configuration: RunConfiguration | None = None, records: Iterable[Any] = ()
+    path: Path,
+    stages: Mapping[str, ReportedStage],
+    configuration: RunConfiguration | None = None,
+    records: Iterable[Any] = (),
 ) -> list[Path]:
     """Write `report.html` and `tables/*.tex` into a run folder.
 
@@ -69,6 +54,8 @@ def write_report(
     path : Path
         The run folder. The same folder gives the same bytes. Figures of the design and of the
         study that are missing in a format of `report.figures` are drawn.
+    stages : mapping of str to ReportedStage
+        Those that are reported, in the order of their sections.
     configuration : RunConfiguration, optional
         Whose `report` section counts; the folder's `run.yaml` by default, which the stage that
         wrote last has left.
@@ -85,7 +72,7 @@ def write_report(
     InputError
         It is no run folder, or a file of it is missing or does not hold what it should.
     """
-    folder = RunFolder.open(path, records)
+    folder = RunFolder.open(path, stages, records)
     if configuration is not None:
         run = folder.configuration.run.model_copy(update={"report": configuration.run.report})
         folder = replace(folder, configuration=replace(folder.configuration, run=run))
@@ -102,7 +89,7 @@ def write_report(
 
 def run_page(folder: RunFolder) -> Page:
     """Return what the report of a folder says."""
-    reports = {key: make(folder) for key, make in _STAGES.items() if folder.has(key)}
+    reports = {key: s.report(folder) for key, s in folder.stages.items() if folder.has(key)}
     run = folder.configuration.run
     view = robot_view(folder)
     sections = [section for report in reports.values() for section in report.sections]

@@ -5,6 +5,7 @@ import time
 
 import pytest
 
+from expdesign.stages.report import reported_stages
 from results.report.run_report import write_report
 from tests.report.browser import chromium
 
@@ -160,7 +161,7 @@ def test_nothing_sticks_out(browser, whole, width):
 
 
 def test_without_webgl_the_rest_is_there(browser, folder):
-    write_report(folder)
+    write_report(folder, reported_stages())
     page = folder / "report.html"
     text = page.read_text(encoding="utf-8")
     broken = (

@@ -10,6 +10,7 @@ import pytest
 from ruamel.yaml import YAML
 
 from expdesign.configuration import InputError
+from expdesign.stages.report import reported_stages
 from results.report.comparison.comparison import write_comparison
 from tests.report.html import Page
 
@@ -68,7 +69,7 @@ def change(path, edit):
 
 def compare(folders, out, **options):
     given = {"precision": 0.05, "with_sensitivity": False} | options
-    write_comparison(folders, out, **given)
+    write_comparison(folders, out, reported_stages(), **given)
     return (out / "report.html").read_text(encoding="utf-8")
 
 

@@ -8,6 +8,7 @@ import pytest
 
 from expdesign.experiment import DesignRecord
 from expdesign.experiment.sensitivity import FREQUENCY, LimitSensitivity
+from expdesign.stages.report import reported_stages
 from results.report.folder import RunFolder
 from results.report.limit_gains import EXPLAINED, costliest, design_sensitivity, gains_table
 from results.report.stages import design
@@ -15,7 +16,7 @@ from results.report.stages.design import design_report
 
 
 def blocks(folder):
-    (section,) = design_report(RunFolder.open(folder)).sections
+    (section,) = design_report(RunFolder.open(folder, reported_stages())).sections
     return section.blocks
 
 

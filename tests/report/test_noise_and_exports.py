@@ -11,6 +11,7 @@ from expdesign.export import export_table
 from expdesign.export.readme import readme
 from expdesign.export.record import file_record, motion_record
 from expdesign.runfolder.atomic import write_json, write_text
+from expdesign.stages.report import reported_stages
 from results.report.folder import RunFolder
 from results.report.run_report import run_page, write_report
 from tests.export.motions import task
@@ -19,8 +20,12 @@ from tests.report.html import Page
 NOISE_FIGURES = {"noise_distribution", "noise_quantiles", "noise_covariance"}
 
 
+def page(folder):
+    return run_page(RunFolder.open(folder, reported_stages()))
+
+
 def section(folder, key):
-    (found,) = (s for s in run_page(RunFolder.open(folder)).sections if s.key == key)
+    (found,) = (s for s in page(folder).sections if s.key == key)
     return found
 
 
@@ -33,7 +38,7 @@ def tables(found):
 
 
 def verdict(folder, title):
-    (found,) = (v for v in run_page(RunFolder.open(folder)).verdicts if v.title == title)
+    (found,) = (v for v in page(folder).verdicts if v.title == title)
     return found
 
 
@@ -164,7 +169,7 @@ def test_tables_are_told_with_what_they_do(with_tables):
         assert 90 < float(share.removesuffix(" %")) <= 98.5
     assert len(found["export_axes"].rows) == 12
     assert verdict(with_tables, "Controller tables").word == "checked"
-    write_report(with_tables)
+    write_report(with_tables, reported_stages())
     page = Page((with_tables / "report.html").read_text(encoding="utf-8"))
     assert "Before the first run" in page.text
     assert "export" in page.ids
@@ -194,7 +199,7 @@ def test_tables_without_noise_and_without_limits_of_force(with_tables):
     row = tables(section(with_tables, "export"))["read_back"].rows[0]
     assert row[5] is None
     assert row[6:] == ("–", None, None, "–")
-    write_report(with_tables)
+    write_report(with_tables, reported_stages())
 
 
 @pytest.mark.parametrize("name", ["noise.json", "exports/exports.json"])
@@ -202,4 +207,4 @@ def test_files_of_something_else_are_named(noisy, exported, name):
     shutil.copytree(exported, noisy / "exports")
     (noisy / name).write_text('{"motion": 3, "rows": "many"}', encoding="utf-8")
     with pytest.raises(InputError, match=name.rpartition("/")[2]):
-        write_report(noisy)
+        write_report(noisy, reported_stages())

@@ -7,6 +7,7 @@ import shutil
 import pytest
 
 from expdesign.configuration import InputError, load_run, resolved_yaml
+from expdesign.stages.report import reported_stages
 from results.report.run_report import write_report
 from tests.report.conftest import HOSTILE
 from tests.report.html import Page
@@ -81,14 +82,14 @@ def test_hostile_results_are_shown_and_not_run(folder):
         document["stages"]["estimate"]["message"] = HOSTILE
 
     change(folder / "manifest.json", poison_manifest)
-    write_report(folder)
+    write_report(folder, reported_stages())
     assert "<script>alert" not in text_of(folder)
     assert Page(text_of(folder)).text.count("alert(") >= 6
 
 
 def test_the_same_folder_gives_the_same_bytes(folder, whole):
-    first = {path.name: path.read_bytes() for path in write_report(folder)}
-    again = {path.name: path.read_bytes() for path in write_report(folder)}
+    first = {path.name: path.read_bytes() for path in write_report(folder, reported_stages())}
+    again = {path.name: path.read_bytes() for path in write_report(folder, reported_stages())}
     assert first == again
     assert first["report.html"] == (whole / "report.html").read_bytes()
     assert {"limits.tex", "parameters.tex", "estimates.tex"} <= set(first)
@@ -97,7 +98,7 @@ def test_the_same_folder_gives_the_same_bytes(folder, whole):
 @pytest.mark.parametrize("stage", ["design", "truth", "montecarlo", "estimate", "validation"])
 def test_a_folder_without_a_stage(folder, stage):
     (folder / f"{stage}.json").unlink()
-    write_report(folder)
+    write_report(folder, reported_stages())
     key = {"truth": "experiment"}.get(stage, stage)
     ids = Page(text_of(folder)).ids
     assert key not in ids
@@ -109,7 +110,7 @@ def test_a_folder_without_a_stage(folder, stage):
 def test_a_folder_without_manifest_or_figures(folder):
     (folder / "manifest.json").unlink()
     shutil.rmtree(folder / "figures")
-    write_report(folder)
+    write_report(folder, reported_stages())
     text = text_of(folder)
     assert "has no manifest.json" in text
     # Those of design and study are drawn anew, from the folder alone.
@@ -126,12 +127,12 @@ def test_figures_are_drawn_in_the_formats_that_are_wanted(folder):
     (folder / "design.json").unlink()
     drawn = folder / "figures" / "montecarlo_bias.svg"
     svg = drawn.read_bytes()
-    write_report(folder)
+    write_report(folder, reported_stages())
     pdf = drawn.with_suffix(".pdf").read_bytes()
     assert pdf.startswith(b"%PDF")
     assert not drawn.with_suffix(".png").exists()
     drawn.with_suffix(".pdf").unlink()
-    write_report(folder)
+    write_report(folder, reported_stages())
     assert drawn.with_suffix(".pdf").read_bytes() == pdf
     # How a figure is laid out does not depend on the formats.
     assert drawn.read_bytes() == svg
@@ -139,7 +140,7 @@ def test_figures_are_drawn_in_the_formats_that_are_wanted(folder):
 
 def test_figures_that_nobody_knows_are_shown_too(folder):
     shutil.copy(folder / "figures" / "struts.svg", folder / "figures" / "of_another_stage.svg")
-    write_report(folder)
+    write_report(folder, reported_stages())
     assert "figure-of_another_stage" in Page(text_of(folder)).ids
 
 
@@ -160,7 +161,7 @@ def test_bad_ends_are_told(folder):
         document["stages"]["validate"] |= {"status": "failed", "message": "the disk was full"}
 
     change(folder / "manifest.json", fail)
-    write_report(folder)
+    write_report(folder, reported_stages())
     head = text_of(folder).partition("<section")[0]
     assert head.count('<li class="bad">') == 3
     words = Page(head).text
@@ -176,7 +177,7 @@ def test_a_limit_that_is_broken_is_named(folder):
     cells = lines[1].split(",")
     cells[place] = "0.25"
     table.write_text("\n".join([lines[0], ",".join(cells), *lines[2:]]), encoding="utf-8")
-    write_report(folder)
+    write_report(folder, reported_stages())
     assert f"It breaks {cells[0]}." in Page(text_of(folder)).text
 
 
@@ -184,12 +185,12 @@ def test_what_is_no_run_folder(tmp_path, folder, expdesign_says):
     (tmp_path / "empty").mkdir()
     for place, reason in ((tmp_path / "none", "no such folder"), (tmp_path / "empty", "run.yaml")):
         with pytest.raises(InputError, match=reason):
-            write_report(place)
+            write_report(place, reported_stages())
     for file in folder.glob("*.json"):
         file.unlink()
     (folder / "report.html").unlink()
     with pytest.raises(InputError, match="no results"):
-        write_report(folder)
+        write_report(folder, reported_stages())
     assert not (folder / "report.html").exists()
 
 
@@ -210,7 +211,7 @@ def test_damaged_files_are_named(folder, file, text):
     (folder / file).write_text(text, encoding="utf-8")
     before = (folder / "report.html").read_bytes()
     with pytest.raises(InputError) as caught:
-        write_report(folder)
+        write_report(folder, reported_stages())
     assert {problem.file for problem in caught.value.problems} == {folder / file}
     assert (folder / "report.html").read_bytes() == before
 
@@ -218,7 +219,7 @@ def test_damaged_files_are_named(folder, file, text):
 def test_a_damaged_manifest_is_as_none(folder):
     for text in ("{", '{"versions": 1, "seeds": {}, "evaluation": "", "stages": {}}'):
         (folder / "manifest.json").write_text(text, encoding="utf-8")
-        write_report(folder)
+        write_report(folder, reported_stages())
         assert "has no manifest.json" in text_of(folder)
 
 
@@ -239,7 +240,7 @@ def test_the_view_has_the_motion_and_its_forces(whole):
 
 def test_the_view_of_an_estimate_is_its_motion(folder):
     (folder / "design.json").unlink()
-    write_report(folder)
+    write_report(folder, reported_stages())
     assert "motion as it was estimated" in text_of(folder)
 
 

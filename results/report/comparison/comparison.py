@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from expdesign.configuration import InputError, Problem
@@ -39,7 +39,7 @@ from results.report.content import (
     TextBlock,
     Verdict,
 )
-from results.report.folder import RunFolder, embedded
+from results.report.folder import ReportedStage, RunFolder, embedded
 from results.report.latex import latex_table
 from results.report.limit_gains import EXPLAINED, costliest, gains_table, limit_title
 from results.report.numerals import counted, duration, percent, readable
@@ -51,7 +51,12 @@ _FORMATS = ("png", "svg", "pdf")
 
 
 def write_comparison(
-    paths: Sequence[Path], out: Path, *, precision: float, with_sensitivity: bool = True
+    paths: Sequence[Path],
+    out: Path,
+    stages: Mapping[str, ReportedStage],
+    *,
+    precision: float,
+    with_sensitivity: bool = True,
 ) -> list[Path]:
     """Compare run folders and write `report.html`, `tables/` and `figures/`.
 
@@ -61,6 +66,8 @@ def write_comparison(
         Two or more run folders.
     out : Path
         Where to write; none of the folders that are compared.
+    stages : mapping of str to ReportedStage
+        Those that a folder may hold.
     precision : float
         Relative standard deviation for which periods are counted.
     with_sensitivity : bool
@@ -77,7 +84,7 @@ def write_comparison(
         Folders that cannot be compared, or a file of one is missing or does not hold what it
         should.
     """
-    folders = open_folders(paths)
+    folders = open_folders(paths, stages)
     if out.resolve() in {path.resolve() for path in paths}:
         raise InputError(
             Problem(

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from expdesign.configuration import InputError, Problem
 from expdesign.runfolder.manifest import file_hash
 from results.report.content import Section, TableBlock
-from results.report.folder import STAGE_FILES, RunFolder
+from results.report.folder import ReportedStage, RunFolder
 from results.report.table import Column, ReportTable
 
 _FEWEST = 2
@@ -22,7 +22,9 @@ COMPARED = {
 same bytes, while the documents beside them hold times."""
 
 
-def open_folders(paths: Sequence[Path]) -> dict[str, RunFolder]:
+def open_folders(
+    paths: Sequence[Path], stages: Mapping[str, ReportedStage]
+) -> dict[str, RunFolder]:
     """Open run folders; the keys are the shortest ends of their paths that tell them apart.
 
     Raises
@@ -44,13 +46,15 @@ def open_folders(paths: Sequence[Path]) -> dict[str, RunFolder]:
     ]
     if problems:
         raise InputError(problems)
-    folders = dict(zip(_labels(resolved), (RunFolder.open(path) for path in paths), strict=True))
+    folders = dict(
+        zip(_labels(resolved), (RunFolder.open(path, stages) for path in paths), strict=True)
+    )
     problems += [
         Problem(
             "it has nothing that could be compared",
             file=folder.path,
             key="DIR",
-            allowed=f"folders with {', '.join(STAGE_FILES[stage] for stage in COMPARED)}",
+            allowed=f"folders with {', '.join(stages[stage].file for stage in COMPARED)}",
         )
         for folder in folders.values()
         if not any(folder.has(stage) for stage in COMPARED)
