@@ -1,7 +1,6 @@
 """Configuration: from YAML files to complete, validated descriptions in SI units."""
 
 from expdesign.configuration.document import document_from_mapping
-from expdesign.configuration.finding import find_robot, find_run
 from expdesign.configuration.limits import row_labels
 from expdesign.configuration.loading import load_run, smoothing_widths
 from expdesign.configuration.noise import NoiseDescription
@@ -37,7 +36,6 @@ from expdesign.configuration.values.quantity import (
     FORCE,
     LENGTH,
     Dimension,
-    dimension_of,
     quantity_text,
     unit_dimension,
 )
@@ -78,10 +76,7 @@ __all__ = [
     "TrackingError",
     "TrajectorySection",
     "ValidationMotion",
-    "dimension_of",
     "document_from_mapping",
-    "find_robot",
-    "find_run",
     "key_path",
     "load_robot_description",
     "load_run",

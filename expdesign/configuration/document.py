@@ -34,6 +34,7 @@ _DEEPEST = 40
 _HALF_PAIR = "the text holds half of a surrogate pair"
 _TAG = "tag:yaml.org,2002:"
 _TEXT_TAGS = (f"{_TAG}str", f"{_TAG}timestamp", f"{_TAG}value")
+_SCALAR_TAGS = tuple(f"{_TAG}{kind}" for kind in ("bool", "int", "float", "null"))
 _MERGE = f"{_TAG}merge"
 
 # ruamel.yaml meets malformed input with these, too.
@@ -301,26 +302,19 @@ class _Converter:
         return None
 
     def _scalar(self, node: ScalarNode, key: Key) -> Any:
-        tag = str(node.tag)
         text: str = node.value
-        value: Any = None
         try:
-            if tag in _TEXT_TAGS:
+            if str(node.tag) in _TEXT_TAGS:
                 text.encode()
-                value = text
-            elif tag == f"{_TAG}bool":
-                value = self._scalars.construct_yaml_bool(node)
-            elif tag == f"{_TAG}int":
-                value = self._scalars.construct_yaml_int(node)
-            elif tag == f"{_TAG}float":
-                value = self._scalars.construct_yaml_float(node)
-            elif tag != f"{_TAG}null":
-                self._refuse_tag(node, key)
+                return text
+            if str(node.tag) in _SCALAR_TAGS:
+                return self._scalars.construct_object(node)
+            self._refuse_tag(node, key)
         except UnicodeEncodeError:
             self._report(node, key, _HALF_PAIR)
         except (ValueError, LookupError, OverflowError):
             self._report(node, key, f"{shown(text)} cannot be read as what it is tagged")
-        return value
+        return None
 
     def _plain(self, node: Node, key: Key, kind: str) -> bool:
         if str(node.tag) == f"{_TAG}{kind}":
