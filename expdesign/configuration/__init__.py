@@ -4,7 +4,14 @@ from expdesign.configuration.document import document_from_mapping
 from expdesign.configuration.limits import row_labels
 from expdesign.configuration.loading import load_run, smoothing_widths
 from expdesign.configuration.noise import NoiseDescription
-from expdesign.configuration.problem import InputError, Problem, key_path, nearest, shown
+from expdesign.configuration.problem import (
+    InputError,
+    Problem,
+    format_number,
+    key_path,
+    nearest,
+    shown,
+)
 from expdesign.configuration.robot import (
     ResolvedRobot,
     RobotDescription,
@@ -77,6 +84,7 @@ __all__ = [
     "TrajectorySection",
     "ValidationMotion",
     "document_from_mapping",
+    "format_number",
     "key_path",
     "load_robot_description",
     "load_run",

@@ -94,6 +94,18 @@ def refusal(
     return PydanticCustomError("refused", "{reason}", context)
 
 
+def format_number(found: object, newest: int) -> int:
+    """Return the format number of a file; refuse what is none, or newer than this version reads."""
+    if isinstance(found, bool) or not isinstance(found, int) or found < 0:
+        raise refusal(f"{shown(found)} is no format number", f"a whole number up to {newest}")
+    if found > newest:
+        raise refusal(
+            f"the file has format {found}, this version of expdesign reads up to {newest}",
+            "a newer version of expdesign, or a file that this one wrote",
+        )
+    return found
+
+
 def shown(value: object) -> str:
     """Return a value as it can stand in a message: short, on one line, without control codes."""
     if isinstance(value, dict):

@@ -11,7 +11,7 @@ from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag,
 
 from expdesign.configuration.limits import Limits
 from expdesign.configuration.noise import NoiseDescription
-from expdesign.configuration.problem import refusal, shown
+from expdesign.configuration.problem import format_number, refusal, shown
 from expdesign.configuration.robot import ResolvedRobot, RobotDescription
 from expdesign.configuration.section import Section
 from expdesign.configuration.sections.data import DataSection
@@ -63,14 +63,8 @@ def _name_or_inline(value: object) -> str:
     return "(inline)" if isinstance(value, dict | RobotDescription) else "(name)"
 
 
-def _known_format(value: object) -> object:
-    allowed = "a newer version of expdesign, or a file that this one wrote"
-    if value is not None and (isinstance(value, bool) or not isinstance(value, int) or value < 0):
-        raise refusal(f"{shown(value)} is no format number", f"{RUN_FORMAT}")
-    if value is not None and value > RUN_FORMAT:
-        message = f"the file has format {value}, this version of expdesign reads up to {RUN_FORMAT}"
-        raise refusal(message, allowed)
-    return value
+def _format(value: object) -> int | None:
+    return None if value is None else format_number(value, RUN_FORMAT)
 
 
 _STAGE = object()
@@ -83,7 +77,7 @@ class RunDescription(Section):
     which the file does name.
     """
 
-    format: Annotated[int | None, BeforeValidator(_known_format)] = None
+    format: Annotated[int | None, BeforeValidator(_format)] = None
     """`RUN_FORMAT` in every file that is written; a user's file needs none."""
     name: Name
     description: Text = ""

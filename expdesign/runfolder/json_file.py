@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import Any, ClassVar, Self
 
 from pydantic import ConfigDict, ValidationError
+from pydantic_core import PydanticCustomError
 
-from expdesign.configuration import InputError, Problem, key_path, shown
+from expdesign.configuration import InputError, Problem, format_number, key_path, shown
 from expdesign.runfolder.atomic import write_json
 from expdesign.runfolder.described import Column, checker, field_columns
 
@@ -155,18 +156,12 @@ def known_format(path: Path, found: object, newest: int) -> int:
     InputError
         It is no number, or newer than what this version reads.
     """
-    if isinstance(found, bool) or not isinstance(found, int):
-        raise InputError(Problem(f"{shown(found)} is no format number", path, key=FORMAT))
-    if found > newest:
-        raise InputError(
-            Problem(
-                f"the file has format {found}, this version of expdesign reads up to {newest}",
-                path,
-                key=FORMAT,
-                allowed="a newer version of expdesign, or a file that this one wrote",
-            )
-        )
-    return found
+    try:
+        return format_number(found, newest)
+    except PydanticCustomError as error:
+        allowed = (error.context or {})["allowed"]
+        problem = Problem(error.message(), path, key=FORMAT, allowed=allowed)
+        raise InputError(problem) from None
 
 
 def _problems(path: Path, error: ValidationError) -> list[Problem]:
