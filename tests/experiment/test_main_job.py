@@ -3,7 +3,7 @@
 import numpy as np
 
 import expdesign
-from expdesign.robot import LimitModel
+from tests.experiment.off_the_grids import assert_limits_kept
 
 BEST_KNOWN = 104.54
 
@@ -19,7 +19,4 @@ def test_main_job_reaches_what_is_known():
     assert efficiency >= 0.85
     for start in result.search.starts:
         assert start.converged or start.status
-    motion = result.trajectory.sample(result.trajectory.period * np.arange(4000) / 4000)
-    states = np.concatenate([motion.pose, motion.rate, motion.acceleration], axis=1)
-    model = LimitModel.of(result.robot)
-    assert np.max(model.violations(states)) <= 1e-6
+    assert_limits_kept(result)
