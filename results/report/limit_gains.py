@@ -14,6 +14,8 @@ from expdesign.experiment.sensitivity import FREQUENCY, LimitSensitivity, sensit
 from expdesign.information.fisher import SingularInformationError
 from expdesign.recheck.information import Judge
 from expdesign.solver import InfeasibleLimitsError
+from results.report.content import Fact
+from results.report.numerals import readable
 from results.report.table import Column, ReportTable, Value
 
 EXPLAINED = 0.1
@@ -51,6 +53,15 @@ def costliest(sensitivity: LimitSensitivity) -> str | None:
         return None
     key = max(sensitivity.gains, key=lambda name: sensitivity.gains[name])
     return key if sensitivity.gains[key] > 0 else None
+
+
+def costliest_fact(sensitivity: LimitSensitivity, whose: str = "") -> Fact | None:
+    """Return what the costliest limit costs; None where none is known to cost anything."""
+    key = costliest(sensitivity)
+    if key is None:
+        return None
+    gain = f"+{readable(100 * sensitivity.gains[key], 2)} %"
+    return Fact("costliest limit", gain, f"{whose}10 % more {limit_title(key)}")
 
 
 def limit_title(key: str) -> str:

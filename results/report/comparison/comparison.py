@@ -12,25 +12,30 @@ from expdesign.configuration import InputError, Problem
 from expdesign.experiment import DesignRecord
 from expdesign.experiment.sensitivity import LimitSensitivity, limit_sensitivity
 from expdesign.runfolder.atomic import write_text
-from results.figures.comparison import estimates as estimates_figure
-from results.figures.comparison import precision as precision_figure
+from results.figures.comparison import ESTIMATES, PRECISION, ParameterSeries
+from results.figures.definition import FigureDefinition
 from results.figures.saving import save_figures
 from results.report.comparison.claims import claims_report
-from results.report.comparison.criteria import criteria_table, efficiencies
-from results.report.comparison.designs import ComparedDesign, DesignComparison
+from results.report.comparison.design_tables import (
+    criteria_table,
+    efficiencies,
+    effort_table,
+    limits_table,
+    precision_series,
+    precision_table,
+)
+from results.report.comparison.designs import COUNTED, ComparedDesign, DesignComparison
 from results.report.comparison.estimates import (
     ComparedEstimate,
     estimates_report,
     estimates_series,
 )
-from results.report.comparison.limits import limits_table
-from results.report.comparison.machines import COUNTED
-from results.report.comparison.precision import effort_table, precision_series, precision_table
 from results.report.comparison.sources import open_folders, sources_section
-from results.report.comparison.studies import achieved_table
+from results.report.comparison.studies import achieved_report
 from results.report.content import (
     Block,
     Fact,
+    FigureBlock,
     Level,
     Page,
     Section,
@@ -41,13 +46,14 @@ from results.report.content import (
 )
 from results.report.folder import ReportedStage, RunFolder, embedded
 from results.report.latex import latex_table
-from results.report.limit_gains import EXPLAINED, costliest, gains_table, limit_title
-from results.report.numerals import counted, duration, percent, readable
+from results.report.limit_gains import EXPLAINED, costliest_fact, gains_table
+from results.report.numerals import counted, duration, percent
 from results.report.rendering import rendered
 from results.report.run_report import NAME
 from results.report.table import ReportTable, Value
 
 _FORMATS = ("png", "svg", "pdf")
+_MOST_NAMED = 4
 
 
 def write_comparison(
@@ -124,41 +130,41 @@ def _page(
 ) -> tuple[Page, list[Path]]:
     reports: list[StageReport] = []
     written: list[Path] = []
-    place = out / "figures"
+
+    def drawn(figure: FigureDefinition[ParameterSeries], series: ParameterSeries) -> FigureBlock:
+        written.extend(save_figures((figure,), series, out / "figures", formats=_FORMATS))
+        return embedded(out / "figures" / f"{figure.key}.svg", figure.caption)
+
+    def holding(stage: str) -> dict[str, RunFolder]:
+        return {label: folder for label, folder in folders.items() if folder.has(stage)}
+
+    if asked := holding("study"):
+        reports.append(claims_report(asked))
     designs = tuple(
         ComparedDesign(label, folder.record(DesignRecord))
-        for label, folder in folders.items()
-        if folder.has("design")
+        for label, folder in holding("design").items()
     )
     if designs:
-        found = {}
+        comparison = DesignComparison(designs, precision)
+        figure = None
+        if comparison.comparable:
+            figure = drawn(PRECISION, precision_series(comparison))
+        costs = {}
         if with_sensitivity:
-            found = {
+            costs = {
                 design.label: limit_sensitivity(
                     design.record.configuration, design.record.summary.trajectory
                 )
                 for design in designs
             }
-        comparison = DesignComparison(designs, precision)
-        if comparison.comparable:
-            series = precision_series(comparison)
-            written += save_figures((precision_figure.FIGURE,), series, place, formats=_FORMATS)
-        reports.append(_designs_report(comparison, found, place))
+        reports.append(_designs_report(comparison, costs, figure))
     estimates = tuple(
-        ComparedEstimate.read(label, folder)
-        for label, folder in folders.items()
-        if folder.has("estimate")
+        ComparedEstimate.read(label, folder) for label, folder in holding("estimate").items()
     )
     if estimates:
-        drawn = estimates_series(estimates)
-        written += save_figures((estimates_figure.FIGURE,), drawn, place, formats=_FORMATS)
-        reports.append(_with_figure(estimates_report(estimates), place))
-    studies = {label: folder for label, folder in folders.items() if folder.has("montecarlo")}
-    if studies:
-        reports.append(_studies_report(studies))
-    asked = {label: folder for label, folder in folders.items() if folder.has("study")}
-    if asked:
-        reports.insert(0, claims_report(asked))
+        reports.append(estimates_report(estimates, drawn(ESTIMATES, estimates_series(estimates))))
+    if studies := holding("montecarlo"):
+        reports.append(achieved_report(studies))
     sections = [section for report in reports for section in report.sections]
     page = Page(
         title=" · ".join(folders) if len(folders) <= _MOST_NAMED else f"{len(folders)} runs",
@@ -172,32 +178,29 @@ def _page(
     return page, written
 
 
-_MOST_NAMED = 4
-
-
 def _designs_report(
-    comparison: DesignComparison, found: dict[str, LimitSensitivity], place: Path
+    comparison: DesignComparison, costs: dict[str, LimitSensitivity], figure: FigureBlock | None
 ) -> StageReport:
     designs = comparison.designs
     blocks: list[Block] = []
     facts: list[Fact] = []
     sentence = f"{counted(len(designs), 'design')}."
-    if comparison.comparable:
-        blocks.append(TableBlock(criteria_table(comparison)))
-        figure = precision_figure.FIGURE
-        blocks.append(embedded(place / f"{figure.key}.svg", figure.caption))
+    if figure is not None:
         blocks += [
+            TableBlock(criteria_table(comparison)),
+            figure,
             TableBlock(effort_table(comparison)),
             TableBlock(precision_table(comparison)),
         ]
-        told, best = _efficiency_told(comparison)
-        sentence += told
+        text, best = _efficiencies_in_words(comparison)
+        sentence += text
         facts += best
     blocks.append(TableBlock(limits_table(designs)))
-    if found:
-        blocks.append(TableBlock(gains_table(found, "the optimum beside the design")))
-        facts += _gain_facts(found)
-        if any(each.unexplained > EXPLAINED for each in found.values()):
+    if costs:
+        blocks.append(TableBlock(gains_table(costs, "the optimum beside the design")))
+        found = (costliest_fact(cost, f"{label}: ") for label, cost in costs.items())
+        facts += [fact for fact in found if fact is not None]
+        if any(each.unexplained > EXPLAINED for each in costs.values()):
             text = (
                 "Where the limits leave more than 10 % of the cost's gradient unexplained, the "
                 "design is not near an optimum, and what its limits cost is not shown."
@@ -207,20 +210,19 @@ def _designs_report(
     seconds = {design.label: design.record.summary.solver.seconds for design in designs}
     each = ", ".join(f"{label}: {duration(value)}" for label, value in seconds.items())
     facts.append(Fact("search", duration(sum(seconds.values())), each))
-    verdict = Verdict("Designs", Level.NEUTRAL, "compared", sentence, "designs")
     return StageReport(
-        verdict,
+        Verdict("Designs", Level.NEUTRAL, "compared", sentence, "designs"),
         tuple(facts),
         (Section("designs", "Designs", tuple(blocks)),),
         comparison.differences(),
     )
 
 
-def _efficiency_told(comparison: DesignComparison) -> tuple[str, list[Fact]]:
+def _efficiencies_in_words(comparison: DesignComparison) -> tuple[str, list[Fact]]:
     """Return which design has most information, and what the others have of it, by machine."""
     every = efficiencies(comparison)
     several = len(comparison.machines) > 1
-    told, facts = "", []
+    text, facts = "", []
     for designs in comparison.machines:
         shares = {
             design.label: share for design in designs if (share := every[design.label]) is not None
@@ -234,43 +236,11 @@ def _efficiency_told(comparison: DesignComparison) -> tuple[str, list[Fact]]:
             if label != best
         )
         among = f" of {' and '.join(shares)}" if several else ""
-        told += f" {best} has the largest log det F{among}{f'; {others}' if others else ''}."
+        text += f" {best} has the largest log det F{among}{f'; {others}' if others else ''}."
         facts.append(Fact("largest log det F", best, f"for {comparison.samples} samples"))
     if several:
-        told += (
+        text += (
             f" They are for {len(comparison.machines)} different robots ({COUNTED}), between which "
             "there is no efficiency; precision is relative to each one's own nominal values."
         )
-    return told, facts
-
-
-def _gain_facts(found: dict[str, LimitSensitivity]) -> list[Fact]:
-    facts = []
-    for label, sensitivity in found.items():
-        key = costliest(sensitivity)
-        if key is not None:
-            gain = f"+{readable(100 * sensitivity.gains[key], 2)} %"
-            facts.append(Fact("costliest limit", gain, f"{label}: 10 % more {limit_title(key)}"))
-    return facts
-
-
-def _with_figure(report: StageReport, place: Path) -> StageReport:
-    figure = estimates_figure.FIGURE
-    (section,) = report.sections
-    first, *rest = section.blocks
-    shown = embedded(place / f"{figure.key}.svg", figure.caption)
-    return StageReport(
-        report.verdict,
-        report.facts,
-        (Section(section.key, section.title, (first, shown, *rest)),),
-        report.warnings,
-    )
-
-
-def _studies_report(studies: dict[str, RunFolder]) -> StageReport:
-    table = achieved_table(studies)
-    number = counted(len(studies), "study", "studies")
-    sentence = f"{number}: achieved standard deviations beside the bound."
-    verdict = Verdict("Monte-Carlo studies", Level.NEUTRAL, "compared", sentence, "studies")
-    section = Section("studies", "Monte-Carlo studies", (TableBlock(table),))
-    return StageReport(verdict, (), (section,))
+    return text, facts

@@ -14,10 +14,11 @@ from estimation.twin.record import TruthFile
 from estimation.uncertainty.differences import Differences, difference_test
 from expdesign.mechanism.catalogue import parameter_unit
 from expdesign.runfolder.manifest import file_hash
-from results.figures.comparison.series import ParameterSeries, Series
+from results.figures.comparison import ParameterSeries, Series
 from results.report.content import (
     Block,
     Fact,
+    FigureBlock,
     Level,
     Section,
     StageReport,
@@ -70,14 +71,20 @@ class ComparedEstimate:
         return np.sqrt(np.where(variance > 0, variance, np.nan))
 
 
-def estimates_report(found: tuple[ComparedEstimate, ...]) -> StageReport:
-    """Return what is to be said of estimates side by side."""
-    names = tuple(
+def common_parameters(found: tuple[ComparedEstimate, ...]) -> tuple[str, ...]:
+    """Return the parameters of all estimates, in the order of the first."""
+    first, *others = found
+    return tuple(
         name
-        for name in found[0].estimate.names
-        if all(name in other.estimate.names for other in found)
+        for name in first.estimate.names
+        if all(name in other.estimate.names for other in others)
     )
-    blocks: list[Block] = [TableBlock(_values_table(found, names))]
+
+
+def estimates_report(found: tuple[ComparedEstimate, ...], figure: FigureBlock) -> StageReport:
+    """Return what is to be said of estimates side by side, beside their figure."""
+    names = common_parameters(found)
+    blocks: list[Block] = [TableBlock(_values_table(found, names)), figure]
     different, tested = 0, 0
     for number, (one, other) in enumerate(combinations(found, 2), start=1):
         title = f"{other.label} − {one.label}"
@@ -112,11 +119,7 @@ def estimates_report(found: tuple[ComparedEstimate, ...]) -> StageReport:
 
 def estimates_series(found: tuple[ComparedEstimate, ...]) -> ParameterSeries:
     """Return what the figure of the estimates is drawn from."""
-    names = tuple(
-        name
-        for name in found[0].estimate.names
-        if all(name in other.estimate.names for other in found)
-    )
+    names = common_parameters(found)
     first, std = _chosen(found[0], names)
     series = []
     for each in found:

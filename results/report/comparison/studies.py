@@ -3,9 +3,22 @@
 from __future__ import annotations
 
 from estimation.montecarlo.record import STATISTICS
+from results.report.content import Level, Section, StageReport, TableBlock, Verdict
 from results.report.folder import RunFolder
+from results.report.numerals import counted
 from results.report.stages.estimate import NAMES
 from results.report.table import Column, ReportTable, Value
+
+
+def achieved_report(folders: dict[str, RunFolder]) -> StageReport:
+    """Return what is to be said of Monte-Carlo studies side by side."""
+    number = counted(len(folders), "study", "studies")
+    sentence = f"{number}: achieved standard deviations beside the bound."
+    title = "Monte-Carlo studies"
+    verdict = Verdict(title, Level.NEUTRAL, "compared", sentence, "studies")
+    return StageReport(
+        verdict, (), (Section("studies", title, (TableBlock(achieved_table(folders)),)),)
+    )
 
 
 def achieved_table(folders: dict[str, RunFolder]) -> ReportTable:

@@ -22,10 +22,9 @@ from results.report.content import (
 from results.report.folder import RunFolder
 from results.report.limit_gains import (
     EXPLAINED,
-    costliest,
+    costliest_fact,
     design_sensitivity,
     gains_table,
-    limit_title,
 )
 from results.report.numerals import duration, percent, readable
 from results.report.table import Column, ReportTable, Value
@@ -58,8 +57,9 @@ def design_report(folder: RunFolder) -> StageReport:
     record = folder.record(DesignRecord)
     facts = _facts(record)
     sensitivity = design_sensitivity(record)
+    cost = None if sensitivity is None else costliest_fact(sensitivity)
     blocks: tuple[Block, ...] = (
-        Facts((*_details(record), *_costliest(sensitivity))),
+        Facts((*_details(record), *([] if cost is None else [cost]))),
         TableBlock(limits_table(record)),
         *_gains(sensitivity),
         *folder.figures(*FIGURES[:5]),
@@ -233,14 +233,6 @@ def _details(record: DesignRecord) -> tuple[Fact, ...]:
         facts.append(Fact("log det F", readable(summary.log_det_information, 6), "SI units"))
     facts.append(Fact("search", duration(solver.seconds), f"{solver.iterations} iterations"))
     return tuple(facts)
-
-
-def _costliest(sensitivity: LimitSensitivity | None) -> tuple[Fact, ...]:
-    key = None if sensitivity is None else costliest(sensitivity)
-    if sensitivity is None or key is None:
-        return ()
-    gain = f"+{readable(100 * sensitivity.gains[key], 2)} %"
-    return (Fact("costliest limit", gain, f"10 % more {limit_title(key)}"),)
 
 
 def _gains(sensitivity: LimitSensitivity | None) -> tuple[Block, ...]:
