@@ -50,7 +50,6 @@ def designed(tiny, tmp_path_factory):
         text=True,
         cwd=folder,
         env=environment(),
-        timeout=300,
         check=False,
     )
     assert done.returncode == 0, done.stderr

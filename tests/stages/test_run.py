@@ -1,0 +1,135 @@
+"""`expdesign.run` does what the command does; a stage hands its result to the next in memory."""
+
+import json
+import sys
+import traceback
+
+import pytest
+from typer.testing import CliRunner
+
+import expdesign
+from expdesign.cli.app import app
+from expdesign.experiment import DesignRecord
+from expdesign.stages import run as orchestration
+from tests.stages.test_table import agrees_with_the_table
+
+TIMES = {"manifest.json", "report.html", "estimate.json"}
+"""Files that hold how long something took, or the folder's own place."""
+
+
+class Heard(expdesign.Progress):
+    def __init__(self):
+        self.stages, self.notes = [], []
+
+    def note(self, text):
+        self.notes.append(text)
+
+    def finished(self, outcome):
+        self.stages.append(outcome.stage)
+
+
+@pytest.fixture
+def run_of(tiny, tiny_result, tmp_path, monkeypatch):
+    """Return a maker of a run file; its design is one that was made before."""
+    monkeypatch.setattr("expdesign.stages.design.design", lambda *_: tiny_result)
+    monkeypatch.setattr("expdesign.stages.design.design_figures", lambda *_: ())
+    monkeypatch.setattr("expdesign.stages.estimate.estimate_figures", lambda *_: ())
+
+    def file(**sections):
+        path = tmp_path / "input.yaml"
+        path.write_text(json.dumps(tiny(**sections)), encoding="utf-8")
+        return path
+
+    return file
+
+
+def timeless(data):
+    if isinstance(data, dict):
+        return {key: timeless(value) for key, value in data.items() if key != "seconds"}
+    return data
+
+
+def contents(folder):
+    return {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in folder.rglob("*")
+        if path.is_file()
+    }
+
+
+def test_python_does_what_the_command_does(run_of, tmp_path):
+    file = run_of(estimate={"estimators": ["ls", "gm"]})
+    heard = Heard()
+    made = expdesign.run(file, out=tmp_path / "python", progress=heard)
+    assert list(made.stages) == heard.stages == ["design", "experiment", "estimate"]
+    assert made.folder == tmp_path / "python"
+    assert made.stages["estimate"].result[0].estimates.keys() == {"ls", "gm"}
+    assert agrees_with_the_table(made.folder) == set(made.stages)
+
+    # The command, in two goes: the estimate takes the recording from its file.
+    command = tmp_path / "command"
+    runner = CliRunner()
+    assert runner.invoke(app, ["design", str(file), "--out", str(command)]).exit_code == 0
+    assert runner.invoke(app, ["simulate", str(file), "--out", str(command)]).exit_code == 0
+    assert runner.invoke(app, ["run", str(file), "--out", str(command)]).exit_code == 0
+    first, second = contents(made.folder), contents(command)
+    assert first.keys() == second.keys()
+    for name, content in first.items():
+        if name not in TIMES:
+            assert content == second[name], name
+    one, other = (timeless(json.loads(found["estimate.json"])) for found in (first, second))
+    assert one["estimators"] == other["estimators"]
+
+    # Again: all is kept, and nothing is read into memory.
+    heard = Heard()
+    again = expdesign.run(file, out=made.folder, progress=heard)
+    assert all(outcome.kept for outcome in again.stages.values())
+    assert len(heard.notes) == 3
+    assert contents(made.folder) == first
+
+
+def test_no_stage_reads_what_the_run_has_just_written(run_of, tmp_path, monkeypatch):
+    """Only the manifest does, to hash the files, and `columns.json`, to which all stages add."""
+    folder, read = tmp_path / "out", []
+    watching = [True]
+
+    def watch(event, arguments):
+        if watching and event == "open" and str(arguments[0]).startswith(str(folder)):
+            path, mode, _ = arguments
+            if isinstance(mode, str) and "r" in mode and "+" not in mode:
+                callers = [f.filename for f in traceback.extract_stack()]
+                if not any(name.endswith("manifest.py") for name in callers):
+                    read.append(str(path).removeprefix(f"{folder}/"))
+
+    sys.addaudithook(watch)
+    try:
+        expdesign.run(run_of(estimate={"estimators": ["ls"]}), out=folder)
+    finally:
+        watching.clear()
+    assert set(read) <= {"columns.json", "run.yaml"}
+
+
+def test_a_design_of_this_run_is_reported_from_memory(run_of, tmp_path, monkeypatch):
+    given = []
+
+    def write_report(_folder, _stages, _configuration, records):
+        given.extend(records)
+        return []
+
+    monkeypatch.setattr("expdesign.stages.report.write_report", write_report)
+    expdesign.run(run_of(report={}), out=tmp_path / "out")
+    assert any(isinstance(record, DesignRecord) for record in given)
+
+
+def test_a_run_that_fails(run_of, tmp_path, monkeypatch):
+    def fail(_work):
+        raise expdesign.StageFailed("no motion keeps the limits")
+
+    monkeypatch.setattr(orchestration, "loaded", lambda _place: fail)
+    with pytest.raises(expdesign.StageFailed, match="no motion"):
+        expdesign.run(run_of(), out=tmp_path / "out")
+
+
+def test_bad_input():
+    with pytest.raises(expdesign.InputError, match="needs a design"):
+        expdesign.run({"name": "a", "robot": "palida", "experiment": {"periods": 2}})

@@ -1,0 +1,104 @@
+"""The table of stages agrees with what the stages do, and with everything that names them."""
+
+import inspect
+import json
+from fnmatch import fnmatch
+
+import pytest
+
+from expdesign.cli import shown
+from expdesign.configuration import STAGES as NAMED
+from expdesign.configuration import RunDescription, load_run
+from expdesign.runfolder.manifest import Manifest
+from expdesign.stages import STAGES, Workspace
+from expdesign.stages.record import stage_inputs
+from expdesign.stages.report import reported_stages
+from expdesign.stages.table import loaded, performed, stages_without_design
+
+NEEDS = {"design", "recording", "estimate", "folder"}
+
+CHANGED = {
+    "name": "other",
+    "trajectory": {"harmonics": 4},
+    "design": {"parameters": ["p1", "p2"]},
+    "motion": {"jerk": 900.0},
+    "experiment": {"periods": 3},
+    "data": {"delimiter": ";"},
+    "montecarlo": {"repetitions": 7},
+    "estimate": {"estimators": ["ls"]},
+    "validate": [{"motion": "circle"}],
+    "study": {"kind": "validation"},
+    "export": ["csv"],
+    "report": {"title": "other"},
+    "workers": 1,
+}
+"""For every key of a run file that a stage may depend on, something that it is not by default."""
+
+
+def test_a_run_file_names_the_stages_of_the_table():
+    assert tuple(stage for stage in STAGES if stage != "noise") == NAMED
+
+
+@pytest.mark.parametrize("name", STAGES)
+def test_what_a_stage_names_is_there(name):
+    stage = STAGES[name]
+    assert set(stage.needs) <= NEEDS
+    assert set(stage.sections or ()) <= set(RunDescription.model_fields)
+    (parameter,) = inspect.signature(loaded(stage.perform)).parameters
+    assert parameter == "work"
+    assert callable(getattr(shown, name))
+    assert stage.reported_after in {"", *STAGES}
+
+
+def test_the_report_has_a_section_for_every_stage_but_its_own():
+    found = reported_stages()
+    assert set(found) == set(STAGES) - {"report"}
+    assert list(found)[:2] == ["design", "export"]
+
+
+@pytest.mark.parametrize("key", CHANGED)
+def test_a_stage_is_made_from_the_sections_that_it_declares(key, monkeypatch, tmp_path):
+    monkeypatch.setattr(Workspace, "made_from", lambda *_: "")
+    base = {"name": "name", "robot": "palida"}
+    one, other = (load_run(base | change) for change in ({}, {key: CHANGED[key]}))
+    field = {"validate": "validation"}.get(key, key)
+    for name, stage in STAGES.items():
+        same = stage_inputs(name, Workspace(one, tmp_path)) == stage_inputs(
+            name, Workspace(other, tmp_path)
+        )
+        part = None if stage.sections is None else stage.sections.get(field, False)
+        if isinstance(part, set):
+            assert same == (not part & set(CHANGED[key])), name
+        else:
+            assert same == (part is False), name
+
+
+def test_every_key_of_a_run_file_is_tried():
+    keys = {field.alias or name for name, field in RunDescription.model_fields.items()}
+    # The robot takes limits and noise in; the others are not for results.
+    others = {"format", "robot", "limits", "noise", "description", "scheduler"}
+    assert keys == set(CHANGED) | others
+
+
+def test_who_needs_a_design(tmp_path):
+    run = {"name": "name", "robot": "palida", "experiment": {}, "montecarlo": {}, "estimate": {}}
+    problem = stages_without_design(load_run(run), tmp_path)
+    assert problem.message.startswith("experiment and montecarlo need a design")
+    assert stages_without_design(load_run(run | {"design": {}}), tmp_path) is None
+    study = load_run(run | {"study": {"kind": "design", "repetitions": 25}})
+    assert performed(study) == ["study"]
+    assert stages_without_design(study, tmp_path) is None
+    (tmp_path / "design.json").write_text("{}")
+    assert stages_without_design(load_run(run), tmp_path) is None
+
+
+def agrees_with_the_table(folder):
+    """Assert that every stage of a folder has written what it declares, and nothing else."""
+    for name, entry in Manifest.read(folder).stages.items():
+        stage = STAGES[name]
+        declared = (stage.record, *stage.writes)
+        stray = [f for f in entry.files if not any(fnmatch(f, d) for d in declared)]
+        assert not stray, (name, stray)
+        missing = [d for d in declared if "*" not in d and d not in entry.files]
+        assert not missing, (name, missing)
+    return set(json.loads((folder / "manifest.json").read_text())["stages"])
