@@ -8,6 +8,7 @@ as there is no effect nothing is selected but at the levels of the families.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -15,15 +16,10 @@ import numpy as np
 
 from constraints.arrays import Array
 from estimation.diagnostics.channel_test import Strut
-from estimation.diagnostics.column_test import (
-    Candidates,
-    ColumnTest,
-    column_candidates,
-    column_test,
-)
+from estimation.diagnostics.column_test import Cause, ColumnTest, causes, column_test
 from estimation.diagnostics.delay import DelayTest, delay_test
 from estimation.diagnostics.joint_system import JointSystem, SolvedSystem
-from estimation.diagnostics.levels import COLUMNS, DELAY, POSITION_PERIODIC
+from estimation.diagnostics.levels import POSITION_PERIODIC
 from estimation.diagnostics.linearisation import Linearisation
 from estimation.diagnostics.position_periodic import (
     PeriodicForce,
@@ -43,7 +39,7 @@ _MOST = 12
 class Effect:
     """Something in the residuals that the model does not have, fitted with all other effects."""
 
-    kind: Annotated[str, described("", "position-periodic, column or delay")]
+    kind: Annotated[str, described("", "position-periodic, or a cause: column, delay")]
     strut: Annotated[Strut, described("1", "number of the strut; null: all of them")]
     parameter: Annotated[str, described("", "of a column; empty otherwise")]
     log_p: Annotated[
@@ -61,40 +57,56 @@ class Attribution:
 
     Attributes
     ----------
-    scans : tuple of PitchScan
-        Of the six struts, before any effect is taken as known.
-    columns : ColumnTest
-        Likewise.
-    delay : DelayTest
-        Likewise.
+    causes : tuple of Cause
+        The families of columns that were tested.
+    scans, tests
+        Of the pitches of the six struts and of each family by its kind, before any effect is
+        taken as known.
     effects : tuple of Effect
         What was selected, most significant first.
-    last_scans, last_columns, last_delay
+    last_scans, last_tests
         The tests with these effects taken as known.
     best_forces : tuple of PeriodicForce or None
         The best-fitting position-periodic force of every strut, significant or not.
     solved : SolvedSystem
         The fit with the effects among its unknowns.
+    periodic_level : float
+        Of all scans together.
     """
 
+    causes: tuple[Cause, ...]
     scans: tuple[PitchScan, ...]
-    columns: ColumnTest
-    delay: DelayTest
+    tests: Mapping[str, ColumnTest]
     effects: tuple[Effect, ...]
     last_scans: tuple[PitchScan, ...]
-    last_columns: ColumnTest
-    last_delay: DelayTest
+    last_tests: Mapping[str, ColumnTest]
     best_forces: tuple[PeriodicForce | None, ...]
     solved: SolvedSystem
+    periodic_level: float
 
+    @property
+    def columns(self) -> ColumnTest:
+        """The tests of the regressor's columns before any effect is taken as known."""
+        return self.tests["column"]
 
-@dataclass(frozen=True, eq=False)
-class _Levels:
-    """Levels of the families, each divided by the number of experiments."""
+    @property
+    def last_columns(self) -> ColumnTest:
+        """The same with the effects taken as known."""
+        return self.last_tests["column"]
 
-    periodic: float
-    columns: float
-    delay: float
+    @property
+    def delay(self) -> DelayTest:
+        """The test of the delay before any effect is taken as known."""
+        return self._delay(self.tests)
+
+    @property
+    def last_delay(self) -> DelayTest:
+        """The same with the effects taken as known."""
+        return self._delay(self.last_tests)
+
+    def _delay(self, tests: Mapping[str, ColumnTest]) -> DelayTest:
+        (cause,) = (cause for cause in self.causes if cause.kind == "delay")
+        return delay_test(tests[cause.kind], cause)
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,10 +122,51 @@ class _Found:
 
 
 @dataclass(frozen=True, eq=False)
-class _Tests:
-    scans: tuple[PitchScan, ...]
-    columns: ColumnTest
-    delay: DelayTest
+class _Search:
+    """What is tested in one experiment, whatever is taken as known."""
+
+    part: Linearisation
+    causes: tuple[Cause, ...]
+    step: float
+    periodic_level: float
+
+    def scans(self, solved: SolvedSystem) -> tuple[PitchScan, ...]:
+        return tuple(
+            scan_pitches(solved, self.part, strut, self.step, self.periodic_level)
+            for strut in range(ACTUATORS)
+        )
+
+    def tests(self, solved: SolvedSystem) -> dict[str, ColumnTest]:
+        return {cause.kind: column_test(solved, cause) for cause in self.causes}
+
+    def most_significant(
+        self, solved: SolvedSystem, scans: tuple[PitchScan, ...], tests: Mapping[str, ColumnTest]
+    ) -> _Found | None:
+        """Return the effect with the smallest p-value, corrected for its family, if significant.
+
+        Families of equal significance are compared by what the selection risks: p relative to
+        level.
+        """
+        scan = min(scans, key=lambda one: one.log_p)
+        log_p = scan.log_p + float(np.log(ACTUATORS))
+        best: tuple[float, Cause | None, int] = (log_p - np.log(self.periodic_level), None, 0)
+        for cause in self.causes:
+            test = tests[cause.kind]
+            if not test.tested:
+                continue
+            index = int(np.nanargmin(test.log_p))
+            relative = float(test.log_p[index] + np.log(test.tested / cause.level))
+            if relative < best[0]:
+                best, log_p = (relative, cause, index), relative + float(np.log(cause.level))
+        relative, chosen, index = best
+        if relative >= 0:
+            return None
+        if chosen is None:
+            columns, _, _ = _periodic_fit(solved, self.part, scan)
+            return _Found("position-periodic", scan.strut, "", log_p, scan.best_pitch, columns)
+        name, strut = chosen.labels[index]
+        columns = chosen.columns[:, :, index : index + 1]
+        return _Found(chosen.kind, strut, name, log_p, np.nan, columns)
 
 
 def attribute(
@@ -138,92 +191,39 @@ def attribute(
     experiments : int
         How many are tested together: each gets its share of the levels.
     """
-    levels = _Levels(POSITION_PERIODIC / experiments, COLUMNS / experiments, DELAY / experiments)
-    candidates = column_candidates(part, names, held_out=held_out)
-    base = system.solved()
-    first = tests = _tests(base, part, candidates, step, levels)
+    families = causes(part, names, held_out=held_out, experiments=experiments)
+    search = _Search(part, families, step, POSITION_PERIODIC / experiments)
+    base = solved = system.solved()
+    first_scans = scans = search.scans(solved)
+    first_tests = tests = search.tests(solved)
     found: list[_Found] = []
-    solved = base
     while len(found) < _MOST:
-        best = _most_significant(tests, solved, part, candidates, levels)
+        best = search.most_significant(solved, scans, tests)
         if best is None:
             break
         found.append(best)
         solved = system.with_columns(np.concatenate([f.columns for f in found], axis=2)).solved()
-        tests = _tests(solved, part, candidates, step, levels)
+        scans, tests = search.scans(solved), search.tests(solved)
     effects = _fitted(base, part, found)
+    known = {e.strut: e.force for e in reversed(effects) if e.force is not None}
     return Attribution(
-        scans=first.scans,
-        columns=first.columns,
-        delay=first.delay,
+        causes=families,
+        scans=first_scans,
+        tests=first_tests,
         effects=effects,
-        last_scans=tests.scans,
-        last_columns=tests.columns,
-        last_delay=tests.delay,
-        best_forces=_best_forces(effects, tests.scans, solved, part),
-        solved=solved,
-    )
-
-
-def _tests(
-    solved: SolvedSystem,
-    part: Linearisation,
-    candidates: Candidates,
-    step: float,
-    levels: _Levels,
-) -> _Tests:
-    return _Tests(
-        tuple(
-            scan_pitches(solved, part, strut, step, levels.periodic) for strut in range(ACTUATORS)
+        last_scans=scans,
+        last_tests=tests,
+        best_forces=tuple(
+            known[scan.strut] if scan.strut in known else _best_force(solved, part, scan)
+            for scan in scans
         ),
-        column_test(solved, candidates, levels.columns),
-        delay_test(solved, part, levels.delay),
+        solved=solved,
+        periodic_level=search.periodic_level,
     )
-
-
-def _most_significant(
-    tests: _Tests,
-    solved: SolvedSystem,
-    part: Linearisation,
-    candidates: Candidates,
-    levels: _Levels,
-) -> _Found | None:
-    """Return the effect with the smallest p-value, corrected for its family, if it is significant.
-
-    Families of equal significance are compared by what the selection risks: p relative to level.
-    """
-    options: list[tuple[float, str, int]] = []
-    scan = min(tests.scans, key=lambda s: s.log_p)
-    log_p = scan.log_p + np.log(ACTUATORS)
-    if log_p < np.log(levels.periodic):
-        options.append((log_p - np.log(levels.periodic), "position-periodic", scan.strut))
-    if tests.columns.tested:
-        index = int(np.nanargmin(tests.columns.log_p))
-        log_p = float(tests.columns.log_p[index]) + np.log(tests.columns.tested)
-        if log_p < np.log(levels.columns):
-            options.append((log_p - np.log(levels.columns), "column", index))
-    if tests.delay.failed:
-        options.append((tests.delay.log_p - np.log(levels.delay), "delay", 0))
-    if not options:
-        return None
-    relative, kind, index = min(options)
-    if kind == "position-periodic":
-        pitch = tests.scans[index].best_pitch
-        fixed = periodic_columns(part, index, pitch, (0.0, 0.0))[:, :, :2]
-        (a, b), _ = solved.fitted(fixed)
-        columns = periodic_columns(part, index, pitch, (float(a), float(b)))
-        return _Found(kind, index, "", relative + np.log(levels.periodic), pitch, columns)
-    if kind == "column":
-        name, strut = candidates.labels[index]
-        columns = candidates.columns[:, :, index : index + 1]
-        return _Found(kind, strut, name, relative + np.log(levels.columns), np.nan, columns)
-    if part.delay_column is None:
-        raise AssertionError("without a column there is no test")
-    columns = part.delay_column[:, :, None]
-    return _Found(kind, None, "", relative + np.log(levels.delay), np.nan, columns)
 
 
 def _fitted(base: SolvedSystem, part: Linearisation, found: list[_Found]) -> tuple[Effect, ...]:
+    """Fit all effects together."""
     if not found:
         return ()
     values, covariance = base.fitted(np.concatenate([f.columns for f in found], axis=2))
@@ -232,45 +232,28 @@ def _fitted(base: SolvedSystem, part: Linearisation, found: list[_Found]) -> tup
         chosen = slice(first, first + item.columns.shape[2])
         first = chosen.stop
         force = None
+        value = float(values[chosen.start])
+        std = float(np.sqrt(covariance[chosen.start, chosen.start]))
         if item.kind == "position-periodic" and item.strut is not None:
-            force = periodic_force(
-                part, item.strut, item.pitch, values[chosen], covariance[chosen, chosen]
-            )
-        effects.append(
-            Effect(
-                kind=item.kind,
-                strut=item.strut,
-                parameter=item.parameter,
-                log_p=item.log_p,
-                force=force,
-                value=float(values[chosen.start]) if force is None else force.amplitude,
-                std=float(np.sqrt(covariance[chosen.start, chosen.start]))
-                if force is None
-                else force.amplitude_std,
-            )
-        )
+            block = covariance[chosen, chosen]
+            force = periodic_force(part, item.strut, item.pitch, values[chosen], block)
+            value, std = force.amplitude, force.amplitude_std
+        effects.append(Effect(item.kind, item.strut, item.parameter, item.log_p, force, value, std))
     return tuple(effects)
 
 
-def _best_forces(
-    effects: tuple[Effect, ...],
-    scans: tuple[PitchScan, ...],
-    solved: SolvedSystem,
-    part: Linearisation,
-) -> tuple[PeriodicForce | None, ...]:
-    """Return the selected force of every strut, else the best one of the last scan."""
-    known = {e.strut: e.force for e in reversed(effects) if e.force is not None}
-    best: list[PeriodicForce | None] = []
-    for scan in scans:
-        if scan.strut in known:
-            best.append(known[scan.strut])
-            continue
-        if not np.isfinite(scan.best_pitch) or scan.best <= 0:
-            best.append(None)
-            continue
-        fixed = periodic_columns(part, scan.strut, scan.best_pitch, (0.0, 0.0))[:, :, :2]
-        (a, b), _ = solved.fitted(fixed)
-        columns = periodic_columns(part, scan.strut, scan.best_pitch, (float(a), float(b)))
-        values, covariance = solved.fitted(columns)
-        best.append(periodic_force(part, scan.strut, scan.best_pitch, values, covariance))
-    return tuple(best)
+def _periodic_fit(
+    solved: SolvedSystem, part: Linearisation, scan: PitchScan
+) -> tuple[Array, Array, Array]:
+    """Return the three columns of the best pitch of a strut, their coefficients and covariance."""
+    fixed = periodic_columns(part, scan.strut, scan.best_pitch, (0.0, 0.0))[:, :, :2]
+    (a, b), _ = solved.fitted(fixed)
+    columns = periodic_columns(part, scan.strut, scan.best_pitch, (float(a), float(b)))
+    return columns, *solved.fitted(columns)
+
+
+def _best_force(solved: SolvedSystem, part: Linearisation, scan: PitchScan) -> PeriodicForce | None:
+    if not np.isfinite(scan.best_pitch) or scan.best <= 0:
+        return None
+    _, values, covariance = _periodic_fit(solved, part, scan)
+    return periodic_force(part, scan.strut, scan.best_pitch, values, covariance)

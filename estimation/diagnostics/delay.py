@@ -8,10 +8,8 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field, model_serializer
 
-from estimation.diagnostics.joint_system import SolvedSystem
+from estimation.diagnostics.column_test import Cause, ColumnTest
 from estimation.diagnostics.levels import DELAY
-from estimation.diagnostics.linearisation import Linearisation
-from estimation.diagnostics.tails import log_two_sided
 from expdesign.runfolder import OpenNumber, described
 
 
@@ -41,14 +39,9 @@ class DelayTest:
         )
 
 
-def delay_test(solved: SolvedSystem, part: Linearisation, level: float = DELAY) -> DelayTest:
-    """Estimate the delay; dry friction, whose jumps have no derivative, takes no part."""
-    if part.delay_column is None:
-        reason = "pointwise kinematics give no derivative of the forces in time"
-        return DelayTest(reason, level=level)
-    score, information, _ = solved.scores(part.delay_column[:, :, None])
-    if information[0] <= 0:
-        return DelayTest("the forces do not change in time", level=level)
-    std = 1 / np.sqrt(information[0])
-    log_p = log_two_sided(np.array(score[0] * std), solved.system.freedom)
-    return DelayTest("", float(score[0] * std**2), float(std), float(log_p), level)
+def delay_test(test: ColumnTest, cause: Cause) -> DelayTest:
+    """Take the test of its column, in which dry friction, without a derivative, has no part."""
+    if not test.tested:
+        return DelayTest(cause.untested, level=cause.level)
+    delay, std, log_p = (float(values[0]) for values in (test.coefficients, test.std, test.log_p))
+    return DelayTest("", delay, std, log_p, cause.level)

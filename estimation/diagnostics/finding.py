@@ -1,8 +1,8 @@
-"""One assumption and what became of it."""
+"""Assumptions of an estimate, and what a test of one found."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Annotated
 
@@ -10,7 +10,7 @@ from expdesign.runfolder import described
 
 
 class Outcome(StrEnum):
-    """What became of an assumption."""
+    """What a test says of an assumption."""
 
     HOLDS = "holds"
     FAILS = "fails"
@@ -19,12 +19,84 @@ class Outcome(StrEnum):
 
 @dataclass(frozen=True)
 class Finding:
-    """One assumption."""
+    """What was found of one assumption."""
 
-    assumption: Annotated[str, described("", "in words")]
+    assumption: Annotated[str, described("", "what is assumed")]
     outcome: Annotated[Outcome, described("", "holds, fails or not tested")]
     sentence: Annotated[str, described("", "what was seen")]
     advice: Annotated[str, described("", "what to do next; empty when the assumption holds")] = ""
     serious: Annotated[
-        bool, described("", "its failure makes parameters or intervals doubtful")
+        bool, described("", "its failure makes the result doubtful: values or intervals are wrong")
     ] = True
+    contradiction: Annotated[
+        str, described("", "what is the case when the assumption fails; empty when it does not")
+    ] = ""
+    p: Annotated[
+        float | None,
+        described("1", "smallest p of the tests, corrected for their number; null: not tested"),
+    ] = None
+    level: Annotated[
+        float | None, described("1", "level of these tests together; null: not tested")
+    ] = None
+
+    @property
+    def failed(self) -> bool:
+        """Whether the assumption fails."""
+        return self.outcome is Outcome.FAILS
+
+
+@dataclass(frozen=True)
+class Assumption:
+    """What is assumed, and what it means when the assumption fails.
+
+    Attributes
+    ----------
+    text : str
+    contradiction : str
+        What is then the case.
+    advice : str
+        What to do then.
+    serious : bool
+        See `Finding.serious`.
+    """
+
+    text: str
+    contradiction: str
+    advice: str
+    serious: bool = True
+
+    def untested(self, reason: str, advice: str = "") -> Finding:
+        """Say why there is no test."""
+        return Finding(self.text, Outcome.NOT_TESTED, reason, advice, self.serious)
+
+    def holds(self, sentence: str, p: float | None = None, level: float | None = None) -> Finding:
+        """Say that the test found nothing."""
+        return Finding(self.text, Outcome.HOLDS, sentence, serious=self.serious, p=p, level=level)
+
+    def fails(
+        self,
+        sentence: str,
+        p: float | None = None,
+        level: float | None = None,
+        *,
+        where: str = "",
+        advice: str | None = None,
+    ) -> Finding:
+        """Say that the test rejects the assumption, and where."""
+        return Finding(
+            self.text,
+            Outcome.FAILS,
+            sentence,
+            self.advice if advice is None else advice,
+            self.serious,
+            f"{self.contradiction} ({where})" if where else self.contradiction,
+            p,
+            level,
+        )
+
+
+def of_experiment(finding: Finding, number: int) -> Finding:
+    """Return the finding with the number of its experiment in its words."""
+    prefix = f"experiment {number}: "
+    contradiction = prefix + finding.contradiction if finding.contradiction else ""
+    return replace(finding, sentence=prefix + finding.sentence, contradiction=contradiction)

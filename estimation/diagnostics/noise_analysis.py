@@ -12,12 +12,7 @@ import numpy as np
 from constraints.arrays import Array
 from estimation.diagnostics.drift import Drift, drift
 from estimation.diagnostics.finding import Finding
-from estimation.diagnostics.measurement_findings import (
-    constant_finding,
-    normal_finding,
-    outliers_finding,
-    white_finding,
-)
+from estimation.diagnostics.findings import noise_findings
 from estimation.diagnostics.noise_samples import ChannelNoise, NoiseSamples, noise_samples
 from estimation.diagnostics.normality import Normality, normality
 from estimation.diagnostics.whiteness import Whiteness, whiteness
@@ -56,12 +51,7 @@ class NoiseAnalysis:
     @property
     def findings(self) -> tuple[Finding, ...]:
         """What holds and what does not, in words."""
-        return (
-            white_finding(self),
-            outliers_finding(self),
-            normal_finding(self),
-            constant_finding(self),
-        )
+        return noise_findings(self)
 
 
 def analyse_noise(record: Record) -> NoiseAnalysis:

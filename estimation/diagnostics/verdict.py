@@ -1,4 +1,4 @@
-"""The diagnostics in words: which assumption holds, which fails, and what to do next."""
+"""The verdict on an estimate or a prediction: all findings, and what follows from them."""
 
 from __future__ import annotations
 
@@ -8,23 +8,8 @@ from enum import StrEnum
 from typing import Annotated
 
 from estimation.diagnostics.diagnosis import ExperimentDiagnosis
-from estimation.diagnostics.finding import Finding, Outcome
-from estimation.diagnostics.measurement_findings import (
-    constant_finding,
-    motion_findings,
-    normal_finding,
-    outliers_finding,
-    white_finding,
-)
-from estimation.diagnostics.model_findings import (
-    bias_finding,
-    columns_finding,
-    delay_finding,
-    left_finding,
-    noise_level_finding,
-    position_periodic_finding,
-)
-from estimation.diagnostics.wording import listed
+from estimation.diagnostics.finding import Finding, Outcome, of_experiment
+from estimation.diagnostics.findings import experiment_findings
 from expdesign.runfolder import described
 
 
@@ -46,45 +31,24 @@ class Verdict:
     @property
     def failed(self) -> tuple[Finding, ...]:
         """Findings that fail."""
-        return tuple(f for f in self.findings if f.outcome is Outcome.FAILS)
+        return tuple(finding for finding in self.findings if finding.failed)
 
 
 def verdict(experiments: Sequence[ExperimentDiagnosis]) -> Verdict:
     """Judge an estimate by the diagnostics of its experiments."""
-    findings: list[Finding] = []
-    for number, experiment in enumerate(experiments, 1):
-        prefix = f"experiment {number}: " if len(experiments) > 1 else ""
-        findings += [
-            Finding(f.assumption, f.outcome, prefix + f.sentence, f.advice, f.serious)
-            for f in _findings(experiment)
-        ]
-    serious = [f for f in findings if f.outcome is Outcome.FAILS and f.serious]
-    minor = [f for f in findings if f.outcome is Outcome.FAILS and not f.serious]
-    untested = [f for f in findings if f.outcome is Outcome.NOT_TESTED]
+    findings = tuple(
+        of_experiment(finding, number) if len(experiments) > 1 else finding
+        for number, experiment in enumerate(experiments, 1)
+        for finding in experiment_findings(experiment)
+    )
+    serious = [f.contradiction for f in findings if f.failed and f.serious]
     if serious:
-        names = listed(dict.fromkeys(f.assumption for f in serious))
-        return Verdict(Status.DOUBTFUL, f"doubtful: fails on {names}", tuple(findings))
+        return Verdict(Status.DOUBTFUL, f"doubtful: {'; '.join(serious)}", findings)
     summary = "accepted: nothing speaks against the model"
+    untested = dict.fromkeys(f.assumption for f in findings if f.outcome is Outcome.NOT_TESTED)
     if untested:
-        names = listed(dict.fromkeys(f.assumption for f in untested))
-        summary += f"; not tested: {names}"
+        summary += f"; not tested: {', '.join(untested)}"
+    minor = [f.contradiction for f in findings if f.failed]
     if minor:
-        names = listed(dict.fromkeys(f.assumption for f in minor))
-        summary += f"; of little consequence: {names}"
-    return Verdict(Status.ACCEPTED, summary, tuple(findings))
-
-
-def _findings(diagnosis: ExperimentDiagnosis) -> list[Finding]:
-    return [
-        bias_finding(diagnosis),
-        position_periodic_finding(diagnosis),
-        columns_finding(diagnosis),
-        delay_finding(diagnosis),
-        left_finding(diagnosis),
-        noise_level_finding(diagnosis),
-        *motion_findings(diagnosis),
-        white_finding(diagnosis),
-        outliers_finding(diagnosis),
-        normal_finding(diagnosis),
-        constant_finding(diagnosis),
-    ]
+        summary += f"; of little consequence: {'; '.join(minor)}"
+    return Verdict(Status.ACCEPTED, summary, findings)

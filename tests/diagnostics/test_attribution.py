@@ -6,8 +6,7 @@ from scipy import stats
 
 from estimation.diagnostics import diagnose
 from estimation.diagnostics.attribution import attribute
-from estimation.diagnostics.column_test import column_candidates, column_test
-from estimation.diagnostics.delay import delay_test
+from estimation.diagnostics.column_test import causes, column_test
 from tests.diagnostics.conftest import Laboratory
 
 DRAWS = 150
@@ -22,17 +21,17 @@ def _known(twin):
 def test_level_of_columns_and_delay(twin, held_out):
     rng = np.random.default_rng(1)
     names = twin.lab.knowledge.names
-    candidates = column_candidates(twin.part, names, held_out=held_out)
+    columns, delay = causes(twin.part, names, held_out=held_out)
+    columns = replace(columns, level=0.05)
     known = _known(twin) if held_out else None
     rejected, statistics, delays = 0, [], []
     for _ in range(DRAWS):
         drawn = twin.draw(rng, "held out" if held_out else "gm")
         solved = twin.system(drawn, known=known, held_out=held_out).solved()
-        test = column_test(solved, candidates, level=0.05)
+        test = column_test(solved, columns)
         rejected += bool(np.any(test.failed))
         statistics.append(test.statistic)
-        delay = delay_test(solved, drawn)
-        delays.append(delay.delay / delay.std)
+        delays.append(column_test(solved, delay).statistic[0])
     assert stats.binom.sf(rejected - 1, DRAWS, 0.05) > 0.001
     spread = np.nanstd(np.array(statistics), axis=0)
     np.testing.assert_allclose(spread, 1, atol=0.2)
@@ -42,14 +41,14 @@ def test_level_of_columns_and_delay(twin, held_out):
 
 def test_columns_that_are_tested(twin):
     names = twin.lab.knowledge.names
-    fitted = column_candidates(twin.part, names, held_out=False)
+    fitted, _ = causes(twin.part, names, held_out=False)
     assert ("p10", 3) in fitted.labels
     assert not any(name in ("r3", "v6") for name, _ in fitted.labels)
     assert len(fitted.labels) == 72
-    held = column_candidates(twin.part, names, held_out=True)
+    held, _ = causes(twin.part, names, held_out=True)
     assert held.labels == tuple((name, None) for name in names)
     fixed = replace(twin.part, free=np.array([name != "r3" for name in names]))
-    assert ("r3", None) in column_candidates(fixed, names, held_out=False).labels
+    assert ("r3", None) in causes(fixed, names, held_out=False)[0].labels
 
 
 def test_nothing_is_attributed_to_noise(twin):

@@ -1,0 +1,324 @@
+"""What the tests of one experiment found, assumption by assumption, in words."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from constraints.arrays import Array
+from estimation.diagnostics.attribution import Effect
+from estimation.diagnostics.chi_square import ChiSquare
+from estimation.diagnostics.column_test import Cause
+from estimation.diagnostics.diagnosis import ExperimentDiagnosis
+from estimation.diagnostics.finding import Assumption, Finding
+from estimation.diagnostics.levels import CHI_SQUARE
+from estimation.diagnostics.noise_tests import NoiseTests
+from estimation.diagnostics.whiteness import Whiteness
+from expdesign.mechanism.hexapod import ACTUATORS
+
+_EXPLAINED = Assumption(
+    "the model explains the forces",
+    "the model does not explain the forces",
+    "look at the residuals over position and speed for what the model lacks",
+)
+_NOT_PERIODIC = Assumption(
+    "no position-periodic force",
+    "a force is periodic in the strut's length",
+    "compensate it in the drives or add it to the model: it biases the parameters by more than "
+    "their intervals show",
+)
+_RESIDUALS_WHITE = Assumption(
+    "what the model leaves of the forces is white",
+    "the mean force residuals are correlated in time",
+    "the model lacks something that changes slowly: look at the residuals over time",
+)
+_NOISE_LEVEL = Assumption(
+    "the forces are as noisy as assumed",
+    "the force residuals do not have the size of the noise",
+    "the model or the covariance of the noise is wrong; the bias test tells which",
+)
+_MOTION = Assumption(
+    "the Fourier series is the motion",
+    "the fitted motion does not explain the lengths",
+    "allow more harmonics (`estimate.harmonics`), or look for drift and slipping sensors",
+)
+_LENGTHS_WHITE = Assumption(
+    "what the motion leaves of the lengths is white",
+    "the length residuals are correlated in time",
+    _MOTION.advice,
+)
+_NOISE_WHITE = Assumption(
+    "the noise is white",
+    "the noise is correlated in time",
+    "a filter in the measurement? Sample more slowly or remove it: with correlated noise the "
+    "standard deviations are too small",
+)
+_NO_OUTLIERS = Assumption(
+    "no outliers",
+    "there are outliers",
+    "look at them, and estimate with the robust loss (`estimate.loss: huber`)",
+)
+_NORMAL = Assumption(
+    "the noise is normal",
+    "the noise is not normal",
+    "estimates stay unbiased and intervals hold for many samples; ML is no longer the most "
+    "efficient estimator",
+    serious=False,
+)
+_ALIKE = Assumption(
+    "all periods are alike",
+    "the periods differ from each other",
+    "let the machine warm up, or leave out the first periods: drift is counted as noise",
+)
+
+
+def experiment_findings(diagnosis: ExperimentDiagnosis) -> list[Finding]:
+    """Return what was found of every assumption."""
+    left = "besides the effects named" if diagnosis.attribution.effects else ""
+    return [
+        _bias(diagnosis),
+        _position_periodic(diagnosis),
+        *(_cause(diagnosis, cause) for cause in diagnosis.attribution.causes),
+        _white(_RESIDUALS_WHITE, diagnosis.force_whiteness, "actuator", "mean residual", left),
+        _size(_NOISE_LEVEL, diagnosis.force_chi_square_left, "force", left),
+        *_motion(diagnosis),
+        *noise_findings(diagnosis),
+    ]
+
+
+def noise_findings(tests: NoiseTests) -> tuple[Finding, ...]:
+    """Return what was found of the noise by itself."""
+    return _noise_white(tests), *_distribution(tests), _periods(tests)
+
+
+def _bias(diagnosis: ExperimentDiagnosis) -> Finding:
+    """Which actuators have a bias, and what explains it."""
+    test, left = diagnosis.lack_of_fit, diagnosis.lack_of_fit_left
+    if test.refused:
+        return _EXPLAINED.untested(f"no bias test: {test.refused}")
+    p = _family_p(test.p_values)
+    worst = int(np.nanargmin(test.p_values))
+    if not np.any(test.failed):
+        sentence = (
+            f"no actuator has a bias (largest F = {test.statistic[worst]:.3f} in actuator "
+            f"{worst + 1}, p = {test.p_values[worst]:.2g})"
+        )
+        return _EXPLAINED.holds(sentence, p, test.level)
+    where = _channels("actuator", test.failed)
+    values = ", ".join(f"{value:.3f}" for value in test.statistic[test.failed])
+    words = {"position-periodic": "a position-periodic force"}
+    words |= {cause.kind: cause.words for cause in diagnosis.attribution.causes}
+    found = " with ".join(dict.fromkeys(words[e.kind] for e in diagnosis.attribution.effects))
+    if diagnosis.pointwise:
+        advice = (
+            "the residuals contain the noise of pointwise differentiation: use "
+            "`differentiation: fourier` before blaming the model"
+        )
+    elif not found:
+        advice = f"no effect that was looked for explains it: {_EXPLAINED.advice}"
+    elif np.any(left.failed):
+        rest = _channels("actuator", left.failed)
+        advice = f"{found} explains a part; there is more in {rest}: {_EXPLAINED.advice}"
+    else:
+        advice = f"{found} explains it: see below"
+    sentence = f"a bias in {where} (F = {values})"
+    return _EXPLAINED.fails(sentence, p, test.level, where=where, advice=advice)
+
+
+def _position_periodic(diagnosis: ExperimentDiagnosis) -> Finding:
+    attribution = diagnosis.attribution
+    level = attribution.periodic_level
+    if not any(len(scan.pitches) for scan in attribution.scans):
+        return _NOT_PERIODIC.untested(
+            "no pitch could be scanned: the struts move too far between two samples"
+        )
+    effects = sorted(
+        ((e.strut, e.force) for e in attribution.effects if e.strut is not None and e.force),
+        key=lambda found: found[0],
+    )
+    if not effects:
+        p = min(1.0, ACTUATORS * np.exp(min(scan.log_p for scan in attribution.last_scans)))
+        sentence = f"no strut has a position-periodic force (p = {p:.2g})"
+        return _NOT_PERIODIC.holds(sentence, p, level)
+    where = _channels("strut", np.isin(np.arange(ACTUATORS), [strut for strut, _ in effects]))
+    forces = [
+        f"strut {strut + 1} {force.amplitude:.3g} ± {force.amplitude_std:.1g} N, pitch "
+        f"{1e3 * force.pitch:.4g} ± {1e3 * force.pitch_std:.1g} mm"
+        for strut, force in effects
+    ]
+    return _NOT_PERIODIC.fails(
+        f"position-periodic force (cogging) in {where}: {'; '.join(forces)}",
+        _effect_p(attribution.effects, "position-periodic"),
+        level,
+        where=where,
+    )
+
+
+def _cause(diagnosis: ExperimentDiagnosis, cause: Cause) -> Finding:
+    """Whether the residuals lie along the columns of a family of causes."""
+    attribution, assumption = diagnosis.attribution, cause.assumption
+    last = attribution.last_tests[cause.kind]
+    effects = [effect for effect in attribution.effects if effect.kind == cause.kind]
+    if not attribution.tests[cause.kind].tested:
+        return assumption.untested(cause.untested)
+    if not effects:
+        best = int(np.nanargmin(last.log_p))
+        p = min(1.0, last.tested * np.exp(last.log_p[best]))
+        value = cause.scale * last.coefficients[best]
+        sentence = cause.absent.format(p=p, value=value, std=cause.scale * last.std[best])
+        return assumption.holds(sentence, p, last.level)
+    changes = [
+        (f"{e.parameter} " if e.parameter else "")
+        + (f"in actuator {e.strut + 1} " if e.strut is not None else "")
+        + f"by {cause.scale * e.value:{cause.number}} ± {cause.scale * e.std:.1g} "
+        + cause.unit(e.parameter)
+        for e in effects
+    ]
+    return assumption.fails(
+        f"{cause.present} {'; '.join(changes)}",
+        _effect_p(effects, cause.kind),
+        last.level,
+        where=", ".join(dict.fromkeys(e.parameter for e in effects if e.parameter)),
+    )
+
+
+def _motion(diagnosis: ExperimentDiagnosis) -> list[Finding]:
+    """Whether the estimated motion explains the lengths."""
+    test, white = diagnosis.length_chi_square, diagnosis.length_whiteness
+    if test is None or white is None:
+        reason = "pointwise differentiation has no model of the motion; its error is in the "
+        return [_MOTION.untested(reason + "regressor", "use `differentiation: fourier`")]
+    return [
+        _size(_MOTION, test, "length"),
+        _white(_LENGTHS_WHITE, white, "strut", "length residuals"),
+    ]
+
+
+def _size(assumption: Assumption, test: ChiSquare, kind: str, left: str = "") -> Finding:
+    """Whether residuals are as large as the noise."""
+    if test.refused:
+        return assumption.untested(test.refused)
+    p = min(1.0, 4 * min(test.p_value, test.p_smaller))
+    ratio = f"(χ² / degrees of freedom = {test.ratio:.3f}{' ' * bool(left)}{left})"
+    if p >= CHI_SQUARE:
+        sentence = f"the {kind} residuals have the size of the noise {ratio}"
+        return assumption.holds(sentence, p, CHI_SQUARE)
+    small = test.p_smaller < test.p_value
+    sentence = f"the {kind} residuals are too {'small' if small else 'large'} {ratio}"
+    advice = f"the noise of the {kind}s was given too large: intervals are too wide"
+    return assumption.fails(sentence, p, CHI_SQUARE, advice=advice if small else None)
+
+
+def _white(
+    assumption: Assumption, test: Whiteness, kind: str, what: str, left: str = ""
+) -> Finding:
+    """Whether what was left by a fit is correlated in time."""
+    p = _family_p(test.p_values)
+    verb = "are" if what.endswith("s") else "is"
+    known = " " * bool(left) + left
+    if not np.any(test.failed):
+        worst = float(np.max(np.abs(test.autocorrelation)))
+        sentence = (
+            f"the {what} {verb} not correlated in time to an extent that matters{known} (largest "
+            f"autocorrelation {worst:.3f})"
+        )
+        return assumption.holds(sentence, p, test.level)
+    where = _channels(kind, test.failed)
+    sentence = f"the {what} {verb} correlated in time{known} in {where}"
+    return assumption.fails(sentence, p, test.level, where=where)
+
+
+def _noise_white(tests: NoiseTests) -> Finding:
+    kinds = {
+        "forces of actuator": tests.force_noise_whiteness,
+        "lengths of strut": tests.length_noise_whiteness,
+    }
+    done = {kind: test for kind, test in kinds.items() if test is not None}
+    if not done:
+        return _NOISE_WHITE.untested("no two periods can be compared sample by sample")
+    p = min(_family_p(test.p_values) for test in done.values())
+    level = next(iter(done.values())).level
+    largest = max(float(np.max(np.abs(test.autocorrelation))) for test in done.values())
+    where = [_channels(kind, test.failed) for kind, test in done.items() if np.any(test.failed)]
+    if not where:
+        sentence = f"largest autocorrelation between periods {largest:.3f}"
+        return _NOISE_WHITE.holds(sentence, p, level)
+    listed = _listed(where)
+    sentence = f"the noise is correlated in time ({listed}; up to {largest:.2f})"
+    return _NOISE_WHITE.fails(sentence, p, level, where=listed)
+
+
+def _distribution(tests: NoiseTests) -> tuple[Finding, Finding]:
+    """Whether there are outliers, and whether the noise is normal."""
+    kinds = {"force": tests.force_normality, "length": tests.length_normality}
+    done = {kind: test for kind, test in kinds.items() if test is not None}
+    level = tests.force_normality.level
+    p = min(_family_p(test.outlier_p_values) for test in done.values())
+    outliers = {
+        f"{kind} {j + 1}": f"{test.outliers[j]}"
+        for kind, test in done.items()
+        for j in np.flatnonzero(test.with_outliers)
+    }
+    first = _NO_OUTLIERS.holds("no more samples are far off than in normal noise", p, level)
+    if outliers:
+        counts = ", ".join(f"{channel}: {count}" for channel, count in outliers.items())
+        sentence = f"more samples are far off than normal noise has ({counts})"
+        first = _NO_OUTLIERS.fails(sentence, p, level, where=", ".join(outliers))
+    p = min(_family_p(test.p_values) for test in done.values())
+    shapes = {
+        f"{kind} {j + 1}": f"skewness {test.skewness[j]:.2f}, excess kurtosis "
+        f"{test.kurtosis[j]:.2f}"
+        for kind, test in done.items()
+        for j in np.flatnonzero(test.failed)
+    }
+    if not shapes:
+        sentence = "skewness and kurtosis are those of normal noise"
+        return first, _NORMAL.holds(sentence, p, level)
+    numbers = "; ".join(f"{channel} ({shape})" for channel, shape in shapes.items())
+    sentence = f"the noise is not normal: {numbers}"
+    return first, _NORMAL.fails(sentence, p, level, where=", ".join(shapes))
+
+
+def _periods(tests: NoiseTests) -> Finding:
+    """Whether the means of the periods differ."""
+    force = tests.force_drift
+    if force.refused:
+        return _ALIKE.untested(force.refused)
+    changes, p = {}, 1.0
+    for kind, test, factor, unit in (
+        ("lengths of strut", tests.length_drift, 1e3, "mm"),
+        ("forces of actuator", force, 1.0, "N"),
+    ):
+        if test is None or test.refused:
+            continue
+        p = min(p, _family_p(test.p_values))
+        for j in np.flatnonzero(test.failed):
+            changes[f"{kind} {j + 1}"] = f"by {factor * test.extent[j]:.2g} {unit}"
+    if not changes:
+        return _ALIKE.holds("the means of the periods do not differ", p, force.level)
+    listed = ", ".join(f"{channel} {change}" for channel, change in changes.items())
+    return _ALIKE.fails(f"period means change: {listed}", p, force.level, where=", ".join(changes))
+
+
+def _family_p(p_values: Array) -> float:
+    """Return the smallest p of one family, corrected for its size."""
+    return float(min(1.0, len(p_values) * np.nanmin(p_values)))
+
+
+def _effect_p(effects: Sequence[Effect], kind: str) -> float:
+    """Return the smallest p of the effects of one kind: corrected for their family already."""
+    return float(np.exp(min(effect.log_p for effect in effects if effect.kind == kind)))
+
+
+def _channels(kind: str, flags: NDArray[np.bool_]) -> str:
+    """Return ``"struts 3 and 4"`` for the channels with these flags, (6,)."""
+    numbers = [str(j + 1) for j in np.flatnonzero(flags)]
+    return f"{kind}{'s' * (len(numbers) > 1)} {_listed(numbers)}"
+
+
+def _listed(words: Iterable[str]) -> str:
+    """Return ``"a, b and c"``."""
+    *first, last = words
+    return f"{', '.join(first)} and {last}" if first else last
