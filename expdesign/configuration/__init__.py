@@ -1,4 +1,9 @@
-"""Configuration: from YAML files to complete, validated descriptions in SI units."""
+"""Configuration: from YAML files to complete, validated descriptions in SI units.
+
+`document` reads YAML as plain data with lines, `section` validates it, `problem` says what is
+wrong. `values` are what may stand at a key, `sections` what may stand in a run file. `robot` and
+`run` are the two files; `loading` puts them together, `writing` writes the whole again.
+"""
 
 from expdesign.configuration.document import document_from_mapping
 from expdesign.configuration.limits import row_labels
@@ -17,7 +22,7 @@ from expdesign.configuration.robot import (
     RobotDescription,
     load_robot_description,
 )
-from expdesign.configuration.run import STAGES, ReportSection, RunConfiguration, RunDescription
+from expdesign.configuration.run import ReportSection, RunConfiguration, RunDescription
 from expdesign.configuration.section import validate
 from expdesign.configuration.sections.data import (
     CHANNELS,
@@ -57,7 +62,6 @@ __all__ = [
     "LENGTH",
     "LENGTH_CHANNELS",
     "OFFERS",
-    "STAGES",
     "STRUT_ONLY",
     "Cogging",
     "DataSection",

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from expdesign.configuration.document import Document, Placed, document_from_mapping, read_yaml
-from expdesign.configuration.finding import absolute, find_robot, find_run
+from expdesign.configuration.finding import absolute, find_file
 from expdesign.configuration.parameters import whose
 from expdesign.configuration.problem import InputError, Problem, nearest
 from expdesign.configuration.robot import (
@@ -24,6 +24,7 @@ from expdesign.configuration.run import RUN_FORMAT, RunConfiguration, RunDescrip
 from expdesign.configuration.section import Section, validate
 from expdesign.configuration.sections.data import DataSection
 from expdesign.configuration.sections.validation import ValidationMotion
+from expdesign.library import robot_files, run_files
 
 S = TypeVar("S", bound=Section)
 F = TypeVar("F", DataSection, ValidationMotion)
@@ -96,7 +97,7 @@ def _document(source: str | PathLike[str] | Mapping[str, Any] | RunDescription) 
         source = source.model_dump(by_alias=True, include=source.model_fields_set)
     if isinstance(source, Mapping):
         return document_from_mapping(source)
-    return read_yaml(find_run(source))
+    return read_yaml(find_file(source, "run", run_files()))
 
 
 def _robot_source(
@@ -109,7 +110,7 @@ def _robot_source(
     if not isinstance(named, str) or not named.strip():
         return None
     try:
-        path = find_robot(named, document.folder)
+        path = find_file(named, "robot", robot_files(), document.folder)
     except InputError as error:
         problems += (
             document.problem(("robot",), p.message, p.allowed, p.nearest) for p in error.problems

@@ -15,7 +15,7 @@ from constraints import Limit
 from constraints.arrays import Array
 from expdesign.configuration import geometry as geo
 from expdesign.configuration.document import Placed, read_yaml
-from expdesign.configuration.finding import find_robot
+from expdesign.configuration.finding import find_file
 from expdesign.configuration.limits import (
     Limits,
     limits_as_written,
@@ -35,6 +35,7 @@ from expdesign.configuration.section import Section, validate
 from expdesign.configuration.values.lists import Direction, Point, Pose, exactly, read_only
 from expdesign.configuration.values.quantity import Acceleration
 from expdesign.configuration.values.scalars import Name, Text, one_of
+from expdesign.library import robot_files
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.term import Term
 from expdesign.mechanism.terms import rigid_platform
@@ -148,7 +149,7 @@ def load_robot_description(name_or_path: str | PathLike[str]) -> ResolvedRobot:
         With everything that is wrong: the file, its keys and values, or a geometry that is
         singular at home.
     """
-    return resolve_robot(read_robot(find_robot(name_or_path)))
+    return resolve_robot(read_robot(find_file(name_or_path, "robot", robot_files())))
 
 
 def read_robot(path: Path) -> Placed[RobotDescription]:

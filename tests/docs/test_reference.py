@@ -14,7 +14,6 @@ from estimation.montecarlo.record import STATISTICS, repetition_table
 from estimation.twin import Twin
 from estimation.twin.record import TruthFile
 from expdesign.configuration import (
-    STAGES,
     DataSection,
     DesignSection,
     EstimateSection,
@@ -134,12 +133,6 @@ def test_keys_and_defaults_are_the_schemas(model, page, heading):
         name = next(n for n, i in model.model_fields.items() if i is info)
         given = model.model_validate(needed | {key: parse(codes(cell)[0])})
         assert getattr(given, name) == getattr(model.model_validate(needed), name), key
-
-
-def test_every_section_of_the_run_is_told_as_used_or_planned():
-    text = RUN_FILES.read_text(encoding="utf-8")
-    for stage in STAGES:
-        assert f"`{stage}`" in text
 
 
 def test_every_limit_has_its_row():
