@@ -99,9 +99,10 @@ def test_an_estimate_writes_what_the_contract_names(folder, expdesign):
         table[table.estimator == "ml"]["std"],
     )
     columns = json.loads((folder / "out" / "columns.json").read_text())
-    for file, described in columns.items():
+    for file in columns["formats"]:
         header = pd.read_csv(folder / "out" / file, nrows=1).columns
-        assert list(header) == [column["name"] for column in described]
+        told = [c["name"] for c in columns[file] if not c["name"].startswith("<")]
+        assert list(header)[: len(told)] == told
     manifest = json.loads((folder / "out" / "manifest.json").read_text())
     assert manifest["stages"]["estimate"]["status"] == "done"
 
