@@ -13,27 +13,18 @@ from expdesign.mechanism.hexapod import ACTUATORS
 
 @dataclass(frozen=True)
 class Geometry:
-    """Where the joints are. Lengths in m; strut by strut in rows.
-
-    Attributes
-    ----------
-    base_joints : (6, 3)
-        Cardan centres A, base frame.
-    platform_joints : (6, 3)
-        Joints b, platform frame (origin at the TCP).
-    cardan_frames : (6, 3, 3)
-        C of each strut, columns x (first cardan axis), y, z in the base frame.
-    platform_joint_axes : (6, 3)
-        Unit reference axes of the platform joints, platform frame.
-    gravity : (3,)
-        g in the base frame, m/s².
-    """
+    """Where the joints are. Lengths in m; strut by strut in rows."""
 
     base_joints: Array
+    """(6, 3), cardan centres A, base frame."""
     platform_joints: Array
+    """(6, 3), joints b, platform frame (origin at the TCP)."""
     cardan_frames: Array
+    """(6, 3, 3), C of each strut, columns x (first cardan axis), y, z in the base frame."""
     platform_joint_axes: Array
+    """(6, 3), unit reference axes of the platform joints, platform frame."""
     gravity: Array
+    """(3,), g in the base frame, m/s²."""
 
     def vector(self) -> Array:
         """Return all entries as one vector, in the order that `GeometrySymbols` reads."""

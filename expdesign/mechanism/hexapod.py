@@ -10,17 +10,7 @@ ACTUATORS = 6
 
 @dataclass(frozen=True)
 class Coordinate:
-    """One coordinate of the pose λ.
-
-    Attributes
-    ----------
-    name : str
-        As in files and messages.
-    unit : str
-        SI unit.
-    meaning : str
-        With its frame.
-    """
+    """One coordinate of the pose λ: its name in files and messages, SI unit, meaning."""
 
     name: str
     unit: str

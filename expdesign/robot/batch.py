@@ -37,7 +37,7 @@ class BatchFunction:
     ) -> None:
         # Row-major nonzeros: CasADi stores by columns, NumPy by rows.
         transposed = [output.T for output in outputs]
-        nonzeros = [_nonzeros(t) for t in transposed]
+        nonzeros = [t.nz[:] for t in transposed]
         self._function = ca.Function(name, [*varying, *fixed], nonzeros, {"cse": True})
         self._varying = len(varying)
         self._shapes = [output.shape for output in outputs]
@@ -88,12 +88,6 @@ class BatchFunction:
             buffer.set_res(k, value.data)  # type: ignore[call-arg]
         evaluate()
         return outputs
-
-
-def _nonzeros(expression: ca.SX) -> ca.SX:
-    rows, columns = expression.sparsity().get_triplet()
-    entries = [expression[row, column] for row, column in zip(rows, columns, strict=True)]
-    return ca.vertcat(*entries) if entries else ca.SX(0, 1)
 
 
 def _places(transposed: ca.SX) -> NDArray[np.intp]:

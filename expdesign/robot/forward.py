@@ -20,13 +20,7 @@ _HALVINGS = 30
 
 
 class ForwardKinematicsError(ArithmeticError):
-    """No pose was found that has the strut lengths asked for.
-
-    Attributes
-    ----------
-    samples : tuple of int
-        Rows that failed.
-    """
+    """No pose was found that has the strut lengths asked for, in the rows `samples`."""
 
     def __init__(self, samples: tuple[int, ...], residual: float) -> None:
         self.samples = samples

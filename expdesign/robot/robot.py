@@ -63,16 +63,10 @@ def _regressor_kernel(terms: tuple[Term, ...]) -> BatchFunction:
 
 @dataclass(frozen=True)
 class Robot:
-    """A 6-UPS hexapod: its geometry and nominal parameters beside the graph that all share.
-
-    Attributes
-    ----------
-    description : ResolvedRobot
-        Everything that its file says, in SI units.
-    geometry : Geometry
-    """
+    """A 6-UPS hexapod: its geometry and nominal parameters beside the graph that all share."""
 
     description: ResolvedRobot
+    """Everything that its file says, in SI units."""
     geometry: Geometry
 
     @classmethod
@@ -199,13 +193,7 @@ class Robot:
     def strut_motion(
         self, pose: ArrayLike, rate: ArrayLike, acceleration: ArrayLike
     ) -> StrutMotion:
-        """Return lengths, cardan angles and their rates of all struts.
-
-        Parameters
-        ----------
-        pose, rate, acceleration : (6,) or (N, 6)
-            λ, λ̇, λ̈: m, rad, s.
-        """
+        """Return the motion of all struts at λ, λ̇, λ̈, (6,) or (N, 6) each: m, rad, s."""
         state, single = _states(pose, rate, acceleration)
         values = _motion_kernel()(state, self.geometry_vector)
         return StrutMotion(*(value[0] if single else value for value in values))
