@@ -116,7 +116,7 @@ class RunDescription(Section):
         given = dict(data)
         for name, info in cls.model_fields.items():
             key = info.alias or name
-            if data.get(key, key) is None and isinstance(info.default, Section | tuple):
+            if key in data and data[key] is None and isinstance(info.default, Section | tuple):
                 given[key] = [] if info.default == () else {}
         if given.get("workers") is None and given.get("scheduler") is None:
             given["workers"] = _DEFAULT_WORKERS

@@ -50,17 +50,15 @@ def _problem(
 ) -> Problem:
     context = details.get("ctx", {})
     kind = details["type"]
-    *steps, last = details["loc"] or ("",)
-    # What stands last in the location of an unknown key is the user's, however it is spelt.
-    keep_last = kind == "extra_forbidden" or last not in ("", *_MARKS)
-    location = (*(s for s in steps if s not in _MARKS), *([last] if keep_last else []))
-    key = (*prefix, *location)
+    location = tuple(step for step in details["loc"] if step not in _MARKS)
     if kind == "extra_forbidden":
-        valid = sorted(keys(_model_at(model, location[:-1])))
-        name = location[-1]
-        return document.problem(
-            key, f"unknown key {shown(name)}", ", ".join(valid), nearest(name, valid)
-        )
+        # The last step is the user's key, however it is spelt.
+        *steps, name = details["loc"]
+        location = tuple(step for step in steps if step not in _MARKS)
+        valid = sorted(keys(_model_at(model, location)))
+        message, meant = f"unknown key {shown(name)}", nearest(name, valid)
+        return document.problem((*prefix, *location, name), message, ", ".join(valid), meant)
+    key = (*prefix, *location)
     if kind == "missing":
         return document.problem(key, f"the key '{location[-1]}' is missing")
     if kind in ("model_type", "model_attributes_type"):

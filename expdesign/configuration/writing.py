@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import textwrap
 from collections.abc import Iterator
@@ -13,15 +14,15 @@ _HEADER = """\
 # Resolved configuration: every value that is used, with the defaults. Values are in SI units
 # (m, s, kg, N, rad; frequencies in Hz). Loading this file gives the same configuration.
 """
-_UNNAMED = """\
-# What this run does not name, with the values that it would have:
-"""
-_USED_ALL_THE_SAME = """\
-# The design uses periods and sampling of the experiment all the same: for the predicted precision.
-"""
-_DESIGNS = """\
-# `expdesign run` designs, with the values of design below: it does so when no stage is named.
-"""
+_UNNAMED = "# What this run does not name, with the values that it would have:\n"
+_EXPERIMENT_IS_USED = (
+    "# The design uses periods and sampling of the experiment all the same: for the predicted "
+    "precision.\n"
+)
+_DESIGNS = (
+    "# `expdesign run` designs, with the values of design below: it does so when no stage is "
+    "named.\n"
+)
 _WIDTH = 96
 _PLAIN = re.compile(r"[A-Za-z][A-Za-z0-9_./-]*")
 _WORDS = re.compile(r"[^\s]+(?: [^\s]+)*")
@@ -35,14 +36,7 @@ def resolved_yaml(configuration: RunConfiguration) -> str:
     sections of stages that the run does not name are comments, so that loading the text names
     the same stages; so is that of data that no stage uses.
 
-    Parameters
-    ----------
-    configuration : RunConfiguration
-
-    Returns
-    -------
-    str
-        `load_run` of a file with this text gives an equal configuration, to the last bit.
+    `load_run` of a file with this text gives an equal configuration, to the last bit.
     """
     data = configuration.run.model_dump(by_alias=True)
     stages = configuration.stages
@@ -59,7 +53,7 @@ def resolved_yaml(configuration: RunConfiguration) -> str:
         parts += ["\n", _UNNAMED]
         designs = not stages or "design" in stages
         parts += [_DESIGNS] if not stages else []
-        parts += [_USED_ALL_THE_SAME] if designs and "experiment" in unnamed else []
+        parts += [_EXPERIMENT_IS_USED] if designs and "experiment" in unnamed else []
         for key in unnamed:
             parts += [f"# {line}" for line in _lines(key, data[key], 0)]
     return "".join(parts)
@@ -98,9 +92,7 @@ def _flow(value: Any) -> str:
         return "{" + ", ".join(f"{_text(k)}: {_flow(v)}" for k, v in value.items()) + "}"
     if isinstance(value, list | tuple):
         return "[" + ", ".join(_flow(item) for item in value) + "]"
-    if isinstance(value, bool) or value is None:
-        return {True: "true", False: "false", None: "null"}[value]
-    return _text(value) if isinstance(value, str) else repr(value)
+    return _text(value) if isinstance(value, str) else json.dumps(value)
 
 
 def _text(text: str) -> str:

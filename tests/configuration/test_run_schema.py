@@ -311,6 +311,15 @@ def test_all_problems_are_reported_at_once(run_mapping, problems_of):
     ]
 
 
+def test_every_parameter_with_a_wrong_value_is_reported(run_mapping, problems_of):
+    run_mapping["estimate"] = {
+        "bounds": {"p1": [2, 1], "q1": [0, 1], "r1": [0, "1 kg"], "r2": [0, 1]},
+        "fixed": {"p2": "x"},
+    }
+    keys = [p.key for p in problems_of(run_mapping)]
+    assert keys == [f"estimate.{k}" for k in ("fixed.p2", "bounds.p1", "bounds.q1", "bounds.r1")]
+
+
 def test_one_frequency_alone_is_shown_as_a_pair():
     with pytest.raises(ValidationError) as caught:
         _run(trajectory={"frequency": "0.5 Hz"})

@@ -89,23 +89,18 @@ class DataSection(Section):
     """Largest deviation from uniform time, as a share of a step."""
 
     @model_validator(mode="after")
-    def _marks_differ(self) -> DataSection:
+    def _keys_fit_each_other(self) -> DataSection:
         if self.delimiter == self.decimal:
-            raise refusal(
-                f"'{self.decimal}' is both delimiter and decimal mark",
-                "two different characters",
-                key="decimal",
-            )
-        return self
-
-    @model_validator(mode="after")
-    def _ends_after_its_start(self) -> DataSection:
+            message = f"'{self.decimal}' is both delimiter and decimal mark"
+            raise refusal(message, "two different characters", key="decimal")
         if self.end is not None and self.start is not None and self.end <= self.start:
-            raise refusal(
-                f"the end, {self.end:g} s, is not after the start, {self.start:g} s",
-                "data.end later than data.start",
-                key="end",
-            )
+            message = f"the end, {self.end:g} s, is not after the start, {self.start:g} s"
+            raise refusal(message, "data.end later than data.start", key="end")
+        for column in self.columns.values():
+            channels = [channel for channel, name in self.columns.items() if name == column]
+            if len(channels) > 1:
+                message = f"column {shown(column)} is both {' and '.join(channels)}"
+                raise refusal(message, "a column for each channel", key="columns")
         return self
 
     @model_validator(mode="after")
@@ -121,17 +116,4 @@ class DataSection(Section):
                     "force_constants: one value, or one for each actuator, in N/A",
                     key="units",
                 )
-        return self
-
-    @model_validator(mode="after")
-    def _columns_differ(self) -> DataSection:
-        seen: dict[str, str] = {}
-        for channel, column in self.columns.items():
-            if column in seen:
-                raise refusal(
-                    f"column {shown(column)} is both {seen[column]} and {channel}",
-                    "a column for each channel",
-                    key="columns",
-                )
-            seen[column] = channel
         return self
