@@ -13,19 +13,24 @@ from expdesign.export.formats import table_formats
 from expdesign.export.read_back import ReadBack, read_back
 from expdesign.export.readme import readme
 from expdesign.export.record import (
+    FOLDER,
     RECORD,
-    file_record,
-    motion_record,
-    read_record,
+    ExportsRecord,
+    FileEntry,
+    MotionEntry,
     record_of_one,
 )
 from expdesign.export.rows import TableError
 from expdesign.export.table_file import TableFile, find_table_file, read_table_file
 
 __all__ = [
+    "FOLDER",
     "RECORD",
     "Export",
     "ExportError",
+    "ExportsRecord",
+    "FileEntry",
+    "MotionEntry",
     "ReadBack",
     "Settings",
     "TableError",
@@ -34,11 +39,8 @@ __all__ = [
     "Task",
     "export_table",
     "file_name",
-    "file_record",
     "find_table_file",
-    "motion_record",
     "read_back",
-    "read_record",
     "read_table_file",
     "readme",
     "record_of_one",

@@ -2,111 +2,248 @@
 
 from __future__ import annotations
 
-import json
-from dataclasses import asdict
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, ClassVar
 
+from pydantic import Field
+
+from expdesign.configuration import InputError
 from expdesign.export.definition import Task
+from expdesign.export.deviation import InformationChange
 from expdesign.export.exporting import Export
 from expdesign.export.read_back import LIMIT_SHARE, LOG_DET_CHANGE, STD_SHARE, limits_in_words
 from expdesign.export.row_times import SHARE
-from expdesign.motion import motion_to_record
+from expdesign.mechanism.hexapod import COORDINATE_NAMES, numbered
+from expdesign.motion import RecordedMotion
+from expdesign.runfolder import JsonFile, OpenNumber, described
+from expdesign.runfolder.json_file import FORMAT
 
-RECORD = "exports.json"
+FOLDER, RECORD = "exports", "exports.json"
 
-_COORDINATES = ("x", "y", "z", "phi", "theta", "psi")
+_Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+
+
+@dataclass(frozen=True)
+class MotionEntry:
+    """The motion that all tables hold.
+
+    Attributes
+    ----------
+    window : (2,)
+        Beginning and end of the measurement window, s.
+    sampling : float
+        To record at, Hz.
+    home : (6,)
+        Pose, m and rad.
+    made_from : str
+        Hash of configuration, design and versions.
+    ways : RecordedMotion or None
+        None for ramps of another kind.
+    """
+
+    name: str
+    robot: str
+    units: str
+    duration: float
+    window: tuple[float, float]
+    periods: int
+    period: float
+    sampling: _Positive
+    controller_period: _Positive
+    home: tuple[float, ...]
+    made_from: str
+    ways: RecordedMotion | None
+
+    @classmethod
+    def of(cls, task: Task) -> MotionEntry:
+        """Return what is told of the motion of a task."""
+        first, last = task.motion.window
+        return cls(
+            name=task.name,
+            robot=task.robot.name,
+            units="SI and radians, unless stated",
+            duration=task.motion.duration,
+            window=(first, last),
+            periods=task.motion.periods,
+            period=task.motion.trajectory.period,
+            sampling=task.sampling,
+            controller_period=task.controller_period,
+            home=tuple(task.robot.home.tolist()),
+            made_from=task.made_from,
+            ways=RecordedMotion.of(task.motion),
+        )
+
+
+@dataclass(frozen=True)
+class AxisEntry:
+    """An axis of a table: what it moves, its unit, and where it stands at home."""
+
+    name: str
+    unit: str
+    moves: str
+    start: float
+
+
+@dataclass(frozen=True)
+class LimitEntry:
+    """The worst moment of a limit, the table executed; `violation` is a share of its range."""
+
+    value: OpenNumber
+    bound: OpenNumber
+    unit: str
+    row: str
+    time: OpenNumber
+    violation: OpenNumber
+    tolerance: float = LIMIT_SHARE
+    kept: bool | None = None
+
+
+@dataclass(frozen=True)
+class Tolerances:
+    """What a table was held against."""
+
+    position: float
+    acceleration_and_force_share: float = SHARE
+    limit_share: float = LIMIT_SHARE
+    log_det: float = LOG_DET_CHANGE
+    std_share: float = STD_SHARE
+
+
+@dataclass(frozen=True)
+class CheckEntry:
+    """What a table does when it is executed: largest deviations from the design, and limits.
+
+    Attributes
+    ----------
+    row_error : float
+        In half units of the last digit.
+    position_error, velocity_error : float
+        Of a strut, m and m/s.
+    acceleration_error_share, force_error_share : float
+        Of their limits' range; NaN without such a limit.
+    limits : dict of LimitEntry
+        By the limit's key.
+    """
+
+    points: int
+    row_error: float
+    position_error: float
+    velocity_error: float
+    acceleration_error_share: OpenNumber
+    force_error_share: OpenNumber
+    limits: dict[str, LimitEntry]
+    information: InformationChange | None
+    tolerances: Tolerances
+    # A record of an earlier version does not say it.
+    limits_in_words: str = "every limit kept within its tolerance"
+
+
+@dataclass(frozen=True)
+class FileEntry:
+    """A table: its axes, rows and options, how to run it, and what reading it back showed.
+
+    Attributes
+    ----------
+    options : dict
+        Of the export, as in the run file.
+    digits : int or None
+        After the decimal point; None: all of a double.
+    shortest_step, longest_step, duration : float
+        s.
+    """
+
+    sha256: str
+    format: str
+    title: str
+    guide: str
+    axes: tuple[AxisEntry, ...]
+    options: dict[str, Any]
+    digits: int | None
+    rows: int
+    shortest_step: float
+    longest_step: float
+    duration: float
+    interpolation: str
+    read_back: CheckEntry
+
+    @classmethod
+    def of(cls, export: Export) -> FileEntry:
+        """Return what is told of a file that was written and checked."""
+        settings, check = export.settings, export.check
+        form, axes, off = settings.form, settings.axes, check.deviation
+        moved = COORDINATE_NAMES if axes.space == "pose" else numbered("q")
+        step = f"{1e3 * check.longest:.6g} ms"
+        entries = zip(axes.names, axes.units, axes.source, settings.start, strict=True)
+        return cls(
+            sha256=export.digest,
+            format=form.name,
+            title=form.title,
+            guide=form.guide.format(axes=", ".join(axes.names), step=step, file=export.path.name),
+            axes=tuple(
+                AxisEntry(name, unit, moved[source], float(start))
+                for name, unit, source, start in entries
+            ),
+            options=settings.section.model_dump(exclude_none=True),
+            digits=settings.digits,
+            rows=check.rows,
+            shortest_step=check.shortest,
+            longest_step=check.longest,
+            duration=check.duration,
+            interpolation=form.interpolation.value,
+            read_back=CheckEntry(
+                points=check.points,
+                row_error=check.row_error,
+                position_error=off.position,
+                velocity_error=off.velocity,
+                acceleration_error_share=off.acceleration,
+                force_error_share=off.force,
+                limits={
+                    one.key: LimitEntry(
+                        one.value,
+                        one.bound,
+                        one.unit,
+                        one.row,
+                        one.time,
+                        one.violation,
+                        kept=one.kept,
+                    )
+                    for one in check.limits
+                },
+                information=check.information,
+                tolerances=Tolerances(settings.tolerance),
+                limits_in_words=limits_in_words(check.limits),
+            ),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class ExportsRecord(JsonFile):
+    """What the tables of a folder are."""
+
+    FILE: ClassVar[str] = f"{FOLDER}/{RECORD}"
+    WRITTEN_BY: ClassVar[str] = "`expdesign export`"
+    motion: Annotated[MotionEntry, described("", "the motion that all tables hold")]
+    files: Annotated[Mapping[str, FileEntry], described("", "the tables by their names")]
+
+    @classmethod
+    def known(cls, path: Path) -> ExportsRecord | None:
+        """Return what a file says; None when there is none, or none that can be used.
+
+        Raises
+        ------
+        InputError
+            It is of a newer format.
+        """
+        try:
+            return cls.read(path)
+        except InputError as error:
+            if any(problem.key == FORMAT for problem in error.problems):
+                raise
+            return None
 
 
 def record_of_one(path: Path) -> Path:
     """Return where the record of a table stands that is in a folder of the user's."""
     return path.with_name(f"{path.name}.json")
-
-
-def read_record(path: Path) -> dict[str, Any]:
-    """Return a record; empty when there is none, or none that can be used."""
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError):
-        return {}
-    parts = ("motion", "files")
-    known = isinstance(data, dict) and all(isinstance(data.get(part), dict) for part in parts)
-    return data if known else {}
-
-
-def motion_record(task: Task) -> dict[str, Any]:
-    """Return what the record says of the motion."""
-    first, last = task.motion.window
-    return {
-        "name": task.name,
-        "robot": task.robot.name,
-        "units": "SI and radians, unless stated",
-        "duration": task.motion.duration,
-        "window": [first, last],
-        "periods": task.motion.periods,
-        "period": task.motion.trajectory.period,
-        "sampling": task.sampling,
-        "controller_period": task.controller_period,
-        "home": task.robot.home.tolist(),
-        "made_from": task.made_from,
-        "ways": motion_to_record(task.motion),
-    }
-
-
-def file_record(export: Export) -> dict[str, Any]:
-    """Return what the record says of a file."""
-    settings, check = export.settings, export.check
-    form, axes = settings.form, settings.axes
-    moved = _COORDINATES if axes.space == "pose" else tuple(f"q{j}" for j in range(1, 7))
-    step = f"{1e3 * check.longest:.6g} ms"
-    guide = form.guide.format(axes=", ".join(axes.names), step=step, file=export.path.name)
-    off = check.deviation
-    return {
-        "sha256": export.digest,
-        "format": form.name,
-        "title": form.title,
-        "guide": guide,
-        "axes": [
-            {"name": name, "unit": unit, "moves": moved[source], "start": float(start)}
-            for name, unit, source, start in zip(
-                axes.names, axes.units, axes.source, settings.start, strict=True
-            )
-        ],
-        "options": settings.section.model_dump(exclude_none=True),
-        "digits": settings.digits,
-        "rows": check.rows,
-        "shortest_step": check.shortest,
-        "longest_step": check.longest,
-        "duration": check.duration,
-        "interpolation": form.interpolation.value,
-        "read_back": {
-            "points": check.points,
-            "row_error": check.row_error,
-            "position_error": off.position,
-            "velocity_error": off.velocity,
-            "acceleration_error_share": off.acceleration,
-            "force_error_share": off.force,
-            "limits": {
-                limit.key: {
-                    "value": limit.value,
-                    "bound": limit.bound,
-                    "unit": limit.unit,
-                    "row": limit.row,
-                    "time": limit.time,
-                    "violation": limit.violation,
-                    "tolerance": LIMIT_SHARE,
-                    "kept": limit.kept,
-                }
-                for limit in check.limits
-            },
-            "limits_in_words": limits_in_words(check.limits),
-            "information": None if check.information is None else asdict(check.information),
-            "tolerances": {
-                "position": settings.tolerance,
-                "acceleration_and_force_share": SHARE,
-                "limit_share": LIMIT_SHARE,
-                "log_det": LOG_DET_CHANGE,
-                "std_share": STD_SHARE,
-            },
-        },
-    }

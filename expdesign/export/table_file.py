@@ -4,19 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
-
-import numpy as np
 
 from expdesign.configuration import ExportSection, InputError, Problem
 from expdesign.export.definition import Settings, Task
 from expdesign.export.execution import ExecutedTable
 from expdesign.export.exporting import refuse_missing_library
-from expdesign.export.record import RECORD, read_record, record_of_one
+from expdesign.export.record import RECORD, ExportsRecord, FileEntry, record_of_one
 from expdesign.export.rows import TableError
 from expdesign.export.settling import settled
-from expdesign.motion import motion_from_record
 from expdesign.robot import Robot
+from expdesign.runfolder import MissingFileError
 from expdesign.runfolder.manifest import file_hash
 from expdesign.trajectory import FourierTrajectory
 
@@ -105,23 +102,25 @@ def find_table_file(path: Path, robot: Robot, trajectory: FourierTrajectory) -> 
         raise InputError(
             Problem("there is no such table", path, allowed="a file that `expdesign export` wrote")
         )
-    place, motion, about = _record(path)
-    changed = about["sha256"] != file_hash(path)
+    record, entry = _record(path)
+    motion, changed = record.motion, entry.sha256 != file_hash(path)
     try:
-        section = ExportSection.model_validate(about["options"])
-        name, ways = str(motion["name"]), motion["ways"]
-        period, sampling = (_positive(motion[key]) for key in ("controller_period", "sampling"))
-    except (KeyError, TypeError, ValueError, OverflowError) as error:
+        section = ExportSection.model_validate(entry.options)
+    except ValueError as error:
         raise InputError(
-            Problem("what it says of the table cannot be used", place, allowed=_AGAIN)
+            Problem("the options of its export cannot be used", path, allowed=_AGAIN)
         ) from error
     try:
-        found_motion = motion_from_record(ways, trajectory, robot.home)
+        if motion.ways is None:
+            raise ValueError("its ramps are not told")
+        found_motion = motion.ways.motion(trajectory, robot.home)
     except ValueError as error:
         raise InputError(
             Problem(f"its motion is not that of the design: {error}", path, allowed=_AGAIN)
         ) from error
-    task = Task(name, robot, found_motion, period, sampling, parameters=())
+    task = Task(
+        motion.name, robot, found_motion, motion.controller_period, motion.sampling, parameters=()
+    )
     refuse_missing_library(section)
     try:
         found = read_table_file(path, task, settled(section, task))
@@ -135,29 +134,28 @@ def find_table_file(path: Path, robot: Robot, trajectory: FourierTrajectory) -> 
     return replace(found, changed=changed)
 
 
-def _positive(value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise TypeError("no number")
-    number = float(value)
-    if not 0 < number < np.inf:
-        raise ValueError("no positive number")
-    return number
-
-
-def _record(path: Path) -> tuple[Path, dict[str, Any], dict[str, Any]]:
-    """Return where it is told what a table holds, what of its motion and what of the file.
+def _record(path: Path) -> tuple[ExportsRecord, FileEntry]:
+    """Return the record that tells what a table holds, and what it says of this file.
 
     A table may have been replaced after one of the records was written: the one with its digest
     is taken. Where none has it, the table was changed by hand, and the only record is taken.
     """
     places = (path.with_name(RECORD), record_of_one(path))
-    found: list[tuple[Path, dict[str, Any], dict[str, Any]]] = []
+    found: list[tuple[ExportsRecord, FileEntry]] = []
+    unreadable: list[Problem] = []
     for place in places:
-        data = read_record(place)
-        about = data.get("files", {}).get(path.name)
-        if isinstance(about, dict):
-            found.append((place, data["motion"], about))
+        try:
+            record = ExportsRecord.read(place)
+        except MissingFileError:
+            continue
+        except InputError as error:
+            unreadable += error.problems
+            continue
+        if path.name in record.files:
+            found.append((record, record.files[path.name]))
     if not found:
+        if unreadable:
+            raise InputError(unreadable)
         names = " nor ".join(place.name for place in places)
         raise InputError(
             Problem(
@@ -167,13 +165,8 @@ def _record(path: Path) -> tuple[Path, dict[str, Any], dict[str, Any]]:
                 allowed=_AGAIN,
             )
         )
-    for place, _, about in found:
-        if not isinstance(about.get("sha256"), str):
-            raise InputError(
-                Problem("it does not tell which file it is about", place, allowed=_AGAIN)
-            )
     digest = file_hash(path)
-    own = [record for record in found if record[2]["sha256"] == digest]
+    own = [(record, entry) for record, entry in found if entry.sha256 == digest]
     if not own and len(found) > 1:
         names = " and ".join(place.name for place in places)
         raise InputError(

@@ -4,14 +4,13 @@ from expdesign.motion.executable import ExecutableMotion, Segment
 from expdesign.motion.limits import check_motion
 from expdesign.motion.planning import executable_motion
 from expdesign.motion.ramp import NoRampError
-from expdesign.motion.record import motion_from_record, motion_to_record
+from expdesign.motion.record import RecordedMotion
 
 __all__ = [
     "ExecutableMotion",
     "NoRampError",
+    "RecordedMotion",
     "Segment",
     "check_motion",
     "executable_motion",
-    "motion_from_record",
-    "motion_to_record",
 ]

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from pydantic import Strict
 
 from constraints.arrays import Array
 from expdesign.mechanism.hexapod import COORDINATES
@@ -23,72 +24,85 @@ points into more speed.
 """
 
 
-def motion_to_record(motion: ExecutableMotion) -> dict[str, Any] | None:
-    """Return phase, periods and ramps with all digits; None for ramps of another kind."""
-    ramps = [segment for segment in motion.segments if segment.name != PERIODS]
-    recorded = [
-        {
-            "name": ramp.name,
-            "duration": ramp.duration,
-            "control_points": ramp.coefficients.tolist(),
-        }
-        for ramp in ramps
-        if isinstance(ramp, SplineRamp)
-    ]
-    if len(recorded) != len(ramps):
-        return None
-    return {"phase": motion.phase, "periods": motion.periods, "ramps": recorded}
+@dataclass(frozen=True)
+class RecordedRamp:
+    """A ramp as the control points of its quintic B-spline: m, rad, (N, 6)."""
+
+    name: str
+    duration: float
+    control_points: tuple[tuple[float, ...], ...]
+
+    def ramp(self) -> SplineRamp:
+        """Return the ramp.
+
+        Raises
+        ------
+        ValueError
+            It is none.
+        """
+        if {len(point) for point in self.control_points} != {COORDINATES}:
+            raise ValueError(f"control points with other than {COORDINATES} coordinates")
+        points = np.array(self.control_points)
+        if len(points) < _LEAST_POINTS:
+            raise ValueError(f"{len(points)} control points where {_LEAST_POINTS} are needed")
+        if not (np.all(np.isfinite(points)) and 0 < self.duration < np.inf):
+            raise ValueError("a ramp with numbers that are not finite")
+        if self.name == PERIODS:
+            raise ValueError(f"a ramp with the name '{PERIODS}'")
+        return SplineRamp(self.name, self.duration, points)
 
 
-def motion_from_record(
-    record: Mapping[str, Any], trajectory: FourierTrajectory, home: Array
-) -> ExecutableMotion:
-    """Return the motion of a record, the same to the last digit.
+@dataclass(frozen=True)
+class RecordedMotion:
+    """Phase on the orbit, s, number of periods, and the two ramps, with all digits."""
 
-    Parameters
-    ----------
-    record : dict
-        As `motion_to_record` makes it.
-    trajectory : FourierTrajectory
-        The designed motion that the periods repeat.
-    home : (6,)
-        Pose at which the motion begins and ends at rest: m, rad.
+    phase: float
+    periods: Annotated[int, Strict()]
+    ramps: tuple[RecordedRamp, RecordedRamp]
 
-    Raises
-    ------
-    ValueError
-        It is no such record, or its ramps do not lead from rest at home into this trajectory and
-        back.
-    """
-    try:
-        phase, periods = float(record["phase"]), record["periods"]
-        first, last = (_ramp(ramp) for ramp in record["ramps"])
-    except (KeyError, TypeError, OverflowError) as error:
-        raise ValueError(f"no ramps of a motion: {error}") from error
-    if not isinstance(periods, int) or isinstance(periods, bool):
-        raise ValueError("its number of periods is not whole")
-    if not (0 <= phase <= trajectory.period and 1 <= periods <= _MOST_PERIODS):
-        raise ValueError("no motion has its phase, or as many periods")
-    orbit, rest = MotionState.of(trajectory.sample(phase)), MotionState.at_rest(home)
-    if not (_meet(first, first.duration, orbit) and _meet(last, 0.0, orbit)):
-        raise ValueError("the ramps do not lead into the designed motion and back")
-    if not (_meet(first, 0.0, rest) and _meet(last, last.duration, rest)):
-        raise ValueError("the ramps do not begin and end at rest at home")
-    return ExecutableMotion(
-        (first, Periods(trajectory, periods, phase), last), trajectory, periods, phase
-    )
+    @classmethod
+    def of(cls, motion: ExecutableMotion) -> RecordedMotion | None:
+        """Return the record of a motion; None for ramps of another kind."""
+        ramps = [segment for segment in motion.segments if segment.name != PERIODS]
+        recorded = [
+            RecordedRamp(
+                ramp.name,
+                ramp.duration,
+                tuple(tuple(point) for point in ramp.coefficients.tolist()),
+            )
+            for ramp in ramps
+            if isinstance(ramp, SplineRamp)
+        ]
+        if len(recorded) != len(ramps):
+            return None
+        first, last = recorded
+        return cls(motion.phase, motion.periods, (first, last))
 
+    def motion(self, trajectory: FourierTrajectory, home: Array) -> ExecutableMotion:
+        """Return the motion, the same to the last digit.
 
-def _ramp(record: Mapping[str, Any]) -> SplineRamp:
-    duration, points = float(record["duration"]), np.array(record["control_points"], dtype=float)
-    if points.ndim != 2 or points.shape[1] != COORDINATES or len(points) < _LEAST_POINTS:  # noqa: PLR2004 - rows and columns
-        raise ValueError(f"control points of the shape {points.shape}, not (N, 6)")
-    if not (np.all(np.isfinite(points)) and 0 < duration < np.inf):
-        raise ValueError("a ramp with numbers that are not finite")
-    name = str(record["name"])
-    if name == PERIODS:
-        raise ValueError(f"a ramp with the name '{PERIODS}'")
-    return SplineRamp(name, duration, points)
+        Parameters
+        ----------
+        trajectory : FourierTrajectory
+            The designed motion that the periods repeat.
+        home : (6,)
+            Pose at which the motion begins and ends at rest: m, rad.
+
+        Raises
+        ------
+        ValueError
+            The ramps are none, or do not lead from rest at home into this trajectory and back.
+        """
+        if not (0 <= self.phase <= trajectory.period and 1 <= self.periods <= _MOST_PERIODS):
+            raise ValueError("no motion has its phase, or as many periods")
+        first, last = (recorded.ramp() for recorded in self.ramps)
+        orbit, rest = MotionState.of(trajectory.sample(self.phase)), MotionState.at_rest(home)
+        if not (_meet(first, first.duration, orbit) and _meet(last, 0.0, orbit)):
+            raise ValueError("the ramps do not lead into the designed motion and back")
+        if not (_meet(first, 0.0, rest) and _meet(last, last.duration, rest)):
+            raise ValueError("the ramps do not begin and end at rest at home")
+        periods = Periods(trajectory, self.periods, self.phase)
+        return ExecutableMotion((first, periods, last), trajectory, self.periods, self.phase)
 
 
 def _meet(ramp: SplineRamp, time: float, state: MotionState) -> bool:

@@ -104,7 +104,10 @@ class JsonFile:
 
     def write(self, folder: Path) -> Path:
         """Write the file into a run folder; NaN and ±inf become null."""
-        path = folder / self.FILE
+        return self.write_as(folder / self.FILE)
+
+    def write_as(self, path: Path) -> Path:
+        """Write it under another name, where there are several of them."""
         write_json(path, {FORMAT: self.FORMAT, **self.as_data()})
         return path
 

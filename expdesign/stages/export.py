@@ -2,25 +2,24 @@
 
 from __future__ import annotations
 
-import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from constraints.arrays import Array
 from expdesign.configuration import ExportSection, InputError, Problem, RunConfiguration
 from expdesign.experiment.design import judged_parameters
 from expdesign.export import (
+    FOLDER,
     RECORD,
     Export,
     ExportError,
+    ExportsRecord,
+    FileEntry,
+    MotionEntry,
     Task,
     export_table,
     file_name,
-    file_record,
-    motion_record,
-    read_record,
     readme,
     record_of_one,
     refuse_missing_library,
@@ -30,10 +29,9 @@ from expdesign.motion import (
     ExecutableMotion,
     NoRampError,
     executable_motion,
-    motion_from_record,
 )
 from expdesign.robot import robot_from
-from expdesign.runfolder.atomic import write_json, write_text
+from expdesign.runfolder.atomic import write_text
 from expdesign.runfolder.manifest import package_versions, text_hash
 from expdesign.stages.outcome import Outcome, StageFailed
 from expdesign.stages.progress import Progress, short
@@ -43,7 +41,7 @@ from expdesign.stages.workspace import Workspace, trajectory_text
 from expdesign.trajectory import FourierTrajectory
 
 NAME = "export"
-FOLDER, README = "exports", "README.txt"
+README = "README.txt"
 
 
 def perform(work: Workspace) -> Outcome:
@@ -64,7 +62,7 @@ def perform(work: Workspace) -> Outcome:
         refuse_missing_library(section, f"export[{number}]")
         refuse_taken_name(target / file_name(section), f"export[{number}].file")
     task = export_task(work)
-    before = read_record(target / RECORD)
+    before = ExportsRecord.known(target / RECORD)
     clear_outdated(NAME, work)
     own = {file_name(section) for section in sections}
     files = _described_files(before, target, task, own, work.progress)
@@ -75,7 +73,7 @@ def perform(work: Workspace) -> Outcome:
         made.append(export_checked(section, task, path, f"export[{number}]"))
         # After each: when the next one fails, this one is not without its description, and
         # `expdesign export` does not replace it by one with the options of an earlier run.
-        files[path.name] = file_record(made[-1])
+        files[path.name] = FileEntry.of(made[-1])
         described = _describe(target, task, files)
         keep_configuration(configuration, work.folder)
     return Outcome(
@@ -116,10 +114,10 @@ def export_one(section: ExportSection, work: Workspace, out: Path | None) -> Out
     task = export_task(work)
     made = export_checked(section, task, path, "")
     if in_folder:
-        before = read_record(target / RECORD)
+        before = ExportsRecord.known(target / RECORD)
         files = _described_files(before, target, task, {path.name}, work.progress)
         with added_to(work.folder, (target / RECORD, target / README)):
-            _describe(target, task, files | {path.name: file_record(made)})
+            _describe(target, task, files | {path.name: FileEntry.of(made)})
     else:
         _describe_beside(path, task, made)
     return Outcome(NAME, work.folder, [made], (path,), summary=_summary(task, [made]))
@@ -220,25 +218,25 @@ def _made_from(configuration: RunConfiguration, trajectory: FourierTrajectory) -
 
 
 def _known_motion(
-    record: Path, made_from: str, trajectory: FourierTrajectory, home: Array
+    path: Path, made_from: str, trajectory: FourierTrajectory, home: Array
 ) -> ExecutableMotion | None:
-    motion = read_record(record).get("motion", {})
-    if motion.get("made_from") != made_from or motion.get("ways") is None:
+    record = ExportsRecord.known(path)
+    if record is None or record.motion.made_from != made_from or record.motion.ways is None:
         return None
     try:
-        return motion_from_record(motion["ways"], trajectory, np.asarray(home))
+        return record.motion.ways.motion(trajectory, home)
     except ValueError:
         return None
 
 
 def _described_files(
-    before: dict[str, Any], folder: Path, task: Task, replaced: set[str], progress: Progress
-) -> dict[str, Any]:
+    before: ExportsRecord | None, folder: Path, task: Task, replaced: set[str], progress: Progress
+) -> dict[str, FileEntry]:
     """Return what is known of the tables of this motion in a folder; warn of those of another.
 
     Parameters
     ----------
-    before : dict
+    before : ExportsRecord or None
         What exports.json says, or said before outdated files were removed.
     folder : Path
     task : Task
@@ -246,12 +244,11 @@ def _described_files(
         Names of the tables that are about to be written: of these, nothing is warned.
     progress : Progress
     """
-    motion = motion_record(task)
-    present = {
-        name: about for name, about in before.get("files", {}).items() if (folder / name).is_file()
-    }
-    if before.get("motion") == json.loads(json.dumps(motion)):
-        return {name: about for name, about in present.items() if _is_complete(motion, name, about)}
+    if before is None:
+        return {}
+    present = {name: entry for name, entry in before.files.items() if (folder / name).is_file()}
+    if before.motion == MotionEntry.of(task):
+        return present
     if others := sorted(present.keys() - replaced):
         progress.warn(
             f"not of the motion that is exported now, and no longer in {README} and {RECORD}: "
@@ -260,9 +257,10 @@ def _described_files(
     return {}
 
 
-def _describe(folder: Path, task: Task, files: dict[str, Any]) -> tuple[Path, Path]:
+def _describe(folder: Path, task: Task, files: dict[str, FileEntry]) -> tuple[Path, Path]:
     """Write README.txt and exports.json of the tables of a folder."""
-    return _written(folder / RECORD, folder / README, motion_record(task), files)
+    record = ExportsRecord(MotionEntry.of(task), files)
+    return _written(record, folder / RECORD, folder / README)
 
 
 def _describe_beside(path: Path, task: Task, made: Export) -> None:
@@ -271,37 +269,27 @@ def _describe_beside(path: Path, task: Task, made: Export) -> None:
     Where the table has replaced one of another run's `exports/`, what is said there of the old
     one goes.
     """
-    guide = path.with_name(f"{path.name}.{README}")
-    _written(record_of_one(path), guide, motion_record(task), {path.name: file_record(made)})
-    shared = path.with_name(RECORD)
-    data = read_record(shared)
-    if data.get("files", {}).pop(path.name, None) is not None:
-        motion = data["motion"]
-        rest = {name: a for name, a in data["files"].items() if _is_complete(motion, name, a)}
+    record = ExportsRecord(MotionEntry.of(task), {path.name: FileEntry.of(made)})
+    _written(record, record_of_one(path), path.with_name(f"{path.name}.{README}"))
+    shared, guide = path.with_name(RECORD), path.with_name(README)
+    other = ExportsRecord.known(shared)
+    if other is not None and path.name in other.files:
+        rest = {name: entry for name, entry in other.files.items() if name != path.name}
         if rest:
-            _written(shared, path.with_name(README), motion, rest)
+            _written(replace(other, files=rest), shared, guide)
         else:
             shared.unlink()
-            path.with_name(README).unlink(missing_ok=True)
+            guide.unlink(missing_ok=True)
 
 
 def _summary(task: Task, made: list[Export]) -> dict[str, Any]:
-    motion = {key: value for key, value in motion_record(task).items() if key != "ways"}
-    return {"motion": motion, "files": {str(one.path): file_record(one) for one in made}}
+    record = ExportsRecord(MotionEntry.of(task), {str(one.path): FileEntry.of(one) for one in made})
+    data = record.as_data()
+    data["motion"].pop("ways")
+    return data
 
 
-def _written(
-    record: Path, guide: Path, motion: dict[str, Any], files: dict[str, Any]
-) -> tuple[Path, Path]:
-    write_json(record, {"motion": motion, "files": files})
-    write_text(guide, readme(motion, files))
-    return record, guide
-
-
-def _is_complete(motion: dict[str, Any], name: str, about: Any) -> bool:
-    """Tell whether an entry of a record, which may have been changed by hand, is complete."""
-    try:
-        readme(motion, {name: about})
-    except (KeyError, TypeError, ValueError, AttributeError):
-        return False
-    return True
+def _written(record: ExportsRecord, path: Path, guide: Path) -> tuple[Path, Path]:
+    record.write_as(path)
+    write_text(guide, readme(record))
+    return path, guide

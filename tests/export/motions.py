@@ -6,9 +6,10 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
+from pydantic import TypeAdapter
 
 from expdesign.export.definition import Task
-from expdesign.motion import ExecutableMotion, motion_from_record
+from expdesign.motion import ExecutableMotion, RecordedMotion
 from expdesign.motion.executable import Periods as RealPeriods
 from expdesign.motion.spline import MotionState, SplineRamp, end_coefficients, reversed_in_time
 from expdesign.robot import LimitModel, load_robot
@@ -68,6 +69,11 @@ class Periods:
         return self.trajectory.sample(times)
 
 
+def recorded(data):
+    """Return the type of what a record says in plain data."""
+    return TypeAdapter(RecordedMotion).validate_python(data)
+
+
 def motion_of(robot, trajectory, periods=PERIODS):
     return ExecutableMotion(
         (
@@ -94,7 +100,7 @@ def task(name="palida", harmonics=5):
     if (name, harmonics) == DESIGNED:
         trajectory = TrajectoryFile.read(REFERENCE).trajectory
         ways = json.loads(REFERENCE.read_text(encoding="utf-8"))["ways"]
-        return _task(robot, motion_from_record(ways, trajectory, robot.home))
+        return _task(robot, recorded(ways).motion(trajectory, robot.home))
     model = LimitModel.of(robot)
     frequency = FREQUENCY[name, harmonics]
     low, high = 0.0, 4.0

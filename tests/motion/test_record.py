@@ -1,24 +1,33 @@
 """A motion as data: what was found once is the same when it is read again."""
 
 import json
+from dataclasses import asdict
 
 import numpy as np
 import pytest
 
 from expdesign.configuration import load_run
-from expdesign.motion import ExecutableMotion, check_motion, motion_from_record, motion_to_record
+from expdesign.motion import ExecutableMotion, RecordedMotion, check_motion
 from expdesign.motion.executable import Periods
 from expdesign.motion.planning import PIECES
 from expdesign.motion.spline import MotionState, SplineRamp, end_coefficients, reversed_in_time
 from tests.estimation.cases import ROBOT, trajectory
-from tests.export.motions import DESIGNED, motion_of, spline_motion_of, task
+from tests.export.motions import DESIGNED, motion_of, recorded, spline_motion_of, task
+
+
+def record_of(motion):
+    """Return what a file says of a motion."""
+    found = RecordedMotion.of(motion)
+    return found and json.loads(json.dumps(asdict(found)))
+
+
+def recorded_motion(data, orbit, home):
+    return recorded(data).motion(orbit, home)
 
 
 def test_it_is_the_same_motion_to_the_last_digit():
     motion = spline_motion_of(ROBOT, trajectory(), 3, phase=0.2)
-    again = motion_from_record(
-        json.loads(json.dumps(motion_to_record(motion))), trajectory(), ROBOT.home
-    )
+    again = recorded_motion(record_of(motion), trajectory(), ROBOT.home)
     assert again.window == motion.window
     assert [s.name for s in again.segments] == ["ramp in", "periods", "ramp out"]
     times = np.linspace(-0.1, motion.duration + 0.1, 700)
@@ -30,13 +39,13 @@ def test_it_is_the_same_motion_to_the_last_digit():
 
 
 def test_ramps_of_another_kind_are_not_recorded():
-    assert motion_to_record(motion_of(ROBOT, trajectory())) is None
+    assert record_of(motion_of(ROBOT, trajectory())) is None
 
 
 def test_ramps_into_another_design_are_refused():
-    record = motion_to_record(spline_motion_of(ROBOT, trajectory()))
+    record = record_of(spline_motion_of(ROBOT, trajectory()))
     with pytest.raises(ValueError, match="do not lead into the designed motion"):
-        motion_from_record(record, trajectory(seed=7), ROBOT.home)
+        recorded_motion(record, trajectory(seed=7), ROBOT.home)
 
 
 @pytest.mark.parametrize(
@@ -62,28 +71,28 @@ def test_ramps_into_another_design_are_refused():
     ],
 )
 def test_what_is_no_record(change):
-    record = json.loads(json.dumps(motion_to_record(spline_motion_of(ROBOT, trajectory()))))
+    record = record_of(spline_motion_of(ROBOT, trajectory()))
     change(record)
     with pytest.raises(ValueError, match=r"."):
-        motion_from_record(record, trajectory(), ROBOT.home)
+        recorded_motion(record, trajectory(), ROBOT.home)
 
 
 @pytest.mark.parametrize("point", range(6))
 @pytest.mark.parametrize("ramp", [0, 1])
 def test_every_control_point_at_an_end_counts(ramp, point):
     """Three at each end are pose, rate and acceleration there: of the orbit, or at rest at home."""
-    record = json.loads(json.dumps(motion_to_record(spline_motion_of(ROBOT, trajectory()))))
+    record = record_of(spline_motion_of(ROBOT, trajectory()))
     at_home = (point < 3) == (ramp == 0)
     record["ramps"][ramp]["control_points"][point][2] += 1e-6
     expected = "begin and end at rest at home" if at_home else "lead into the designed motion"
     with pytest.raises(ValueError, match=expected):
-        motion_from_record(record, trajectory(), ROBOT.home)
+        recorded_motion(record, trajectory(), ROBOT.home)
 
 
 def test_ramps_from_another_home_are_refused():
-    record = motion_to_record(spline_motion_of(ROBOT, trajectory()))
+    record = record_of(spline_motion_of(ROBOT, trajectory()))
     with pytest.raises(ValueError, match="at rest at home"):
-        motion_from_record(record, trajectory(), ROBOT.home + 1e-6)
+        recorded_motion(record, trajectory(), ROBOT.home + 1e-6)
 
 
 @pytest.mark.parametrize("duration", [0.003, 0.05, 3.0, 40.0])
@@ -99,8 +108,8 @@ def test_long_and_short_ramps_are_taken_again(duration):
         points = np.concatenate([first, between, last[::-1]])
         ramps.append(SplineRamp(name, duration, points))
     motion = ExecutableMotion((ramps[0], Periods(orbit, 1), ramps[1]), orbit, 1)
-    record = json.loads(json.dumps(motion_to_record(motion)))
-    assert motion_from_record(record, orbit, ROBOT.home).duration == motion.duration
+    record = record_of(motion)
+    assert recorded_motion(record, orbit, ROBOT.home).duration == motion.duration
 
 
 def test_the_motion_of_a_real_design_keeps_every_limit():

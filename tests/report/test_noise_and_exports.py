@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 
 from expdesign.configuration import ExportSection, InputError
-from expdesign.export import export_table
+from expdesign.export import ExportsRecord, FileEntry, MotionEntry, export_table
 from expdesign.export.readme import readme
-from expdesign.export.record import file_record, motion_record
-from expdesign.runfolder.atomic import write_json, write_text
+from expdesign.runfolder.atomic import write_text
 from expdesign.stages.report import reported_stages
 from results.report.folder import RunFolder
 from results.report.run_report import run_page, write_report
@@ -68,10 +67,10 @@ def exported(tmp_path_factory):
     made = {}
     for name in ("xps-pvt.trj", "pvt-csv.csv"):
         options = ExportSection(format=name.partition(".")[0])
-        made[name] = file_record(export_table(options, task(), place / name))
-    motion = motion_record(task())
-    write_json(place / "exports.json", {"motion": motion, "files": made})
-    write_text(place / "README.txt", readme(motion, made))
+        made[name] = FileEntry.of(export_table(options, task(), place / name))
+    record = ExportsRecord(MotionEntry.of(task()), made)
+    record.write_as(place / "exports.json")
+    write_text(place / "README.txt", readme(record))
     return place
 
 

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from constraints import limit_definitions
+from expdesign.export import ExportsRecord, FileEntry
+from expdesign.export.record import CheckEntry
 from expdesign.runfolder.manifest import file_hash
-from results.reading.document import Document
 from results.report.content import (
     Block,
     Fact,
@@ -23,17 +26,17 @@ from results.report.table import Column, ReportTable, Value
 
 def export_report(folder: RunFolder) -> StageReport:
     """Return what is to be said of the controller tables in a folder."""
-    document = folder.document("export")
-    motion, files = document.section("motion"), dict(document.section("files").items())
+    record = ExportsRecord.read(folder.path)
+    motion, files = record.motion, record.files
     place = folder.stage_file("export").parent
     missing = [name for name in files if not (place / name).is_file()]
     changed = [
         name
         for name, entry in files.items()
-        if name not in missing and file_hash(place / name) != entry.text("sha256")
+        if name not in missing and file_hash(place / name) != entry.sha256
     ]
-    begin, end = (float(value) for value in motion.array("window", (2,)))
-    duration = f"{readable(motion.number('duration'))} s"
+    begin, end = motion.window
+    duration = f"{readable(motion.duration)} s"
     sentence = (
         f"{counted(len(files), 'table')} of a motion of {duration} from rest to rest. Each was "
         "read again, executed as its controller would, and kept every limit and tolerance."
@@ -56,9 +59,9 @@ def export_report(folder: RunFolder) -> StageReport:
             Fact(
                 "measurement window",
                 f"{begin:.6g} to {end:.6g} s",
-                f"{motion.integer('periods')} periods of {readable(motion.number('period'))} s",
+                f"{motion.periods} periods of {readable(motion.period)} s",
             ),
-            Fact("record at", f"{readable(motion.number('sampling'))} Hz"),
+            Fact("record at", f"{readable(motion.sampling)} Hz"),
         )
     )
     blocks: list[Block] = [
@@ -74,16 +77,16 @@ def export_report(folder: RunFolder) -> StageReport:
     return StageReport(verdict, (), (Section("export", "Controller tables", tuple(blocks)),))
 
 
-def _files_table(files: dict[str, Document]) -> ReportTable:
+def _files_table(files: Mapping[str, FileEntry]) -> ReportTable:
     rows: list[tuple[Value, ...]] = [
         (
             name,
-            entry.text("title"),
-            entry.integer("rows"),
-            1e3 * entry.number("shortest_step"),
-            1e3 * entry.number("longest_step"),
-            entry.text("interpolation"),
-            entry.optional("digits"),
+            entry.title,
+            entry.rows,
+            1e3 * entry.shortest_step,
+            1e3 * entry.longest_step,
+            entry.interpolation,
+            entry.digits,
         )
         for name, entry in files.items()
     ]
@@ -99,30 +102,22 @@ def _files_table(files: dict[str, Document]) -> ReportTable:
     return ReportTable.of("exports", "Files in exports/", columns, rows)
 
 
-def _read_back_table(files: dict[str, Document]) -> ReportTable:
+def _read_back_table(files: Mapping[str, FileEntry]) -> ReportTable:
     rows: list[tuple[Value, ...]] = []
     for name, entry in files.items():
-        found = entry.section("read_back")
-        tolerance = found.section("tolerances").number("position")
-        tightest, share = _tightest(found)
-        cells: tuple[Value, ...] = (None, None, "–")
-        if "information" in found:
-            change = found.section("information")
-            cells = (
-                change.number("log_det_change"),
-                100 * change.number("std_change"),
-                change.text("parameter"),
-            )
+        found, change = entry.read_back, entry.read_back.information
         rows.append(
             (
                 name,
-                1e6 * found.number("position_error"),
-                1e6 * tolerance,
-                1e3 * found.number("velocity_error"),
-                _percent(found, "acceleration_error_share"),
-                _percent(found, "force_error_share"),
-                "–" if share is None else f"{tightest}, {percent(share, 4)}",
-                *cells,
+                1e6 * found.position_error,
+                1e6 * found.tolerances.position,
+                1e3 * found.velocity_error,
+                100 * found.acceleration_error_share,
+                100 * found.force_error_share,
+                _tightest(found),
+                None if change is None else change.log_det_change,
+                None if change is None else 100 * change.std_change,
+                "–" if change is None else change.parameter,
             )
         )
     columns = (
@@ -146,38 +141,27 @@ def _read_back_table(files: dict[str, Document]) -> ReportTable:
     return ReportTable.of("read_back", caption, columns, rows)
 
 
-def _percent(found: Document, key: str) -> float | None:
-    value = found.number_or_none(key)
-    return None if value is None else 100 * value
-
-
-def _tightest(found: Document) -> tuple[str, float | None]:
-    """Return the title of the limit that is used most, and its share, 1 at the bound."""
+def _tightest(found: CheckEntry) -> str:
+    """Return the limit that is used most, and its share, 100 % at the bound."""
     definitions = limit_definitions()
     shares = {
         definitions[key].title: definitions[key].share_used(
-            entry.number("value"), entry.number("bound"), entry.number("violation")
+            entry.value, entry.bound, entry.violation
         )
-        for key, entry in found.section("limits").items()
+        for key, entry in found.limits.items()
         if key in definitions
     }
     if not shares:
-        return "", None
+        return "–"
     title = max(shares, key=lambda name: shares[name])
-    return title, shares[title]
+    return f"{title}, {percent(shares[title], 4)}"
 
 
-def _axes_table(files: dict[str, Document]) -> ReportTable:
+def _axes_table(files: Mapping[str, FileEntry]) -> ReportTable:
     rows = [
-        (
-            name,
-            axis.text("name"),
-            axis.text("moves"),
-            axis.text("unit"),
-            axis.number("start"),
-        )
+        (name, axis.name, axis.moves, axis.unit, axis.start)
         for name, entry in files.items()
-        for axis in entry.sections("axes")
+        for axis in entry.axes
     ]
     columns = (
         Column("file", kind="text"),
