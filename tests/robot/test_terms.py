@@ -7,6 +7,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from estimation.identification import estimate
 from estimation.measurement_model.prediction import force_kernel
 from expdesign.configuration import InputError, load_robot_description, load_run, resolved_yaml
 from expdesign.mechanism import catalogue
@@ -23,6 +24,7 @@ from expdesign.mechanism.term import (
 )
 from expdesign.robot import robot_from
 from expdesign.robot.batch import BatchFunction
+from tests.estimation.cases import measured, trajectory
 
 OFFSETS = dict(zip(("o1", "o2", "o3", "o4", "o5", "o6"), (8, -5, 12, -9, 4, 6), strict=True))
 
@@ -160,6 +162,18 @@ def test_offsets_are_added_to_the_forces(palida):
         rtol=0,
         atol=1e-10,
     )
+
+
+def test_a_model_without_any_sign_is_estimated(palida):
+    offsets = ["struts", "rigid_platform", "force_offset"]
+    parameters = {k: v for k, v in palida["parameters"].items() if k[0] == "p"} | OFFSETS
+    mapping = {**palida, "terms": offsets, "parameters": parameters}
+    run = load_run({"name": "n", "robot": mapping, "estimate": {"estimators": ["gm", "ml"]}})
+    robot = robot_from(run.robot)
+    found = estimate(run, measured(trajectory(), robot=robot))
+    for estimator in ("gm", "ml"):
+        one = found.estimates[estimator]
+        assert np.max(np.abs(one.values - robot.parameters) / one.std) < 5
 
 
 # --- terms to come --------------------------------------------------------------------------------
