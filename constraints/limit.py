@@ -19,7 +19,6 @@ class Limit:
 
     Attributes
     ----------
-    definition : LimitDefinition
     lower, upper : (k,)
         Bounds on the natural expression, SI; ±inf where a row is not bounded on that side.
     labels : tuple of str

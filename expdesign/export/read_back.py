@@ -56,7 +56,6 @@ class ReadBack:
     row_error : float
         Largest difference between a value in the file and the design at the time that the file
         states, in half units of the last digit (of a rounding error, where all are written).
-    deviation : Deviation
     limits : tuple of LimitCheck
         The worst moment of each limit.
     information : InformationChange or None
@@ -87,7 +86,6 @@ def read_back(path: Path, task: Task, settings: Settings) -> ReadBack:
 
     Parameters
     ----------
-    path : Path
     task : Task
         The design.
     settings : Settings

@@ -124,12 +124,7 @@ class ScaledInformation:
 
 
 class SingularInformationError(ArithmeticError):
-    """F is numerically singular: some combinations of parameters are not excited.
-
-    Attributes
-    ----------
-    directions : tuple of WeakDirection
-    """
+    """F is numerically singular: some combinations of parameters are not excited."""
 
     def __init__(self, directions: tuple[WeakDirection, ...]) -> None:
         self.directions = directions

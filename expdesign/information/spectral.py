@@ -62,7 +62,6 @@ class SpectralCost:
 
     Attributes
     ----------
-    value : float
     basis : (m, m)
         Eigenvectors of F, columns.
     slope : (m,)

@@ -23,7 +23,6 @@ class Periods:
 
     Attributes
     ----------
-    trajectory : FourierTrajectory
     periods : int
         M.
     phase : float
@@ -101,7 +100,6 @@ class ExecutableMotion:
 
     Attributes
     ----------
-    segments : tuple of Segment
     trajectory : FourierTrajectory
         The designed motion that the periods repeat.
     periods : int

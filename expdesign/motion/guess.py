@@ -25,7 +25,6 @@ def guesses(problem: RampProblem, orbit: Motion, period: float, width: float) ->
 
     Parameters
     ----------
-    problem : RampProblem
     orbit : Motion
         The periodic motion on the ramp's own time axis, which begins (ramp in: ends) at 0.
     period : float

@@ -38,7 +38,6 @@ def moving_states(segment: Segment, times: Array) -> Array:
 
     Parameters
     ----------
-    segment : Segment
     times : (N,)
         s from its start.
     """
@@ -94,11 +93,6 @@ def check_motion(configuration: RunConfiguration, motion: ExecutableMotion) -> R
     Every segment has a grid of its own of at least 4000 points, both ends included; of the
     periods, which repeat, the first is looked at. The worst moment of each limit is searched
     between the points as for a design.
-
-    Parameters
-    ----------
-    configuration : RunConfiguration
-    motion : ExecutableMotion
 
     Returns
     -------

@@ -86,7 +86,6 @@ class RampAttempt:
         Worst excess of the smoothed rows as a share of their range.
     limit : str
         Key of the limit that this is.
-    iterations : int
     """
 
     x: Array
@@ -108,8 +107,6 @@ def shortest(
 
     Parameters
     ----------
-    problem : RampProblem
-    guess : SplineRamp
     width : float
         Smoothing of dry friction, m/s.
     points : int
@@ -159,7 +156,6 @@ def find_ramp(
 
     Parameters
     ----------
-    problem : RampProblem
     guesses : sequence of SplineRamp
         Where to start from, in this order; those of almost the same duration count once.
     name : str

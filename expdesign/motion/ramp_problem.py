@@ -34,7 +34,6 @@ class RampProblem:
     ----------
     limits : LimitModel
         With the one on the struts' jerk: states have the pose's third derivative.
-    start, end : MotionState
     intervals : int
         Polynomial pieces.
     scale : (6,)

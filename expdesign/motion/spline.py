@@ -93,7 +93,6 @@ class SplineRamp:
 
     Attributes
     ----------
-    name : str
     duration : float
         s.
     coefficients : (N, 6)

@@ -43,17 +43,14 @@ class InformationCost:
 
     Attributes
     ----------
-    kernels : RegressorKernels
     machine : (g,)
         Geometry and constants, the graph's input.
-    variables : DesignVariables
     covariance : (6, 6)
         Full Σ of the force noise, N².
     columns : (k,) of int
         Parameters that the criterion judges.
     scaling : (k,)
         Every column of A is multiplied by it.
-    criterion : Criterion
     samples : int
         Samples of one period.
     """

@@ -174,7 +174,6 @@ def build_problem(
         Samples of one period over which F is summed.
     covariance : (6, 6)
         Σ, N².
-    criterion : Criterion
     scaling : (m,)
         Scale of every parameter: column k of A is multiplied by it.
     names : tuple of str

@@ -28,8 +28,6 @@ class LimitedProgram:
 
     Parameters
     ----------
-    limits : LimitModel
-    path : Path
     points
         K points of the path.
     mask : (K, R) of bool

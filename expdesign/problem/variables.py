@@ -31,7 +31,6 @@ class DesignVariables:
 
     Attributes
     ----------
-    harmonics : int
     scale : (6,)
         What counts as one in each coordinate: m, rad.
     center : (6,)

@@ -26,10 +26,8 @@ class Judge:
 
     Attributes
     ----------
-    robot : Robot
     covariance : (6, 6)
         Full Σ of the force noise, N².
-    criterion : Criterion
     scaling : (m,)
         Scale of every parameter (1 for SI).
     names : tuple of str

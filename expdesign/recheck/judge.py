@@ -48,7 +48,6 @@ def judge(
 
     Parameters
     ----------
-    limits : LimitModel
     times : (N,)
         s; equidistant where `between` is given. Of a periodic motion one period without its end;
         otherwise with both ends, and nothing beyond them is looked at.
@@ -58,7 +57,6 @@ def judge(
     between : callable, optional
         Returns the states at other times: every moment that could be a limit's worst is then
         searched again on ever finer grids around it. Without it only `times` are judged.
-    periodic : bool
     """
     values = limits.values(states)
     violations = limits.excess(values)
@@ -171,7 +169,6 @@ class Recheck:
 
     Attributes
     ----------
-    limits : tuple of LimitCheck
     points : int
         Points of the grid.
     span : str

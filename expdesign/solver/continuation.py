@@ -48,7 +48,6 @@ def continuation_stages(
 
     Parameters
     ----------
-    problem : DesignProblem
     widths : sequence of float
         Decreasing smoothing widths of dry friction, m/s.
     iterations : int

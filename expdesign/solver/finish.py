@@ -38,8 +38,6 @@ class Finished:
 
     Attributes
     ----------
-    trajectory : FourierTrajectory
-    check : Recheck
     shrink : float
         Factor by which the motion was shrunk in the end; 1: not at all.
     record : StageRecord or None
@@ -189,7 +187,6 @@ class Shrunk:
 
     Attributes
     ----------
-    trajectory : FourierTrajectory
     factor : float
         1: not at all.
     kept : bool
@@ -208,8 +205,6 @@ def shrink_to_limits(
 
     Parameters
     ----------
-    problem : DesignProblem
-    trajectory : FourierTrajectory
     margin : float
         Share of each limit's range that is kept free.
     """

@@ -34,8 +34,6 @@ def random_start(
 
     Parameters
     ----------
-    problem : DesignProblem
-    rng : numpy Generator
     points : int
         Points of one period at which the limits are tested.
     width : float
@@ -101,10 +99,8 @@ def perturbed(
 
     Parameters
     ----------
-    problem : DesignProblem
     origin : (z,)
         Scaled variables.
-    rng : numpy Generator
     width : float
         Smoothing of dry friction, m/s.
     """

@@ -61,17 +61,14 @@ class IpoptResult:
     ----------
     x : (z,)
         Last iterate.
-    objective : float
     multipliers : (r,)
         Lagrange multipliers of the rows; positive at the upper bound.
     status : str
         Ipopt's return status, e.g. ``"Solve_Succeeded"``.
     converged : bool
         True for ``Solve_Succeeded`` and ``Solved_To_Acceptable_Level``.
-    iterations : int
     evaluations : mapping
         Number of calls of f, g, their derivatives and the Hessian.
-    seconds : float
     """
 
     x: Array
@@ -177,7 +174,6 @@ def solve_with_ipopt(
 
     Parameters
     ----------
-    program : NonlinearProgram
     start : (z,)
         Initial variables.
     options : mapping

@@ -35,7 +35,6 @@ class SearchPlan:
     ----------
     starts, hops : int
         Random starts, and hops after them (0: none).
-    seed : int
     widths : tuple of float
         Smoothing widths of dry friction, m/s, falling.
     iterations : int

@@ -20,7 +20,6 @@ class Candidate:
     ----------
     merit : float
         The judged criterion, larger is better.
-    finished : Finished
     start : StartResult
         The start or hop that was finished.
     lineage : int

@@ -42,7 +42,6 @@ class SearchResult:
         What the finished ones were worth, by their index.
     interrupted : bool
         True when the search was asked to stop before its end.
-    seconds : float
     """
 
     finished: Finished
@@ -74,7 +73,6 @@ def search(build: Build, plan: SearchPlan, monitor: Monitor) -> SearchResult:
     ----------
     build : callable
         Picklable; builds problem and judge in each worker process.
-    plan : SearchPlan
     monitor : Monitor
         Gets every iteration; its request to stop ends the search with the best so far.
 

@@ -38,9 +38,6 @@ class StartResult:
         How the last stage ended, in words.
     converged : bool
         True when the last stage converged.
-    stages : tuple of StageRecord
-    trace : tuple of TracePoint
-    seconds : float
     """
 
     index: int

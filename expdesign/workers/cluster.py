@@ -37,7 +37,6 @@ def cluster_jobs(
         ``tcp://host:port``.
     build : callable
         Picklable; builds what every job gets as its first argument, once per process.
-    jobs : sequence of Job
     stop_requested : callable
         Asked after every job; those under way are then given up.
 

@@ -39,7 +39,6 @@ def run_jobs(
     ----------
     build : callable
         Picklable; builds what every job gets as its first argument, once per process.
-    jobs : sequence of Job
     workers : int
         1: everything runs in this process.
     monitor : Monitor
