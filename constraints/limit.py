@@ -6,11 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-import casadi as ca
 import numpy as np
 
 from constraints.arrays import Array
-from constraints.definition import LimitDefinition, Quantities
+from constraints.definition import LimitDefinition
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,16 +59,8 @@ class Limit:
         one = np.where(np.isfinite(one) & (one > 0), one, 1.0)
         return np.where(both & (width > 0), width, one)
 
-    def natural(self, quantities: Quantities) -> ca.SX:
-        """Return the rows as the user reads them."""
-        return ca.densify(self.definition.natural(quantities))
-
-    def smooth(self, quantities: Quantities) -> ca.SX:
-        """Return the rows in the form that an optimiser can differentiate."""
-        return self.definition.rows(quantities)
-
     def smooth_bounds(self, margin: Array | float = 0.0) -> tuple[Array, Array]:
-        """Return lower and upper bounds on `smooth`.
+        """Return lower and upper bounds on the rows in their smooth form.
 
         Parameters
         ----------

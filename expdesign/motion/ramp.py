@@ -14,7 +14,7 @@ from expdesign.motion.ramp_problem import RampProblem, RampProgram
 from expdesign.motion.spline import SplineRamp
 from expdesign.problem import hidden_by_smoothing
 from expdesign.recheck import LimitCheck, judge, local_worst
-from expdesign.solver.ipopt import solve_with_ipopt
+from expdesign.solver.ipopt import COMMON_OPTIONS, solve_with_ipopt
 
 RESERVE = 2e-3
 """Share of every limit's range that a ramp leaves free, away from its ends: room for what a
@@ -39,19 +39,10 @@ _LARGEST_MARGIN = 0.2
 _TIME_SMOOTHNESS = 2e-4
 
 _OPTIONS = {
-    "print_level": 0,
-    "sb": "yes",
-    "mu_strategy": "adaptive",
-    "linear_solver": "mumps",
-    "mumps_pivot_order": 0,
-    "nlp_scaling_method": "none",
+    **COMMON_OPTIONS,
     "tol": 1e-5,
     "constr_viol_tol": _FEASIBLE,
-    "acceptable_tol": 1e-2,
     "acceptable_constr_viol_tol": _FEASIBLE,
-    "acceptable_compl_inf_tol": 1e-3,
-    "acceptable_iter": 5,
-    "acceptable_obj_change_tol": 2e-4,
     "max_iter": 100,
 }
 
@@ -74,7 +65,7 @@ class NoRampError(ArithmeticError):
 
 @dataclass(frozen=True)
 class RampAttempt:
-    """What one attempt came to.
+    """Where one attempt ended.
 
     Attributes
     ----------

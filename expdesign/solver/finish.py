@@ -18,8 +18,7 @@ from constraints.arrays import Array
 from expdesign.problem import DesignProblem, hidden_by_smoothing
 from expdesign.recheck import Judge, Recheck, grid_points, local_worst, recheck, states_at
 from expdesign.solver.initial import largest
-from expdesign.solver.ipopt import IpoptResult
-from expdesign.solver.stage import Report, Stage, StageRecord, Tally, TracePoint, solve_best
+from expdesign.solver.stage import Report, Stage, StageRecord, Tally, TracePoint, solve_rows
 from expdesign.trajectory import FourierTrajectory
 
 _CHECKS = 4
@@ -79,7 +78,7 @@ def finish(
     rounds: int,
     report: Report,
 ) -> Finished:
-    """Mend a solution on the fine grid; ω stays as the problem's (equal) bounds fix it.
+    """Bring a solution within the limits between the samples, at the ω of the problem's bounds.
 
     Parameters
     ----------
@@ -102,15 +101,24 @@ def finish(
     best_merit = judge.merit(best.trajectory, problem.cost.samples)
     tally, last_merit = Tally(), best_merit
     for _ in range(rounds):
-        x, result = _round(problem, stage, x, report, tally)
+        # Each round has all of the stage's iterations: the rows and their margins are new.
+        x, status = solve_rows(
+            problem,
+            stage,
+            _critical_rows(problem, x, stage),
+            (x, stage.radius),
+            tally,
+            report,
+            most=stage.iterations,
+        )
         candidate = _checked(problem, x)
         merit = judge.merit(candidate.trajectory, problem.cost.samples)
         gain = judge.gain(merit, best_merit)
         if candidate.check.passed and (not best.check.passed or gain > 0):
             best, best_merit, kept = candidate, merit, x
-        if result.status == "User_Requested_Stop":
+        if status == "User_Requested_Stop":
             break
-        # A round that falls back shows rows and margins that the next one mends (measured).
+        # A round that falls back shows rows and margins that the next one puts right (measured).
         if best.check.passed and abs(judge.gain(merit, last_merit)) < _WORTHWHILE:
             break
         last_merit = merit
@@ -118,29 +126,6 @@ def finish(
         return best
     cost = problem.cost_value(kept, stage.width, stage.level, stage.samples)
     return replace(best, record=tally.record(stage, cost, best.check.worst))
-
-
-def _round(
-    problem: DesignProblem, stage: Stage, x: Array, report: Report, tally: Tally
-) -> tuple[Array, IpoptResult]:
-    phases, mask, margins = _critical_rows(problem, x, stage)
-    program = problem.program(
-        phases,
-        mask,
-        width=stage.width,
-        level=stage.level,
-        samples=stage.samples,
-        margins=margins,
-    )
-    done = tally.iterations
-
-    def onward(iteration: int, cost: float, violation: float) -> bool:
-        return report(done + iteration, cost, violation)
-
-    # Each round has all of the stage's iterations: the rows and their margins are new.
-    result, reached = solve_best(program.within(x, stage.radius), stage, x, 0, onward)
-    tally.add(result, int(np.count_nonzero(mask)))
-    return reached, result
 
 
 def _critical_rows(

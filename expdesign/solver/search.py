@@ -28,7 +28,7 @@ More only when none of them keeps the limits."""
 
 @dataclass(frozen=True)
 class SearchResult:
-    """What the search came to.
+    """What the search found.
 
     Attributes
     ----------
@@ -58,7 +58,7 @@ class NoDesignError(ArithmeticError):
     Attributes
     ----------
     starts : tuple of StartResult
-        What the starts came to instead.
+        What the starts found instead.
     """
 
     def __init__(self, message: str, starts: Sequence[StartResult]) -> None:

@@ -3,37 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 
 import numpy as np
 
 from constraints.arrays import Array, Mask
 from expdesign.information.spectral import Criterion
-from expdesign.problem import DesignProblem, DesignProgram
-from expdesign.solver.ipopt import Curvature, IpoptResult, Iteration, solve_with_ipopt
+from expdesign.problem import DesignProblem
+from expdesign.solver.ipopt import (
+    COMMON_OPTIONS,
+    Curvature,
+    IpoptResult,
+    Iteration,
+    solve_with_ipopt,
+)
 
 FEASIBLE = 1e-3
 """Violation, as a share of a limit's range, below which an iterate counts as kept here; what is
-left is mended by the finish and judged by the recheck."""
+left is removed by the finish and judged by the recheck."""
 
 IPOPT_OPTIONS = {
-    "print_level": 0,
-    "sb": "yes",
-    "mu_strategy": "adaptive",
-    "linear_solver": "mumps",
-    # AMD: the default ordering was four times slower on 2 000 dense rows in an earlier study.
-    "mumps_pivot_order": 0,
-    "nlp_scaling_method": "none",
+    **COMMON_OPTIONS,
     # Measured: with a weight of 1 one start in five is lost in the barrier's first steps.
     "obj_scaling_factor": 10.0,
     "tol": 1e-4,
-    # Good enough: feasible, and the objective has stood still for five iterations. Without exact
-    # second derivatives of the limits the last digits of the dual residual take long.
-    "acceptable_tol": 1e-2,
     "acceptable_constr_viol_tol": 1e-3,
-    "acceptable_compl_inf_tol": 1e-3,
-    "acceptable_iter": 5,
-    "acceptable_obj_change_tol": 2e-4,
 }
 
 
@@ -184,17 +178,16 @@ def run_stage(
     x, radius = start, stage.radius
     tally = Tally()
     while tally.rounds < _ROUNDS and tally.iterations < stage.iterations:
-        program = problem.program(
-            phases, mask, width=stage.width, level=stage.level, samples=stage.samples
-        ).within(x, radius)
-        result, reached = solve_best(program, stage, x, tally.iterations, report)
-        tally.add(result, int(np.count_nonzero(mask)))
+        most = max(stage.iterations - tally.iterations, stage.iterations // 4)
+        reached, status = solve_rows(
+            problem, stage, (phases, mask, None), (x, radius), tally, report, most=most
+        )
         violations = problem.smooth_violations(reached, phases, stage.width)
         broken = (violations > FEASIBLE) & ~mask
         far = float(np.max(violations[broken], initial=0.0)) > _FAR
         if not far:
             x = reached
-        if not np.any(broken) or result.status == "User_Requested_Stop":
+        if not np.any(broken) or status == "User_Requested_Stop":
             break
         mask = mask | broken | (violations > -stage.near)
         if far:
@@ -204,20 +197,53 @@ def run_stage(
     return x, tally.record(stage, cost, float(np.max(violations, initial=-np.inf)))
 
 
-def solve_best(
-    program: DesignProgram, stage: Stage, x: Array, done: int, report: Report
-) -> tuple[IpoptResult, Array]:
-    """Run Ipopt once; where it does not converge, its best iterate counts, not its last."""
-    best = _Best(x)
+def solve_rows(
+    problem: DesignProblem,
+    stage: Stage,
+    rows: tuple[Array, Mask, Array | None],
+    start: tuple[Array, float | None],
+    tally: Tally,
+    report: Report,
+    *,
+    most: int,
+) -> tuple[Array, str]:
+    """Run Ipopt once; where it does not converge, its best iterate counts, not its last.
+
+    Parameters
+    ----------
+    rows : ((K,), (K, R), (K, R) or None)
+        Phases, which limit holds at which of them, and margins.
+    start : ((z,), float or None)
+        Where to begin, and the half-width of the box about it.
+    tally : Tally
+        The solve is added to it.
+    most : int
+        Most iterations.
+
+    Returns
+    -------
+    (z,), str
+        Variables reached and Ipopt's status.
+    """
+    (phases, mask, margins), (x, radius) = rows, start
+    program = problem.program(
+        phases,
+        mask,
+        width=stage.width,
+        level=stage.level,
+        samples=stage.samples,
+        margins=margins,
+    ).within(x, radius)
+    best, done = _Best(x), tally.iterations
 
     def watch(iteration: Iteration, at: Array) -> bool:
         best.offer(at, iteration.objective, iteration.violation)
         return report(done + iteration.number, iteration.objective, iteration.violation)
 
-    left = max(stage.iterations - done, stage.iterations // 4)
-    options = {**IPOPT_OPTIONS, "max_iter": left}
+    options = {**IPOPT_OPTIONS, "max_iter": most}
     result = solve_with_ipopt(program, x, options=options, curvature=stage.curvature, report=watch)
-    return result, result.x if result.converged else best.x
+    tally.add(result, int(np.count_nonzero(mask)))
+    return (result.x if result.converged else best.x), result.status
 
 
 @dataclass
@@ -249,13 +275,7 @@ class Tally:
             width=stage.width,
             level=stage.level,
             samples=stage.samples,
-            rows=self.rows,
-            rounds=self.rounds,
-            iterations=self.iterations,
-            evaluations=dict(self.evaluations),
-            seconds=self.seconds,
-            status=self.status,
-            converged=self.converged,
             objective=objective,
             violation=violation,
+            **asdict(self),
         )

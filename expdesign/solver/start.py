@@ -21,7 +21,7 @@ _BEHIND = {"hop": 0.03, "sharp": 0.01}
 
 @dataclass(frozen=True)
 class StartResult:
-    """What one start (or hop) came to.
+    """Where one start (or hop) ended, and how.
 
     Attributes
     ----------

@@ -44,7 +44,7 @@ def run_jobs(
     monitor : Monitor
         Gets the events of all jobs; its request to stop reaches them between two iterations.
     after_stop : bool
-        Whether jobs begin although a stop has been requested: those that save what there is.
+        Whether jobs begin although a stop has been requested: those that save the results.
         Otherwise they are left out, and fewer results come.
     """
     recipe = pickle.dumps(build)

@@ -1,4 +1,3 @@
-import casadi as ca
 import numpy as np
 import pytest
 from hypothesis import given
@@ -148,17 +147,6 @@ def test_a_value_within_the_drawn_bounds_is_within_the_smooth_ones(key, one, oth
         there = float(limit.definition.transform(np.array(value)))
         if abs(limit.violation_of(0, value) + margin) > 1e-9:
             assert (lower <= there <= upper) is within
-
-
-def test_expressions_are_dense_columns():
-    rotation = ca.SX.eye(3)
-    limit = _limit("tilt", -INF, 0.3)
-    for expression in (limit.natural, limit.smooth):
-        value = expression({"rotation_matrix": rotation})
-        assert value.shape == (1, 1)
-        assert value.is_dense()
-    smooth = _limit("strut_speed", -1, 1).smooth({"strut_speed": ca.SX.sym("v", 6)})
-    assert smooth.shape == (6, 1)
 
 
 def test_definitions_cannot_be_changed():

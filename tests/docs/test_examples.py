@@ -182,8 +182,8 @@ def test_both_forms_of_the_limit_of_the_docs_agree():
         "forms",
         [direction],
         [
-            limit.natural({"strut_direction": direction}),
-            limit.smooth({"strut_direction": direction}),
+            limit.definition.natural({"strut_direction": direction}),
+            limit.definition.smooth({"strut_direction": direction}),
         ],
     )
     _, highest = limit.smooth_bounds()

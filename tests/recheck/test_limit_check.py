@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from expdesign.export.read_back import limits_in_words
 from expdesign.recheck import TOLERANCE, LimitCheck
 from expdesign.runfolder import RowTable
 
@@ -35,3 +36,24 @@ def test_a_limit_is_kept_within_the_tolerance_of_its_range():
 def test_what_is_used_counts_from_the_middle_of_the_range():
     assert SPEED.used == pytest.approx(0.75)
     assert (SPEED.strut, BROKEN.strut) == (4, None)
+
+
+def test_a_table_that_exceeds_a_limit_within_its_tolerance_says_so():
+    near = LimitCheck(
+        "strut_acceleration",
+        "strut acceleration",
+        "strut 4",
+        "m/s^2",
+        30.0084,
+        30.0,
+        1.4e-4,
+        0.7,
+        "",
+    )
+
+    words = limits_in_words([SPEED, near])
+
+    for part in ("strut acceleration of strut 4", "30.0084", "30 m/s^2", "0.00014", "0.001"):
+        assert part in words
+    assert "kept" not in words
+    assert limits_in_words([SPEED]) == "every limit kept"

@@ -278,14 +278,6 @@ def test_an_error_in_the_model_is_not_swallowed():
     assert not result.converged
 
 
-def test_warm_start_takes_the_multipliers():
-    warm = {**OPTIONS, "warm_start_init_point": "yes", "mu_init": 1e-9}
-    cold = solve_with_ipopt(quadratic(), np.zeros(3), options=OPTIONS)
-    result = solve_with_ipopt(quadratic(), cold.x, options=warm, multipliers=cold.multipliers)
-    assert result.converged
-    np.testing.assert_allclose(result.x, cold.x, atol=1e-6)
-
-
 def test_the_options_of_the_search_are_ipopts():
     result = solve_with_ipopt(quadratic(), np.zeros(3), options=IPOPT_OPTIONS)
     assert result.converged
