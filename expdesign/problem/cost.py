@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import casadi as ca
 import numpy as np
@@ -11,30 +12,22 @@ from numpy.typing import NDArray
 from constraints.arrays import Array
 from expdesign.information.fisher import whitening
 from expdesign.information.spectral import Criterion, SpectralCost, spectral_cost
-from expdesign.mechanism.graph import Friction, HexapodGraph
+from expdesign.mechanism.graph import Friction, hexapod_graph
+from expdesign.mechanism.term import Term
 from expdesign.problem.variables import DesignVariables
 from expdesign.robot.batch import BatchFunction
 from expdesign.trajectory import PhaseBasis
 
 
-@dataclass(frozen=True)
-class RegressorKernels:
-    """Smoothed regressor of one instant, without and with its Jacobian to the state."""
-
-    value: BatchFunction
-    derivative: BatchFunction
-
-    @classmethod
-    def of(cls, graph: HexapodGraph) -> RegressorKernels:
-        """Compile both for a graph."""
-        regressor = graph.regressor_with(Friction.SMOOTH)
-        flat = ca.vec(regressor.T)
-        slope = ca.cse(ca.jacobian(flat, graph.state))
-        fixed = [graph.machine, graph.width]
-        return cls(
-            BatchFunction("regressor", [graph.state], fixed, [regressor]),
-            BatchFunction("regressor_slope", [graph.state], fixed, [regressor, slope]),
-        )
+@cache
+def _kernel(terms: tuple[Term, ...], *, slopes: bool) -> BatchFunction:
+    """Return the smoothed regressor of one instant (, and its Jacobian to the state)."""
+    graph = hexapod_graph(terms)
+    regressor = graph.regressor_with(Friction.SMOOTH)
+    outputs = [regressor]
+    if slopes:
+        outputs.append(ca.cse(ca.jacobian(ca.vec(regressor.T), graph.state)))
+    return BatchFunction("regressor", [graph.state], [graph.machine, graph.width], outputs)
 
 
 @dataclass(frozen=True)
@@ -55,7 +48,7 @@ class InformationCost:
         Samples of one period.
     """
 
-    kernels: RegressorKernels
+    terms: tuple[Term, ...]
     machine: Array
     variables: DesignVariables
     covariance: Array
@@ -72,7 +65,7 @@ class InformationCost:
     def information(self, variables: Array, width: float) -> Array:
         """Return the scaled, smoothed F per sample, (k, k)."""
         states = self.variables.states(variables, self.basis())
-        (regressors,) = self.kernels.value(states, self.machine, np.array([width]))
+        (regressors,) = _kernel(self.terms, slopes=False)(states, self.machine, np.array([width]))
         white = self._whiten(regressors)
         stacked = white.reshape(-1, white.shape[2])
         return stacked.T @ stacked / self.samples
@@ -125,7 +118,9 @@ class InformationCost:
     ) -> tuple[Array, Array, SpectralCost]:
         """Return whitened A (N, 6, k), ∂A/∂state (N, 6, m, 18) and the criterion's derivatives."""
         states = self.variables.states(variables, basis)
-        regressors, slopes = self.kernels.derivative(states, self.machine, np.array([width]))
+        regressors, slopes = _kernel(self.terms, slopes=True)(
+            states, self.machine, np.array([width])
+        )
         white = self._whiten(regressors)
         information = np.tensordot(white, white, axes=([0, 1], [0, 1])) / len(white)
         cost = spectral_cost(information, self.criterion, level)

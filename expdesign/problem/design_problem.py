@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cache
 from typing import Any
 
 import numpy as np
 
 from constraints.arrays import Array, Mask
 from expdesign.information.spectral import Criterion
-from expdesign.mechanism.term import Term
-from expdesign.problem.cost import InformationCost, RegressorKernels
+from expdesign.problem.cost import InformationCost
 from expdesign.problem.program import LimitedProgram
 from expdesign.problem.variables import DesignVariables, coordinate_reach
-from expdesign.robot import LimitModel, Robot, hexapod_graph
+from expdesign.robot import LimitModel, Robot
 from expdesign.trajectory import PhaseBasis
 
 
@@ -144,11 +142,6 @@ class DesignProgram(LimitedProgram):
         return self._cost.gradient(x, self._width, self._level)
 
 
-@cache
-def _regressor_kernels(terms: tuple[Term, ...]) -> RegressorKernels:
-    return RegressorKernels.of(hexapod_graph(terms))
-
-
 def build_problem(
     robot: Robot,
     *,
@@ -185,7 +178,7 @@ def build_problem(
     variables = DesignVariables(harmonics, reach / 2, middle, (lowest, highest), highest)
     columns = np.array([robot.parameter_names.index(name) for name in names], dtype=np.intp)
     cost = InformationCost(
-        _regressor_kernels(robot.terms),
+        robot.terms,
         robot.machine,
         variables,
         covariance,

@@ -500,10 +500,3 @@ def test_any_number_of_harmonics(harmonics, problem):
         )
         assert gradient @ direction == pytest.approx(slope[0], rel=1e-6)
         assert hessian.shape == (x.size, x.size)
-
-
-def test_compiled_functions_are_shared(problem, palida):
-    again = _problem(palida, "a", harmonics=3)
-    assert again.cost.kernels is problem.cost.kernels
-    assert again.criterion.key == "a"
-    assert again.variables.size == 43

@@ -176,7 +176,7 @@ def _verdict(record: DesignRecord) -> Verdict:
         f"{readable(2 * np.pi / summary.omega)} s."
     )
     if summary.status == "limits broken":
-        broken = [check.key for check in record.checks if check.violation > 0]
+        broken = [check.key for check in record.checks if not check.kept]
         sentence += f" It breaks {', '.join(broken) or 'a limit'}."
     elif summary.status == "interrupted":
         sentence += " The search was interrupted: this is the best found until then."
