@@ -182,3 +182,27 @@ def test_files_are_package_data_next_to_the_module():
 
     folder = Path(expdesign.library.__file__).parent
     assert sorted(p.stem for p in (folder / "robots").iterdir()) == list(ROBOTS)
+
+
+def test_inverse_jacobian_is_the_change_of_the_lengths(robot):
+    """Turned about the TCP and moved by hand, the joints give the lengths' derivatives."""
+    pose = robot.home + np.array([0.01, -0.02, 0.01, 0.1, -0.05, 0.2])
+    struts, step = robot.struts_at(pose), 1e-6
+    arms = struts.joints - pose[:3]
+    moved = [np.tile(axis, (6, 1)) for axis in np.eye(3)]
+    turned = [np.cross(axis, arms) for axis in np.eye(3)]
+    columns = [_slope(robot, struts.joints, velocity, step) for velocity in moved + turned]
+    scale = np.max(np.abs(struts.inverse_jacobian))
+    np.testing.assert_allclose(
+        np.transpose(columns), struts.inverse_jacobian, rtol=0, atol=1e-7 * scale
+    )
+    np.testing.assert_allclose(struts.lengths, _lengths(robot, struts.joints), rtol=1e-14)
+
+
+def _slope(robot, joints, velocity, step):
+    ahead, behind = (_lengths(robot, joints + s * velocity) for s in (step, -step))
+    return (ahead - behind) / (2 * step)
+
+
+def _lengths(robot, joints):
+    return np.linalg.norm(joints - robot.base_joints, axis=1)
