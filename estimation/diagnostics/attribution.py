@@ -15,11 +15,16 @@ from typing import Annotated
 import numpy as np
 
 from constraints.arrays import Array
-from estimation.diagnostics.channel_test import Strut
-from estimation.diagnostics.column_test import Cause, ColumnTest, causes, column_test
-from estimation.diagnostics.delay import DelayTest, delay_test
+from estimation.diagnostics.channel_test import POSITION_PERIODIC, Strut
+from estimation.diagnostics.column_test import (
+    Cause,
+    ColumnTest,
+    DelayTest,
+    causes,
+    column_test,
+    delay_test,
+)
 from estimation.diagnostics.joint_system import JointSystem, SolvedSystem
-from estimation.diagnostics.levels import POSITION_PERIODIC
 from estimation.diagnostics.linearisation import Linearisation
 from estimation.diagnostics.position_periodic import (
     PeriodicForce,

@@ -10,15 +10,12 @@ from numpy.typing import NDArray
 
 from constraints.arrays import Array
 from estimation.diagnostics.attribution import Attribution, attribute
+from estimation.diagnostics.channel_test import LACK_OF_FIT, NOISE
 from estimation.diagnostics.chi_square import ChiSquare, chi_square
-from estimation.diagnostics.dependence import Dependence, dependence
-from estimation.diagnostics.drift import Drift, drift
 from estimation.diagnostics.joint_system import JointSystem, joint_systems
 from estimation.diagnostics.lack_of_fit import LackOfFit, lack_of_fit
-from estimation.diagnostics.levels import LACK_OF_FIT, NOISE
 from estimation.diagnostics.linearisation import Linearisation, linearise
-from estimation.diagnostics.noise_samples import ChannelNoise, channel_noise
-from estimation.diagnostics.normality import Normality, normality
+from estimation.diagnostics.noise_tests import NoiseTests, Whiteness, noise_tests, whiteness
 from estimation.diagnostics.residual_law import (
     ResidualLaw,
     held_out_law,
@@ -27,21 +24,21 @@ from estimation.diagnostics.residual_law import (
     linear_laws,
 )
 from estimation.diagnostics.residuals import (
+    Dependence,
     Residuals,
     VarianceComparison,
+    dependence,
     residuals,
     variance_comparison,
 )
-from estimation.diagnostics.whiteness import Whiteness, whiteness
 from estimation.estimators.experiment import Experiment
 from estimation.estimators.knowledge import Knowledge
 from estimation.estimators.result import ParameterEstimate
-from estimation.processing import NoiseModel, Record
 from expdesign.robot import Robot
 
 
-@dataclass(frozen=True, eq=False)
-class ExperimentDiagnosis:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ExperimentDiagnosis(NoiseTests):
     """Diagnostics of one experiment.
 
     Attributes
@@ -50,51 +47,29 @@ class ExperimentDiagnosis:
         The parameters were not estimated from it.
     pointwise : bool
         Its motion was differentiated sample by sample: its error is in the residuals.
-    noise : NoiseModel
-    residuals : Residuals
-    samples : ChannelNoise
-        The noise itself, where periods can be compared.
     force_chi_square, force_chi_square_left : ChiSquare
         Of the estimate's residuals, and with the effects found taken as known.
     length_chi_square : ChiSquare or None
         None after pointwise kinematics, as all of the lengths' residuals.
-    force_noise_whiteness, length_noise_whiteness : Whiteness or None
-        Of the scatter between periods; None where there is none.
     force_whiteness : Whiteness
         Of the mean residuals, with the effects found taken as known.
-    length_whiteness : Whiteness or None
-    force_normality, length_normality : Normality or None
-    lack_of_fit : LackOfFit
-        Of the estimate's residuals.
-    lack_of_fit_left : LackOfFit
-        With the effects found taken as known.
-    attribution : Attribution
-    variances : VarianceComparison
-    dependence : Dependence
-    force_drift, length_drift : Drift or None
+    lack_of_fit, lack_of_fit_left : LackOfFit
+        Of the estimate's residuals, and with the effects found taken as known.
     """
 
     held_out: bool
     pointwise: bool
-    noise: NoiseModel
     residuals: Residuals
-    samples: ChannelNoise
     force_chi_square: ChiSquare
     force_chi_square_left: ChiSquare
     length_chi_square: ChiSquare | None
-    force_noise_whiteness: Whiteness | None
-    length_noise_whiteness: Whiteness | None
     force_whiteness: Whiteness
     length_whiteness: Whiteness | None
-    force_normality: Normality
-    length_normality: Normality | None
     lack_of_fit: LackOfFit
     lack_of_fit_left: LackOfFit
     attribution: Attribution
     variances: VarianceComparison
     dependence: Dependence
-    force_drift: Drift
-    length_drift: Drift | None
 
 
 def diagnose_experiments(
@@ -176,9 +151,8 @@ class _Case:
 
 def _diagnosed(case: _Case, names: tuple[str, ...]) -> ExperimentDiagnosis:
     experiment, part, record = case.experiment, case.part, case.experiment.record
-    noise = experiment.noise
+    noise, level = experiment.noise, NOISE / case.shares
     rest = residuals(experiment, part)
-    samples = channel_noise(record, part.force_rows, part.length_rows)
     attribution = attribute(
         case.system,
         part,
@@ -187,11 +161,9 @@ def _diagnosed(case: _Case, names: tuple[str, ...]) -> ExperimentDiagnosis:
         held_out=case.held_out,
         experiments=case.shares,
     )
-    left = attribution.solved
-    left_law = joint_law(part, experiment, left)
-    left_residuals = left.force_residuals()
-    weight = np.sqrt(part.counts)[:, None]
-    both = ((case.law, part.forces), (left_law, left_residuals))
+    left_law = joint_law(part, experiment, attribution.solved)
+    left = attribution.solved.force_residuals()
+    both = ((case.law, part.forces), (left_law, left))
     lack = [
         lack_of_fit(
             part,
@@ -212,39 +184,23 @@ def _diagnosed(case: _Case, names: tuple[str, ...]) -> ExperimentDiagnosis:
         )
         for law, values in both
     ]
-    level = NOISE / case.shares
-    lengths = _length_tests(case, level)
-    length_samples = None if samples.lengths is None else samples.lengths
+    length_size, length_whiteness = _length_tests(case, level)
+    weighted = left * np.sqrt(part.counts)[:, None]
     return ExperimentDiagnosis(
+        **vars(noise_tests(record, noise, part.force_rows, part.length_rows, level)),
         held_out=case.held_out,
         pointwise=experiment.fit is None,
-        noise=noise,
         residuals=rest,
-        samples=samples,
         force_chi_square=sizes[0],
         force_chi_square_left=sizes[1],
-        length_chi_square=lengths[0],
-        force_noise_whiteness=whiteness(samples.forces.values, level=level)
-        if samples.forces.source == "periods"
-        else None,
-        length_noise_whiteness=whiteness(length_samples.values, level=level)
-        if length_samples is not None and length_samples.source == "periods"
-        else None,
-        force_whiteness=whiteness((left_residuals * weight)[None], left_law.lagged, level),
-        length_whiteness=lengths[1],
-        force_normality=normality(samples.forces.values, level),
-        length_normality=None
-        if length_samples is None
-        else normality(length_samples.values, level),
+        length_chi_square=length_size,
+        force_whiteness=whiteness(weighted[None], left_law.lagged, level),
+        length_whiteness=length_whiteness,
         lack_of_fit=lack[0],
         lack_of_fit_left=lack[1],
         attribution=attribution,
         variances=variance_comparison(rest, part.force_rows, noise),
         dependence=dependence(rest),
-        force_drift=_drift(record, record.force_periods, part.force_rows, level),
-        length_drift=None
-        if record.length_periods is None and part.length_rows is None
-        else _drift(record, record.length_periods, part.length_rows, level),
     )
 
 
@@ -266,15 +222,3 @@ def _length_tests(case: _Case, level: float) -> tuple[ChiSquare | None, Whitenes
     )
     scaled = part.lengths * np.sqrt(part.length_counts)[:, None]
     return test, whiteness(scaled[None], law.lagged, level)
-
-
-def _drift(record: Record, periods: Array | None, rows: Array | None, level: float) -> Drift:
-    """Test for change between periods."""
-    if periods is not None:
-        count, phases, _ = periods.shape
-        values = (periods - periods.mean(axis=0)).reshape(-1, periods.shape[2])
-        return drift(values, np.repeat(np.arange(count), phases), phases, level)
-    if rows is None:
-        raise AssertionError("single rows have residuals")
-    block = np.arange(len(rows)) * max(1, round(record.periods)) // len(rows)
-    return drift(rows, block, 0, level)

@@ -9,13 +9,12 @@ from numpy.typing import NDArray
 
 from constraints.arrays import Array
 from estimation.diagnostics.attribution import Effect
+from estimation.diagnostics.channel_test import CHI_SQUARE
 from estimation.diagnostics.chi_square import ChiSquare
 from estimation.diagnostics.column_test import Cause
 from estimation.diagnostics.diagnosis import ExperimentDiagnosis
 from estimation.diagnostics.finding import Assumption, Finding
-from estimation.diagnostics.levels import CHI_SQUARE
-from estimation.diagnostics.noise_tests import NoiseTests
-from estimation.diagnostics.whiteness import Whiteness
+from estimation.diagnostics.noise_tests import NoiseTests, Whiteness
 from expdesign.mechanism.hexapod import ACTUATORS
 
 _EXPLAINED = Assumption(

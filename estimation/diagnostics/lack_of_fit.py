@@ -18,19 +18,17 @@ import numpy as np
 from pydantic import Field
 
 from constraints.arrays import Array
-from estimation.diagnostics.channel_test import ChannelTest, no_numbers
-from estimation.diagnostics.levels import LACK_OF_FIT
+from estimation.diagnostics.channel_test import LACK_OF_FIT, ChannelTest, no_numbers
 from estimation.diagnostics.linearisation import Linearisation
-from estimation.diagnostics.quadratic_tail import ratio_tail
 from estimation.diagnostics.residual_law import ResidualLaw
+from estimation.diagnostics.tails import ratio_tail
 from expdesign.runfolder import OpenNumbers, described
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class LackOfFit(ChannelTest):
     """The test of all six actuators for a bias, or why it was not done."""
 
-    refused: Annotated[str, described("", "why there is no test; empty when there is one")]
     samples: Annotated[int, described("1", "N, phases per period")] = 0
     fitted_freedom: Annotated[OpenNumbers, described("1", "ν_j; zero for held-out data")] = field(
         default_factory=no_numbers
@@ -60,12 +58,6 @@ class LackOfFit(ChannelTest):
     pure_error_freedom: Annotated[
         float, Field(alias="pure_error_degrees_of_freedom"), described("1", "(M − 1) N")
     ] = 0.0
-    p_values: Annotated[OpenNumbers, Field(alias="p"), described("1", "of each actuator")] = field(
-        default_factory=no_numbers
-    )
-    level: Annotated[
-        float, Field(alias="family_level"), described("1", "level of the family of six")
-    ] = LACK_OF_FIT
 
 
 def lack_of_fit(
@@ -92,14 +84,14 @@ def lack_of_fit(
     """
     if includes_model_error:
         return LackOfFit(
-            "the noise was taken from the residuals of the model, so it includes the error of the "
-            "model: measure three or more periods, or give the noise"
+            refused="the noise was taken from the residuals of the model, so it includes the "
+            "error of the model: measure three or more periods, or give the noise"
         )
     scatter = part.force_scatter
     if scatter is None:
         return LackOfFit(
-            "without a second period nothing tells the noise from the error of the model: measure "
-            "two or more"
+            refused="without a second period nothing tells the noise from the error of the "
+            "model: measure two or more"
         )
     rest = part.forces if residuals is None else residuals
     weights = [law.weights(j) for j in range(rest.shape[1])]
@@ -118,7 +110,6 @@ def lack_of_fit(
         for total, error, w in zip(squares, pure, weights, strict=True)
     ]
     return LackOfFit(
-        refused="",
         samples=samples,
         fitted_freedom=fitted,
         added_variance=added,

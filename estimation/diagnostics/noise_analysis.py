@@ -7,46 +7,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from constraints.arrays import Array
-from estimation.diagnostics.drift import Drift, drift
 from estimation.diagnostics.finding import Finding
 from estimation.diagnostics.findings import noise_findings
-from estimation.diagnostics.noise_samples import ChannelNoise, NoiseSamples, noise_samples
-from estimation.diagnostics.normality import Normality, normality
-from estimation.diagnostics.whiteness import Whiteness, whiteness
+from estimation.diagnostics.noise_tests import NoiseTests, noise_tests
 from estimation.processing import NoiseModel, Record
 from estimation.processing.noise import scatter_about_series, series_harmonics
 
 
-@dataclass(frozen=True, eq=False)
-class NoiseAnalysis:
-    """Size, distribution and memory of the noise of forces and lengths.
-
-    Attributes
-    ----------
-    record : Record
-    noise : NoiseModel
-        Σ and Δ of one sample from the scatter.
-    samples : ChannelNoise
-        The noise itself, N and m.
-    force_normality, length_normality : Normality
-    force_noise_whiteness, length_noise_whiteness : Whiteness or None
-        None where periods cannot be compared sample by sample.
-    force_drift, length_drift : Drift
-    findings : tuple of Finding
-    """
+@dataclass(frozen=True, eq=False, kw_only=True)
+class NoiseAnalysis(NoiseTests):
+    """Size, distribution and memory of the noise of forces and lengths."""
 
     record: Record
-    noise: NoiseModel
-    samples: ChannelNoise
-    force_normality: Normality
-    length_normality: Normality
-    force_noise_whiteness: Whiteness | None
-    length_noise_whiteness: Whiteness | None
-    force_drift: Drift
-    length_drift: Drift
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -62,48 +35,32 @@ def analyse_noise(record: Record) -> NoiseAnalysis:
     ValueError
         Fewer periods show no scatter.
     """
-    if record.force_scatter is None or record.length_scatter is None:
+    forces, lengths = record.force_scatter, record.length_scatter
+    if forces is None or lengths is None:
         raise ValueError(
             f"{record.periods:.3g} periods show no scatter between periods: the noise of a "
             "recording takes two periods or more"
         )
     noise = NoiseModel(
-        record.force_scatter.covariance,
-        record.length_scatter.covariance,
+        forces.covariance,
+        lengths.covariance,
         "estimated",
         "estimated",
-        record.force_scatter.freedom,
-        record.length_scatter.freedom,
+        forces.freedom,
+        lengths.freedom,
     )
-    forces = _samples(record, record.force_periods, record.force_times, record.forces)
-    lengths = _samples(record, record.length_periods, record.length_times, record.lengths)
-    compared = forces.source == "periods"
-    return NoiseAnalysis(
-        record=record,
-        noise=noise,
-        samples=ChannelNoise(forces, lengths),
-        force_normality=normality(forces.values),
-        length_normality=normality(lengths.values),
-        force_noise_whiteness=whiteness(forces.values) if compared else None,
-        length_noise_whiteness=whiteness(lengths.values) if compared else None,
-        force_drift=_drift(record, record.force_periods, forces),
-        length_drift=_drift(record, record.length_periods, lengths),
+    tests = noise_tests(
+        record,
+        noise,
+        _residuals(record, record.force_times, record.forces),
+        _residuals(record, record.length_times, record.lengths),
     )
+    return NoiseAnalysis(record=record, **vars(tests))
 
 
-def _samples(record: Record, periods: Array | None, times: Array, values: Array) -> NoiseSamples:
-    if periods is not None:
-        return noise_samples(periods, values)
+def _residuals(record: Record, times: Array, values: Array) -> Array:
+    """Return what a long Fourier series leaves; the periods serve where there are any."""
+    if record.averaged:
+        return values
     harmonics = series_harmonics(len(values), record.period / record.step)
-    _, rest = scatter_about_series(times, values, record.omega, harmonics)
-    return noise_samples(None, rest)
-
-
-def _drift(record: Record, periods: Array | None, samples: NoiseSamples) -> Drift:
-    if periods is not None:
-        count, phases, _ = periods.shape
-        values = (periods - periods.mean(axis=0)).reshape(-1, periods.shape[2])
-        return drift(values, np.repeat(np.arange(count), phases), phases)
-    rows = samples.pooled
-    block = np.arange(len(rows)) * max(1, round(record.periods)) // len(rows)
-    return drift(rows, block, 0)
+    return scatter_about_series(times, values, record.omega, harmonics)[1]

@@ -11,12 +11,9 @@ from pydantic import BeforeValidator
 from scipy import stats
 
 from constraints.arrays import Array
-from estimation.diagnostics.drift import Drift
 from estimation.diagnostics.finding import Finding
 from estimation.diagnostics.noise_analysis import NoiseAnalysis
-from estimation.diagnostics.noise_tests import NoiseTests
-from estimation.diagnostics.normality import Normality
-from estimation.diagnostics.whiteness import Whiteness
+from estimation.diagnostics.noise_tests import Drift, NoiseTests, Normality, Whiteness
 from estimation.processing import NoiseModel
 from estimation.processing.noise import NoiseEstimate
 from expdesign.runfolder import (

@@ -1,47 +1,274 @@
-"""What is known of the noise by itself: common to a diagnosis and an analysis of noise alone."""
+"""Tests of the noise of six channels: whiteness, distribution and outliers, change over periods.
+
+Whiteness: autocorrelations up to a lag of 20 samples, of which the largest is tested, with
+Bonferroni's correction over the lags. (The sum of their squares after Ljung and Box exceeds its χ²
+far too often in the tail that levels over many channels need: at 200 samples 6 times as often as 1
+in 6 000.) Distribution: D'Agostino and Pearson (the paper's Fig. 4). Change between periods:
+one-way analysis of variance of their means.
+"""
 
 from __future__ import annotations
 
-from typing import Protocol
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Annotated
 
-from estimation.diagnostics.drift import Drift
-from estimation.diagnostics.noise_samples import ChannelNoise
-from estimation.diagnostics.normality import Normality
-from estimation.diagnostics.whiteness import Whiteness
-from estimation.processing import NoiseModel
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BeforeValidator, Field
+from scipy import stats
+
+from constraints.arrays import Array
+from estimation.diagnostics.channel_test import NOISE, ChannelTest, below_level, no_numbers
+from estimation.diagnostics.noise_samples import ChannelNoise, NoiseSamples, channel_noise
+from estimation.processing import NoiseModel, Record
+from expdesign.mechanism.hexapod import ACTUATORS
+from expdesign.runfolder import OpenNumbers, described
+
+_LAGS = 20
+_NOTICEABLE = 0.05
+"""Autocorrelation that changes a standard error by about as many percent."""
+_SKEWED, _KURTIC = 0.1, 0.3
+"""Sizes of skewness and excess kurtosis below which they change nothing that is estimated here."""
+_NORMAL_MEDIAN = 0.6745
+_FAR = 4.5
+"""Distance of an outlier in robust standard deviations: 7 of a million normal samples."""
 
 
-class NoiseTests(Protocol):
-    """Samples of the noise and the tests of it; None where one could not be done."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Whiteness(ChannelTest):
+    """Test of six channels for autocorrelation."""
 
-    @property
-    def noise(self) -> NoiseModel:
-        """Σ and Δ."""
-
-    @property
-    def samples(self) -> ChannelNoise:
-        """The noise itself."""
-
-    @property
-    def force_normality(self) -> Normality:
-        """Of the forces' noise."""
-
-    @property
-    def length_normality(self) -> Normality | None:
-        """Of the lengths' noise."""
-
-    @property
-    def force_noise_whiteness(self) -> Whiteness | None:
-        """Of the forces' noise."""
-
-    @property
-    def length_noise_whiteness(self) -> Whiteness | None:
-        """Of the lengths' noise."""
-
-    @property
-    def force_drift(self) -> Drift:
-        """Between the periods' means of the forces."""
+    lags: Annotated[int, described("1", "autocorrelations 1 … lags are tested")]
+    autocorrelation: Annotated[
+        OpenNumbers, described("1", "6 × lags, less what the fit takes away from white noise")
+    ]
+    statistic: Annotated[
+        OpenNumbers, described("1", "largest autocorrelation in standard deviations")
+    ]
 
     @property
-    def length_drift(self) -> Drift | None:
-        """Between the periods' means of the lengths."""
+    def failed(self) -> NDArray[np.bool_]:
+        """(6,) channels that are not white to an extent that matters."""
+        return self.significant & (np.max(np.abs(self.autocorrelation), axis=1) > _NOTICEABLE)
+
+
+def whiteness(
+    values: Array,
+    expected: Callable[[int, int], float] | None = None,
+    level: float = NOISE,
+) -> Whiteness:
+    """Test series for autocorrelation.
+
+    Parameters
+    ----------
+    values : (K, N, 6)
+        K independent series, in time.
+    expected : callable, optional
+        (channel, lag) → Σ_t Cov(e_t, e_{t + lag}) / σ² of residuals whose model is right; the fit
+        makes neighbours correlated.
+    """
+    series, samples, channels = values.shape
+    lags = max(1, min(_LAGS, samples // 5))
+    total = np.sum(values**2, axis=(0, 1)) / (series * samples)
+    correlation = np.zeros((channels, lags))
+    normalised = np.zeros((channels, lags))
+    for lag in range(1, lags + 1):
+        products = np.sum(values[:, :-lag] * values[:, lag:], axis=(0, 1)) / total
+        pairs = series * (samples - lag)
+        if expected is not None:
+            products = products - np.array([expected(j, lag) for j in range(channels)])
+        correlation[:, lag - 1] = products / pairs
+        normalised[:, lag - 1] = products / np.sqrt(pairs)
+    statistic = np.max(np.abs(normalised), axis=1)
+    p_values = np.minimum(1.0, 2 * lags * stats.norm.sf(statistic))
+    return Whiteness(
+        lags=lags,
+        autocorrelation=correlation,
+        statistic=statistic,
+        p_values=p_values,
+        level=level,
+    )
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Normality(ChannelTest):
+    """Test of six channels for a normal distribution, and for outliers.
+
+    An outlier is in the contrasts of its own and of all later periods: instants count it once.
+    """
+
+    std: Annotated[OpenNumbers, described("SI", "standard deviation")]
+    skewness: Annotated[OpenNumbers, described("1", "0 for normal noise")]
+    kurtosis: Annotated[
+        OpenNumbers, Field(alias="excess_kurtosis"), described("1", "in excess of the normal one")
+    ]
+    statistic: Annotated[OpenNumbers, described("1", "D'Agostino and Pearson's K²")]
+    outliers: Annotated[
+        NDArray[np.int64],
+        BeforeValidator(np.array),
+        described("1", "instants with a sample further away than 4.5 robust standard deviations"),
+    ]
+    outliers_expected: Annotated[float, described("1", "of normal noise, in each channel")]
+    outlier_p_values: Annotated[
+        OpenNumbers, Field(alias="outlier_p"), described("1", "of as many outliers")
+    ]
+    samples: Annotated[int, described("1", "number of samples of each channel")]
+    mean: Annotated[OpenNumbers, described("SI", "mean")] = field(default_factory=no_numbers)
+
+    @property
+    def failed(self) -> NDArray[np.bool_]:
+        """(6,) channels that are not normal to an extent that matters."""
+        large = (np.abs(self.skewness) > _SKEWED) | (np.abs(self.kurtosis) > _KURTIC)
+        return self.significant & large
+
+    @property
+    def with_outliers(self) -> NDArray[np.bool_]:
+        """(6,) channels with more outliers than normal noise has."""
+        return below_level(self.outlier_p_values, self.level)
+
+
+def normality(values: Array, level: float = NOISE) -> Normality:
+    """Test independent samples, (K, N, 6): K series at N instants, 20 samples or more."""
+    samples = values.reshape(-1, values.shape[2])
+    centred = np.abs(values - np.median(samples, axis=0))
+    scale = np.median(centred, axis=(0, 1)) / _NORMAL_MEDIAN
+    far = centred > _FAR * np.where(scale > 0, scale, np.inf)
+    outliers = np.count_nonzero(np.any(far, axis=0), axis=0)
+    chance = -np.expm1(len(values) * np.log1p(-2 * stats.norm.sf(_FAR)))
+    expected = float(values.shape[1] * chance)
+    test = stats.normaltest(samples, axis=0)
+    return Normality(
+        mean=samples.mean(axis=0),
+        std=samples.std(axis=0, ddof=1),
+        skewness=stats.skew(samples, axis=0),
+        kurtosis=stats.kurtosis(samples, axis=0),
+        statistic=np.asarray(test.statistic),
+        p_values=np.asarray(test.pvalue),
+        outliers=outliers,
+        outliers_expected=expected,
+        outlier_p_values=stats.poisson.sf(outliers - 1, expected),
+        samples=len(samples),
+        level=level,
+    )
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Drift(ChannelTest):
+    """Test of six channels for change from period to period, or why it was not done."""
+
+    means: Annotated[
+        OpenNumbers,
+        Field(alias="period_means"),
+        described("SI", "periods × 6: mean of every period, less the mean of all"),
+    ] = field(default_factory=lambda: np.zeros((0, ACTUATORS)))
+    std_error: Annotated[OpenNumbers, described("SI", "of each of these means")] = field(
+        default_factory=no_numbers
+    )
+    slope: Annotated[
+        OpenNumbers, Field(alias="slope_per_period"), described("SI", "trend per period")
+    ] = field(default_factory=no_numbers)
+    statistic: Annotated[OpenNumbers, Field(alias="f"), described("1", "F of each channel")] = (
+        field(default_factory=no_numbers)
+    )
+
+    @property
+    def extent(self) -> Array:
+        """(6,) largest less smallest mean."""
+        return np.ptp(self.means, axis=0) if len(self.means) else np.full(ACTUATORS, np.nan)
+
+
+def drift(values: Array, block: NDArray[np.intp], phases: int, level: float = NOISE) -> Drift:
+    """Test whether the means of blocks differ.
+
+    Parameters
+    ----------
+    values : (T, 6)
+        Deviations from what repeats in every period.
+    block : (T,)
+        Period of each row, from 0.
+    phases : int
+        How many means over the periods were taken out of the values (0: none).
+    """
+    count = int(block[-1]) + 1
+    if count < 2:  # noqa: PLR2004 - a difference takes two
+        return Drift(refused="one period shows no change between periods", level=level)
+    sizes = np.bincount(block, minlength=count).astype(float)
+    sums = np.stack([np.bincount(block, column, minlength=count) for column in values.T], axis=1)
+    centred = sums / sizes[:, None] - values.mean(axis=0)
+    between = np.sum(sizes[:, None] * centred**2, axis=0)
+    inner = np.sum((values - values.mean(axis=0)) ** 2, axis=0) - between
+    freedom = len(values) - count - max(phases - 1, 0)
+    variance = inner / freedom
+    statistic = between / (count - 1) / variance
+    number = np.arange(count) - (count - 1) / 2
+    return Drift(
+        means=centred,
+        std_error=np.sqrt(variance * (1 - 1 / count) / sizes.mean()),
+        slope=number @ centred / np.sum(number**2),
+        statistic=statistic,
+        p_values=stats.f.sf(statistic, count - 1, freedom),
+        level=level,
+    )
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class NoiseTests:
+    """Samples of the noise and the tests of it; None where one could not be done.
+
+    Attributes
+    ----------
+    noise : NoiseModel
+        Σ and Δ.
+    """
+
+    noise: NoiseModel
+    samples: ChannelNoise
+    force_normality: Normality
+    length_normality: Normality | None
+    force_noise_whiteness: Whiteness | None
+    length_noise_whiteness: Whiteness | None
+    force_drift: Drift
+    length_drift: Drift | None
+
+
+def noise_tests(
+    record: Record, noise: NoiseModel, forces: Array, lengths: Array | None, level: float = NOISE
+) -> NoiseTests:
+    """Test the noise of a record.
+
+    Parameters
+    ----------
+    forces, lengths : (T, 6)
+        Residuals of the record's rows, which serve where periods cannot be compared; None: there
+        are none.
+    """
+    samples = channel_noise(record, forces, lengths)
+    own = samples.lengths
+    return NoiseTests(
+        noise=noise,
+        samples=samples,
+        force_normality=normality(samples.forces.values, level),
+        length_normality=None if own is None else normality(own.values, level),
+        force_noise_whiteness=_between_periods(samples.forces, level),
+        length_noise_whiteness=None if own is None else _between_periods(own, level),
+        force_drift=_drift(record, record.force_periods, forces, level),
+        length_drift=None
+        if record.length_periods is None and lengths is None
+        else _drift(record, record.length_periods, lengths, level),
+    )
+
+
+def _between_periods(samples: NoiseSamples, level: float) -> Whiteness | None:
+    return whiteness(samples.values, level=level) if samples.source == "periods" else None
+
+
+def _drift(record: Record, periods: Array | None, rows: Array | None, level: float) -> Drift:
+    if periods is not None:
+        count, phases, _ = periods.shape
+        values = (periods - periods.mean(axis=0)).reshape(-1, periods.shape[2])
+        return drift(values, np.repeat(np.arange(count), phases), phases, level)
+    if rows is None:
+        raise AssertionError("single rows have residuals")
+    block = np.arange(len(rows)) * max(1, round(record.periods)) // len(rows)
+    return drift(rows, block, 0, level)

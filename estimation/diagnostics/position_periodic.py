@@ -18,8 +18,8 @@ import numpy as np
 from scipy.optimize import brentq, minimize_scalar
 
 from constraints.arrays import Array
+from estimation.diagnostics.channel_test import POSITION_PERIODIC
 from estimation.diagnostics.joint_system import SolvedSystem
-from estimation.diagnostics.levels import POSITION_PERIODIC
 from estimation.diagnostics.linearisation import Linearisation
 from estimation.diagnostics.tails import log_pair_tail
 from expdesign.mechanism.hexapod import ACTUATORS

@@ -12,10 +12,8 @@ from constraints.arrays import Array
 from estimation.diagnostics.attribution import Effect
 from estimation.diagnostics.channel_test import Strut
 from estimation.diagnostics.chi_square import ChiSquare
-from estimation.diagnostics.column_test import POWER, ColumnTest
-from estimation.diagnostics.delay import DelayTest
+from estimation.diagnostics.column_test import POWER, ColumnTest, DelayTest
 from estimation.diagnostics.diagnosis import ExperimentDiagnosis
-from estimation.diagnostics.entry import Diagnosis
 from estimation.diagnostics.lack_of_fit import LackOfFit
 from estimation.diagnostics.noise_record import (
     Drifts,
@@ -28,7 +26,7 @@ from estimation.diagnostics.noise_record import (
 )
 from estimation.diagnostics.position_periodic import PeriodicForce
 from estimation.diagnostics.residuals import VarianceComparison
-from estimation.diagnostics.verdict import Verdict
+from estimation.diagnostics.verdict import Diagnosis, Verdict
 from expdesign.runfolder import (
     ArrayTable,
     Column,

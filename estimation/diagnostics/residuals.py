@@ -6,12 +6,17 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
+from scipy import stats
 
 from constraints.arrays import Array
 from estimation.diagnostics.linearisation import Linearisation
 from estimation.estimators.experiment import Experiment
 from estimation.processing import NoiseModel
 from expdesign.runfolder import Numbers, described
+
+_MOST_BINS, _FEWEST_BINS = 60, 12
+_PER_BIN = 24
+_FEWEST = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,3 +99,59 @@ def variance_comparison(residual: Residuals, rows: Array, noise: NoiseModel) -> 
     """Compare as the paper does; `rows` (T, 6) are the residuals where periods are not known."""
     single = rows if residual.force_periods is None else residual.force_periods.reshape(-1, 6)
     return VarianceComparison(np.mean(single**2, axis=0), np.diag(noise.force_covariance).copy())
+
+
+@dataclass(frozen=True, eq=False)
+class BinnedResiduals:
+    """One strut.
+
+    Attributes
+    ----------
+    centres : (B,)
+        Mean position, m, or speed, m/s, of the samples in each bin.
+    means : (B,)
+        Weighted mean residual, N.
+    half_widths : (B,)
+        Of its 95 % interval, from the noise of the forces, N.
+    """
+
+    centres: Array
+    means: Array
+    half_widths: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Dependence:
+    """All struts.
+
+    Attributes
+    ----------
+    position, speed : tuple of six BinnedResiduals
+    """
+
+    position: tuple[BinnedResiduals, ...]
+    speed: tuple[BinnedResiduals, ...]
+
+
+def dependence(residual: Residuals) -> Dependence:
+    """Bin the residuals over position and over speed."""
+    struts = range(residual.forces.shape[1])
+    return Dependence(
+        tuple(_binned(residual.position[:, j], residual, j) for j in struts),
+        tuple(_binned(residual.speed[:, j], residual, j) for j in struts),
+    )
+
+
+def _binned(over: Array, residual: Residuals, strut: int) -> BinnedResiduals:
+    count = int(np.clip(len(over) // _PER_BIN, _FEWEST_BINS, _MOST_BINS))
+    edges = np.linspace(over.min(), over.max(), count + 1)
+    bins = np.clip(np.searchsorted(edges, over, side="right") - 1, 0, count - 1)
+    weights = 1 / residual.force_std[:, strut] ** 2
+    total = np.bincount(bins, weights, count)
+    used = np.bincount(bins, minlength=count) >= _FEWEST
+    safe = np.where(used, total, 1.0)
+    centres = np.bincount(bins, weights * over, count) / safe
+    means = np.bincount(bins, weights * residual.forces[:, strut], count) / safe
+    return BinnedResiduals(
+        centres[used], means[used], (stats.norm.ppf(0.975) / np.sqrt(safe))[used]
+    )

@@ -1,13 +1,22 @@
-"""Logarithms of tail probabilities, also where the probabilities underflow."""
+"""Tail probabilities: logarithms where they underflow, and sums of squares of unequal variances.
+
+P(Σ λ_i z_i² / (χ²_ν / ν) > x) for independent standard normal z: the F distribution when all λ are
+one. With badly known parameters a prediction's residuals have a few large λ, and an F of matched
+moments rejects too often. The saddlepoint approximation of Lugannani and Rice (1980), used for
+quadratic forms by Kuonen (Biometrika 86, 1999), has relative errors of about a percent.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 from scipy import stats
+from scipy.optimize import brentq
 
 from constraints.arrays import Array
 
 _SMALLEST = 1e-280
+_NEAR_MEAN = 1e-2
+"""Distance from the mean, in standard deviations, below which digits cancel."""
 
 
 def log_two_sided(values: Array, freedom: float) -> Array:
@@ -28,3 +37,50 @@ def log_pair_tail(statistic: Array, freedom: float) -> Array:
     if not np.isfinite(freedom):
         return -0.5 * statistic
     return -0.5 * freedom * np.log1p(statistic / freedom)
+
+
+def ratio_tail(value: float, weights: Array, freedom: float) -> float:
+    """Return P(Σ λ_i z_i² / (χ²_ν / ν) > value).
+
+    Parameters
+    ----------
+    weights : (n,)
+        λ, not negative, not all zero.
+    freedom : float
+        ν; inf for a known denominator.
+    """
+    known = not np.isfinite(freedom)
+    terms, counts = np.unique(weights[weights > 0], return_counts=True)
+    below = 0.0 if known else -value / freedom
+    shift = float(value) if known else 0.0
+
+    def slopes(s: float) -> tuple[float, float, float]:
+        """K(s) − s·shift and its first two derivatives, K the cumulants of the difference."""
+        up = 1 - 2 * s * terms
+        total = float(-0.5 * (counts @ np.log(up)) - s * shift)
+        first = float(counts @ (terms / up) - shift)
+        second = float(2 * (counts @ (terms / up) ** 2))
+        if not known:
+            down = 1 - 2 * s * below
+            total -= 0.5 * freedom * float(np.log(down))
+            first += freedom * below / down
+            second += 2 * freedom * (below / down) ** 2
+        return total, first, second
+
+    largest = float(np.max(terms))
+    highest, lowest = (1 - 1e-12) / (2 * largest), -1.0 / largest
+    if not known:
+        lowest = max(lowest, (1 - 1e-12) / (2 * below))
+    while slopes(lowest)[1] > 0 and known:
+        lowest *= 2
+    while slopes(lowest)[1] > 0:
+        # Between the present end and the pole.
+        lowest = (lowest + 1 / (2 * below)) / 2
+    point = float(brentq(lambda s: slopes(s)[1], lowest, highest, xtol=1e-15, rtol=1e-12))
+    cumulant, _, curvature = slopes(point)
+    w = np.sign(point) * np.sqrt(max(-2 * cumulant, 0.0))
+    if abs(w) < _NEAR_MEAN:
+        third = 8 * (counts @ terms**3) + (0.0 if known else 8 * freedom * below**3)
+        return float(stats.norm.sf(w + third / (6 * curvature**1.5)))
+    v = point * np.sqrt(curvature)
+    return float(np.clip(stats.norm.sf(w + np.log(v / w) / w), 0.0, 1.0))

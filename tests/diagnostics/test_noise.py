@@ -3,11 +3,9 @@ import pytest
 from scipy import signal, stats
 
 from estimation.diagnostics.chi_square import chi_square
-from estimation.diagnostics.drift import drift
 from estimation.diagnostics.noise_samples import noise_samples
-from estimation.diagnostics.normality import normality
+from estimation.diagnostics.noise_tests import drift, normality, whiteness
 from estimation.diagnostics.residual_law import ResidualLaw
-from estimation.diagnostics.whiteness import whiteness
 
 
 def test_contrasts_are_independent_and_have_the_noise_s_variance():

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from estimation.diagnostics.quadratic_tail import ratio_tail
+from estimation.diagnostics.tails import ratio_tail
 
 
 @pytest.mark.parametrize("freedom", [600.0, np.inf])

@@ -9,8 +9,7 @@ import numpy as np
 from constraints.arrays import Array
 from estimation.diagnostics import Outcome
 from estimation.diagnostics.noise_record import NOISE_COVARIANCE, NoiseFile
-from estimation.diagnostics.normality import Normality
-from estimation.diagnostics.whiteness import Whiteness
+from estimation.diagnostics.noise_tests import Normality, Whiteness
 from estimation.identification.record import EstimateFile
 from results.report.content import (
     Block,
