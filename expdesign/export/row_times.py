@@ -14,9 +14,9 @@ from expdesign.export.deviation import Deviation, blocks, deviation
 from expdesign.export.execution import ExecutedTable, refined
 from expdesign.export.rows import Rows, in_window
 from expdesign.motion import ExecutableMotion
+from expdesign.motion.sampled import SampledMotion
 from expdesign.robot import Robot
-from expdesign.runfolder.columns import TRAJECTORY
-from expdesign.runfolder.described import Column
+from expdesign.runfolder.described import Column, field_columns
 
 SHARE = 1e-3
 """Largest deviation of accelerations and forces, as a share of their limits' range."""
@@ -25,7 +25,12 @@ STEPS = (0.1, 0.05, 0.025, 0.02, 0.01, 0.005, 0.004, 0.0025, 0.002, 0.001, 0.000
 """Times between two rows that are tried, s, the longest first."""
 
 WINDOW = Column("window", "1", "1 in the measurement window, 0 on the way to and from it")
-COLUMNS = (Column("t", "s", "time from the start of the motion"), *TRAJECTORY[1:], WINDOW)
+_SAMPLED = tuple(field_columns(SampledMotion))
+COLUMNS = (
+    Column("t", "s", "time from the start of the motion"),
+    *[column for _, columns in _SAMPLED[1:] for column in columns],
+    WINDOW,
+)
 """The whole motion in SI units, as tables that engineers read hold it."""
 
 _RESERVE = 0.8
@@ -45,21 +50,9 @@ def ideal_rows(task: Task, settings: Settings, times: Array) -> Rows:
 
 def whole_motion(robot: Robot, motion: ExecutableMotion, times: Array) -> dict[str, Array]:
     """Return every column of `COLUMNS` by its name at the times (N,), s."""
-    states = motion.sample(times)
-    parts = (states.pose, states.rate, states.acceleration)
-    struts = robot.strut_motion(*parts)
-    blocks = [
-        times[:, None],
-        *parts,
-        struts.length,
-        struts.length_rate,
-        struts.length_acceleration,
-        struts.alpha,
-        struts.beta,
-        robot.actuator_forces(*parts),
-        in_window(times, motion.window).astype(float)[:, None],
-    ]
-    table = np.concatenate(blocks, axis=1)
+    sampled = SampledMotion.of(robot, motion, times)
+    window = in_window(times, motion.window).astype(float)
+    table = np.column_stack([*(getattr(sampled, name) for name, _ in _SAMPLED), window])
     return {column.name: table[:, k] for k, column in enumerate(COLUMNS)}
 
 

@@ -22,17 +22,3 @@ TIME = Column("t", "s", "time from the start of the period")
 POSE_COLUMNS = tuple(Column(c.name, c.unit, c.meaning) for c in POSE)
 RATE_COLUMNS = _derived("d", "s", "rate")
 ACCELERATION_COLUMNS = _derived("dd", "s^2", "second time derivative")
-
-TRAJECTORY = (
-    TIME,
-    *POSE_COLUMNS,
-    *RATE_COLUMNS,
-    *ACCELERATION_COLUMNS,
-    *strutwise("q", "m", "length"),
-    *strutwise("dq", "m/s", "speed"),
-    *strutwise("ddq", "m/s^2", "acceleration"),
-    *strutwise("alpha", "rad", "first cardan angle"),
-    *strutwise("beta", "rad", "second cardan angle"),
-    *strutwise("Q", "N", "actuator force at the nominal parameters, positive extends,"),
-)
-"""Columns of `trajectory.csv`."""

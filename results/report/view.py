@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from constraints.arrays import Array
+from estimation.identification.record import MOTION, EstimatedMotion, EstimateRecord
 from expdesign.experiment import DesignRecord
-from expdesign.mechanism.hexapod import COORDINATE_NAMES, numbered
-from results.reading.table import Table
+from expdesign.mechanism.hexapod import COORDINATES
 from results.report.content import ViewBlock
 from results.report.folder import RunFolder
 
@@ -26,27 +26,24 @@ def robot_view(folder: RunFolder) -> ViewBlock | None:
             "nominal parameters; positive extends. Drag to rotate, scroll to zoom."
         )
         return _view(folder, motion.time, motion.pose, motion.force, caption)
-    path = _estimated_motion(folder)
-    if path is None:
-        return None
-    forces = numbered("Q", "_model")
-    table = Table.read(path, ["t", *COORDINATE_NAMES, *forces])
-    if len(table) < 2:  # noqa: PLR2004 - a motion has a beginning and an end
+    found = _estimated_motion(folder)
+    if found is None or found.time.size < 2:  # noqa: PLR2004 - it has a beginning and an end
         return None
     caption = (
         "The executed motion as it was estimated, over one period, struts coloured by the actuator "
         "force of the estimated model; positive extends. Drag to rotate, scroll to zoom."
     )
-    return _view(
-        folder, table.numbers("t"), table.block(COORDINATE_NAMES), table.block(forces), caption
-    )
+    return _view(folder, found.time, found.state[:, :COORDINATES], found.forces_model, caption)
 
 
-def _estimated_motion(folder: RunFolder) -> Any:
+def _estimated_motion(folder: RunFolder) -> EstimatedMotion | None:
     if not folder.has("estimate"):
         return None
-    places = (folder.table_file(name) for name in ("estimated_motion", "estimated_motion_1"))
-    return next((path for path in places if path.is_file()), None)
+    made = folder.record(EstimateRecord).motions
+    if made:
+        return next(iter(made.values()))
+    table = next((t for t in (MOTION, MOTION.numbered(1)) if t.is_in(folder.path)), None)
+    return None if table is None else table.read(folder.path)
 
 
 def _view(folder: RunFolder, time: Array, pose: Array, force: Array, caption: str) -> ViewBlock:
