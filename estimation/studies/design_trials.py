@@ -56,8 +56,6 @@ class Trial:
     ----------
     number : int
         Of the set, from 1.
-    criterion : str
-    design : DesignResult
     predicted : dict of (m, m)
         Covariances of LS and GM with exact kinematics.
     values : dict of dict of (K, m)

@@ -30,8 +30,6 @@ class Case:
 
     Attributes
     ----------
-    key, title : str
-    tracking_error : bool
     pointwise : bool
         LS and GM differentiate sample by sample.
     design_harmonics : bool
@@ -95,9 +93,7 @@ class CaseResult:
 
     Attributes
     ----------
-    case : Case
     truth : (m,)
-    experiments : tuple of Identification
     failed : int
         Experiments that could not be estimated.
     """

@@ -56,7 +56,6 @@ class ValidationStudy(Study):
     ----------
     motions : tuple of str
         Names.
-    runs : tuple of ValidationRun
     failed : int
         Runs that could not be estimated, and are not among them.
     first : Predicted

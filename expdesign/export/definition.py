@@ -28,8 +28,6 @@ class Task:
     ----------
     name : str
         Of the run.
-    robot : Robot
-    motion : ExecutableMotion
     controller_period : float
         s.
     sampling : float
@@ -58,11 +56,8 @@ class Settings:
 
     Attributes
     ----------
-    section : ExportSection
-    form : TableFormat
     name : str
         Of the run.
-    axes : Axes
     digits : int or None
         After the decimal point; None: all of a double.
     step : float or None

@@ -107,13 +107,9 @@ class ExecutedTable:
 
     Attributes
     ----------
-    robot : Robot
     motion : ExecutableMotion
         The design; it only tells which way the machine is assembled and how many turns an angle
         has.
-    axes : Axes
-    rows : Rows
-    interpolation : Interpolation
     """
 
     robot: Robot

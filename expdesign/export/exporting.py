@@ -26,7 +26,6 @@ class ExportError(Exception):
 
     Attributes
     ----------
-    check : ReadBack
     remedy : str
         What may help; empty when no option does.
     """
@@ -43,11 +42,8 @@ class Export:
 
     Attributes
     ----------
-    path : Path
     digest : str
         SHA-256 of what was checked.
-    settings : Settings
-    check : ReadBack
     """
 
     path: Path

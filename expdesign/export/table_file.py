@@ -26,12 +26,10 @@ class TableFile:
 
     Attributes
     ----------
-    path : Path
     digest : str
         SHA-256 of the file.
     settings : Settings
         With which it was written.
-    executed : ExecutedTable
     changed : bool
         Whether it is another file than the one that was exported and checked.
     """

@@ -13,6 +13,7 @@ from estimation.data.formats import file_formats
 from estimation.diagnostics.noise_record import NoiseFile
 from estimation.identification.record import EstimateFile
 from estimation.montecarlo.record import STATISTICS, MonteCarloFile, repetition_table
+from estimation.studies import StudySummary
 from estimation.twin import Twin
 from estimation.twin.record import MEASUREMENT, TruthFile
 from estimation.validation.record import ValidationFile
@@ -42,7 +43,7 @@ from expdesign.configuration.sections.study import StudySection
 from expdesign.configuration.sections.validation import ValidationMotion
 from expdesign.configuration.values.quantity import unit_dimension, unit_symbols
 from expdesign.experiment.record import TABLES, TRAJECTORY, DesignFile
-from expdesign.export import table_formats
+from expdesign.export import ExportsRecord, table_formats
 from expdesign.information.catalogue import criteria_by_key
 from expdesign.library import robot_files, run_files
 from expdesign.mechanism.catalogue import DEFAULT, TERMS, terms_named
@@ -252,7 +253,17 @@ def test_columns_of_the_tables():
 
 
 @pytest.mark.parametrize(
-    "kind", [DesignFile, TruthFile, EstimateFile, NoiseFile, ValidationFile, MonteCarloFile]
+    "kind",
+    [
+        DesignFile,
+        TruthFile,
+        EstimateFile,
+        NoiseFile,
+        ValidationFile,
+        MonteCarloFile,
+        ExportsRecord,
+        StudySummary,
+    ],
 )
 def test_keys_of_json_files(kind):
     heading = "### montecarlo.json" if kind is MonteCarloFile else f"## {kind.FILE}"

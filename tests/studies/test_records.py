@@ -9,7 +9,7 @@ from estimation.studies import StudyRecord, StudySummary
 from estimation.studies.records import TABLES
 from expdesign.configuration import InputError
 
-OLD = Path(__file__).parent / "old"
+OLD = Path(__file__).parent / "format_0"
 
 
 @pytest.mark.parametrize("kind", list(TABLES))
