@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +16,7 @@ from expdesign.configuration import (
     Problem,
     RunConfiguration,
 )
-from expdesign.runfolder.manifest import file_hash
+from expdesign.runfolder.manifest import Manifest, file_hash
 from expdesign.stages.outcome import Outcome
 from expdesign.stages.progress import Progress
 from expdesign.stages.table import STAGES
@@ -224,9 +224,11 @@ class Workspace:
             place = self._estimate_place()
             path = place / STAGES[need].record if place.is_dir() else place
             return file_hash(path) if path.is_file() else ""
-        from results.report.run_report import stages_text
-
-        return stages_text(self.folder)
+        manifest = Manifest.read(self.folder)
+        entries = {} if manifest is None else manifest.stages
+        # All but the report, which needs the others.
+        others = [name for name in entries if name not in STAGES or need not in STAGES[name].needs]
+        return repr([(name, asdict(entries[name])) for name in others])
 
     def _recorded_files(self) -> Iterator[Path]:
         yield from self.data_files()

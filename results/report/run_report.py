@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,6 @@ from estimation.montecarlo.record import MonteCarloRecord
 from expdesign.configuration import RunConfiguration
 from expdesign.experiment import DesignRecord
 from expdesign.runfolder.atomic import write_text
-from expdesign.runfolder.manifest import Manifest
 from results.design import design_figures
 from results.estimation import study_figures
 from results.report.content import (
@@ -144,10 +143,3 @@ def _missing_figures(folder: RunFolder) -> list[Path]:
     if folder.has("montecarlo") and missing("montecarlo_bias"):
         drawn += study_figures(MonteCarloRecord.read(folder.path), folder.path, formats)
     return drawn
-
-
-def stages_text(folder: Path) -> str:
-    """Return what a report is made from: the files of all other stages, and the configuration."""
-    found = Manifest.read(folder)
-    stages = {} if found is None else found.stages
-    return repr([(name, asdict(entry)) for name, entry in stages.items() if name != OWN_STAGE])

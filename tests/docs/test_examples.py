@@ -118,7 +118,11 @@ def test_the_python_page(tiny_result, tmp_path, monkeypatch):
         return tiny_result
 
     monkeypatch.setattr(expdesign, "design", design)
+    monkeypatch.setattr("expdesign.stages.design.design", lambda *_: tiny_result)
     monkeypatch.setattr("results.design_figures", lambda _, folder: asked.append(folder))
+    for figures in ("design.design_figures", "estimate.estimate_figures"):
+        monkeypatch.setattr(f"expdesign.stages.{figures}", lambda *_: ())
+    monkeypatch.setattr("results.report.run_report.design_figures", lambda *_: ())
     monkeypatch.chdir(tmp_path)
     names = {}
     for block in blocks("python"):
@@ -130,6 +134,10 @@ def test_the_python_page(tiny_result, tmp_path, monkeypatch):
     assert names["jacobian"].shape == (6, 6)
     assert names["struts"].alpha.shape == (6,)
     assert names["log_det"] == pytest.approx(tiny_result.log_det_information, abs=1e-6)
+    assert names["estimated"].estimates.keys() == {"ls", "gm"}
+    assert list(names["made"].stages) == ["design", "experiment", "estimate"]
+    assert names["page"] == tmp_path / "runs" / "whole" / "report.html"
+    assert names["page"].is_file()
 
 
 @pytest.fixture
