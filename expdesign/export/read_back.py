@@ -51,13 +51,9 @@ class ReadBack:
         Rows of the table; points of the grid on which it was executed.
     shortest, longest : float
         Time between two rows, s.
-    duration : float
-        Of the table, s.
     row_error : float
         Largest difference between a value in the file and the design at the time that the file
         states, in half units of the last digit (of a rounding error, where all are written).
-    limits : tuple of LimitCheck
-        The worst moment of each limit.
     information : InformationChange or None
         None without noise, or where the file could not be executed.
     failures : tuple of str

@@ -71,8 +71,6 @@ class Segment(Protocol):
     ----------
     name : str
         ``"rest"``, ``"ramp in"``, ``"periods"``, ``"ramp out"``.
-    duration : float
-        s.
     """
 
     @property
@@ -106,8 +104,6 @@ class ExecutableMotion:
         M.
     phase : float
         Time on the trajectory's orbit at which the periods begin, s.
-    seconds : float
-        Time that finding it took, s.
     """
 
     segments: tuple[Segment, ...]

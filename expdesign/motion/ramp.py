@@ -54,8 +54,6 @@ class NoRampError(ArithmeticError):
     ----------
     name : str
         ``"ramp in"`` or ``"ramp out"``.
-    limit : str
-        Key of the limit that the best attempt breaks most.
     """
 
     def __init__(self, name: str, limit: str, message: str) -> None:
@@ -69,14 +67,8 @@ class RampAttempt:
 
     Attributes
     ----------
-    x : (z,)
-        Scaled variables.
-    problem : RampProblem
-        Which they belong to.
     violation : float
         Worst excess of the smoothed rows as a share of their range.
-    limit : str
-        Key of the limit that this is.
     """
 
     x: Array

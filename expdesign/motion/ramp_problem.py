@@ -34,8 +34,6 @@ class RampProblem:
     ----------
     limits : LimitModel
         With the one on the struts' jerk: states have the pose's third derivative.
-    intervals : int
-        Polynomial pieces.
     scale : (6,)
         What counts as one in each coordinate: m, rad.
     time_scale : float

@@ -93,8 +93,6 @@ class SplineRamp:
 
     Attributes
     ----------
-    duration : float
-        s.
     coefficients : (N, 6)
         Control points: m, rad.
     """

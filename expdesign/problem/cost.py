@@ -44,8 +44,6 @@ class InformationCost:
         Parameters that the criterion judges.
     scaling : (k,)
         Every column of A is multiplied by it.
-    samples : int
-        Samples of one period.
     """
 
     terms: tuple[Term, ...]

@@ -30,8 +30,6 @@ class Judge:
         Full Σ of the force noise, N².
     scaling : (m,)
         Scale of every parameter (1 for SI).
-    names : tuple of str
-        Parameters that are judged.
     """
 
     robot: Robot

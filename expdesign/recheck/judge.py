@@ -169,8 +169,6 @@ class Recheck:
 
     Attributes
     ----------
-    points : int
-        Points of the grid.
     span : str
         What the grid covers, in words.
     """

@@ -41,8 +41,6 @@ class Finished:
         Factor by which the motion was shrunk in the end; 1: not at all.
     record : StageRecord or None
         Statistics of the solves; None when there were none.
-    trace : tuple of TracePoint
-        Its iterations.
     """
 
     trajectory: FourierTrajectory

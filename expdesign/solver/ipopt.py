@@ -76,8 +76,6 @@ class IpoptResult:
 
     Attributes
     ----------
-    x : (z,)
-        Last iterate.
     multipliers : (r,)
         Lagrange multipliers of the rows; positive at the upper bound.
     status : str

@@ -41,10 +41,6 @@ class SearchPlan:
         Most iterations of a start's first stage.
     controller_period : float
         Step of the controller, s.
-    workers : int
-        Processes.
-    max_seconds : float or None
-        Time for starts and hops, s.
     """
 
     starts: int

@@ -20,8 +20,6 @@ class Candidate:
     ----------
     merit : float
         The judged criterion, larger is better.
-    start : StartResult
-        The start or hop that was finished.
     lineage : int
         Index of the random start that it descends from.
     """
@@ -40,13 +38,7 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Population:
-    """At most `CAPACITY` candidates, the best first, one of each lineage.
-
-    Attributes
-    ----------
-    members : tuple of Candidate
-        Not empty.
-    """
+    """At most `CAPACITY` candidates, the best first, one of each lineage."""
 
     members: tuple[Candidate, ...]
 

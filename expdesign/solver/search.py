@@ -32,16 +32,8 @@ class SearchResult:
 
     Attributes
     ----------
-    finished : Finished
-        The best trajectory, finished and rechecked.
-    best : StartResult
-        The start that it came from.
-    starts : tuple of StartResult
-        Every start and hop, in their order.
     finished_merits : dict of float
         What the finished ones were worth, by their index.
-    interrupted : bool
-        True when the search was asked to stop before its end.
     """
 
     finished: Finished
@@ -53,13 +45,7 @@ class SearchResult:
 
 
 class NoDesignError(ArithmeticError):
-    """The search found no trajectory that keeps the limits and excites the parameters.
-
-    Attributes
-    ----------
-    starts : tuple of StartResult
-        What the starts found instead.
-    """
+    """The search found no trajectory that keeps the limits and excites the parameters."""
 
     def __init__(self, message: str, starts: Sequence[StartResult]) -> None:
         super().__init__(message)

@@ -37,8 +37,6 @@ class Stage:
 
     Attributes
     ----------
-    name : str
-        For progress and records.
     width : float
         Smoothing of dry friction, m/s.
     level : float
@@ -51,10 +49,6 @@ class Stage:
         Rows closer to their bounds than this share of their range enter the NLP at once.
     radius : float or None
         Half-width of the box about the stage's start, in scaled variables.
-    iterations : int
-        Most iterations.
-    curvature : {"gauss-newton", "limited-memory"}
-        See `solve_with_ipopt`.
     criterion : Criterion or None
         Criterion of this stage where it is not the problem's own.
     harmonics : int or None
@@ -114,15 +108,11 @@ class SearchEvent:
     phase : str
         ``"blunt"``, ``"sharp"``, ``"hop"``, then ``"done"``; for some ``"finish"``, then
         ``"finished"``.
-    iteration : int
-        Iterations of this start so far.
     objective : float
         The criterion in the units in which it is reported (log det F for ``d``): smoothed, and
         that of the unsmoothed model when it is done or finished.
     violation : float
         Largest violation of the limits in the NLP, as a share of their range.
-    seconds : float
-        Since this start began.
     status : str
         Empty while it runs; then how it ended.
     """

@@ -36,8 +36,6 @@ class StartResult:
         −inf when it cannot be.
     status : str
         How the last stage ended, in words.
-    converged : bool
-        True when the last stage converged.
     """
 
     index: int
