@@ -179,10 +179,6 @@ class EstimateFile(JsonFile):
         """What the estimator to use found."""
         return self.estimators[self.best]
 
-    def covariance(self, estimator: str) -> Array:
-        """Return the covariance of one estimator's parameters, (m, m)."""
-        return self.estimators[estimator].covariance
-
     @classmethod
     def of(cls, result: EstimationResult, diagnosis: Diagnosis | None) -> Self:
         """Describe a result."""
@@ -302,7 +298,7 @@ class EstimateRecord:
         The diagnosis of every recording; empty without one, and of a folder whose version did
         not keep its tables.
     motions : dict of EstimatedMotion
-        By the recording's number, from 1; empty when read from a folder.
+        By the recording's number, from 1; none after pointwise differentiation.
     """
 
     summary: EstimateFile
@@ -343,7 +339,12 @@ class EstimateRecord:
             )
             if RESIDUALS.numbered(number if several else None).is_in(folder)
         )
-        return cls(summary, ESTIMATES.read(folder), experiments, {})
+        tables = {
+            number: MOTION.numbered(number if several else None)
+            for number in range(1, len(summary.recordings) + 1)
+        }
+        motions = {n: table.read(folder) for n, table in tables.items() if table.is_in(folder)}
+        return cls(summary, ESTIMATES.read(folder), experiments, motions)
 
     def by_estimator(self) -> dict[str, tuple[ParameterRow, ...]]:
         """Return the rows of each estimator, in the order of the parameters."""

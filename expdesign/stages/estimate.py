@@ -60,6 +60,7 @@ def perform(work: Workspace) -> Outcome:
         (result, diagnosis),
         (*record.write(folder), *estimate_figures(record, folder, figures)),
         summary=summary,
+        record=record,
         message="; ".join(f"{name}: {e.status}" for name, e in result.estimates.items()),
         warnings=result.warnings[len(configuration.warnings) :],
         doubt="" if summary["verdict"] == "accepted" else "a diagnostic failed",
@@ -94,6 +95,7 @@ def analyse_noise(work: Workspace) -> Outcome:
         analysis,
         (*record.write(folder), *figures),
         summary={"folder": str(folder), **record.summary.as_data()},
+        record=record.summary,
     )
 
 

@@ -7,6 +7,7 @@ import time
 from estimation.twin import Twin
 from estimation.twin.record import (
     MEASUREMENT,
+    TruthFile,
     repetition_file,
     write_measurement,
     write_truth,
@@ -69,6 +70,7 @@ def perform(work: Workspace) -> Outcome:
         folder,
         twin,
         tuple(sorted(files)),
+        record=TruthFile.of(truth),
         summary={
             "folder": str(folder),
             "repetitions": done,

@@ -66,6 +66,7 @@ def montecarlo(work: Workspace) -> Outcome:
         folder,
         study,
         tuple(files),
+        record=record,
         summary={
             "folder": str(folder),
             "repetitions": len(study.repetitions),

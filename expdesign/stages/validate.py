@@ -40,6 +40,7 @@ def perform(work: Workspace) -> Outcome:
             "seconds": result.seconds,
             "warnings": list(result.warnings),
         },
+        record=record,
         message="accepted" if result.accepted else "doubtful",
         warnings=result.warnings[len(configuration.warnings) :],
         doubt="" if result.accepted else "a motion speaks against the model",

@@ -145,10 +145,6 @@ class RunFolder:
         """Return what the manifest says of a stage, None when it says nothing."""
         return None if self.manifest is None else self.manifest.stages.get(stage)
 
-    def table_file(self, name: str) -> Path:
-        """Return the place of a table."""
-        return self.path / "tables" / f"{name}.csv"
-
     def run_text(self) -> str:
         """Return `run.yaml` as it stands there."""
         return self.text(self.path / "run.yaml")

@@ -7,12 +7,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from estimation.identification.record import EstimateRecord
 from estimation.montecarlo.record import MonteCarloRecord
+from estimation.validation.record import ValidationRecord
 from expdesign.configuration import RunConfiguration
 from expdesign.experiment import DesignRecord
 from expdesign.runfolder.atomic import write_text
 from results.design import design_figures
-from results.estimation import study_figures
+from results.estimation import estimate_figures, study_figures, validation_figures
 from results.report.content import (
     Level,
     Page,
@@ -141,5 +143,9 @@ def _missing_figures(folder: RunFolder) -> list[Path]:
     if folder.has("design") and missing("excitation"):
         drawn += design_figures(folder.record(DesignRecord), folder.path, formats)
     if folder.has("montecarlo") and missing("montecarlo_bias"):
-        drawn += study_figures(MonteCarloRecord.read(folder.path), folder.path, formats)
+        drawn += study_figures(folder.record(MonteCarloRecord), folder.path, formats)
+    if folder.has("estimate") and missing("estimates"):
+        drawn += estimate_figures(folder.record(EstimateRecord), folder.path, formats)
+    if folder.has("validate") and missing("prediction_1"):
+        drawn += validation_figures(folder.record(ValidationRecord), folder.path, formats)
     return drawn

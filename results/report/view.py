@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from constraints.arrays import Array
-from estimation.identification.record import MOTION, EstimatedMotion, EstimateRecord
+from estimation.identification.record import EstimateRecord
 from expdesign.experiment import DesignRecord
 from expdesign.mechanism.hexapod import COORDINATES
 from results.report.content import ViewBlock
@@ -26,24 +26,16 @@ def robot_view(folder: RunFolder) -> ViewBlock | None:
             "nominal parameters; positive extends. Drag to rotate, scroll to zoom."
         )
         return _view(folder, motion.time, motion.pose, motion.force, caption)
-    found = _estimated_motion(folder)
-    if found is None or found.time.size < 2:  # noqa: PLR2004 - it has a beginning and an end
+    motions = folder.record(EstimateRecord).motions if folder.has("estimate") else {}
+    if 1 not in motions or len(motions[1].time) < 2:  # noqa: PLR2004 - it begins and ends
         return None
+    estimated = motions[1]
+    pose = estimated.state[:, :COORDINATES]
     caption = (
         "The executed motion as it was estimated, over one period, struts coloured by the actuator "
         "force of the estimated model; positive extends. Drag to rotate, scroll to zoom."
     )
-    return _view(folder, found.time, found.state[:, :COORDINATES], found.forces_model, caption)
-
-
-def _estimated_motion(folder: RunFolder) -> EstimatedMotion | None:
-    if not folder.has("estimate"):
-        return None
-    made = folder.record(EstimateRecord).motions
-    if made:
-        return next(iter(made.values()))
-    table = next((t for t in (MOTION, MOTION.numbered(1)) if t.is_in(folder.path)), None)
-    return None if table is None else table.read(folder.path)
+    return _view(folder, estimated.time, pose, estimated.forces_model, caption)
 
 
 def _view(folder: RunFolder, time: Array, pose: Array, force: Array, caption: str) -> ViewBlock:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from constraints.arrays import Array
-from estimation.identification.record import EstimateFile
+from estimation.identification.record import EstimateFile, EstimateRecord
 from estimation.twin.record import TruthFile
 from estimation.uncertainty.differences import Differences, difference_test
 from expdesign.mechanism.catalogue import parameter_unit
@@ -61,7 +61,7 @@ class ComparedEstimate:
     @classmethod
     def read(cls, label: str, folder: RunFolder) -> ComparedEstimate:
         """Read the best estimate of a folder."""
-        summary = EstimateFile.read(folder.path)
+        summary = folder.record(EstimateRecord).summary
         return cls(label, folder, summary, EstimatedParameters.of(summary, summary.best))
 
     @property
@@ -136,7 +136,7 @@ def not_independent(one: ComparedEstimate, other: ComparedEstimate) -> str:
             "of their covariances is not that of the difference."
         )
     if one.folder.has("experiment") and other.folder.has("experiment"):
-        first, second = (TruthFile.read(each.folder.path).seeds for each in (one, other))
+        first, second = (each.folder.record(TruthFile).seeds for each in (one, other))
         if first.repetitions == second.repetitions:
             return (
                 "Both experiments were simulated with the same seed, so that their noise may be "

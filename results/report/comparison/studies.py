@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from estimation.montecarlo.record import STATISTICS
+from estimation.montecarlo.record import MonteCarloRecord
 from results.report.content import Level, Section, StageReport, TableBlock, Verdict
 from results.report.folder import RunFolder
 from results.report.numerals import counted
@@ -27,7 +27,7 @@ def achieved_table(folders: dict[str, RunFolder]) -> ReportTable:
     cells: dict[tuple[str, str], list[Value]] = {}
     width = 0
     for label, folder in folders.items():
-        rows = STATISTICS.read(folder.path)
+        rows = folder.record(MonteCarloRecord).rows
         estimators = tuple(dict.fromkeys(row.estimator for row in rows))
         columns.append(Column(f"bound, {label}", digits=3))
         columns += [Column(f"{NAMES.get(e, e)}, {label}", digits=3) for e in estimators]

@@ -36,7 +36,7 @@ _TITLE = "Estimate"
 
 def estimate_report(folder: RunFolder) -> StageReport:
     """Describe the estimate in a folder."""
-    record = EstimateRecord.read(folder.path)
+    record = folder.record(EstimateRecord)
     truth = _truth(folder, record.summary)
     return StageReport(
         _verdict(record.summary),
@@ -152,7 +152,7 @@ def _truth(folder: RunFolder, summary: EstimateFile) -> Array | None:
     own = folder.configuration.run.data.file is None and sources == ["measurement.csv"]
     if not own or not folder.has("experiment"):
         return None
-    true = TruthFile.read(folder.path).parameters
+    true = folder.record(TruthFile).parameters
     if any(name not in true for name in summary.parameters):
         return None
     return np.array([true[name] for name in summary.parameters])

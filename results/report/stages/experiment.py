@@ -13,7 +13,7 @@ from results.report.table import Column, ReportTable
 
 def experiment_report(folder: RunFolder) -> StageReport:
     """Describe the experiment in a folder."""
-    truth = TruthFile.read(folder.path)
+    truth = folder.record(TruthFile)
     experiment = truth.experiment
     disturbances = ", ".join(truth.disturbances.active) or "none"
     table = "" if truth.table is None else truth.table.file

@@ -15,7 +15,7 @@ _TITLE = "Monte-Carlo study"
 
 def montecarlo_report(folder: RunFolder) -> StageReport:
     """Describe the study in a folder."""
-    record = MonteCarloRecord.read(folder.path)
+    record = folder.record(MonteCarloRecord)
     summary, estimators = record.summary, record.summary.estimators
     failures = sum(len(entry.failures) for entry in estimators.values())
     names = ", ".join(NAMES.get(name, name) for name in estimators)

@@ -8,9 +8,9 @@ import numpy as np
 
 from constraints.arrays import Array
 from estimation.diagnostics import Outcome
-from estimation.diagnostics.noise_record import NOISE_COVARIANCE, NoiseFile
+from estimation.diagnostics.noise_record import NoiseFile, covariance_rows
 from estimation.diagnostics.noise_tests import Normality, Whiteness
-from estimation.identification.record import EstimateFile
+from estimation.identification.record import EstimateRecord
 from results.report.content import (
     Block,
     Fact,
@@ -43,15 +43,15 @@ def shows_noise(folder: RunFolder) -> bool:
         return False
     if not folder.has("estimate"):
         return True
-    recordings = EstimateFile.read(folder.path).recordings
-    own = NoiseFile.read(folder.path).recording
+    recordings = folder.record(EstimateRecord).summary.recordings
+    own = folder.record(NoiseFile).recording
     # The figures of several recordings have numbers, and leave those of the analysis alone.
     return len(recordings) > 1 or any(recording.source == own for recording in recordings)
 
 
 def noise_report(folder: RunFolder) -> StageReport:
     """Describe the noise analysis in a folder."""
-    noise = NoiseFile.read(folder.path)
+    noise = folder.record(NoiseFile)
     failed = [finding for finding in noise.findings if finding.outcome is Outcome.FAILS]
     serious = any(finding.serious for finding in failed)
     level = Level.BAD if serious else Level.CAUTION if failed else Level.GOOD
@@ -83,7 +83,7 @@ def noise_report(folder: RunFolder) -> StageReport:
     blocks.append(TableBlock(findings_table("noise_findings", noise.findings, "the noise")))
     if shows_noise(folder):
         blocks += folder.figures(*FIGURES)
-    blocks.append(TableBlock(_covariance_table(folder)))
+    blocks.append(TableBlock(_covariance_table(noise)))
     return StageReport(
         Verdict("Noise", level, word, sentence, "noise"),
         (),
@@ -141,8 +141,8 @@ def _channels_table(
     return ReportTable.of(f"noise_{what}s", caption, columns, list(zip(*cells, strict=True)))
 
 
-def _covariance_table(folder: RunFolder) -> ReportTable:
-    rows = [astuple(row) for row in NOISE_COVARIANCE.read(folder.path)]
+def _covariance_table(noise: NoiseFile) -> ReportTable:
+    rows = [astuple(row) for row in covariance_rows(noise)]
     columns = (
         Column("quantity", kind="text"),
         Column("row"),

@@ -23,7 +23,7 @@ from results.report.table import Column, ReportTable
 
 def validation_report(folder: RunFolder) -> StageReport:
     """Describe the validation in a folder."""
-    record = ValidationRecord.read(folder.path)
+    record = folder.record(ValidationRecord)
     summary, count = record.summary, len(record.summary.motions)
     passed = f"{sum(row.verdict == 'passes' for row in record.rows)} of {len(record.rows)}"
     blocks: list[Block] = [TableBlock(_actuators_table(record))]
