@@ -26,8 +26,7 @@ from expdesign.configuration import load_run
 from expdesign.robot import robot_from
 from expdesign.trajectory import FourierTrajectory, TrajectoryFile
 from results import study_figures
-from results.figures.montecarlo import bias
-from results.figures.montecarlo.series import study_series
+from results.figures.montecarlo import BIAS, study_series
 from results.figures.saving import save_figures
 
 TITLE = "Monte-Carlo study"
@@ -123,7 +122,7 @@ def central(repetitions: int) -> Iterator[Row]:
         for study in ("central", "central-ml")
         for series in study_series(MonteCarloRecord.read(_folder(study)).rows)
     )
-    figure = replace(bias.FIGURE, key="montecarlo_central")
+    figure = replace(BIAS, key="montecarlo_central")
     for path in save_figures([figure], record, _ROOT / "docs" / "figures"):
         if path.suffix != ".png":
             path.unlink()

@@ -10,14 +10,10 @@ from estimation.diagnostics.noise_record import NoiseRecord
 from estimation.identification.record import EstimateRecord
 from estimation.montecarlo.record import MonteCarloRecord
 from estimation.validation.record import ValidationRecord
-from results.figures.estimation.catalogue import (
-    DIAGNOSTIC_FIGURES,
-    ESTIMATE_FIGURES,
-    NOISE_FIGURES,
-    PREDICTION_FIGURE,
-)
-from results.figures.montecarlo.catalogue import STUDY_FIGURES
-from results.figures.montecarlo.series import study_series
+from results.figures.estimation.noise import NOISE_FIGURES
+from results.figures.estimation.parameters import ESTIMATE_FIGURES
+from results.figures.estimation.residuals import DIAGNOSTIC_FIGURES, PREDICTION_FIGURE
+from results.figures.montecarlo import STUDY_FIGURES, study_series
 from results.figures.saving import FORMATS, save_figures
 
 PLACE = "figures"

@@ -11,13 +11,10 @@ from typing import Any, Protocol, Self, TypeVar
 from expdesign.configuration import InputError, Problem, RunConfiguration, load_run
 from expdesign.runfolder.manifest import Manifest, StageEntry
 from results.figures.design.catalogue import DESIGN_FIGURES
-from results.figures.estimation.catalogue import (
-    DIAGNOSTIC_FIGURES,
-    ESTIMATE_FIGURES,
-    NOISE_FIGURES,
-    PREDICTION_FIGURE,
-)
-from results.figures.montecarlo.catalogue import STUDY_FIGURES
+from results.figures.estimation.noise import NOISE_FIGURES
+from results.figures.estimation.parameters import ESTIMATE_FIGURES
+from results.figures.estimation.residuals import DIAGNOSTIC_FIGURES, PREDICTION_FIGURE
+from results.figures.montecarlo import STUDY_FIGURES
 from results.figures.studies.catalogue import RECORD_FIGURES, REPETITIONS_FIGURE
 from results.reading.document import Document
 from results.report.content import FigureBlock, StageReport

@@ -52,7 +52,7 @@ from expdesign.mechanism.term import ALPHA_RATE, BETA_RATE, STRUT_SPEED, paramet
 from expdesign.recheck import TOLERANCE, grid_points
 from expdesign.trajectory import FourierTrajectory
 from results.figures.design.catalogue import DESIGN_FIGURES
-from results.figures.montecarlo.catalogue import STUDY_FIGURES
+from results.figures.montecarlo import STUDY_FIGURES
 from tests.docs.pages import ROOT, codes, parse, table
 
 DOCS = ROOT / "docs"

@@ -7,7 +7,8 @@ import pytest
 
 from estimation.diagnostics import diagnose
 from estimation.diagnostics.record import ExperimentRecord
-from results.figures.estimation.catalogue import DIAGNOSTIC_FIGURES, NOISE_FIGURES
+from results.figures.estimation.noise import NOISE_FIGURES
+from results.figures.estimation.residuals import DIAGNOSTIC_FIGURES
 from results.figures.saving import save_figures
 from results.style import PAGE_WIDTH, RESOLUTION, house_style
 from tests.diagnostics.conftest import Laboratory

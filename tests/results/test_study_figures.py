@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 
 from estimation.montecarlo.record import STATISTICS, StatisticsRow
-from results.figures.montecarlo import bias, efficiency
-from results.figures.montecarlo.catalogue import STUDY_FIGURES
-from results.figures.montecarlo.series import study_series
+from results.figures.montecarlo import STUDY_FIGURES, draw_bias, draw_efficiency, study_series
 from results.figures.saving import save_figures
 
 NAMES = ["p1", "p2", "r_alpha", "r1", "v6"]
@@ -64,7 +62,7 @@ def test_the_bias_is_drawn_in_units_of_the_bound():
         replace(row, bias=3 * row.bias, bias_std_error=3 * row.bias_std_error, bound=3.0)
         for row in statistics()
     ]
-    figure = bias.draw(study_series(rows))
+    figure = draw_bias(study_series(rows))
     ls, ml = points(figure)
     np.testing.assert_allclose(ls[:, 1], [row.bias / 3 for row in rows[:5]])
     np.testing.assert_allclose(ml[:, 1], [row.bias / 3 for row in rows[5:]])
@@ -76,14 +74,14 @@ def test_the_bias_is_drawn_in_units_of_the_bound():
 
 def test_a_large_bias_needs_another_scale():
     series = study_series(statistics(shift=30.0))
-    axes = bias.draw(series).axes[0]
+    axes = draw_bias(series).axes[0]
     assert axes.get_yscale() == "symlog"
     assert axes.get_ylim()[1] > 30
-    assert efficiency.draw(series).axes[0].get_yscale() == "log"
+    assert draw_efficiency(series).axes[0].get_yscale() == "log"
 
 
 def test_efficiency_and_coverage():
-    figure = efficiency.draw(study_series(statistics()))
+    figure = draw_efficiency(study_series(statistics()))
     np.testing.assert_allclose(points(figure)[0][:, 1], 1.05)
     np.testing.assert_allclose(points(figure, 1)[1][:, 1], 95.0)
     assert figure.axes[1].get_ylim()[1] > 100

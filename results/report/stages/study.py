@@ -16,7 +16,7 @@ from estimation.studies.records import (
     VARIANCES,
 )
 from expdesign.runfolder import RowTable
-from results.figures.estimation.catalogue import PREDICTION_FIGURE
+from results.figures.estimation.residuals import PREDICTION_FIGURE
 from results.report.content import (
     Block,
     Fact,

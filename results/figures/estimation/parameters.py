@@ -1,4 +1,4 @@
-"""Every parameter by every estimator: deviation from the a-priori value, with its interval."""
+"""Estimates against the a-priori values, and their correlation."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from matplotlib.container import Container
 from matplotlib.figure import Figure
 
 from estimation.identification.record import EstimateRecord
+from estimation.uncertainty import correlation
 from results.figures.definition import FigureDefinition
 from results.figures.legends import legend_above
 from results.style import ESTIMATOR_LOOKS, MUTED, new_figure
@@ -15,7 +16,7 @@ from results.symbols import symbol
 _SPREAD = 0.5
 
 
-def draw(record: EstimateRecord) -> Figure:
+def draw_estimates(record: EstimateRecord) -> Figure:
     """Draw deviations in units of the best estimator's standard deviation."""
     figure = new_figure(3.4)
     axes = figure.subplots()
@@ -67,9 +68,40 @@ def draw(record: EstimateRecord) -> Figure:
     return figure
 
 
-FIGURE = FigureDefinition(
+ESTIMATES = FigureDefinition(
     key="estimates",
     caption="Deviation of every estimate from the a-priori value, in units of the best estimator's "
     "standard deviation, with 95 % intervals. The a-priori values do not enter the estimates.",
-    draw=draw,
+    draw=draw_estimates,
 )
+
+
+def draw_correlation(record: EstimateRecord) -> Figure:
+    """Draw the best estimator's correlation matrix."""
+    summary = record.summary
+    free = [k for k, name in enumerate(summary.parameters) if name not in summary.fixed]
+    matrix = correlation(summary.best_estimator.covariance)[np.ix_(free, free)]
+    figure = new_figure(4.6, width=5.2)
+    axes = figure.subplots()
+    image = axes.imshow(matrix, cmap="RdBu_r", vmin=-1, vmax=1, interpolation="nearest")
+    labels = [symbol(summary.parameters[k]) for k in free]
+    axes.set_xticks(range(len(free)), labels)
+    axes.set_yticks(range(len(free)), labels)
+    axes.tick_params(length=0)
+    axes.grid(visible=False)
+    for spine in axes.spines.values():
+        spine.set_visible(False)
+    axes.set_title(f"Correlation of the {summary.best.upper()} estimates")
+    bar = figure.colorbar(image, ax=axes, shrink=0.8, ticks=[-1, -0.5, 0, 0.5, 1])
+    bar.outline.set_visible(False)
+    return figure
+
+
+CORRELATION = FigureDefinition(
+    key="correlation",
+    caption="Correlation between the estimates of the parameters, best estimator.",
+    draw=draw_correlation,
+)
+
+ESTIMATE_FIGURES: tuple[FigureDefinition[EstimateRecord], ...] = (ESTIMATES, CORRELATION)
+"""What is shown of the parameters, in the order of a report."""

@@ -1,0 +1,170 @@
+"""The noise of forces and lengths: distribution and covariance, the paper's Figs. 4 and 5."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import LinearSegmentedColormap
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from scipy import stats
+
+from constraints.arrays import Array
+from estimation.diagnostics.noise_record import NoisePictures
+from results.figures.definition import FigureDefinition
+from results.figures.estimation.panels import corner_text, strut_panels
+from results.style import BLUE, INK, STRUT_COLOURS, VERMILLION, new_figure
+from results.units import handy_unit, plain_number
+
+
+def draw_distribution(pictures: NoisePictures) -> Figure:
+    """Draw a histogram per actuator; what lies beyond the axis is counted in its outer bins."""
+    bins, test = pictures.histogram, pictures.normality
+    figure = new_figure(4.3)
+    reach = float(bins.high[-1])
+    for j, axes in enumerate(strut_panels(figure, "Actuator", share=True)):
+        axes.hist(
+            bins.low,
+            bins=[*bins.low.tolist(), reach],
+            weights=bins.counts[:, j],
+            density=True,
+            color=STRUT_COLOURS[j],
+            alpha=0.55,
+            linewidth=0,
+        )
+        grid = np.linspace(-reach, reach, 400)
+        curve = stats.norm.pdf(grid, test.mean[j], test.std[j])
+        axes.plot(grid, curve, color=INK, linewidth=1.0)
+        axes.set_xlim(-reach, reach)
+        axes.grid(visible=False, axis="x")
+        corner_text(
+            axes,
+            f"std {plain_number(test.std[j], 3)} N\nskew {_signed(test.skewness[j])}\n"
+            f"kurt {_signed(test.kurtosis[j])}\np = {plain_number(test.p_values[j], 2)}",
+        )
+    figure.supxlabel("Noise of one force sample (N)", fontsize="medium")
+    figure.supylabel("Probability density (1/N)", fontsize="medium")
+    return figure
+
+
+def _signed(value: float) -> str:
+    return f"{value:+.2f}".replace("-", "−")
+
+
+DISTRIBUTION = FigureDefinition(
+    key="noise_distribution",
+    caption="Distribution of the force noise of each actuator and the normal curve with the same "
+    "mean and standard deviation; skewness, excess kurtosis and the p-value of normality.",
+    draw=draw_distribution,
+)
+
+
+def draw_quantiles(pictures: NoisePictures) -> Figure:
+    """Draw quantiles in standard deviations, dense in the tails, with their 95 % band."""
+    found = pictures.quantiles
+    figure = new_figure(4.6)
+    for j, axes in enumerate(strut_panels(figure, "Actuator", share=True)):
+        axes.fill_between(
+            found.normal, found.low, found.high, color="#e4e4e4", linewidth=0, zorder=1
+        )
+        axes.plot(found.normal, found.normal, color=INK, linewidth=0.8, zorder=2)
+        axes.plot(
+            found.normal, found.noise[:, j], ".", color=STRUT_COLOURS[j], markersize=2.4, zorder=3
+        )
+    figure.supxlabel("Quantile of the normal distribution (standard deviations)", fontsize="medium")
+    figure.supylabel("Quantile of the noise (standard deviations)", fontsize="medium")
+    return figure
+
+
+QUANTILES = FigureDefinition(
+    key="noise_quantiles",
+    caption="Quantiles of the force noise of each actuator against those of the normal "
+    "distribution. Grey: where each point lies with a probability of 95 % if the noise is normal.",
+    draw=draw_quantiles,
+)
+
+
+_COLOURS = LinearSegmentedColormap.from_list("correlation", [BLUE, "#ffffff", VERMILLION])
+_DARK = 0.6
+"""Correlation from which on text is white."""
+
+
+def draw_covariance(pictures: NoisePictures) -> Figure:
+    """Draw the forces above and the lengths below."""
+    noise = pictures.noise
+    figure = new_figure(5.6)
+    panels = figure.subplots(2, 2, gridspec_kw={"width_ratios": [1.15, 1.0]})
+    _pair(
+        panels[0],
+        noise.force_covariance,
+        noise.force_freedom,
+        ("N", r"forces, $\Sigma$", "$Q_{%d}$"),
+    )
+    _pair(
+        panels[1],
+        noise.length_covariance,
+        noise.length_freedom,
+        ("m", r"lengths, $\Delta$", "$q_{%d}$"),
+    )
+    return figure
+
+
+def _pair(
+    panels: NDArray[np.object_], covariance: Array, freedom: float, words: tuple[str, str, str]
+) -> None:
+    unit, title, channel = words
+    std = np.sqrt(np.diag(covariance))
+    correlation = covariance / np.multiply.outer(std, std)
+    names = [channel % j for j in range(1, len(std) + 1)]
+    _matrix(panels[0], correlation, names)
+    panels[0].set_title(f"Correlation of the {title}")
+    shown = handy_unit(unit, std)
+    axes = panels[1]
+    error = shown.shown(std / np.sqrt(2 * freedom)) * 1.96 if np.isfinite(freedom) else None
+    axes.bar(
+        np.arange(len(std)),
+        shown.shown(std),
+        width=0.62,
+        color=STRUT_COLOURS,
+        yerr=error,
+        error_kw={"ecolor": INK, "elinewidth": 0.9, "capsize": 2.5},
+        zorder=2,
+    )
+    axes.set_xticks(np.arange(len(std)), names)
+    axes.tick_params(axis="x", length=0)
+    axes.grid(visible=False, axis="x")
+    axes.set_ylabel(shown.label("Standard deviation"))
+    axes.set_title(f"Standard deviation of the {title.split(',', maxsplit=1)[0]}")
+
+
+def _matrix(axes: Axes, correlation: Array, names: list[str]) -> None:
+    image = axes.imshow(correlation, cmap=_COLOURS, vmin=-1, vmax=1)
+    for i, row in enumerate(correlation):
+        for j, value in enumerate(row):
+            axes.text(
+                j,
+                i,
+                "1" if i == j else f"{value:.2f}".replace("-", "−"),
+                ha="center",
+                va="center",
+                fontsize="small",
+                color="white" if abs(value) > _DARK else INK,
+            )
+    axes.set_xticks(range(len(names)), names)
+    axes.set_yticks(range(len(names)), names)
+    axes.tick_params(length=0)
+    axes.grid(visible=False)
+    axes.spines[:].set_visible(False)
+    bar = axes.figure.colorbar(image, ax=axes, shrink=0.9, ticks=[-1, -0.5, 0, 0.5, 1])
+    bar.outline.set_visible(False)
+
+
+COVARIANCE = FigureDefinition(
+    key="noise_covariance",
+    caption="Covariances of the noise: correlations (left) and standard deviations with their 95 % "
+    "intervals (right) of forces (above) and strut lengths (below).",
+    draw=draw_covariance,
+)
+
+NOISE_FIGURES: tuple[FigureDefinition[NoisePictures], ...] = (DISTRIBUTION, QUANTILES, COVARIANCE)
+"""What is shown of noise alone, in the order of a report."""

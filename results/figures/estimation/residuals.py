@@ -1,0 +1,182 @@
+"""Residual forces over time, against their strut's motion, and searched for cogging."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+from constraints.arrays import Array
+from estimation.diagnostics.record import ExperimentRecord, ForceResiduals
+from estimation.validation.record import MotionRecord
+from results.figures.definition import FigureDefinition
+from results.figures.estimation.panels import corner_text, strut_panels
+from results.style import ALERT, FAINT, MUTED, STRUT_COLOURS, new_figure
+from results.units import handy_unit
+
+_BAND = 1.96
+_REACH = 0.9995
+"""Share of the residuals that the panels show: one outlier shall not flatten all six."""
+
+
+def draw_residuals(record: ExperimentRecord) -> Figure:
+    """Draw the residuals of an estimate over one period."""
+    figure, panels = _residual_panels(record.residuals, record.residuals.time, room=1.25)
+    test = record.tests.lack_of_fit
+    for j, axes in enumerate(panels):
+        if not test.refused:
+            words = "bias" if test.failed[j] else "no bias"
+            corner_text(axes, f"{words}: F = {test.statistic[j]:.2f}")
+    return figure
+
+
+def draw_prediction(motion: MotionRecord) -> Figure:
+    """Draw the error of the prediction of a motion."""
+    rest, test = motion.residuals, motion.tests.lack_of_fit
+    figure, panels = _residual_panels(rest, rest.time - rest.time[0], room=1.3)
+    for j, axes in enumerate(panels):
+        if test.refused:
+            corner_text(axes, "not tested")
+            continue
+        words = "fails" if test.failed[j] else "passes"
+        corner_text(axes, f"{words}: F = {test.statistic[j]:.2f}")
+        if test.failed[j]:
+            axes.texts[-1].set_color(ALERT)
+    figure.suptitle(motion.name, fontsize="medium")
+    return figure
+
+
+def _residual_panels(
+    rest: ForceResiduals, time: Array, *, room: float
+) -> tuple[Figure, tuple[Axes, ...]]:
+    """Draw the residuals with the band in which noise alone leaves 95 % of them."""
+    figure = new_figure(5.4)
+    height = 1.1 * float(np.max(np.quantile(np.abs(rest.forces), _REACH, axis=0)))
+    height = max(height, 1.3 * _BAND * float(np.max(rest.std)))
+    panels = strut_panels(figure, "Actuator", (3, 2), share=True)
+    for j, axes in enumerate(panels):
+        band = _BAND * rest.std[:, j]
+        axes.plot(time, rest.forces[:, j], color=STRUT_COLOURS[j], linewidth=0.5, zorder=2)
+        for sign in (1, -1):
+            axes.plot(
+                time, sign * band, color=MUTED, linewidth=0.8, linestyle=(0, (4, 2)), zorder=3
+            )
+        axes.set_ylim(-height, room * height)
+        axes.set_xlim(time[0], time[-1])
+    figure.supxlabel("Time (s)", fontsize="medium")
+    figure.supylabel("Measured − predicted force, mean over the periods (N)", fontsize="medium")
+    return figure, panels
+
+
+RESIDUALS = FigureDefinition(
+    key="residuals",
+    caption="Residual force of each actuator over one period, mean over the periods. Dashed: where "
+    "the noise alone leaves 95 % of it. F: bias against the scatter between the periods.",
+    draw=draw_residuals,
+)
+
+PREDICTION_FIGURE = FigureDefinition(
+    key="prediction",
+    caption="Error of the predicted force of each actuator on a motion that was not used for the "
+    "estimate. Dashed: where the noise alone leaves 95 % of it.",
+    draw=draw_prediction,
+)
+
+
+def draw_dependence(record: ExperimentRecord) -> Figure:
+    """Draw one row per strut: means in bins with their 95 % intervals."""
+    figure = new_figure(7.8)
+    panels = figure.subplots(6, 2, sharex="col", sharey=True)
+    columns = (("length", "m"), ("speed", "m/s"))
+    for column, (over, si) in enumerate(columns):
+        rows = [row for row in record.dependence if row.over == over]
+        unit = handy_unit(si, [row.centre for row in rows])
+        for j in range(6):
+            axes = panels[j, column]
+            axes.axhline(0, color=MUTED, linewidth=0.7, zorder=1)
+            bins = np.array(
+                [(r.centre, r.mean, r.half_width) for r in rows if r.strut == j + 1]
+            ).reshape(-1, 3)
+            axes.errorbar(
+                unit.shown(bins[:, 0]),
+                bins[:, 1],
+                yerr=bins[:, 2],
+                fmt="o",
+                markersize=2.2,
+                color=STRUT_COLOURS[j],
+                elinewidth=0.8,
+                zorder=2,
+            )
+            if column == 0:
+                axes.set_ylabel(f"{j + 1}", rotation=0, labelpad=10, va="center", weight="bold")
+        panels[-1, column].set_xlabel(unit.label(f"Strut {over}"))
+        panels[0, column].set_title(f"Over the {over}")
+    figure.supylabel("Strut: mean residual force (N)", fontsize="medium")
+    return figure
+
+
+DEPENDENCE = FigureDefinition(
+    key="residual_dependence",
+    caption="Residual force of each actuator, averaged in bins of its strut's length (left) and "
+    "speed (right), with 95 % intervals from the noise.",
+    draw=draw_dependence,
+)
+
+
+def draw_pitches(record: ExperimentRecord) -> Figure:
+    """Draw the statistic over the pitch: of the residuals, and with what was found taken out."""
+    tests = record.tests
+    forces = {e.strut: e.force for e in tests.effects if e.force is not None}
+    figure = new_figure(5.4)
+    panels = strut_panels(figure, "Strut", (3, 2), share=True)
+    for strut, (axes, scan) in enumerate(zip(panels, tests.position_periodic, strict=True)):
+        rows = [row for row in record.pitches if row.strut == strut + 1]
+        if not rows:
+            axes.text(0.5, 0.5, "not scanned", transform=axes.transAxes, ha="center", color=MUTED)
+            continue
+        pitch = [1e3 * row.pitch for row in rows]
+        if tests.effects:
+            first = [row.statistic for row in rows]
+            axes.plot(pitch, first, color=FAINT, linewidth=0.9, zorder=2)
+        last = [row.statistic_with_effects for row in rows]
+        axes.plot(pitch, last, color=STRUT_COLOURS[strut], linewidth=0.9, zorder=3)
+        axes.axhline(scan.critical, color=ALERT, linewidth=0.9, linestyle=(0, (4, 2)), zorder=4)
+        force = forces.get(strut)
+        if force is not None:
+            corner_text(
+                axes,
+                f"position-periodic:\n{force.amplitude:.3g} ± {force.amplitude_std:.1g} N\n"
+                f"pitch {1e3 * force.pitch:.3f} mm",
+            )
+    _scales(panels[0], tests.position_periodic[0].critical)
+    figure.supxlabel("Pitch (mm)", fontsize="medium")
+    figure.supylabel("Statistic (χ² of sine and cosine)", fontsize="medium")
+    return figure
+
+
+def _scales(axes: Axes, critical: float) -> None:
+    """Set the axes that all panels share."""
+    axes.set_xscale("log")
+    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.xaxis.set_minor_formatter(NullFormatter())
+    linear = 2 * critical if np.isfinite(critical) else 60.0
+    axes.set_yscale("symlog", linthresh=linear, linscale=1.6)
+    axes.set_ylim(bottom=0)
+
+
+PITCHES = FigureDefinition(
+    key="position_periodic",
+    caption="Search for forces that are periodic in each strut's length (cogging): statistic over "
+    "the pitch, grey in the residuals, coloured with the effects that were found taken out. "
+    "Dashed: significant over all struts and pitches (family level 0.1 %).",
+    draw=draw_pitches,
+)
+
+DIAGNOSTIC_FIGURES: tuple[FigureDefinition[ExperimentRecord], ...] = (
+    RESIDUALS,
+    DEPENDENCE,
+    PITCHES,
+)
+"""What is shown of the residuals, in the order of a report."""
