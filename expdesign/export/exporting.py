@@ -9,9 +9,9 @@ from tempfile import TemporaryDirectory
 
 from constraints.arrays import Array
 from expdesign.configuration import ExportSection, InputError, Problem
-from expdesign.export import ros_bag
 from expdesign.export.definition import Settings, Task
 from expdesign.export.formats import table_formats
+from expdesign.export.formats.ros2 import refuse_without_library
 from expdesign.export.read_back import ReadBack, read_back
 from expdesign.export.row_times import chosen_times, ideal_rows, whole_motion
 from expdesign.export.rows import Rows
@@ -101,7 +101,7 @@ def refuse_missing_library(section: ExportSection, place: str = "") -> None:
         It tells how to install it.
     """
     if section.encoding == "mcap":
-        ros_bag.refuse_without_library(f"{place}.encoding" if place else "encoding")
+        refuse_without_library(f"{place}.encoding" if place else "encoding")
 
 
 def export_table(

@@ -1,30 +1,231 @@
-"""ROS 2: JointTrajectory of the struts or MultiDOFJointTrajectory of the platform."""
+"""ROS 2: JointTrajectory of the struts or MultiDOFJointTrajectory of the platform.
+
+As the YAML that `ros2 topic pub` takes, or in an MCAP bag by the library rosbags.
+"""
 
 from __future__ import annotations
 
+import struct
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass, replace
+from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
-from types import ModuleType
+from tempfile import TemporaryDirectory
+from typing import Any
 
-from expdesign.export import ros_bag, ros_yaml
+import numpy as np
+from ruamel.yaml import YAML
+from ruamel.yaml.error import YAMLError
+
+from expdesign.configuration import InputError, Problem
 from expdesign.export.definition import POSE_AXES, Settings, TableFormat, rounded_times
 from expdesign.export.execution import Interpolation
-from expdesign.export.ros_messages import message_of, rows_of
-from expdesign.export.rows import Rows
+from expdesign.export.ros_messages import (
+    FRAME,
+    JOINTS,
+    PLATFORM,
+    message_of,
+    message_type,
+    rows_of,
+)
+from expdesign.export.rows import Rows, TableError
+from expdesign.export.text_table import write_lines
 from expdesign.mechanism.hexapod import numbered
 
 _TIME_DIGITS = 9
+_FINER = 3
+"""More digits for rotations: what is computed back from them keeps the digits asked for."""
 
+_ROTATIONS = frozenset({"rotation", "angular"})
 
-def _encoding(settings: Settings) -> ModuleType:
-    return ros_bag if settings.section.encoding == "mcap" else ros_yaml
+# ruamel.yaml meets malformed input with these, too.
+_YAML_FAILURES = (YAMLError, ValueError, LookupError, AttributeError, TypeError, AssertionError)
+
+TOPICS = {
+    JOINTS: "/joint_trajectory_controller/joint_trajectory",
+    PLATFORM: "/platform_trajectory",
+}
+_BAG_VERSION = 9
+
+# rosbags meets bytes that are damaged with these, too.
+_BAG_FAILURES = (
+    struct.error,
+    ValueError,
+    LookupError,
+    ArithmeticError,
+    AssertionError,
+    AttributeError,
+    EOFError,
+    MemoryError,
+    RuntimeError,
+    TypeError,
+)
 
 
 def _write(path: Path, rows: Rows, settings: Settings) -> None:
-    _encoding(settings).write(path, message_of(rows, settings), settings)
+    write = _write_bag if settings.section.encoding == "mcap" else _write_yaml
+    write(path, message_of(rows, settings), settings)
 
 
 def _read(path: Path, settings: Settings) -> Rows:
-    return rows_of(_encoding(settings).read(path, settings), settings)
+    bag = settings.section.encoding == "mcap"
+    return rows_of(_read_bag(path, settings) if bag else _read_yaml(path), settings)
+
+
+def _write_yaml(path: Path, message: Mapping[str, Any], settings: Settings) -> None:
+    """Write a message."""
+    first, last = settings.window
+    names = ", ".join(f'"{name}"' for name in message["joint_names"])
+    text = [
+        f"# {message_type(settings)}: {settings.name}, m and rad",
+        f"# measurement window from {first:.9f} s to {last:.9f} s",
+        f"header: {{frame_id: {FRAME}}}",
+        f"joint_names: [{names}]",
+        "points:",
+    ]
+    finer = replace(settings, digits=(settings.digits or 0) + _FINER)
+    for point in message["points"]:
+        keys = [f"{key}: {_flow(value, settings, finer)}" for key, value in point.items()]
+        text += [f"{'  ' if k else '- '}{line}" for k, line in enumerate(keys)]
+    write_lines(path, text)
+
+
+def _flow(value: Any, settings: Settings, finer: Settings) -> str:
+    """Return nested data in one line; rotations with more digits."""
+    if isinstance(value, dict):
+        pairs = (
+            f"{key}: {_flow(part, finer if key in _ROTATIONS else settings, finer)}"
+            for key, part in value.items()
+        )
+        return "{" + ", ".join(pairs) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(_flow(part, settings, finer) for part in value) + "]"
+    if isinstance(value, int):
+        return str(value)
+    text = settings.number(value)
+    return text if "." in text else f"{text}.0"
+
+
+def _read_yaml(path: Path) -> Mapping[str, Any]:
+    """Read a message.
+
+    Raises
+    ------
+    TableError
+        It is no message.
+    """
+    try:
+        data = YAML(typ="safe", pure=True).load(path.read_text(encoding="ascii"))
+    except RecursionError:
+        raise TableError("no YAML of a message: it is nested too deeply") from None
+    except _YAML_FAILURES as error:
+        reason, *_ = str(error).split("\n")
+        raise TableError(f"no YAML: {reason}") from error
+    keys = {"header", "joint_names", "points"}
+    if not isinstance(data, dict) or set(data) != keys or not isinstance(data["points"], list):
+        raise TableError(f"no message with {', '.join(sorted(keys))}")
+    names = data["joint_names"]
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise TableError("joint_names is no list of names")
+    return data
+
+
+def refuse_without_library(key: str = "encoding") -> None:
+    """Refuse a bag where rosbags is not installed.
+
+    Raises
+    ------
+    InputError
+        It tells how to install it.
+    """
+    if find_spec("rosbags") is None:
+        raise InputError(
+            Problem(
+                "MCAP bags are written with the library rosbags, which is not installed",
+                key=key,
+                allowed="pip install expdesign[ros], or encoding: yaml",
+            )
+        )
+
+
+def _write_bag(path: Path, message: Mapping[str, Any], settings: Settings) -> None:
+    """Write a message into a bag of one file."""
+    rosbag2 = import_module("rosbags.rosbag2")
+    store = _store()
+    kind = message_type(settings)
+    header = {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": FRAME}
+    # No efforts are commanded; points of a platform have none.
+    points = [{"effort": [], **point} for point in message["points"]]
+    data = {"header": header, "joint_names": message["joint_names"], "points": points}
+    built = _built(store, kind, data)
+    with TemporaryDirectory(dir=path.parent) as folder:
+        bag_folder = Path(folder) / "bag"
+        plugin = rosbag2.StoragePlugin.MCAP
+        with rosbag2.Writer(bag_folder, version=_BAG_VERSION, storage_plugin=plugin) as bag:
+            connection = bag.add_connection(TOPICS[kind], kind, typestore=store)
+            bag.write(connection, 0, store.serialize_cdr(built, kind))
+        next(bag_folder.glob("*.mcap")).replace(path)
+
+
+def _read_bag(path: Path, settings: Settings) -> Mapping[str, Any]:
+    """Read the message of a bag.
+
+    Raises
+    ------
+    TableError
+        It is no bag with one message of this type.
+    """
+    highlevel = import_module("rosbags.highlevel")
+    errors = import_module("rosbags.rosbag2.errors")
+    kind = message_type(settings)
+    try:
+        with highlevel.AnyReader([path], default_typestore=_store()) as bag:
+            found = [
+                bag.deserialize(raw, connection.msgtype)
+                for connection, _, raw in bag.messages()
+                if connection.msgtype == kind and connection.topic == TOPICS[kind]
+            ]
+    except (highlevel.AnyReaderError, errors.ReaderError, *_BAG_FAILURES) as error:
+        raise TableError(f"no bag that can be read: {error}") from error
+    if len(found) != 1:
+        raise TableError(f"{len(found)} messages {kind} where there is one")
+    message = _plain(found[0])
+    for point in message["points"]:
+        point.pop("effort", None)
+    return message
+
+
+def _store() -> Any:
+    typesys = import_module("rosbags.typesys")
+    return typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+
+
+def _built(store: Any, kind: str, data: Any) -> Any:
+    """Return a message of a type from nested data."""
+    made = {}
+    for name, (node, about) in store.fielddefs[kind][1]:
+        value = data[name]
+        if node.name == "NAME":
+            value = _built(store, about, value)
+        elif node.name == "SEQUENCE":
+            (item, of), _ = about
+            if item.name == "NAME":
+                value = [_built(store, of, one) for one in value]
+            elif of[0] == "float64":
+                value = np.array(value, dtype=np.float64)
+        made[name] = value
+    return store.types[kind](**made)
+
+
+def _plain(value: Any) -> Any:
+    """Return a message as nested data."""
+    if is_dataclass(value):
+        names = (field.name for field in fields(value) if not field.name.startswith("_"))
+        return {name: _plain(getattr(value, name)) for name in names}
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    return [_plain(one) for one in value] if isinstance(value, list) else value
 
 
 FORMAT = TableFormat(
