@@ -75,7 +75,7 @@ def file_name(section: ExportSection) -> str:
 
 
 def refuse_unreadable_name(section: ExportSection, path: Path, key: str) -> None:
-    """Refuse a name under which nobody can read the file: bags are told by their ending.
+    """Refuse a name under which nobody can read the file: a bag is recognised by its ending.
 
     Raises
     ------

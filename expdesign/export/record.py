@@ -58,7 +58,7 @@ class MotionEntry:
 
     @classmethod
     def of(cls, task: Task) -> MotionEntry:
-        """Return what is told of the motion of a task."""
+        """Return the entry of a task's motion."""
         first, last = task.motion.window
         return cls(
             name=task.name,
@@ -170,7 +170,7 @@ class FileEntry:
 
     @classmethod
     def of(cls, export: Export) -> FileEntry:
-        """Return what is told of a file that was written and checked."""
+        """Return the entry of a file that was written and checked."""
         settings, check = export.settings, export.check
         form, axes, off = settings.form, settings.axes, check.deviation
         moved = COORDINATE_NAMES if axes.space == "pose" else numbered("q")

@@ -20,6 +20,7 @@ from expdesign.export.rotation import (
     quaternions,
 )
 from expdesign.export.rows import Rows, TableError
+from expdesign.mechanism.hexapod import ACTUATORS
 
 JOINTS = "trajectory_msgs/msg/JointTrajectory"
 PLATFORM = "trajectory_msgs/msg/MultiDOFJointTrajectory"
@@ -104,7 +105,8 @@ def rows_of(message: Mapping[str, Any], settings: Settings) -> Rows:
             raise TableError(
                 f"point {k} is not complete, or holds what is no number or out of range"
             ) from error
-    wanted = (6, 6, 6) if strut else (7, 6, 6)
+    body = tuple(sum(map(len, vectors.values())) for _, vectors in _BODY)
+    wanted = (ACTUATORS,) * len(_STATE) if strut else body
     if {tuple(len(part) for part in row) for row in cells} != {wanted}:
         raise TableError(f"a point has not {wanted} positions, velocities and accelerations")
     position, rate, acceleration = (np.array(part) for part in zip(*cells, strict=True))

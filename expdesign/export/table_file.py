@@ -110,7 +110,7 @@ def find_table_file(path: Path, robot: Robot, trajectory: FourierTrajectory) -> 
         ) from error
     try:
         if motion.ways is None:
-            raise ValueError("its ramps are not told")
+            raise ValueError("its ramps are not recorded")
         found_motion = motion.ways.motion(trajectory, robot.home)
     except ValueError as error:
         raise InputError(
@@ -170,7 +170,7 @@ def _record(path: Path) -> tuple[ExportsRecord, FileEntry]:
         raise InputError(
             Problem(
                 f"this table was changed after it was exported, and {names} both name it: which "
-                "of them holds for it cannot be told",
+                "of them holds for it is unknown",
                 path,
                 allowed=_AGAIN,
             )

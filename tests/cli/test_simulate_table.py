@@ -252,7 +252,7 @@ def _other_element(table):
         (lambda table: table.write_text("0.1, 0, x\n"), "would not read this table"),
         (_cut, "would not read this table: line 60: the last velocities are not 0"),
         (_cut, "it was changed after it was exported"),
-        (_cut_under_two_records, "which of them holds for it cannot be told"),
+        (_cut_under_two_records, "which of them holds for it is unknown"),
         (_changed(("files", "xps-pvt.trj", "sha256"), None), "sha256"),
         (_last_lines, "inside the measurement window"),
         (_other_element, "does not hold the design"),

@@ -183,7 +183,7 @@ PRECISION_FIGURE = FigureDefinition(
 MEANS_FIGURE = FigureDefinition(
     key="study_means",
     caption="Difference of the mean LS estimates of both designs in its standard errors. In the "
-    "band, of 3.5 standard errors, it cannot be told from chance. Noise of the lengths that is "
+    "band, of 3.5 standard errors, it may be chance. Noise of the lengths that is "
     "differentiated point by point biases each design's estimates differently.",
     draw=draw_means,
 )
