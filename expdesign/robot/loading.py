@@ -15,6 +15,7 @@ from expdesign.configuration import (
     load_robot_description,
     quantity_text,
 )
+from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.robot.limit_model import LimitModel
 from expdesign.robot.robot import Robot
 
@@ -41,7 +42,7 @@ def robot_from(description: ResolvedRobot) -> Robot:
     """
     robot = Robot.of(description)
     model = LimitModel.of(robot)
-    state = np.concatenate([robot.home, np.zeros(12)])[None, :]
+    state = np.concatenate([robot.home, np.zeros(2 * COORDINATES)])[None, :]
     values = model.values(state)[0]
     problems = []
     for limit, columns in zip(model.limits, model.columns, strict=True):
