@@ -26,10 +26,8 @@ class Leaf:
     ----------
     name, short : str
         Its name with and without the structs or groups that it is in.
-    shape : tuple of int
     place : hashable
         By what the reader finds it.
-    unit : str or None
     """
 
     name: str

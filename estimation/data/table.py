@@ -28,7 +28,6 @@ class RawTable:
 
     Attributes
     ----------
-    file : Path
     values : mapping of str to (T,)
         Channel → numbers in the file's unit; NaN where there is no number.
     columns : mapping of str to Column

@@ -50,7 +50,6 @@ def chi_square(
     ----------
     residuals : (R, 6)
     counts : (R,)
-    law : ResidualLaw
     noise_freedom : float
         Behind the law's covariance; inf when it was given.
 

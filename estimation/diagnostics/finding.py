@@ -51,7 +51,6 @@ class Assumption:
 
     Attributes
     ----------
-    text : str
     contradiction : str
         What is then the case.
     advice : str

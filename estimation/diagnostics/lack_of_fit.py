@@ -72,7 +72,6 @@ def lack_of_fit(
 
     Parameters
     ----------
-    part : Linearisation
     law : ResidualLaw
         Of the residuals; its cross part is zero for held-out data.
     residuals : (R, 6), optional

@@ -65,9 +65,8 @@ class ChannelNoise:
 def channel_noise(record: Record, forces: Array, lengths: Array | None) -> ChannelNoise:
     """Return the noise of a record; residuals (T, 6) of its rows serve where periods do not."""
     repeated = record.length_periods is not None and len(record.length_periods) > 1
-    if lengths is None and not repeated:
-        return ChannelNoise(noise_samples(record.force_periods, forces), None)
-    rest = np.zeros((1, 6)) if lengths is None else lengths
+    rest = np.zeros((1, forces.shape[1])) if lengths is None else lengths
     return ChannelNoise(
-        noise_samples(record.force_periods, forces), noise_samples(record.length_periods, rest)
+        noise_samples(record.force_periods, forces),
+        noise_samples(record.length_periods, rest) if repeated or lengths is not None else None,
     )

@@ -60,14 +60,7 @@ def verdict(experiments: Sequence[ExperimentDiagnosis]) -> Verdict:
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """Everything that is known of how well an estimate fits.
-
-    Attributes
-    ----------
-    estimator : str
-    experiments : tuple of ExperimentDiagnosis
-    verdict : Verdict
-    """
+    """Everything that is known of how well an estimate fits."""
 
     estimator: str
     experiments: tuple[ExperimentDiagnosis, ...]

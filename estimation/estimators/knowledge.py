@@ -43,7 +43,6 @@ class Knowledge:
 
     Attributes
     ----------
-    names : tuple of str
     nominal : (m,)
         A-priori values of the robot file, shown beside the estimates.
     free : (m,) of bool

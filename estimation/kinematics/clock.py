@@ -35,9 +35,11 @@ def clock_error(
     To first order: right while the periods move by a small part of a period. Less than two periods
     tell little: the std is then inf.
     """
-    state = motion.basis(record.length_times).state(motion.table)
-    lengths, jacobian = robot.lengths_and_jacobian(state[:, :6])
-    speeds = np.einsum("sij,sj->si", jacobian, state[:, 6:12])
+    pose, rate = (
+        basis @ motion.table.T for basis in motion.basis(record.length_times).derivatives[:2]
+    )
+    lengths, jacobian = robot.lengths_and_jacobian(pose)
+    speeds = np.einsum("sij,sj->si", jacobian, rate)
     weighted = speeds @ np.linalg.inv(covariance)
     if record.length_periods is not None:
         count = len(record.length_periods)

@@ -36,12 +36,10 @@ class MotionFit:
 
     Attributes
     ----------
-    motion : HarmonicMotion
     covariance : (x, x)
         Of ξ: the coefficients (6, 2 H + 1) row by row, then ω if it was free.
     residuals : (S, 6)
         Measured minus fitted lengths, m.
-    free_frequency : bool
     """
 
     motion: HarmonicMotion

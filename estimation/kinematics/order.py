@@ -34,7 +34,6 @@ class HarmonicChoice:
 
     Attributes
     ----------
-    fit : MotionFit
     design_harmonics : int
         Where the search began.
     tested : int

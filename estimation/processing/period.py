@@ -137,7 +137,6 @@ def refined_omega(data: Measurement, omega: float, spread: float | None = None) 
 
     Parameters
     ----------
-    data : Measurement
     omega : float
         Where to look, rad/s.
     spread : float, optional

@@ -103,10 +103,8 @@ def make_record(
 
     Parameters
     ----------
-    data : Measurement
     omega : float
         rad/s.
-    source : PeriodSource
     average : bool
         Average over the periods if they are a whole number of samples.
     robust : bool

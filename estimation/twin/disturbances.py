@@ -23,7 +23,6 @@ def executed_motion(
 
     Parameters
     ----------
-    design : FourierTrajectory
     error : TrackingError or None
         None leaves the design as it is.
     rng : Generator

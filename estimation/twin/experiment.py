@@ -41,9 +41,6 @@ class Twin:
 
     Attributes
     ----------
-    truth : Truth
-    grid : SampleGrid
-    noise : SensorNoise
     lengths : (T, 6)
         What the length sensors would read without noise, outliers and quantisation, m: the
         executed motion's lengths and the drift.

@@ -29,7 +29,6 @@ class SampleGrid:
         Hz.
     period : float
         s.
-    periods : int
     count : int
         Number T of samples.
     per_period : int or None

@@ -27,7 +27,6 @@ class TableMotion:
 
     Attributes
     ----------
-    file : TableFile
     design : FourierTrajectory
         The motion that the table is made of.
     executed : FourierTrajectory

@@ -1,10 +1,11 @@
 """How sure one may be: intervals, what is identified, and the bound that no estimator beats."""
 
-from estimation.uncertainty.combinations import Combination, identified_combinations
 from estimation.uncertainty.differences import Differences, difference_test, hausman_test
 from estimation.uncertainty.intervals import (
+    Combination,
     ParameterRow,
     correlation,
+    identified_combinations,
     interval_width,
     parameter_rows,
 )
