@@ -1,4 +1,4 @@
-"""What a design came to."""
+"""The result of a design: the trajectory, its check, and how the search went."""
 
 from __future__ import annotations
 
@@ -16,21 +16,15 @@ _WHOLE = 1e-6
 
 
 def whole(value: float) -> int | None:
-    """Return the whole number that a count of samples is, None when it is none."""
+    """Return a value as a whole number where it is one but for rounding, else None."""
     return round(value) if abs(value - round(value)) < _WHOLE else None
 
 
 @dataclass(frozen=True)
 class PredictedPrecision:
-    """Standard deviations of the Gauss–Markov estimates, √diag F⁻¹.
+    """Standard deviations of the Gauss–Markov estimates, √diag F⁻¹, by parameter, SI.
 
-    Attributes
-    ----------
-    samples : int
-        Samples that the information is counted over.
-    periods : float
-    std : dict
-        By parameter, SI.
+    Information is counted over so many samples.
     """
 
     samples: int

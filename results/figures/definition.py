@@ -13,16 +13,9 @@ Record = TypeVar("Record", contravariant=True)  # noqa: PLC0105 - the word is th
 
 @dataclass(frozen=True)
 class FigureDefinition(Generic[Record]):
-    """A figure that can be made of every record of a kind.
+    """A figure of a kind of record: name of its files without the ending, caption for reports.
 
-    Attributes
-    ----------
-    key : str
-        Name of its files without the ending.
-    caption : str
-        What is seen, for reports.
-    draw : callable
-        Record → figure. Computes nothing but what is shown, and saves nothing.
+    `draw` computes nothing but what is shown, and saves nothing.
     """
 
     key: str

@@ -20,20 +20,7 @@ class Level(Enum):
 
 @dataclass(frozen=True)
 class Verdict:
-    """What became of a stage.
-
-    Attributes
-    ----------
-    title : str
-        Of what.
-    level : Level
-    word : str
-        In one or two words.
-    sentence : str
-        What was done and what came out.
-    anchor : str
-        Key of the section that tells more; empty for none.
-    """
+    """How a stage ended: in a word or two and in a sentence; `anchor` is the section with more."""
 
     title: str
     level: Level
@@ -61,15 +48,9 @@ class Facts:
 
 @dataclass(frozen=True)
 class FigureBlock:
-    """A figure.
+    """A figure by the name of its file.
 
-    Attributes
-    ----------
-    key : str
-        Name of its file.
-    caption : str
-    source : str
-        The SVG as a data URI: an image runs no scripts, and its ids are its own.
+    The source is the SVG as a data URI: an image runs no scripts, and its ids are its own.
     """
 
     key: str
@@ -106,15 +87,7 @@ class ListingBlock:
 
 @dataclass(frozen=True)
 class ViewBlock:
-    """The robot in motion.
-
-    Attributes
-    ----------
-    key : str
-    caption : str
-    data : dict
-        What `view.js` draws: plain numbers, texts and lists.
-    """
+    """The robot in motion; the data are what `view.js` draws: plain numbers, texts and lists."""
 
     key: str
     caption: str
@@ -136,16 +109,7 @@ class Section:
 
 @dataclass(frozen=True)
 class StageReport:
-    """What a page says of one stage.
-
-    Attributes
-    ----------
-    verdict : Verdict
-    facts : tuple of Fact
-        The best numbers, for the summary.
-    sections : tuple of Section
-    warnings : tuple of str
-    """
+    """What a page says of one stage; the facts are its best numbers, for the summary."""
 
     verdict: Verdict
     facts: tuple[Fact, ...]
@@ -155,16 +119,7 @@ class StageReport:
 
 @dataclass(frozen=True)
 class Page:
-    """A whole report.
-
-    Attributes
-    ----------
-    title, subtitle, description : str
-    verdicts : tuple of Verdict
-    facts : tuple of Fact
-    sections : tuple of Section
-    warnings : tuple of str
-    """
+    """A whole report."""
 
     title: str
     subtitle: str

@@ -16,7 +16,6 @@ from results.figures.estimation.parameters import ESTIMATE_FIGURES
 from results.figures.estimation.residuals import DIAGNOSTIC_FIGURES, PREDICTION_FIGURE
 from results.figures.montecarlo import STUDY_FIGURES
 from results.figures.studies.catalogue import RECORD_FIGURES, REPETITIONS_FIGURE
-from results.reading.document import Document
 from results.report.content import FigureBlock, StageReport
 
 _CAPTIONS = {
@@ -133,10 +132,6 @@ class RunFolder:
             self.records[kind] = kind.read(self.path)
         found: Record = self.records[kind]
         return found
-
-    def document(self, stage: str) -> Document:
-        """Read the JSON file of a stage."""
-        return Document.read(self.stage_file(stage))
 
     def entry(self, stage: str) -> StageEntry | None:
         """Return what the manifest says of a stage, None when it says nothing."""

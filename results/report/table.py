@@ -18,16 +18,8 @@ Kind = Literal["text", "number", "parameter", "outcome"]
 class Column:
     """A column of a table.
 
-    Attributes
-    ----------
-    title : str
-    unit : str
-        Of its numbers; empty for none.
-    kind : {"text", "number", "parameter", "outcome"}
-        ``"parameter"`` holds names that are set as formulas, ``"outcome"`` words that are coloured
-        by what they say.
-    digits : int
-        Significant digits of numbers.
+    Of the kinds, ``"parameter"`` holds names that are set as formulas, ``"outcome"`` words that are
+    coloured by what they say; `digits` are the significant ones of numbers.
     """
 
     title: str
@@ -43,18 +35,10 @@ class Column:
 
 @dataclass(frozen=True)
 class ReportTable:
-    """A table.
+    """A table by its name in the page, which is that of its file without the ending.
 
-    Attributes
-    ----------
-    key : str
-        Its name in the page, and of its file without the ending.
-    caption : str
-    columns : tuple of Column
-    rows : tuple of tuple
-        One value per column: text, number, truth value or None where there is nothing.
-    folded : bool
-        True where the page shows it on request only.
+    Each row has a value for every column: text, number, truth value, or None where there is
+    nothing. The page shows a folded one on request only.
     """
 
     key: str
