@@ -300,7 +300,7 @@ def test_a_wrong_period_is_refused_with_the_right_one():
     [
         ({"estimators": ["ml"], "differentiation": "central"}, "Fourier series"),
         ({"fixed": list(ROBOT.parameter_names)}, "nothing to estimate"),
-        ({"fixed": ["sx"]}, "has no parameter"),
+        ({"fixed": ["sx"]}, "has the parameter"),
     ],
 )
 def test_settings_that_do_not_fit_are_refused(section, message):
