@@ -16,7 +16,7 @@ def check(run: RunArgument, as_json: JsonOption = False) -> None:
 
     from expdesign.configuration import load_run, resolved_yaml
     from expdesign.robot import robot_from
-    from expdesign.stages import refuse_study, run_folder
+    from expdesign.stages.run import refuse_study, run_folder
     from expdesign.stages.table import left_out, named, performed, stages_without_design
 
     configuration = load_run(run)

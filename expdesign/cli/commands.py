@@ -195,8 +195,8 @@ def report(
     tables/.
     """
     from expdesign.cli.terminal import Terminal
-    from expdesign.stages import refuse_unwritable
     from expdesign.stages.report import written_report
+    from expdesign.stages.run import refuse_unwritable
 
     place = folder.absolute()
     if place.is_dir():
@@ -238,7 +238,9 @@ def _do(
     """Do one stage of a run, with what the options name in place of what the folder holds."""
     from expdesign.cli.terminal import Terminal
     from expdesign.configuration import load_run
-    from expdesign.stages import Sources, StageFailed, Workspace, do_stage, run_folder
+    from expdesign.stages.outcome import StageFailed
+    from expdesign.stages.run import do_stage, run_folder
+    from expdesign.stages.workspace import Sources, Workspace
 
     configuration = load_run(run)
     terminal = Terminal(quiet=as_json)

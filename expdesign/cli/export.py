@@ -86,8 +86,9 @@ def export(  # noqa: PLR0917 - each is an option of the command
     from expdesign.cli import shown
     from expdesign.cli.terminal import Terminal
     from expdesign.configuration import InputError, Problem
-    from expdesign.stages import Workspace, short
     from expdesign.stages.export import export_one
+    from expdesign.stages.progress import short
+    from expdesign.stages.workspace import Workspace
 
     if name == _LIST or (not name and folder == Path(_LIST) and not folder.exists()):
         _list(as_json=as_json)

@@ -10,8 +10,6 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
-from expdesign.runfolder.atomic import plain
-
 RunArgument = Annotated[
     str,
     typer.Argument(
@@ -44,6 +42,8 @@ def messages() -> Console:
 
 def write_json(data: Any) -> None:
     """Write data to standard output as JSON; NaN and ±inf, which JSON does not have, as null."""
+    from expdesign.runfolder.atomic import plain
+
     typer.echo(json.dumps(plain(data), indent=2))
 
 

@@ -12,7 +12,8 @@ from rich import box
 from rich.table import Table
 
 from expdesign.cli.output import note, results
-from expdesign.stages import Outcome, short
+from expdesign.stages.outcome import Outcome
+from expdesign.stages.progress import short
 
 if TYPE_CHECKING:
     from estimation.diagnostics.finding import Finding

@@ -163,7 +163,8 @@ def test_columns_are_in_their_order_and_explained(designed):
     ]
     for name in TABLES:
         header = list(pd.read_csv(folder / "tables" / f"{name}.csv", nrows=0).columns)
-        named = [column["name"] for column in columns[f"tables/{name}.csv"]]
+        told = [column["name"] for column in columns[f"tables/{name}.csv"]]
+        named = [column for column in told if not column.startswith("<")]
         assert header[: len(named)] == named
         if name != "information":
             assert header == named

@@ -11,7 +11,7 @@ import typer
 from expdesign.cli.errors import run
 from expdesign.configuration import load_robot_description, load_run, resolved_yaml
 from expdesign.library import robot_files
-from expdesign.stages import StageFailed
+from expdesign.stages.outcome import StageFailed
 
 ROBOT = resolved_yaml(load_run("palida")).split("robot:\n")[1].split("\ntrajectory")[0]
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from expdesign.configuration import load_run, resolved_yaml
-from expdesign.stages import Outcome
+from expdesign.stages.outcome import Outcome
 
 QUICK = {"starts": 1, "max_iterations": 4}
 

@@ -8,8 +8,11 @@ import pytest
 
 from expdesign.configuration import load_run
 from expdesign.runfolder.manifest import NAME, Manifest, entry, file_hash
-from expdesign.stages import Outcome, StageFailed, Workspace, do_stage, record
+from expdesign.stages import record
+from expdesign.stages.outcome import Outcome, StageFailed
 from expdesign.stages.record import added_to, stage_inputs
+from expdesign.stages.run import do_stage
+from expdesign.stages.workspace import Workspace
 
 
 def configuration(**design):

@@ -10,10 +10,10 @@ from expdesign.cli import shown
 from expdesign.configuration import STAGES as NAMED
 from expdesign.configuration import RunDescription, load_run
 from expdesign.runfolder.manifest import Manifest
-from expdesign.stages import STAGES, Workspace
 from expdesign.stages.record import stage_inputs
 from expdesign.stages.report import reported_stages
-from expdesign.stages.table import loaded, performed, stages_without_design
+from expdesign.stages.table import STAGES, loaded, performed, stages_without_design
+from expdesign.stages.workspace import Workspace
 
 NEEDS = {"design", "recording", "estimate", "folder"}
 
