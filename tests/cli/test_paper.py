@@ -29,17 +29,7 @@ STUDIES = {
         "wrong": {"p10": 1.5},
     },
 }
-WRITTEN = {
-    "paper_design": (
-        "study_designs",
-        "study_precision",
-        "study_determinants",
-        "study_agreement",
-        "study_means",
-    ),
-    "paper_identification": ("study_estimates", "study_hausman"),
-    "paper_validation": ("study_variances", "study_power", "study_verdicts"),
-}
+WRITTEN = {f"paper_{kind}": tables for kind, tables in TABLES.items()}
 
 
 def rows(path):
@@ -77,9 +67,8 @@ def test_a_study_writes_its_claims_tables_figures_and_report(runs, name):
     assert record["claims"]
     described = json.loads((folder / "columns.json").read_text())
     for table in WRITTEN[name]:
-        found = rows(folder / "tables" / f"{table}.csv")
-        assert list(found[0]) == [column.name for column in TABLES[table]]
-        assert f"tables/{table}.csv" in described
+        assert list(rows(folder / table.file)[0]) == list(table.names)
+        assert table.file in described
     page = (folder / "report.html").read_text(encoding="utf-8")
     assert "simulated" in page
     for claim in record["claims"][:3]:
