@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, get_type_hints
 
 from estimation.studies import Claim, StudyRecord
 from estimation.studies.records import (
@@ -41,6 +41,7 @@ _FIGURES = {
     "identification": ("study_bias",),
     "validation": ("study_variances",),
 }
+_NO_UNITS = ("", "1", "see unit")
 SIMULATED = (
     "All numbers come from the digital twin: they are simulated. The paper's values are of a real "
     "machine whose geometry and noise are not public; what can be compared is the pattern."
@@ -49,68 +50,67 @@ SIMULATED = (
 
 @dataclass(frozen=True)
 class _Shown:
-    """A table of the study as the report shows it; of columns that others share, the name."""
+    """A table of the study as the report shows it.
+
+    Attributes
+    ----------
+    columns : str
+        Names of those that are shown.
+    titles : dict of str
+        Of columns whose name is not their title.
+    digits : dict of int
+        Of numbers that are not shown with four.
+    """
 
     table: RowTable[Any]
     caption: str
-    columns: dict[str, Column | None]
+    columns: str
+    titles: dict[str, str]
+    digits: dict[str, int]
     folded: bool = False
 
 
-_SHARED = {
-    "set": Column("set"),
-    "criterion": Column("criterion", kind="text"),
-    "kinematics": Column("kinematics", kind="text"),
-    "estimator": Column("estimator", kind="text"),
-    "parameter": Column("parameter", kind="parameter"),
-    "unit": Column("unit", kind="text"),
-    "truth": Column("truth"),
-    "std": Column("std", digits=3),
-    "runs": Column("runs"),
-}
-_WHO = dict.fromkeys(("estimator", "parameter", "unit", "truth"))
 _TABLES: dict[str, tuple[_Shown, ...]] = {
     "design": (
         _Shown(
             DESIGNS,
             "The designs",
+            "set criterion status log_det_information condition_si condition_nominal period "
+            "strut_speed strut_acceleration",
             {
-                "set": None,
-                "criterion": None,
-                "status": Column("search", kind="text"),
-                "log_det_information": Column("log det F"),
-                "condition_si": Column("cond F, SI", digits=3),
-                "condition_nominal": Column("cond F, nominal", digits=3),
-                "period": Column("period", "s"),
-                "strut_speed": Column("rms strut speed", "m/s", digits=3),
-                "strut_acceleration": Column("rms strut acceleration", "m/s^2", digits=3),
+                "status": "search",
+                "log_det_information": "log det F",
+                "condition_si": "cond F, SI",
+                "condition_nominal": "cond F, nominal",
+                "strut_speed": "rms strut speed",
+                "strut_acceleration": "rms strut acceleration",
             },
+            dict.fromkeys(
+                ("condition_si", "condition_nominal", "strut_speed", "strut_acceleration"), 3
+            ),
         ),
         _Shown(
             DETERMINANTS,
             "Determinants of the achieved covariances, and how many parameters the first design "
             "knows better",
+            "set kinematics estimator log_det_first log_det_second difference std_error "
+            "rigid_body_smaller friction_smaller",
             {
-                **dict.fromkeys(("set", "kinematics", "estimator")),
-                "log_det_first": Column("log det, first"),
-                "log_det_second": Column("log det, second"),
-                "difference": Column("difference", digits=3),
-                "std_error": Column("its error", digits=2),
-                "rigid_body_smaller": Column("rigid-body"),
-                "friction_smaller": Column("friction"),
+                "log_det_first": "log det, first",
+                "log_det_second": "log det, second",
+                "std_error": "its error",
+                "rigid_body_smaller": "rigid-body",
+                "friction_smaller": "friction",
             },
+            {"difference": 3, "std_error": 2},
             folded=True,
         ),
         _Shown(
             PRECISION,
             "Means and standard deviations of all estimates",
-            {
-                **dict.fromkeys(("set", "criterion", "kinematics")),
-                **_WHO,
-                "mean": Column("mean"),
-                "std": None,
-                "predicted_std": Column("predicted", digits=3),
-            },
+            "set criterion kinematics estimator parameter unit truth mean std predicted_std",
+            {"predicted_std": "predicted"},
+            {"std": 3, "predicted_std": 3},
             folded=True,
         ),
     ),
@@ -118,16 +118,14 @@ _TABLES: dict[str, tuple[_Shown, ...]] = {
         _Shown(
             ESTIMATES,
             "Estimates of the first experiment, and the bias over all",
+            "case estimator parameter unit truth value std bias bias_t bias_over_std hausman_z",
             {
-                "case": Column("case", kind="text"),
-                **_WHO,
-                "value": Column("estimate"),
-                "std": None,
-                "bias": Column("bias", digits=3),
-                "bias_t": Column("bias / its error", digits=3),
-                "bias_over_std": Column("bias / std", digits=3),
-                "hausman_z": Column("ML − GM, z", digits=3),
+                "value": "estimate",
+                "bias_t": "bias / its error",
+                "bias_over_std": "bias / std",
+                "hausman_z": "ML − GM, z",
             },
+            dict.fromkeys(("std", "bias", "bias_t", "bias_over_std", "hausman_z"), 3),
             folded=True,
         ),
     ),
@@ -135,29 +133,21 @@ _TABLES: dict[str, tuple[_Shown, ...]] = {
         _Shown(
             POWER,
             "Parameters that are wrong on purpose: in how many runs a test says so",
-            {
-                "parameter": None,
-                "factor": Column("factor"),
-                "seen": Column("seen"),
-                "runs": None,
-                "power": Column("power", digits=3),
-                "low": Column("95 % from", digits=3),
-                "high": Column("95 % to", digits=3),
-                "tests": Column("tests that fail (runs)", kind="text"),
-            },
+            "parameter factor seen runs power low high tests",
+            {"low": "95 % from", "high": "95 % to", "tests": "tests that fail (runs)"},
+            {"power": 3, "low": 3, "high": 3},
         ),
         _Shown(
             VARIANCES,
             "Variance about the prediction and of the noise, mean of all runs",
+            "situation motion actuator variance_model_error variance_measurement_error fails runs",
             {
-                "situation": Column("cogging", kind="text"),
-                "motion": Column("motion", kind="text"),
-                "actuator": Column("actuator"),
-                "variance_model_error": Column("about the prediction", "N^2"),
-                "variance_measurement_error": Column("of the noise", "N^2"),
-                "fails": Column("fails in"),
-                "runs": None,
+                "situation": "cogging",
+                "variance_model_error": "about the prediction",
+                "variance_measurement_error": "of the noise",
+                "fails": "fails in",
             },
+            {},
             folded=True,
         ),
     ),
@@ -216,10 +206,21 @@ def _predictions(folder: RunFolder, record: StudyRecord) -> tuple[str, ...]:
 
 def _report_table(shown: _Shown, record: StudyRecord) -> ReportTable:
     """Return columns of a table as they are; estimators by their names."""
-    columns = {name: column or _SHARED[name] for name, column in shown.columns.items()}
+    described = {column.name: column for column in shown.table.columns}
+    texts = {name for name, kind in get_type_hints(shown.table.row).items() if kind is str}
+    names = shown.columns.split()
+    columns = [
+        Column(
+            shown.titles.get(name, name),
+            described[name].unit if described[name].unit not in _NO_UNITS else "",
+            "parameter" if name == "parameter" else "text" if name in texts else "number",
+            shown.digits.get(name, 4),
+        )
+        for name in names
+    ]
     rows = [
-        [NAMES.get(cell, cell) for cell in (getattr(row, name) for name in columns)]
+        [NAMES.get(cell, cell) for cell in (getattr(row, name) for name in names)]
         for row in record.rows(shown.table)
     ]
     key = shown.table.file.removeprefix("tables/").removesuffix(".csv")
-    return ReportTable.of(key, shown.caption, tuple(columns.values()), rows, folded=shown.folded)
+    return ReportTable.of(key, shown.caption, columns, rows, folded=shown.folded)
