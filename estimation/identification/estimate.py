@@ -78,7 +78,8 @@ def _estimate(
         raise ValueError("estimate needs at least one recording")
     robot = robot_from(configuration.robot)
     knowledge = parameter_knowledge(configuration, robot)
-    _refuse_ml_without_fit(configuration)
+    wanted = configuration.run.estimate.estimators
+    refuse_ml_without_fit(configuration, wanted, "estimate")
     designs = _one_each(design, len(recordings))
     records = tuple(
         prepare_recording(configuration, robot, recording, trajectory)
@@ -91,7 +92,7 @@ def _estimate(
             replace(summary, experiment=experiment)
             for summary, experiment in zip(records, experiments, strict=True)
         )
-    estimates = run_estimators(robot, experiments, knowledge, configuration.run.estimate.estimators)
+    estimates = run_estimators(robot, experiments, knowledge, wanted)
     freedom = min(experiment.noise.force_freedom for experiment in experiments)
     rows = [
         row
@@ -204,16 +205,25 @@ def parameter_knowledge(configuration: RunConfiguration, robot: Robot) -> Knowle
     return knowledge
 
 
-def _refuse_ml_without_fit(configuration: RunConfiguration) -> None:
-    section = configuration.run.estimate
-    if "ml" in section.estimators and section.differentiation != "fourier":
+def refuse_ml_without_fit(
+    configuration: RunConfiguration, estimators: Sequence[str], section: str
+) -> None:
+    """Refuse maximum likelihood with a differentiation that gives no Fourier series.
+
+    Raises
+    ------
+    InputError
+        The estimators of the section, ``"estimate"`` or ``"montecarlo"``, have it.
+    """
+    differentiation = configuration.run.estimate.differentiation
+    if "ml" in estimators and differentiation != "fourier":
         raise InputError(
             Problem(
-                f"maximum likelihood estimates the motion as a Fourier series, "
-                f"'{section.differentiation}' differentiation gives it none",
+                "maximum likelihood estimates the motion as a Fourier series, "
+                f"'{differentiation}' differentiation gives it none",
                 file=configuration.file,
-                key="estimate.estimators",
-                allowed="ls and gm with central or butterworth, all three with fourier",
+                key=f"{section}.estimators",
+                allowed="[ls, gm], or estimate.differentiation: fourier",
             )
         )
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from constraints.arrays import Array
-from estimation.identification.unsuitable import UnsuitableDataError
+from estimation.identification.period_choice import UnsuitableDataError
 from estimation.kinematics import MotionFit
 from estimation.processing import NoiseEstimate, NoiseModel, Record
 from estimation.processing.noise import scatter_about_series, series_harmonics

@@ -8,7 +8,6 @@ import numpy as np
 
 from constraints.arrays import Array
 from estimation.data.measurement import Measurement
-from estimation.identification.unsuitable import UnsuitableDataError
 from estimation.kinematics import clock_error
 from estimation.measurement_model import HarmonicMotion
 from estimation.processing import Record
@@ -19,9 +18,14 @@ from estimation.processing.period import (
     omega_from_data,
     refined_omega,
 )
-from expdesign.configuration import Problem, RunConfiguration
+from expdesign.configuration import InputError, Problem, RunConfiguration
 from expdesign.robot import Robot
 from expdesign.trajectory import FourierTrajectory
+
+
+class UnsuitableDataError(InputError):
+    """It is the recording that does not fit, not what the run says: another one may."""
+
 
 _FREQUENCY_REACH = 0.02
 """How far the controller's clock may be off, relative, when the frequency is estimated."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from pathlib import Path
 from typing import Annotated, ClassVar, Self
 
@@ -10,7 +10,12 @@ import numpy as np
 
 from constraints.arrays import Array
 from estimation.diagnostics import Diagnosis
-from estimation.diagnostics.noise_record import NoiseKeys, covariance_rows, noise_keys
+from estimation.diagnostics.noise_record import (
+    CovarianceRow,
+    NoiseKeys,
+    covariance_rows,
+    noise_keys,
+)
 from estimation.diagnostics.record import RESIDUALS, DiagnosisKeys, ExperimentRecord
 from estimation.estimators import Knowledge, ParameterEstimate
 from estimation.identification.result import EstimationResult, RecordSummary
@@ -222,17 +227,13 @@ class PrecisionRow:
 
 
 @dataclass(frozen=True)
-class NoiseRow:
-    """One element of Σ or Δ of one recording."""
-
+class _OfRecording:
     recording: Annotated[int, described("1", "number of the recording")]
-    quantity: Annotated[str, described("", "force or length")]
-    row: Annotated[int, described("1", "strut")]
-    column: Annotated[int, described("1", "strut")]
-    covariance: Annotated[float, described("N^2 or m^2", "of one sample")]
-    std_error: Annotated[
-        float, described("N^2 or m^2", "standard error of the covariance; 0 when it was given")
-    ]
+
+
+@dataclass(frozen=True)
+class NoiseRow(CovarianceRow, _OfRecording):
+    """One element of Σ or Δ of one recording."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -404,7 +405,7 @@ class EstimateRecord:
 
     def _noise(self) -> list[NoiseRow]:
         return [
-            NoiseRow(number, row.quantity, row.row, row.column, row.covariance, row.std_error)
+            NoiseRow(number, *astuple(row))
             for number, recording in enumerate(self.summary.recordings, start=1)
             for row in covariance_rows(recording.noise)
         ]

@@ -7,9 +7,12 @@ from pathlib import Path
 from estimation.data.measurement import Measurement
 from estimation.estimators import Experiment
 from estimation.identification.noise_choice import choose_noise, residual_length_noise
-from estimation.identification.period_choice import choose_omega, period_warning
+from estimation.identification.period_choice import (
+    UnsuitableDataError,
+    choose_omega,
+    period_warning,
+)
 from estimation.identification.result import RecordSummary
-from estimation.identification.unsuitable import UnsuitableDataError
 from estimation.kinematics import MotionFit, choose_harmonics, fit_motion, pointwise_motion
 from estimation.kinematics.fourier_fit import MotionFitError, start_motion
 from estimation.kinematics.order import HarmonicChoice

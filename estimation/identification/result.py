@@ -1,4 +1,4 @@
-"""What an estimation came to."""
+"""What an estimation found."""
 
 from __future__ import annotations
 
@@ -18,17 +18,12 @@ class RecordSummary:
 
     Attributes
     ----------
-    source : str
-        File, or what else it came from.
-    experiment : Experiment
     harmonics : int or None
         Of the fitted motion; None after pointwise differentiation.
     choice : HarmonicChoice or None
-        How the harmonics were chosen, when they were.
+        How the harmonics were chosen; None when their number was given.
     jitter : float
         Of the time stamps, as a share of a step.
-    warnings : tuple of str
-        What is to be said of it.
     """
 
     source: str
@@ -45,21 +40,14 @@ class EstimationResult:
 
     Attributes
     ----------
-    configuration : RunConfiguration
-    robot : Robot
-    knowledge : Knowledge
     records : tuple of RecordSummary
         One per recording, in the order given.
-    estimates : dict of ParameterEstimate
-        By estimator.
     rows : tuple of ParameterRow
         The table of all estimators.
     combinations : dict
         By estimator, what is known of parameters that are not identified.
     bound : (m, m)
         Cramér–Rao bound as a covariance, at the best estimate.
-    seconds : float
-    warnings : tuple of str
     """
 
     configuration: RunConfiguration

@@ -11,8 +11,8 @@ from pydantic import ConfigDict
 from estimation.diagnostics.noise_record import Freedom
 from estimation.estimators import Experiment, Knowledge, ParameterEstimate
 from estimation.identification.estimate import parameter_knowledge, run_estimators
+from estimation.identification.period_choice import UnsuitableDataError
 from estimation.identification.recording import prepare_experiment
-from estimation.identification.unsuitable import UnsuitableDataError
 from estimation.twin import Twin
 from expdesign.configuration import RunConfiguration
 from expdesign.robot import Robot, robot_from
@@ -56,16 +56,7 @@ class Repetition:
 
 @dataclass(frozen=True, eq=False)
 class Workbench:
-    """Everything that repetitions share; built once per process.
-
-    Attributes
-    ----------
-    configuration : RunConfiguration
-    robot : Robot
-    knowledge : Knowledge
-    design : FourierTrajectory
-    twin : Twin
-    """
+    """Everything that repetitions share; built once per process."""
 
     configuration: RunConfiguration
     robot: Robot
@@ -106,13 +97,7 @@ class Workbench:
 
 @dataclass(frozen=True, eq=False)
 class Recipe:
-    """How a process builds its workbench; small, and can be pickled.
-
-    Attributes
-    ----------
-    configuration : RunConfiguration
-    design : FourierTrajectory
-    """
+    """How a process builds its workbench; small, and can be pickled."""
 
     configuration: RunConfiguration
     design: FourierTrajectory

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +14,8 @@ from threadpoolctl import threadpool_limits
 
 from constraints.arrays import Array
 from estimation.estimators import Knowledge
+from estimation.identification.estimate import refuse_ml_without_fit
 from estimation.montecarlo.journal import Journal
-from estimation.montecarlo.monitor import StopRequest, StudyMonitor
 from estimation.montecarlo.repetition import Outcome, Recipe, Repetition, Workbench
 from estimation.montecarlo.statistics import (
     ParameterStatistics,
@@ -27,7 +27,7 @@ from estimation.montecarlo.truth_bound import bound_at_truth
 from estimation.twin import Truth
 from estimation.uncertainty import interval_width
 from estimation.uncertainty.intervals import IDENTIFIED
-from expdesign.configuration import InputError, Problem, RunConfiguration, load_run
+from expdesign.configuration import RunConfiguration, load_run
 from expdesign.robot import Robot
 from expdesign.runfolder.manifest import Manifest, text_hash
 from expdesign.trajectory import FourierTrajectory
@@ -36,16 +36,38 @@ from expdesign.workers import Job, Monitor, cluster_jobs, run_jobs
 ConfigurationLike = str | PathLike[str] | Mapping[str, Any] | RunConfiguration
 
 
+class StudyMonitor(Protocol):
+    """Sees how far a study is; says when to stop."""
+
+    def advanced(self, done: int, total: int) -> None:
+        """Take the number of repetitions that are done, of all that are wanted."""
+        ...
+
+    def stop_requested(self) -> bool:
+        """Tell whether the study should end with what it has."""
+        ...
+
+
+@dataclass(frozen=True)
+class StopRequest:
+    """Carries the request to stop to the pool; jobs report nothing but their end."""
+
+    monitor: StudyMonitor | None
+
+    def report(self, event: Any) -> None:
+        """Ignore the event."""
+
+    def stop_requested(self) -> bool:
+        """Tell whether the study should end with what it has."""
+        return self.monitor is not None and self.monitor.stop_requested()
+
+
 @dataclass(frozen=True, eq=False)
 class Study:
-    """What a study came to.
+    """What a study found.
 
     Attributes
     ----------
-    configuration : RunConfiguration
-    robot : Robot
-    knowledge : Knowledge
-    truth : Truth
     bound : (m, m)
         Cramér–Rao bound at the truth as a covariance; zero for fixed parameters.
     repetitions : tuple of Repetition
@@ -89,7 +111,7 @@ class Study:
         return np.flatnonzero(self.knowledge.free & (self.bound_std < IDENTIFIED * scales))
 
     def estimated(self, estimator: str) -> tuple[tuple[Repetition, Outcome], ...]:
-        """Return the repetitions in which an estimator came to an estimate."""
+        """Return the repetitions in which an estimator has an estimate."""
         pairs = ((r, r.outcomes[estimator]) for r in self.repetitions)
         return tuple((r, outcome) for r, outcome in pairs if not outcome.error)
 
@@ -161,7 +183,7 @@ def run_study(
         What was done until then is in the journal.
     """
     configuration = load_run(config)
-    _refuse_ml_without_fit(configuration)
+    refuse_ml_without_fit(configuration, configuration.run.montecarlo.estimators, "montecarlo")
     recipe = Recipe(configuration, design)
     with threadpool_limits(limits=1, user_api="blas"):
         bench = recipe()
@@ -224,17 +246,3 @@ def _repetitions(
 
 def _repetition(bench: Workbench, _monitor: Monitor, number: int) -> Repetition:
     return bench.repeat(number)
-
-
-def _refuse_ml_without_fit(configuration: RunConfiguration) -> None:
-    differentiation = configuration.run.estimate.differentiation
-    if "ml" in configuration.run.montecarlo.estimators and differentiation != "fourier":
-        raise InputError(
-            Problem(
-                "maximum likelihood estimates the motion as a Fourier series, "
-                f"'{differentiation}' differentiation gives it none",
-                file=configuration.file,
-                key="montecarlo.estimators",
-                allowed="[ls, gm], or estimate.differentiation: fourier",
-            )
-        )

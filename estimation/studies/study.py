@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from estimation.montecarlo import StudyMonitor
-from estimation.montecarlo.monitor import StopRequest
 from estimation.montecarlo.repetition import FAILURES
+from estimation.montecarlo.study import StopRequest
 from estimation.studies.records import Claim, StudyRecord, StudySummary
 from expdesign.configuration import (
     Problem,

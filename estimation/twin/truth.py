@@ -36,8 +36,6 @@ class Truth:
 
     Attributes
     ----------
-    name, robot : str
-        Of the run and of the robot.
     parameters : mapping
         By name in the order of the regressor's columns, SI.
     design : FourierTrajectory

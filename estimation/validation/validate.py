@@ -58,17 +58,7 @@ class MotionValidation:
 
 @dataclass(frozen=True, eq=False)
 class ValidationResult:
-    """All motions of a run.
-
-    Attributes
-    ----------
-    configuration : RunConfiguration
-    robot : Robot
-    saved : SavedEstimate
-    motions : tuple of MotionValidation
-    seconds : float
-    warnings : tuple of str
-    """
+    """All motions of a run."""
 
     configuration: RunConfiguration
     robot: Robot

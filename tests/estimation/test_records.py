@@ -1,0 +1,35 @@
+"""An estimate in its folder: what is read is what was written, and looks the same."""
+
+import pytest
+
+from estimation.diagnostics import diagnose
+from estimation.identification import estimate
+from estimation.identification.record import EstimateRecord
+from results import estimate_figures
+from tests.estimation.cases import measured, run, trajectory
+
+MOTION = trajectory()
+
+
+@pytest.fixture(scope="module")
+def record():
+    result = estimate(run(), measured(MOTION), MOTION)
+    diagnosis = diagnose(result.robot, result.experiments, result.knowledge, result.best)
+    return EstimateRecord.of(result, diagnosis)
+
+
+def test_what_is_read_is_written_the_same(record, tmp_path):
+    written = record.write(tmp_path / "one")
+    assert len(written) == len(set(written)) == 13
+    again = EstimateRecord.read(tmp_path / "one").write(tmp_path / "two")
+    for one, other in zip(written, again, strict=True):
+        assert one.read_bytes() == other.read_bytes(), one.name
+
+
+def test_figures_of_the_folder_are_those_of_the_result(record, tmp_path):
+    record.write(tmp_path)
+    drawn = estimate_figures(record, tmp_path / "memory", ("svg",))
+    anew = estimate_figures(EstimateRecord.read(tmp_path), tmp_path, ("svg",))
+    assert len(drawn) == 8
+    for one, other in zip(drawn, anew, strict=True):
+        assert one.read_bytes() == other.read_bytes(), one.name
