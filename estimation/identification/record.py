@@ -448,7 +448,19 @@ def read_estimate(source: Path, robot: Robot, estimator: str | None = None) -> S
         There is none, or it is not this robot's.
     """
     path = source / EstimateFile.FILE if source.is_dir() else source
-    found = EstimateFile.read(source)
+    return saved_estimate(EstimateFile.read(source), path, robot, estimator)
+
+
+def saved_estimate(
+    found: EstimateFile, path: Path, robot: Robot, estimator: str | None = None
+) -> SavedEstimate:
+    """Return an estimate to predict with; `path` is the place of its file, for messages.
+
+    Raises
+    ------
+    InputError
+        It is not this robot's.
+    """
     names, key = found.parameters, found.best if estimator is None else estimator
     for wrong, message, allowed in (
         (

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from estimation.identification.record import SavedEstimate
     from expdesign.robot import Robot
 
-_DESIGN, _EXPERIMENT = "design", "experiment"
+_DESIGN, _EXPERIMENT, _ESTIMATE = "design", "experiment", "estimate"
 
 
 @dataclass(frozen=True)
@@ -204,8 +204,12 @@ class Workspace:
         InputError
             There is none, or it is another robot's.
         """
-        from estimation.validation import read_estimate
+        from estimation.identification.record import read_estimate, saved_estimate
 
+        made = self.made.get(_ESTIMATE)
+        if self.sources.estimate is None and made is not None and made.record is not None:
+            path = self.folder / STAGES[_ESTIMATE].record
+            return saved_estimate(made.record.summary, path, robot)
         return read_estimate(self._estimate_place(), robot)
 
     def made_from(self, need: str) -> str:

@@ -34,6 +34,7 @@ def run_of(tiny, tiny_result, tmp_path, monkeypatch):
     monkeypatch.setattr("expdesign.stages.design.design", lambda *_: tiny_result)
     monkeypatch.setattr("expdesign.stages.design.design_figures", lambda *_: ())
     monkeypatch.setattr("expdesign.stages.estimate.estimate_figures", lambda *_: ())
+    monkeypatch.setattr("expdesign.stages.validate.validation_figures", lambda *_: ())
 
     def file(**sections):
         path = tmp_path / "input.yaml"
@@ -103,7 +104,8 @@ def test_no_stage_reads_what_the_run_has_just_written(run_of, tmp_path, monkeypa
 
     sys.addaudithook(watch)
     try:
-        expdesign.run(run_of(estimate={"estimators": ["ls"]}), out=folder)
+        motions = [{"motion": "circle", "periods": 3}]
+        expdesign.run(run_of(estimate={"estimators": ["ls"]}, validate=motions), out=folder)
     finally:
         watching.clear()
     assert set(read) <= {"columns.json", "run.yaml"}

@@ -7,8 +7,8 @@ from fnmatch import fnmatch
 import pytest
 
 from expdesign.cli import shown
-from expdesign.configuration import STAGES as NAMED
 from expdesign.configuration import RunDescription, load_run
+from expdesign.configuration.run import STAGES as NAMED
 from expdesign.runfolder.manifest import Manifest
 from expdesign.stages.record import stage_inputs
 from expdesign.stages.report import reported_stages
