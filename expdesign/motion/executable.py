@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from constraints.arrays import Array
+from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.trajectory import FourierTrajectory, PoseSamples
 
 PERIODS = "periods"
@@ -153,7 +154,7 @@ class ExecutableMotion:
     def sample(self, times: ArrayLike) -> PoseSamples:
         """Return pose, rate and acceleration at any times, s; before and after it is at rest."""
         t = np.atleast_1d(np.asarray(times, dtype=float))
-        pose, rate, acceleration = (np.empty((len(t), 6)) for _ in range(3))
+        pose, rate, acceleration = (np.empty((len(t), COORDINATES)) for _ in range(3))
         for segment, rows, local in self._places(t):
             states = segment.sample(local)
             pose[rows], rate[rows] = states.pose, states.rate
@@ -168,7 +169,7 @@ class ExecutableMotion:
         It is bounded but jumps from one segment to the next, where the later one counts.
         """
         t = np.atleast_1d(np.asarray(times, dtype=float))
-        third = np.empty((len(t), 6))
+        third = np.empty((len(t), COORDINATES))
         for segment, rows, local in self._places(t):
             third[rows] = segment.jerk(local)
         third[(t < 0) | (t > self.duration)] = 0.0

@@ -10,7 +10,7 @@ import numpy as np
 from constraints import Limit, LimitDefinition
 from constraints.arrays import Array
 from expdesign.configuration import InputError, Problem, RunConfiguration, row_labels
-from expdesign.mechanism.hexapod import ACTUATORS
+from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
 from expdesign.motion.executable import PERIODS, ExecutableMotion, Periods, Segment
 from expdesign.recheck import LimitCheck, Recheck, grid_points, judge, states_at, worst_of_each
 from expdesign.robot import LimitModel, Robot, robot_from
@@ -76,7 +76,7 @@ def jerk_limit(configuration: RunConfiguration, robot: Robot, orbit: Periods) ->
     own = np.max(np.abs(LimitModel(robot, (unbounded,)).values(states)), axis=0)
     bound = next((item for item in robot.limits if item.key == "strut_acceleration"), None)
     if bound is None:
-        struts = robot.strut_motion(*np.split(states[:, :18], 3, axis=1))
+        struts = robot.strut_motion(*np.split(states[:, : 3 * COORDINATES], 3, axis=1))
         largest_acceleration = np.max(np.abs(struts.length_acceleration), axis=0)
     else:
         largest_acceleration = np.minimum(np.abs(bound.lower), np.abs(bound.upper))

@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 
 from constraints.arrays import Array, Mask
+from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.motion.limits import moving_states
 from expdesign.motion.ramp_problem import RampProblem, RampProgram
 from expdesign.motion.spline import SplineRamp
@@ -288,8 +289,8 @@ def _capped(problem: RampProblem, shares: Array, width: float, margins: Array) -
     """
     given = ~problem.limits.of_jerk
     for end, distance in ((problem.start, shares), (problem.end, 1 - shares)):
-        state = np.concatenate([end.pose, end.rate, end.acceleration, np.zeros(6)])[None, :]
-        room = -problem.limits.smooth_violations(state, width)[0]
+        state = np.concatenate([end.pose, end.rate, end.acceleration, np.zeros(COORDINATES)])
+        room = -problem.limits.smooth_violations(state[None, :], width)[0]
         grown = _LARGEST_MARGIN * (distance / _END_SHARE) ** 3
         capped = np.minimum(margins, room + grown[:, None])
         margins = np.where(given, capped, margins)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from constraints.arrays import Array, Mask
+from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.motion.spline import (
     DEGREE,
     FIXED,
@@ -55,7 +56,7 @@ class RampProblem:
     @property
     def size(self) -> int:
         """Number of variables."""
-        return 6 * self.free + 1
+        return COORDINATES * self.free + 1
 
     def coefficients(self, x: Array) -> tuple[Array, Array]:
         """Return all control points, (N, 6), and their slope to the duration."""
@@ -63,7 +64,7 @@ class RampProblem:
         first, first_slope = end_coefficients(self.intervals, duration, self.start)
         backwards = reversed_in_time(self.end)
         last, last_slope = end_coefficients(self.intervals, duration, backwards)
-        inner = x[:-1].reshape(self.free, 6) * self.scale + self.start.pose
+        inner = x[:-1].reshape(self.free, COORDINATES) * self.scale + self.start.pose
         none = np.zeros_like(inner)
         return (
             np.concatenate([first, inner, last[::-1]]),
@@ -109,7 +110,7 @@ class RampProblem:
         scaled = basis * powers[:, None, None]
         by_duration = scaled @ drift - (scaled @ coefficients) * (orders / duration)[:, None, None]
         count, rows = slopes.shape[:2]
-        split = slopes.reshape(count, rows, 4, 6)
+        split = slopes.reshape(count, rows, 4, COORDINATES)
         inner = scaled[:, :, FIXED:-FIXED]
         linear = np.einsum("krdc,dkf->krfc", split, inner, optimize=True) * self.scale
         timed = np.einsum("krdc,dkc->kr", split, by_duration, optimize=True) * self.time_scale
@@ -176,7 +177,7 @@ class RampProgram(LimitedProgram):
         problem = self._problem
         value, gradient = self.cost_gradient(x)
         _, drift = problem.coefficients(x)
-        inner = np.einsum("kf,cd->kcfd", self._middle[:, FIXED:-FIXED], np.eye(6))
+        inner = np.einsum("kf,cd->kcfd", self._middle[:, FIXED:-FIXED], np.eye(COORDINATES))
         timed = (self._middle @ drift / problem.scale * problem.time_scale)[:, :, None]
         slope = np.concatenate([inner.reshape(*timed.shape[:2], -1), timed], axis=2)
         flat = slope.reshape(-1, problem.size)

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.interpolate import BSpline
 
 from constraints.arrays import Array
+from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.trajectory import PoseSamples
 
 DEGREE = 5
@@ -27,7 +28,7 @@ class MotionState:
     @classmethod
     def at_rest(cls, pose: Array) -> MotionState:
         """Return the state of a machine that stands still."""
-        return cls(np.array(pose, dtype=float), np.zeros(6), np.zeros(6))
+        return cls(np.array(pose, dtype=float), np.zeros(COORDINATES), np.zeros(COORDINATES))
 
     @classmethod
     def of(cls, samples: PoseSamples) -> MotionState:
@@ -51,7 +52,7 @@ def end_coefficients(intervals: int, duration: float, state: MotionState) -> tup
     """Return the first three coefficients (3, 6) of a start, and their slope to the duration."""
     matrix = derivatives(intervals, np.zeros(1))[:FIXED, 0, :FIXED]
     values = np.stack([state.pose, duration * state.rate, duration**2 * state.acceleration])
-    slopes = np.stack([np.zeros(6), state.rate, 2 * duration * state.acceleration])
+    slopes = np.stack([np.zeros(COORDINATES), state.rate, 2 * duration * state.acceleration])
     inverse = np.asarray(np.linalg.inv(matrix), dtype=np.float64)
     return inverse @ values, inverse @ slopes
 

@@ -8,6 +8,7 @@ from functools import cache
 import numpy as np
 
 from constraints.arrays import Array
+from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.robot import LimitModel
 from expdesign.trajectory import FourierTrajectory, PhaseBasis
 
@@ -53,7 +54,7 @@ class DesignVariables:
     @property
     def size(self) -> int:
         """12 n + 7, or 12 n − 5 for a series that starts at rest."""
-        return 6 * self.per_coordinate + 1
+        return COORDINATES * self.per_coordinate + 1
 
     @property
     def per_coordinate(self) -> int:
@@ -115,7 +116,7 @@ class DesignVariables:
         """Return the same motion in the variables of a series with more harmonics."""
         n = self.harmonics
         table = self._table(variables)
-        more = np.zeros((6, harmonics - n))
+        more = np.zeros((COORDINATES, harmonics - n))
         parts = [table[:, : n + 1], more, table[:, n + 1 :], more]
         longer = replace(self, harmonics=harmonics)
         return np.append(longer.reduced(np.concatenate(parts, axis=1)).ravel(), variables[-1])
@@ -155,13 +156,13 @@ class DesignVariables:
         omega = float(variables[-1] * self.omega_scale)
         count, rows = sensitivities.shape[:2]
         steps = self._steps(basis, omega)
-        by_coordinate = sensitivities.reshape(count, rows, 3, 6).transpose(0, 1, 3, 2)
-        linear = np.matmul(by_coordinate.reshape(count, rows * 6, 3), steps)
-        linear = linear.reshape(count, rows, 6, self.per_coordinate) * self.scale[:, None]
+        by_coordinate = sensitivities.reshape(count, rows, 3, COORDINATES).transpose(0, 1, 3, 2)
+        linear = np.matmul(by_coordinate.reshape(count, rows * COORDINATES, 3), steps)
+        linear = linear.reshape(count, rows, COORDINATES, self.per_coordinate) * self.scale[:, None]
         drift = self.state_slope_to_omega(variables, basis)
         to_omega = np.einsum("nrs,ns->nr", sensitivities, drift)
         return np.concatenate(
-            [linear.reshape(count, rows, 6 * self.per_coordinate), to_omega[:, :, None]],
+            [linear.reshape(count, rows, COORDINATES * self.per_coordinate), to_omega[:, :, None]],
             axis=2,
         )
 
@@ -174,11 +175,11 @@ class DesignVariables:
         count, rows = sensitivities.shape[:2]
         steps = self._steps(basis, omega)
         flat_steps = steps.reshape(3 * count, self.per_coordinate)
-        split = sensitivities.reshape(count, rows, 3, 6)
+        split = sensitivities.reshape(count, rows, 3, COORDINATES)
         blocks = [
             split[:, :, :, i].transpose(1, 0, 2).reshape(rows, 3 * count)
             @ (flat_steps * self.scale[i])
-            for i in range(6)
+            for i in range(COORDINATES)
         ]
         drift = self.state_slope_to_omega(variables, basis)
         to_omega = np.tensordot(sensitivities, drift, axes=([0, 2], [0, 1]))
@@ -195,7 +196,7 @@ class DesignVariables:
 
     def _table(self, variables: Array) -> Array:
         """Return the scaled centre and amplitudes, (6, 2 n + 1)."""
-        table = variables[:-1].reshape(6, self.per_coordinate)
+        table = variables[:-1].reshape(COORDINATES, self.per_coordinate)
         return table @ _at_rest(self.harmonics).T if self.rest else table.copy()
 
     def reduced(self, table: Array) -> Array:
@@ -205,7 +206,7 @@ class DesignVariables:
     def state_slope_to_omega(self, variables: Array, basis: PhaseBasis) -> Array:
         """Return the derivative of the states (N, 18) with respect to the scaled ω."""
         table, omega = self.amplitudes(variables)
-        zero = np.zeros((basis.value.shape[0], 6))
+        zero = np.zeros((basis.value.shape[0], COORDINATES))
         slope = np.concatenate(
             [zero, basis.first @ table.T, 2 * omega * (basis.second @ table.T)], axis=1
         )
@@ -245,14 +246,14 @@ def coordinate_reach(model: LimitModel) -> tuple[Array, Array]:
     robot = model.robot
     farthest = np.array([10 * robot.characteristic_length] * 3 + [LARGEST_ANGLE] * 3)
     shares = np.linspace(0, 1, _STEPS + 1)[1:]
-    sides = np.zeros((2, 6))
-    for i in range(6):
+    sides = np.zeros((2, COORDINATES))
+    for i in range(COORDINATES):
         for row, side in enumerate((-1.0, 1.0)):
             span = farthest[i]
             # Ever finer: a machine may move a thousandth of what its size suggests.
             for _ in range(_REFINEMENTS):
-                states = np.zeros((shares.size, 18))
-                states[:, :6] = robot.home
+                states = np.zeros((shares.size, 3 * COORDINATES))
+                states[:, :COORDINATES] = robot.home
                 states[:, i] += side * shares * span
                 kept = np.all(model.violations(states) <= 0, axis=1)
                 steps = shares.size if np.all(kept) else int(np.argmin(kept))
@@ -263,7 +264,7 @@ def coordinate_reach(model: LimitModel) -> tuple[Array, Array]:
     half = np.maximum(sides.sum(axis=0) / 2, _SMALLEST_SHARE * farthest)
     offset = (sides[1] - sides[0]) / 2
     for share in (1.0, 0.5, 0.25, 0.125):
-        state = np.concatenate([robot.home + share * offset, np.zeros(12)])[None, :]
+        state = np.concatenate([robot.home + share * offset, np.zeros(2 * COORDINATES)])[None, :]
         if np.all(model.violations(state) < 0):
             return robot.home + share * offset, half
     return robot.home.copy(), half

@@ -8,6 +8,7 @@ from functools import partial
 import numpy as np
 
 from constraints.arrays import Array
+from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.problem import DesignProblem
 from expdesign.solver.continuation import coarse_points
 
@@ -45,12 +46,12 @@ def random_start(
         Not even a motion of 1e-4 of the drawn size keeps the limits.
     """
     variables = problem.variables
-    table = np.zeros((6, variables.per_coordinate))
+    table = np.zeros((COORDINATES, variables.per_coordinate))
     half = (variables.per_coordinate + 1) // 2
     decay = variables.orders**-_DECAY
-    table[:, 0] = 0.3 * rng.normal(size=6)
-    table[:, 1:half] = 0.5 * decay[1:half] * rng.normal(size=(6, half - 1))
-    table[:, half:] = 0.5 * decay[half:] * rng.normal(size=(6, half - 1))
+    table[:, 0] = 0.3 * rng.normal(size=COORDINATES)
+    table[:, 1:half] = 0.5 * decay[1:half] * rng.normal(size=(COORDINATES, half - 1))
+    table[:, half:] = 0.5 * decay[half:] * rng.normal(size=(COORDINATES, half - 1))
     table *= variables.orders  # from reaches to scaled variables
     lower, upper = variables.bounds()
     omega = rng.uniform((lower[-1] + upper[-1]) / 2, upper[-1])
@@ -106,8 +107,8 @@ def perturbed(
     """
     variables = problem.variables
     size = rng.choice(_HOP_SIZES)
-    noise = rng.normal(size=(6, variables.per_coordinate))
-    table = origin[:-1].reshape(6, -1) + size * noise
+    noise = rng.normal(size=(COORDINATES, variables.per_coordinate))
+    table = origin[:-1].reshape(COORDINATES, -1) + size * noise
     lower, upper = variables.bounds()
     omega = np.clip(origin[-1] * np.exp(size * rng.normal()), lower[-1], upper[-1])
     points = coarse_points(variables.harmonics)
