@@ -133,9 +133,8 @@ def test_two_workers_write_the_same_tables(runs, expdesign, tmp_path):
     (two / "design.json").write_bytes((one / "design.json").read_bytes())
     status, _, err = expdesign("run", str(file), "--out", str(two))
     assert status == 0, err
-    for name in WRITTEN["paper_identification"]:
-        table = f"tables/{name}.csv"
-        assert (two / table).read_bytes() == (one / table).read_bytes()
+    for table in WRITTEN["paper_identification"]:
+        assert (two / table.file).read_bytes() == (one / table.file).read_bytes()
     assert (two / "study.json").read_bytes() == (one / "study.json").read_bytes()
 
 
