@@ -35,7 +35,12 @@ from expdesign.runfolder.atomic import write_text
 from expdesign.runfolder.manifest import package_versions, text_hash
 from expdesign.stages.outcome import Outcome, StageFailed
 from expdesign.stages.progress import Progress, short
-from expdesign.stages.record import added_to, clear_outdated, keep_configuration
+from expdesign.stages.record import (
+    added_to,
+    clear_outdated,
+    keep_configuration,
+    sections_text,
+)
 from expdesign.stages.run import refuse_unwritable
 from expdesign.stages.workspace import Workspace, trajectory_text
 from expdesign.trajectory import FourierTrajectory
@@ -205,16 +210,14 @@ def export_task(work: Workspace) -> Task:
 
 def _made_from(configuration: RunConfiguration, trajectory: FourierTrajectory) -> str:
     """Return the hash of everything that the ways depend on."""
-    sections = configuration.run.model_dump_json(
-        include={
-            "robot": True,
-            "motion": True,
-            "trajectory": {"controller_period"},
-            "experiment": {"periods", "sampling"},
-        }
-    )
-    versions = sorted(package_versions().items())
-    return text_hash("executable motion", sections, trajectory_text(trajectory), versions)
+    sections = {
+        "robot": True,
+        "motion": True,
+        "trajectory": {"controller_period"},
+        "experiment": {"periods", "sampling"},
+    }
+    text, versions = sections_text(configuration, sections), sorted(package_versions().items())
+    return text_hash("executable motion", text, trajectory_text(trajectory), versions)
 
 
 def _known_motion(

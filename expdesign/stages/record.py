@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
-from expdesign.configuration import RunConfiguration, resolved_yaml
+from expdesign.configuration import RobotDescription, RunConfiguration, resolved_yaml
 from expdesign.runfolder.atomic import write_text
 from expdesign.runfolder.manifest import (
     RUN_FILE,
@@ -35,8 +36,20 @@ def stage_inputs(name: str, work: Workspace) -> str:
         # As `run.yaml` states it, which a report shows: with what the run does not name.
         sections = resolved_yaml(configuration)
     else:
-        sections = configuration.run.model_dump_json(include=dict(stage.sections))
+        sections = sections_text(configuration, stage.sections)
     return text_hash(name, sections, made_from, sorted(package_versions().items()))
+
+
+def sections_text(configuration: RunConfiguration, sections: Mapping[str, Any]) -> str:
+    """Return sections of the run as JSON, without the terms where they are the default ones.
+
+    Versions before the terms did not state them: what such a version did is still as it would be
+    done now.
+    """
+    run, default = configuration.run, RobotDescription.model_fields["terms"].default
+    stated = isinstance(run.robot, RobotDescription) and run.robot.terms != default
+    unstated = {} if stated else {"robot": {"terms"}}
+    return run.model_dump_json(include=dict(sections), exclude=unstated)
 
 
 def is_done(name: str, work: Workspace) -> bool:

@@ -13,7 +13,14 @@ import pytest
 
 from expdesign.cli.app import app
 from expdesign.cli.errors import run
+from expdesign.configuration import load_run
 from expdesign.experiment import DesignRecord
+from expdesign.export import ExportsRecord
+from expdesign.motion import RecordedMotion
+from expdesign.runfolder.manifest import Manifest
+from expdesign.stages.export import export_task
+from expdesign.stages.record import stage_inputs
+from expdesign.stages.workspace import Workspace
 from tests.report.html import Page
 
 OLD = Path(__file__).parent / "format_0"
@@ -37,6 +44,18 @@ def test_the_design_is_read():
     sign, log_det = np.linalg.slogdet(record.information)
     assert sign == 1
     assert log_det == pytest.approx(record.summary.log_det_information, rel=1e-6)
+
+
+def test_its_stages_are_done_as_they_would_be_now(monkeypatch):
+    manifest, run = Manifest.read(OLD), load_run(OLD / "run.yaml")
+    monkeypatch.setattr("expdesign.stages.record.package_versions", lambda: manifest.versions)
+    monkeypatch.setattr("expdesign.stages.export.package_versions", lambda: manifest.versions)
+    work = Workspace(run, OLD)
+    # The others read files of which rows are left out here.
+    for name in ("design", "export", "experiment", "montecarlo"):
+        assert stage_inputs(name, work) == manifest.stages[name].inputs, name
+    monkeypatch.delattr("expdesign.stages.export.executable_motion")  # No ramp is searched.
+    assert RecordedMotion.of(export_task(work).motion) == ExportsRecord.read(OLD).motion.ways
 
 
 def test_it_is_reported(old, expdesign_says):
