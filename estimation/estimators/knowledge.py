@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from constraints.arrays import Array
-from expdesign.configuration import EstimateSection
+from expdesign.configuration import ComputationError, EstimateSection
 from expdesign.information.fisher import ScaledInformation
 from expdesign.robot import Robot
 
 
-class UnidentifiableError(ArithmeticError):
+class UnidentifiableError(ComputationError):
     """The data do not determine some parameters at all.
 
     Attributes
@@ -29,7 +29,8 @@ class UnidentifiableError(ArithmeticError):
         self.names = names
         super().__init__(
             f"the data do not determine {', '.join(names)}: the information matrix is singular. "
-            "Fix them (estimate.fixed) or give a prior (estimate.prior)"
+            "Fix them (estimate.fixed) or give a prior (estimate.prior)",
+            {"undetermined": list(names)},
         )
 
     def __reduce__(self) -> tuple[type[UnidentifiableError], tuple[tuple[str, ...]]]:

@@ -17,6 +17,7 @@ from estimation.measurement_model import HarmonicMotion, predict_lengths
 from estimation.measurement_model.normal_equations import NormalEquations, Rows
 from estimation.measurement_model.prediction import chunks
 from estimation.processing import Record
+from expdesign.configuration import ComputationError
 from expdesign.robot import ForwardKinematicsError, Robot
 from expdesign.trajectory import PhaseBasis
 
@@ -26,7 +27,7 @@ _CONVERGED = 1e-4
 _START_POINTS = 400
 
 
-class MotionFitError(ArithmeticError):
+class MotionFitError(ComputationError):
     """No motion was found that has the measured lengths."""
 
 

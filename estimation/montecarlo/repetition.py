@@ -14,12 +14,12 @@ from estimation.identification.estimate import parameter_knowledge, run_estimato
 from estimation.identification.period_choice import UnsuitableDataError
 from estimation.identification.recording import prepare_experiment
 from estimation.twin import Twin
-from expdesign.configuration import RunConfiguration
+from expdesign.configuration import ComputationError, RunConfiguration
 from expdesign.robot import Robot, robot_from
 from expdesign.runfolder import Numbers, described
 from expdesign.trajectory import FourierTrajectory
 
-NUMERICAL_FAILURES = (ArithmeticError, np.linalg.LinAlgError)
+NUMERICAL_FAILURES = (ComputationError, ArithmeticError, np.linalg.LinAlgError)
 """What noise can do to an estimate: no pose, no motion, a singular information matrix."""
 
 FAILURES = (*NUMERICAL_FAILURES, UnsuitableDataError)

@@ -14,6 +14,7 @@ from estimation.montecarlo.repetition import FAILURES
 from estimation.montecarlo.study import StopRequest
 from estimation.studies.records import Claim, StudyRecord, StudySummary
 from expdesign.configuration import (
+    ComputationError,
     Problem,
     RunConfiguration,
     StudySection,
@@ -28,11 +29,11 @@ _NOISELESS = 1e-6
 """Length noise of exact kinematics, as a share of the robot's: an estimate needs some."""
 
 
-class StudyInterruptedError(RuntimeError):
+class StudyInterruptedError(ComputationError):
     """The study was stopped before everything that it compares was there."""
 
 
-class TooFewEstimatesError(ArithmeticError):
+class TooFewEstimatesError(ComputationError):
     """Noise let so many estimates fail that nothing can be compared."""
 
 

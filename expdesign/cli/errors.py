@@ -5,15 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 from rich.text import Text
 
 from expdesign.cli.output import messages, write_json
-from expdesign.configuration import InputError, Problem
-from expdesign.stages.outcome import StageFailed
 from expdesign.stages.progress import short
+
+if TYPE_CHECKING:
+    from expdesign.configuration import Problem
 
 FAILED = 1
 BAD_INPUT = 2
@@ -40,24 +41,31 @@ def run(app: typer.Typer, arguments: Sequence[str]) -> int:
         status = app(args=list(arguments), prog_name="expdesign", standalone_mode=not as_json)
     except SystemExit as stop:
         status = stop.code
-    except InputError as error:
-        return _bad_input(error.problems, as_json)
-    except typer.TyperException as error:
-        return _bad_input([Problem(error.format_message())], as_json)
-    except (StageFailed, KeyboardInterrupt, typer.Abort, OSError) as error:
-        return _failed(_failure(error), as_json)
+    except (Exception, KeyboardInterrupt) as error:
+        status = _status_of(error, as_json)
+        if status is None:
+            raise
     if not isinstance(status, int):
         return 0
     return status if status in (0, FAILED, BAD_INPUT) else FAILED
 
 
-def _failure(error: BaseException) -> StageFailed:
-    if isinstance(error, StageFailed):
-        return error
+def _status_of(error: BaseException, as_json: bool) -> int | None:
+    """Tell of an error; None: it is a bug. What it knows is loaded now: --help needs none of it."""
+    from expdesign.configuration import ComputationError, InputError, Problem
+
+    if isinstance(error, InputError):
+        return _bad_input(error.problems, as_json)
+    if isinstance(error, typer.TyperException):
+        return _bad_input([Problem(error.format_message())], as_json)
+    if isinstance(error, ComputationError):
+        return _failed(error.message, as_json, error.details)
     if isinstance(error, OSError):
         named = "" if error.filename is None else f"{error.filename}: "
-        return StageFailed(f"{named}{error.strerror or error}")
-    return StageFailed("interrupted")
+        return _failed(f"{named}{error.strerror or error}", as_json)
+    if isinstance(error, KeyboardInterrupt | typer.Abort):
+        return _failed("interrupted", as_json)
+    return None
 
 
 def _bad_input(problems: Iterable[Problem], as_json: bool) -> int:
@@ -66,7 +74,7 @@ def _bad_input(problems: Iterable[Problem], as_json: bool) -> int:
         return BAD_INPUT
     console = messages()
     for problem in problems:
-        place = _place(problem)
+        place = replace(problem, file=problem.file and Path(short(problem.file))).place
         line = Text.assemble(("error: ", "bold red"), (f"{place}: " if place else "", "bold"))
         console.print(line.append(problem.message))
         if problem.nearest:
@@ -76,18 +84,13 @@ def _bad_input(problems: Iterable[Problem], as_json: bool) -> int:
     return BAD_INPUT
 
 
-def _failed(failure: StageFailed, as_json: bool) -> int:
+def _failed(message: str, as_json: bool, details: dict[str, Any] | None = None) -> int:
     if as_json:
-        write_json({"status": FAILED, "message": failure.message, **failure.details})
+        write_json({"status": FAILED, "message": message, **(details or {})})
     else:
-        messages().print(Text.assemble(("failed: ", "bold red"), failure.message))
+        messages().print(Text.assemble(("failed: ", "bold red"), message))
     return FAILED
 
 
-def _place(problem: Problem) -> str:
-    file = None if problem.file is None else Path(short(problem.file))
-    return replace(problem, file=file).place
-
-
 def _as_data(problem: Problem) -> dict[str, Any]:
-    return asdict(problem) | {"file": None if problem.file is None else str(problem.file)}
+    return asdict(problem) | {"file": problem.file and str(problem.file)}

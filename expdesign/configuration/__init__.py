@@ -10,6 +10,7 @@ from expdesign.configuration.limits import row_labels
 from expdesign.configuration.loading import load_run, smoothing_widths
 from expdesign.configuration.noise import NoiseDescription
 from expdesign.configuration.problem import (
+    ComputationError,
     InputError,
     Problem,
     format_number,
@@ -64,6 +65,7 @@ __all__ = [
     "OFFERS",
     "STRUT_ONLY",
     "Cogging",
+    "ComputationError",
     "DataSection",
     "DesignSection",
     "Dimension",

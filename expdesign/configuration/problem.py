@@ -6,6 +6,7 @@ import difflib
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from pydantic_core import PydanticCustomError
 
@@ -72,6 +73,22 @@ class InputError(Exception):
 
     def __reduce__(self) -> tuple[type[InputError], tuple[tuple[Problem, ...]]]:
         return type(self), (self.problems,)
+
+
+class ComputationError(Exception):
+    """A computation has no result, though its input is valid: root of all such errors.
+
+    Parameters
+    ----------
+    message : str
+        What happened, and what can be done about it.
+    details : dict, optional
+        The same for machines.
+    """
+
+    def __init__(self, message: str, details: dict[str, Any] | None = None) -> None:
+        super().__init__(message)
+        self.message, self.details = message, details or {}
 
 
 def refusal(

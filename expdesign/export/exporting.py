@@ -8,7 +8,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from constraints.arrays import Array
-from expdesign.configuration import ExportSection, InputError, Problem
+from expdesign.configuration import ComputationError, ExportSection, InputError, Problem
 from expdesign.export.definition import Settings, Task
 from expdesign.export.formats import table_formats
 from expdesign.export.formats.ros2 import refuse_without_library
@@ -21,7 +21,7 @@ from expdesign.runfolder.manifest import file_hash
 _BAG = ".mcap"
 
 
-class ExportError(Exception):
+class ExportError(ComputationError):
     """A file does not do what the design asks for; it was not kept.
 
     Attributes
@@ -33,7 +33,11 @@ class ExportError(Exception):
     def __init__(self, name: str, check: ReadBack, settings: Settings) -> None:
         self.check = check
         self.remedy = _remedy(check, settings)
-        super().__init__(f"{name}: " + "; ".join(check.failures))
+        advice = self.remedy and f"; {self.remedy}"
+        super().__init__(
+            f"{name}: {'; '.join(check.failures)}. The file was not kept{advice}.",
+            {"failures": list(check.failures)},
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,6 +8,7 @@ import numpy as np
 import scipy.linalg as sla
 
 from constraints.arrays import Array
+from expdesign.configuration import ComputationError
 
 EXCITABLE = 1e-12
 """Smallest eigenvalue of the column-scaled F, relative to its largest, that counts as excited."""
@@ -123,12 +124,18 @@ class ScaledInformation:
         return tuple(direction.name for direction in self.weak_directions(names))
 
 
-class SingularInformationError(ArithmeticError):
+class SingularInformationError(ComputationError):
     """F is numerically singular: some combinations of parameters are not excited."""
 
     def __init__(self, directions: tuple[WeakDirection, ...]) -> None:
         self.directions = directions
-        super().__init__(f"the trajectory does not excite {self.combinations}")
+        super().__init__(
+            f"the trajectory does not excite {self.combinations}",
+            {
+                "unexcited": list(self.unexcited),
+                "not_told_from": {one.name: list(one.others) for one in directions},
+            },
+        )
 
     @property
     def unexcited(self) -> tuple[str, ...]:

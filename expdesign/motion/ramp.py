@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 
 from constraints.arrays import Array, Mask
+from expdesign.configuration import ComputationError
 from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.motion.limits import moving_states
 from expdesign.motion.ramp_problem import RampProblem, RampProgram
@@ -48,7 +49,7 @@ _OPTIONS = {
 }
 
 
-class NoRampError(ArithmeticError):
+class NoRampError(ComputationError):
     """No ramp was found that keeps every limit.
 
     Attributes

@@ -8,6 +8,7 @@ from functools import partial
 import numpy as np
 
 from constraints.arrays import Array
+from expdesign.configuration import ComputationError
 from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.problem import DesignProblem
 from expdesign.solver.continuation import coarse_points
@@ -21,7 +22,7 @@ _HOP_BISECTIONS = 12
 _HOP_INSIDE = 0.98
 
 
-class InfeasibleLimitsError(ArithmeticError):
+class InfeasibleLimitsError(ComputationError):
     """No trajectory was found that keeps the limits, not even a very small one."""
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from expdesign.configuration import ComputationError
 from expdesign.solver.finish import Finished
 from expdesign.solver.jobs import Build, SearchPlan, finish_job, hop_job, newcomer_job, random_job
 from expdesign.solver.population import CAPACITY, Candidate, Population
@@ -44,7 +45,7 @@ class SearchResult:
     seconds: float
 
 
-class NoDesignError(ArithmeticError):
+class NoDesignError(ComputationError):
     """The search found no trajectory that keeps the limits and excites the parameters."""
 
     def __init__(self, message: str, starts: Sequence[StartResult]) -> None:

@@ -6,11 +6,9 @@ from expdesign.configuration import quantity_text
 from expdesign.experiment import DesignRecord, DesignResult, design
 from expdesign.information.fisher import SingularInformationError
 from expdesign.recheck import TOLERANCE
-from expdesign.solver import InfeasibleLimitsError, NoDesignError
 from expdesign.stages.outcome import Outcome, StageFailed
 from expdesign.stages.progress import ABANDONED, STOP_DESIGN, Monitor, interruptible, short
 from expdesign.stages.workspace import Workspace
-from expdesign.workers import WorkerDiedError
 from results import design_figures
 
 
@@ -19,7 +17,7 @@ def perform(work: Workspace) -> Outcome:
 
     Raises
     ------
-    StageFailed
+    ComputationError
         There is no design.
     """
     result = _design(work)
@@ -61,13 +59,8 @@ def _design(work: Workspace) -> DesignResult:
             f"the limits do not let these parameters be excited: {error.combinations}. Leave "
             f"{', '.join(error.unexcited)} out of design.parameters, or widen speed, acceleration "
             "or workspace.",
-            {
-                "unexcited": list(error.unexcited),
-                "not_told_from": {d.name: list(d.others) for d in error.directions},
-            },
+            error.details,
         ) from error
-    except (InfeasibleLimitsError, NoDesignError, WorkerDiedError) as error:
-        raise StageFailed(str(error)) from error
 
 
 def _what_is_wrong(result: DesignResult, folder: str) -> str:

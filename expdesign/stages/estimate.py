@@ -9,11 +9,9 @@ from numpy.linalg import LinAlgError
 from estimation import diagnostics, identification
 from estimation.diagnostics import Diagnosis
 from estimation.diagnostics.noise_record import NoiseRecord
-from estimation.estimators import UnidentifiableError
 from estimation.identification import EstimationResult
 from estimation.identification.period_choice import choose_omega
 from estimation.identification.record import EstimateRecord
-from estimation.kinematics.fourier_fit import MotionFitError
 from estimation.processing import PeriodError, make_record
 from expdesign.configuration import InputError, Problem
 from expdesign.stages.outcome import Outcome, StageFailed
@@ -31,7 +29,7 @@ def perform(work: Workspace) -> Outcome:
     ------
     InputError
         Run, data or design do not fit.
-    StageFailed
+    ComputationError
         The data have no motion, or do not determine the parameters.
     """
     configuration, folder = work.configuration, work.folder
@@ -40,8 +38,6 @@ def perform(work: Workspace) -> Outcome:
     recordings = [work.recording(file) for file in files]
     try:
         result = identification.estimate(configuration, recordings, designs)
-    except (MotionFitError, UnidentifiableError) as error:
-        raise StageFailed(str(error)) from error
     except LinAlgError as error:
         raise StageFailed(
             f"the data cannot be estimated from ({error}): is a channel constant?"

@@ -6,22 +6,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from expdesign.configuration import ComputationError
 
-class StageFailed(Exception):  # noqa: N818 - it is no bug but a result
-    """A stage failed, was interrupted, or its result breaks a limit: exit status 1.
 
-    Parameters
-    ----------
-    message : str
-        What happened, and what can be done about it.
-    details : dict, optional
-        The same for machines.
-    """
-
-    def __init__(self, message: str, details: dict[str, Any] | None = None) -> None:
-        super().__init__(message)
-        self.message = message
-        self.details = details or {}
+class StageFailed(ComputationError):  # noqa: N818 - it is no bug but a result
+    """A stage failed, was interrupted, or its result breaks a limit: exit status 1."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,13 @@ from pathlib import Path
 from tempfile import TemporaryFile
 from typing import Any
 
-from expdesign.configuration import InputError, Problem, RunConfiguration, load_run
+from expdesign.configuration import (
+    ComputationError,
+    InputError,
+    Problem,
+    RunConfiguration,
+    load_run,
+)
 from expdesign.runfolder.manifest import entry
 from expdesign.stages.outcome import Outcome, StageFailed
 from expdesign.stages.progress import Progress, short
@@ -103,15 +109,15 @@ def do_stage(name: str, work: Workspace) -> Outcome:
     began = time.perf_counter()
     try:
         outcome: Outcome = loaded(STAGES[name].perform)(work)
-    except StageFailed as failure:
+    except ComputationError as error:
         if work.folder.is_dir():
             _write_entry(
                 name,
                 work,
                 began,
-                Outcome(name, work.folder, None, status="failed", message=failure.message),
+                Outcome(name, work.folder, None, status="failed", message=error.message),
             )
-        raise
+        raise StageFailed(error.message, error.details) from error
     keep_configuration(work.configuration, work.folder)
     _write_entry(name, work, began, outcome)
     work.made[name] = outcome

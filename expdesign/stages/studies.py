@@ -7,21 +7,16 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
 
-from estimation.estimators import UnidentifiableError
-from estimation.kinematics.fourier_fit import MotionFitError
 from estimation.montecarlo import Study
 from estimation.montecarlo import run_study as run_montecarlo
 from estimation.montecarlo.journal import NAME as JOURNAL
 from estimation.montecarlo.record import MonteCarloRecord
-from estimation.studies import Claim, StudyInterruptedError, TooFewEstimatesError, run_study
-from expdesign.information.fisher import SingularInformationError
-from expdesign.solver import InfeasibleLimitsError, NoDesignError
+from estimation.studies import Claim, run_study
 from expdesign.stages.outcome import Outcome, StageFailed
 from expdesign.stages.progress import Monitor, interruptible, short
 from expdesign.stages.record import clear_outdated
 from expdesign.stages.table import STAGES
 from expdesign.stages.workspace import Workspace
-from expdesign.workers import ClusterError, WorkerDiedError
 from results import comparison_study_figures, study_figures
 
 _MOST_REASONS = 3
@@ -34,7 +29,7 @@ def montecarlo(work: Workspace) -> Outcome:
     ------
     InputError
         The run cannot be simulated or estimated.
-    StageFailed
+    ComputationError
         Workers died, nothing could be estimated, or Ctrl-C came before the first repetition ended.
     """
     configuration, folder = work.configuration, work.folder
@@ -42,12 +37,7 @@ def montecarlo(work: Workspace) -> Outcome:
     design = work.design()
     warnings = work.warn_of(design)
     with _watched(work, "repetitions") as monitor:
-        try:
-            study = run_montecarlo(configuration, design.trajectory, folder / JOURNAL, monitor)
-        except UnidentifiableError as error:
-            raise StageFailed(str(error), {"undetermined": list(error.names)}) from error
-        except (WorkerDiedError, ClusterError) as error:
-            raise StageFailed(str(error)) from error
+        study = run_montecarlo(configuration, design.trajectory, folder / JOURNAL, monitor)
     if not study.repetitions:
         raise StageFailed("interrupted before the first repetition was done")
     if not any(study.estimated(name) for name in study.estimators):
@@ -98,7 +88,7 @@ def study(work: Workspace) -> Outcome:
     ------
     InputError
         The run cannot be designed, simulated or estimated.
-    StageFailed
+    ComputationError
         Interrupted, workers died, or something could not be designed or estimated.
     """
     configuration, folder = work.configuration, work.folder
@@ -109,19 +99,7 @@ def study(work: Workspace) -> Outcome:
         work.warn_of(design)
         trajectory = design.trajectory
     with _watched(work, "steps of the study") as monitor:
-        try:
-            found = run_study(configuration, trajectory, monitor)
-        except (
-            UnidentifiableError,
-            MotionFitError,
-            TooFewEstimatesError,
-            StudyInterruptedError,
-            SingularInformationError,
-            InfeasibleLimitsError,
-            NoDesignError,
-            WorkerDiedError,
-        ) as error:
-            raise StageFailed(str(error)) from error
+        found = run_study(configuration, trajectory, monitor)
     clear_outdated("study", work)
     files = [
         *found.write(folder),

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from estimation.kinematics.fourier_fit import MotionFitError
 from estimation.validation import validate
 from estimation.validation.record import ValidationRecord
 from expdesign.robot import robot_from
-from expdesign.stages.outcome import Outcome, StageFailed
+from expdesign.stages.outcome import Outcome
 from expdesign.stages.workspace import Workspace
 from results import validation_figures
 
@@ -18,14 +17,11 @@ def perform(work: Workspace) -> Outcome:
     ------
     InputError
         The estimate is another robot's, or a motion cannot be made or read.
-    StageFailed
+    ComputationError
         No motion has the measured lengths.
     """
     configuration, folder = work.configuration, work.folder
-    try:
-        result = validate(configuration, work.estimate(robot_from(configuration.robot)))
-    except MotionFitError as error:
-        raise StageFailed(str(error)) from error
+    result = validate(configuration, work.estimate(robot_from(configuration.robot)))
     record = ValidationRecord.of(result)
     figures = validation_figures(record, folder, configuration.run.report.figures)
     return Outcome(

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from itertools import islice
 from typing import Any
 
-from expdesign.configuration import InputError, Problem
+from expdesign.configuration import ComputationError, InputError, Problem
 from expdesign.workers.job import Job, SilentMonitor
 
 _CONNECT_SECONDS = 20
@@ -16,7 +16,7 @@ _WAITING = 2
 """Jobs under way for every thread of the cluster: one is worked on, one is ready."""
 
 
-class ClusterError(RuntimeError):
+class ClusterError(ComputationError):
     """The cluster cannot be reached, or lost a worker for good."""
 
 

@@ -16,12 +16,13 @@ from typing import Any
 
 from joblib import Parallel, delayed, parallel_config
 
+from expdesign.configuration import ComputationError
 from expdesign.workers.job import Job, Monitor
 
 _POLL = 0.1
 
 
-class WorkerDiedError(RuntimeError):
+class WorkerDiedError(ComputationError):
     """A worker process ended without a result."""
 
 
