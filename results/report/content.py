@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import Enum
-from typing import Any
+from typing import Any, ClassVar
 
 from results.report.table import ReportTable
 
@@ -42,8 +42,8 @@ class Fact:
 class Facts:
     """Facts side by side."""
 
+    kind: ClassVar[str] = "facts"
     facts: tuple[Fact, ...]
-    kind: str = field(default="facts", init=False)
 
 
 @dataclass(frozen=True)
@@ -53,49 +53,41 @@ class FigureBlock:
     The source is the SVG as a data URI: an image runs no scripts, and its ids are its own.
     """
 
+    kind: ClassVar[str] = "figure"
     key: str
     caption: str
     source: str
-    kind: str = field(default="figure", init=False)
-
-
-@dataclass(frozen=True)
-class TableBlock:
-    """A table."""
-
-    table: ReportTable
-    kind: str = field(default="table", init=False)
 
 
 @dataclass(frozen=True)
 class TextBlock:
-    """Paragraphs of plain text; `level` colours them."""
+    """A paragraph of plain text; `level` colours it."""
 
-    paragraphs: tuple[str, ...]
+    kind: ClassVar[str] = "text"
+    text: str
     level: Level = Level.NEUTRAL
-    kind: str = field(default="text", init=False)
 
 
 @dataclass(frozen=True)
 class ListingBlock:
     """A text that is shown letter by letter, on request."""
 
+    kind: ClassVar[str] = "listing"
     title: str
     text: str
-    kind: str = field(default="listing", init=False)
 
 
 @dataclass(frozen=True)
 class ViewBlock:
     """The robot in motion; the data are what `view.js` draws: plain numbers, texts and lists."""
 
+    kind: ClassVar[str] = "view"
     key: str
     caption: str
     data: dict[str, Any]
-    kind: str = field(default="view", init=False)
 
 
-Block = Facts | FigureBlock | TableBlock | TextBlock | ListingBlock | ViewBlock
+Block = Facts | FigureBlock | ReportTable | TextBlock | ListingBlock | ViewBlock
 
 
 @dataclass(frozen=True)
@@ -109,12 +101,21 @@ class Section:
 
 @dataclass(frozen=True)
 class StageReport:
-    """What a page says of one stage; the facts are its best numbers, for the summary."""
+    """What a page says of one stage; the facts are its best numbers, for the summary.
+
+    The section has the verdict's anchor, and its title where there is no `heading`.
+    """
 
     verdict: Verdict
-    facts: tuple[Fact, ...]
-    sections: tuple[Section, ...]
+    blocks: tuple[Block, ...]
+    facts: tuple[Fact, ...] = ()
     warnings: tuple[str, ...] = ()
+    heading: str = ""
+
+    @property
+    def section(self) -> Section:
+        """The part of the page on this stage."""
+        return Section(self.verdict.anchor, self.heading or self.verdict.title, self.blocks)
 
 
 @dataclass(frozen=True)
@@ -130,16 +131,16 @@ class Page:
     warnings: tuple[str, ...] = ()
 
     @property
+    def blocks(self) -> tuple[Block, ...]:
+        """What all sections hold, in the order of the page."""
+        return tuple(block for section in self.sections for block in section.blocks)
+
+    @property
     def tables(self) -> tuple[ReportTable, ...]:
         """All tables, in the order of the page."""
-        return tuple(
-            block.table
-            for section in self.sections
-            for block in section.blocks
-            if isinstance(block, TableBlock)
-        )
+        return tuple(block for block in self.blocks if isinstance(block, ReportTable))
 
     @property
     def moves(self) -> bool:
         """True when the page has a view that needs the plotting library."""
-        return any(isinstance(b, ViewBlock) for s in self.sections for b in s.blocks)
+        return any(isinstance(block, ViewBlock) for block in self.blocks)

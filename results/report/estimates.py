@@ -9,7 +9,7 @@ import numpy as np
 from constraints.arrays import Array
 from estimation.identification.record import EstimateFile
 from estimation.uncertainty.differences import FAMILY_LEVEL, Differences, hausman_test
-from results.report.table import Column, ReportTable, Value
+from results.report.table import Column, ReportTable
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,19 +69,9 @@ def differences_table(
     key: str, caption: str, names: tuple[str, ...], test: Differences, *, folded: bool = False
 ) -> ReportTable:
     """Return a test parameter by parameter."""
-    rows: list[tuple[Value, ...]] = []
-    for k, name in enumerate(names):
-        judged = bool(np.isfinite(test.z[k]))
-        rows.append(
-            (
-                name,
-                float(test.difference[k]),
-                float(test.std[k]),
-                float(test.z[k]),
-                float(test.p_values[k]),
-                ("differs" if test.differs[k] else "agrees") if judged else "not tested",
-            )
-        )
+    judged = np.where(test.differs, "differs", "agrees")
+    outcome = np.where(np.isfinite(test.z), judged, "not tested")
+    numbers = (test.difference, test.std, test.z, test.p_values, outcome)
     columns = (
         Column("parameter", kind="parameter"),
         Column("difference"),
@@ -90,4 +80,5 @@ def differences_table(
         Column("p (Holm)", digits=2),
         Column("outcome", kind="outcome"),
     )
+    rows = zip(names, *(values.tolist() for values in numbers), strict=True)
     return ReportTable.of(key, caption, columns, rows, folded=folded)

@@ -164,7 +164,7 @@ class RunFolder:
                 found.append(embedded(path, f"{number}. {caption}" if number else caption))
         return tuple(found)
 
-    def other_figures(self, known: tuple[str, ...]) -> tuple[FigureBlock, ...]:
+    def other_figures(self, known: set[str]) -> tuple[FigureBlock, ...]:
         """Return the figures of the folder that are not among those shown already."""
         place = self.path / "figures"
         files = sorted(place.glob("*.svg")) if place.is_dir() else []

@@ -9,7 +9,6 @@ from results.report.content import (
     Level,
     ListingBlock,
     Section,
-    TableBlock,
     TextBlock,
 )
 from results.report.folder import RunFolder
@@ -27,13 +26,9 @@ def provenance(folder: RunFolder) -> Section:
     if manifest is None:
         known = ", ".join(stage.file for stage in folder.stages.values())
         text = f"The folder has no manifest.json: a stage is there when its file is, of {known}."
-        blocks.append(TextBlock((text,), Level.CAUTION))
+        blocks.append(TextBlock(text, Level.CAUTION))
     else:
         stages = {name: entry for name, entry in manifest.stages.items() if name != OWN_STAGE}
-        rows = [
-            (name, entry.status, duration(entry.seconds), entry.finished, entry.message)
-            for name, entry in stages.items()
-        ]
         columns = (
             Column("stage", kind="text"),
             Column("status", kind="outcome"),
@@ -41,22 +36,22 @@ def provenance(folder: RunFolder) -> Section:
             Column("finished (UTC)", kind="text"),
             Column("message", kind="text"),
         )
-        blocks.append(TableBlock(ReportTable.of("stages", "Stages of the run", columns, rows)))
+        rows = [
+            (name, entry.status, duration(entry.seconds), entry.finished, entry.message)
+            for name, entry in stages.items()
+        ]
+        blocks.append(ReportTable.of("stages", "Stages of the run", columns, rows))
         blocks.append(
             Facts(tuple(Fact(name, str(value)) for name, value in manifest.versions.items()))
         )
         seeds = ", ".join(f"{name} {seed}" for name, seed in manifest.seeds.items())
-        blocks.append(TextBlock((f"Seeds: {seeds}. Evaluation: {manifest.evaluation}.",)))
+        blocks.append(TextBlock(f"Seeds: {seeds}. Evaluation: {manifest.evaluation}."))
         files = [
             (file, name, digest)
             for name, entry in stages.items()
             for file, digest in entry.files.items()
         ]
         heads = tuple(Column(title, kind="text") for title in ("file", "stage", "SHA-256"))
-        blocks.append(
-            TableBlock(
-                ReportTable.of("files", "Files of the run folder", heads, files, folded=True)
-            )
-        )
+        blocks.append(ReportTable.of("files", "Files of the run folder", heads, files, folded=True))
     blocks.append(ListingBlock("run.yaml: the resolved configuration", folder.run_text()))
     return Section("provenance", "Configuration and versions", tuple(blocks))

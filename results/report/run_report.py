@@ -15,13 +15,7 @@ from expdesign.experiment import DesignRecord
 from expdesign.runfolder.atomic import write_text
 from results.design import design_figures
 from results.estimation import estimate_figures, study_figures, validation_figures
-from results.report.content import (
-    Level,
-    Page,
-    Section,
-    StageReport,
-    Verdict,
-)
+from results.report.content import FigureBlock, Level, Page, Section, StageReport, Verdict
 from results.report.folder import ReportedStage, RunFolder
 from results.report.latex import latex_table
 from results.report.provenance import OWN_STAGE, provenance
@@ -93,16 +87,11 @@ def run_page(folder: RunFolder) -> Page:
     reports = {key: s.report(folder) for key, s in folder.stages.items() if folder.has(key)}
     run = folder.configuration.run
     view = robot_view(folder)
-    sections = [section for report in reports.values() for section in report.sections]
+    sections = [report.section for report in reports.values()]
     if view is not None:
         sections.insert(0, Section("motion", "Robot in motion", (view,)))
-    shown = {
-        block.key
-        for section in sections
-        for block in section.blocks
-        if block.kind == "figure" and hasattr(block, "key")
-    }
-    further = folder.other_figures(tuple(shown))
+    blocks = (block for section in sections for block in section.blocks)
+    further = folder.other_figures({b.key for b in blocks if isinstance(b, FigureBlock)})
     if further:
         sections.append(Section("further", "Further figures", further))
     sections.append(provenance(folder))

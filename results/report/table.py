@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, ClassVar, Literal
 
 from results.report.numerals import readable
 
@@ -19,18 +19,33 @@ class Column:
     """A column of a table.
 
     Of the kinds, ``"parameter"`` holds names that are set as formulas, ``"outcome"`` words that are
-    coloured by what they say; `digits` are the significant ones of numbers.
+    coloured by what they say; `digits` are the significant ones of numbers. The cell of a record is
+    its attribute `of`, a path such as ``"read_back.position_error"`` (nothing when a part of it is
+    None), or what `of` returns for it; of a tuple the value in the column's place. Numbers are
+    shown times `factor`, for a handier unit.
     """
 
     title: str
     unit: str = ""
     kind: Kind = "number"
     digits: int = 4
+    of: str | Callable[[Any], Value] = ""
+    factor: float = 1
 
     @property
     def heading(self) -> str:
         """Title and unit, as the head of the column shows them."""
         return f"{self.title} [{self.unit}]" if self.unit else self.title
+
+    def cell(self, record: Any, place: int) -> Value:
+        """Return the value of a record in this column, which is the one in this place."""
+        if callable(self.of):
+            value = self.of(record)
+        else:
+            value = record if self.of else record[place]
+            for name in self.of.split(".") if self.of else ():
+                value = None if value is None else getattr(value, name)
+        return self.factor * value if self.factor != 1 and isinstance(value, float) else value
 
 
 @dataclass(frozen=True)
@@ -41,6 +56,7 @@ class ReportTable:
     nothing. The page shows a folded one on request only.
     """
 
+    kind: ClassVar[str] = "table"
     key: str
     caption: str
     columns: tuple[Column, ...]
@@ -53,20 +69,23 @@ class ReportTable:
         key: str,
         caption: str,
         columns: Sequence[Column],
-        rows: Sequence[Sequence[Value]],
+        records: Iterable[Any],
         *,
         folded: bool = False,
     ) -> ReportTable:
-        """Make a table of rows; each must have a value for every column.
+        """Make a table with a row for every record, or for every tuple of values.
 
         Raises
         ------
         ValueError
-            A row has more or fewer values than there are columns.
+            A tuple has more or fewer values than there are columns.
         """
-        if any(len(row) != len(columns) for row in rows):
-            raise ValueError(f"{key}: every row needs {len(columns)} values")
-        return cls(key, caption, tuple(columns), tuple(tuple(row) for row in rows), folded)
+        rows = []
+        for record in records:
+            if isinstance(record, tuple) and len(record) != len(columns):
+                raise ValueError(f"{key}: every row needs {len(columns)} values")
+            rows.append(tuple(column.cell(record, k) for k, column in enumerate(columns)))
+        return cls(key, caption, tuple(columns), tuple(rows), folded)
 
 
 def cell_text(column: Column, value: Value) -> str:

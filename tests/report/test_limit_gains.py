@@ -16,12 +16,11 @@ from results.report.stages.design import design_report
 
 
 def blocks(folder):
-    (section,) = design_report(RunFolder.open(folder, reported_stages())).sections
-    return section.blocks
+    return design_report(RunFolder.open(folder, reported_stages())).blocks
 
 
 def gains(folder):
-    return [b.table for b in blocks(folder) if b.kind == "table" and b.table.key == "limit_gains"]
+    return [b for b in blocks(folder) if b.kind == "table" and b.key == "limit_gains"]
 
 
 def change(path, edit):
@@ -49,7 +48,7 @@ def test_gains_are_shown_near_an_optimum_only(whole, monkeypatch):
     assert table.rows[-1] == ("unexplained by the limits", 100 * EXPLAINED)
     monkeypatch.setattr(design, "design_sensitivity", lambda _: replace(found, unexplained=0.2))
     assert gains(whole) == []
-    told = [b.paragraphs[0] for b in blocks(whole) if b.kind == "text"]
+    told = [b.text for b in blocks(whole) if b.kind == "text"]
     assert len(told) == 1
     assert "20 % of the cost's gradient" in told[0]
 

@@ -33,7 +33,7 @@ def figures(found):
 
 
 def tables(found):
-    return {block.table.key: block.table for block in found.blocks if block.kind == "table"}
+    return {block.key: block for block in found.blocks if block.kind == "table"}
 
 
 def verdict(folder, title):
@@ -134,7 +134,7 @@ def test_noise_without_whole_periods(noisy):
     change(noisy / "noise.json", edit)
     found = section(noisy, "noise")
     assert all(row[5] is None for row in tables(found)["noise_forces"].rows)
-    assert any(b.kind == "text" and "Fourier series" in b.paragraphs[0] for b in found.blocks)
+    assert any(b.kind == "text" and "Fourier series" in b.text for b in found.blocks)
 
 
 def test_noise_alone_makes_a_report(noisy, tmp_path):

@@ -1,6 +1,7 @@
 """Numbers and tables as text: on pages, in LaTeX and as CSV."""
 
 import math
+from dataclasses import dataclass
 
 import pytest
 
@@ -114,3 +115,18 @@ def test_symbols(name, html):
 def test_units():
     assert str(unit_html("kg m^2")) == "kg m<sup>2</sup>"
     assert str(unit_html("<i>^-1")) == "&lt;i&gt;<sup>−1</sup>"
+
+
+def test_a_table_is_made_of_records():
+    @dataclass(frozen=True)
+    class Part:
+        inner: complex | None
+        count: float
+
+    columns = (
+        Column("real", of="inner.real", factor=1000),
+        Column("count", of="count"),
+        Column("both", of=lambda part: part.inner is not None),
+    )
+    table = ReportTable.of("t", "", columns, [Part(2 + 1j, 3), Part(None, 4)])
+    assert table.rows == ((2000.0, 3, True), (None, 4, False))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from estimation.studies import StudySummary
-from results.report.content import Section, StageReport, TableBlock, TextBlock, Verdict
+from results.report.content import StageReport, TextBlock, Verdict
 from results.report.folder import RunFolder
 from results.report.numerals import counted
 from results.report.stages.study import CLAIM_COLUMNS, SIMULATED, claim_row, judgement
@@ -25,9 +25,6 @@ def claims_report(studies: dict[str, RunFolder]) -> StageReport:
         (Column("study", kind="text"), *CLAIM_COLUMNS),
         [(label, *claim_row(claim)) for label, claim in claims],
     )
-    blocks = (TextBlock((SIMULATED,)), TableBlock(table))
-    return StageReport(
-        Verdict("Studies", level, word, sentence, "claims"),
-        (fact,),
-        (Section("claims", "Studies on the digital twin", blocks),),
-    )
+    blocks = (TextBlock(SIMULATED), table)
+    verdict = Verdict("Studies", level, word, sentence, "claims")
+    return StageReport(verdict, blocks, (fact,), heading="Studies on the digital twin")

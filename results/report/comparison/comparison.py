@@ -38,9 +38,7 @@ from results.report.content import (
     FigureBlock,
     Level,
     Page,
-    Section,
     StageReport,
-    TableBlock,
     TextBlock,
     Verdict,
 )
@@ -165,14 +163,13 @@ def _page(
         reports.append(estimates_report(estimates, drawn(ESTIMATES, estimates_series(estimates))))
     if studies := holding("montecarlo"):
         reports.append(achieved_report(studies))
-    sections = [section for report in reports for section in report.sections]
     page = Page(
         title=" · ".join(folders) if len(folders) <= _MOST_NAMED else f"{len(folders)} runs",
         subtitle="Comparison",
         description="",
         verdicts=tuple(report.verdict for report in reports),
         facts=tuple(fact for report in reports for fact in report.facts),
-        sections=(*sections, sources_section(folders)),
+        sections=(*(report.section for report in reports), sources_section(folders)),
         warnings=tuple(warning for report in reports for warning in report.warnings),
     )
     return page, written
@@ -187,17 +184,17 @@ def _designs_report(
     sentence = f"{counted(len(designs), 'design')}."
     if figure is not None:
         blocks += [
-            TableBlock(criteria_table(comparison)),
+            criteria_table(comparison),
             figure,
-            TableBlock(effort_table(comparison)),
-            TableBlock(precision_table(comparison)),
+            effort_table(comparison),
+            precision_table(comparison),
         ]
         text, best = _efficiencies_in_words(comparison)
         sentence += text
         facts += best
-    blocks.append(TableBlock(limits_table(designs)))
+    blocks.append(limits_table(designs))
     if costs:
-        blocks.append(TableBlock(gains_table(costs, "the optimum beside the design")))
+        blocks.append(gains_table(costs, "the optimum beside the design"))
         found = (costliest_fact(cost, f"{label}: ") for label, cost in costs.items())
         facts += [fact for fact in found if fact is not None]
         if any(each.unexplained > EXPLAINED for each in costs.values()):
@@ -205,17 +202,13 @@ def _designs_report(
                 "Where the limits leave more than 10 % of the cost's gradient unexplained, the "
                 "design is not near an optimum, and what its limits cost is not shown."
             )
-            blocks.append(TextBlock((text,), Level.CAUTION))
+            blocks.append(TextBlock(text, Level.CAUTION))
     # No column of a table: tables are the same bytes whenever the same seeds were used.
     seconds = {design.label: design.record.summary.solver.seconds for design in designs}
     each = ", ".join(f"{label}: {duration(value)}" for label, value in seconds.items())
     facts.append(Fact("search", duration(sum(seconds.values())), each))
-    return StageReport(
-        Verdict("Designs", Level.NEUTRAL, "compared", sentence, "designs"),
-        tuple(facts),
-        (Section("designs", "Designs", tuple(blocks)),),
-        comparison.differences(),
-    )
+    verdict = Verdict("Designs", Level.NEUTRAL, "compared", sentence, "designs")
+    return StageReport(verdict, tuple(blocks), tuple(facts), comparison.differences())
 
 
 def _efficiencies_in_words(comparison: DesignComparison) -> tuple[str, list[Fact]]:

@@ -20,9 +20,7 @@ from results.report.content import (
     Fact,
     FigureBlock,
     Level,
-    Section,
     StageReport,
-    TableBlock,
     TextBlock,
     Verdict,
 )
@@ -84,26 +82,26 @@ def common_parameters(found: tuple[ComparedEstimate, ...]) -> tuple[str, ...]:
 def estimates_report(found: tuple[ComparedEstimate, ...], figure: FigureBlock) -> StageReport:
     """Return what is to be said of estimates side by side, beside their figure."""
     names = common_parameters(found)
-    blocks: list[Block] = [TableBlock(_values_table(found, names)), figure]
+    blocks: list[Block] = [_values_table(found, names), figure]
     different, tested = 0, 0
     for number, (one, other) in enumerate(combinations(found, 2), start=1):
         title = f"{other.label} − {one.label}"
         reason = not_independent(one, other)
         if reason:
             text = f"{title}: not tested. {reason}"
-            blocks.append(TextBlock((text,), Level.CAUTION))
+            blocks.append(TextBlock(text, Level.CAUTION))
             continue
         test = _difference(one, other, names)
         tested += 1
         different += test.differ_jointly or bool(np.any(test.differs))
-        blocks.append(TextBlock((_sentence(title, test),)))
+        blocks.append(TextBlock(_sentence(title, test)))
         caption = f"{title}: each parameter against the sum of both covariances"
-        blocks.append(TableBlock(differences_table(f"difference_{number}", caption, names, test)))
+        blocks.append(differences_table(f"difference_{number}", caption, names, test))
     for each in found:
         test_of_information = information_test(each.summary)
         if test_of_information is not None:
             text = f"{each.label}. {information_sentence(test_of_information)}."
-            blocks.append(TextBlock((text,)))
+            blocks.append(TextBlock(text))
     sentence = f"{counted(len(found), 'estimate')} of {len(names)} common parameters."
     if tested:
         sentence += f" {different} of {counted(tested, 'independent pair')} differ significantly."
@@ -112,9 +110,7 @@ def estimates_report(found: tuple[ComparedEstimate, ...], figure: FigureBlock) -
     level = Level.CAUTION if different else Level.NEUTRAL
     verdict = Verdict("Estimates", level, "compared", sentence, "estimates")
     facts = (Fact("pairs that differ", f"{different} of {tested}", "independent data only"),)
-    return StageReport(
-        verdict, facts if tested else (), (Section("estimates", "Estimates", tuple(blocks)),)
-    )
+    return StageReport(verdict, tuple(blocks), facts if tested else ())
 
 
 def estimates_series(found: tuple[ComparedEstimate, ...]) -> ParameterSeries:

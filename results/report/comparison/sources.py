@@ -7,7 +7,7 @@ from pathlib import Path
 
 from expdesign.configuration import InputError, Problem
 from expdesign.runfolder.manifest import file_hash
-from results.report.content import Section, TableBlock
+from results.report.content import Section
 from results.report.folder import ReportedStage, RunFolder
 from results.report.table import Column, ReportTable
 
@@ -88,7 +88,7 @@ def sources_section(folders: dict[str, RunFolder]) -> Section:
         Column("SHA-256 of the result", kind="text"),
     )
     table = ReportTable.of("sources", "What was compared", columns, rows)
-    return Section("sources", "Sources", (TableBlock(table),))
+    return Section("sources", "Sources", (table,))
 
 
 def _labels(paths: list[Path]) -> list[str]:

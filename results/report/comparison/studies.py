@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from estimation.montecarlo.record import MonteCarloRecord
-from results.report.content import Level, Section, StageReport, TableBlock, Verdict
+from results.report.content import Level, StageReport, Verdict
 from results.report.folder import RunFolder
 from results.report.numerals import counted
 from results.report.stages.estimate import NAMES
@@ -16,9 +16,7 @@ def achieved_report(folders: dict[str, RunFolder]) -> StageReport:
     sentence = f"{number}: achieved standard deviations beside the bound."
     title = "Monte-Carlo studies"
     verdict = Verdict(title, Level.NEUTRAL, "compared", sentence, "studies")
-    return StageReport(
-        verdict, (), (Section("studies", title, (TableBlock(achieved_table(folders)),)),)
-    )
+    return StageReport(verdict, (achieved_table(folders),))
 
 
 def achieved_table(folders: dict[str, RunFolder]) -> ReportTable:

@@ -8,14 +8,13 @@ from expdesign.experiment import DesignRecord
 from expdesign.experiment.identifiable import IDENTIFIABLE
 from expdesign.experiment.sensitivity import LimitSensitivity
 from expdesign.information.catalogue import criteria_by_key
+from expdesign.recheck import LimitCheck
 from results.report.content import (
     Block,
     Fact,
     Facts,
     Level,
-    Section,
     StageReport,
-    TableBlock,
     TextBlock,
     Verdict,
 )
@@ -27,8 +26,8 @@ from results.report.limit_gains import (
     gains_table,
 )
 from results.report.numerals import duration, percent, readable
-from results.report.table import Column, ReportTable, Value
-from results.units import handy_unit
+from results.report.table import Column, ReportTable
+from results.units import DisplayUnit, handy_unit
 
 FIGURES = (
     "excitation",
@@ -55,83 +54,54 @@ _SCALINGS = {"si": "SI units", "nominal": "nominal scaling"}
 def design_report(folder: RunFolder) -> StageReport:
     """Return what is to be said of the design in a folder."""
     record = folder.record(DesignRecord)
-    facts = _facts(record)
     sensitivity = design_sensitivity(record)
     cost = None if sensitivity is None else costliest_fact(sensitivity)
     blocks: tuple[Block, ...] = (
         Facts((*_details(record), *([] if cost is None else [cost]))),
-        TableBlock(limits_table(record)),
+        limits_table(record),
         *_gains(sensitivity),
         *folder.figures(*FIGURES[:5]),
-        TableBlock(parameters_table(record)),
+        parameters_table(record),
         *folder.figures("precision", "eigenvalues"),
-        TableBlock(_starts_table(record)),
+        _starts_table(record),
         *folder.figures("convergence"),
     )
-    summary = record.summary
-    return StageReport(
-        _verdict(record),
-        facts,
-        (Section("design", "Design", blocks),),
-        summary.warnings,
-    )
+    return StageReport(_verdict(record), blocks, _facts(record), record.summary.warnings)
 
 
 def limits_table(record: DesignRecord) -> ReportTable:
     """Return the worst moment of every limit."""
-    rows: list[tuple[Value, ...]] = []
-    for check in record.checks:
-        unit = handy_unit(check.unit, [check.value, check.bound])
-        rows.append(
-            (
-                check.title,
-                check.row or "–",
-                unit.factor * check.value,
-                unit.factor * check.bound,
-                unit.symbol or "–",
-                100 * check.used,
-                check.time,
-            )
-        )
+
+    def unit(check: LimitCheck) -> DisplayUnit:
+        return handy_unit(check.unit, [check.value, check.bound])
+
     columns = (
-        Column("limit", kind="text"),
-        Column("where", kind="text"),
-        Column("worst"),
-        Column("bound"),
-        Column("unit", kind="text"),
-        Column("used", "%"),
-        Column("time", "s"),
+        Column("limit", kind="text", of="title"),
+        Column("where", kind="text", of=lambda check: check.row or "–"),
+        Column("worst", of=lambda check: unit(check).factor * check.value),
+        Column("bound", of=lambda check: unit(check).factor * check.bound),
+        Column("unit", kind="text", of=lambda check: unit(check).symbol or "–"),
+        Column("used", "%", of="used", factor=100),
+        Column("time", "s", of="time"),
     )
     return ReportTable.of(
         "limits",
         "Worst moment of every limit over the whole period, unsmoothed model",
         columns,
-        rows,
+        record.checks,
     )
 
 
 def parameters_table(record: DesignRecord) -> ReportTable:
     """Return nominal parameters with their predicted standard deviations."""
-    rows = [
-        (
-            parameter.name,
-            parameter.unit,
-            parameter.nominal,
-            parameter.std_per_period,
-            parameter.rel_std_percent_per_period,
-            parameter.std_experiment,
-            parameter.rel_std_percent_experiment,
-        )
-        for parameter in record.parameters
-    ]
     columns = (
-        Column("parameter", kind="parameter"),
-        Column("unit", kind="text"),
-        Column("nominal"),
-        Column("σ, one period", digits=3),
-        Column("σ, one period", "%", digits=3),
-        Column("σ, experiment", digits=3),
-        Column("σ, experiment", "%", digits=3),
+        Column("parameter", kind="parameter", of="name"),
+        Column("unit", kind="text", of="unit"),
+        Column("nominal", of="nominal"),
+        Column("σ, one period", digits=3, of="std_per_period"),
+        Column("σ, one period", "%", digits=3, of="rel_std_percent_per_period"),
+        Column("σ, experiment", digits=3, of="std_experiment"),
+        Column("σ, experiment", "%", digits=3, of="rel_std_percent_experiment"),
     )
     experiment = record.summary.predicted_std.experiment
     caption = (
@@ -139,32 +109,21 @@ def parameters_table(record: DesignRecord) -> ReportTable:
         f"samples of one period, and over {readable(experiment.periods)} periods with "
         f"{experiment.samples} samples; percent of the nominal value"
     )
-    return ReportTable.of("parameters", caption, columns, rows)
+    return ReportTable.of("parameters", caption, columns, record.parameters)
 
 
 def _starts_table(record: DesignRecord) -> ReportTable:
-    rows = [
-        (
-            start.index,
-            start.kind,
-            start.criterion_value,
-            start.finished_value,
-            start.iterations,
-            start.status,
-            start.best,
-        )
-        for start in record.summary.solver.starts
-    ]
     columns = (
-        Column("start"),
-        Column("kind", kind="text"),
-        Column("criterion", digits=6),
-        Column("finished", digits=6),
-        Column("iterations"),
-        Column("how it ended", kind="text"),
-        Column("best", kind="text"),
+        Column("start", of="index"),
+        Column("kind", kind="text", of="kind"),
+        Column("criterion", digits=6, of="criterion_value"),
+        Column("finished", digits=6, of="finished_value"),
+        Column("iterations", of="iterations"),
+        Column("how it ended", kind="text", of="status"),
+        Column("best", kind="text", of="best"),
     )
-    return ReportTable.of("starts", "All starts of the search", columns, rows, folded=True)
+    starts = record.summary.solver.starts
+    return ReportTable.of("starts", "All starts of the search", columns, starts, folded=True)
 
 
 def _verdict(record: DesignRecord) -> Verdict:
@@ -243,5 +202,5 @@ def _gains(sensitivity: LimitSensitivity | None) -> tuple[Block, ...]:
             f"The limits leave {percent(sensitivity.unexplained)} of the cost's gradient: the "
             "design is not near an optimum, and what each limit costs is not told."
         )
-        return (TextBlock((text,)),)
-    return (TableBlock(gains_table({"gain": sensitivity}, "the design itself")),)
+        return (TextBlock(text),)
+    return (gains_table({"gain": sensitivity}, "the design itself"),)

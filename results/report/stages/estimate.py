@@ -9,14 +9,13 @@ import numpy as np
 from constraints.arrays import Array
 from estimation.identification.record import EstimateFile, EstimateRecord
 from estimation.twin.record import TruthFile
+from estimation.uncertainty import ParameterRow
 from results.report.content import (
     Block,
     Fact,
     Facts,
     Level,
-    Section,
     StageReport,
-    TableBlock,
     TextBlock,
     Verdict,
 )
@@ -40,8 +39,8 @@ def estimate_report(folder: RunFolder) -> StageReport:
     truth = _truth(folder, record.summary)
     return StageReport(
         _verdict(record.summary),
+        _blocks(folder, record, truth),
         _facts(record, truth),
-        (Section("estimate", "Estimate", _blocks(folder, record, truth)),),
         record.summary.warnings,
     )
 
@@ -50,38 +49,29 @@ def estimates_table(record: EstimateRecord, truth: Array | None) -> ReportTable:
     """Return the parameters of the best estimator, beside the truth where it is known."""
     best = record.summary.best
     columns = [
-        Column("parameter", kind="parameter"),
-        Column("unit", kind="text"),
-        Column("a priori"),
-        Column("estimate", digits=5),
-        Column("σ", digits=3),
-        Column("95 % from", digits=5),
-        Column("95 % to", digits=5),
-        Column("σ / a priori", "%", digits=3),
-        Column("identified", kind="outcome"),
+        Column("parameter", kind="parameter", of="parameter"),
+        Column("unit", kind="text", of="unit"),
+        Column("a priori", of="a_priori"),
+        Column("estimate", digits=5, of="value"),
+        Column("σ", digits=3, of="std"),
+        Column("95 % from", digits=5, of="ci_low"),
+        Column("95 % to", digits=5, of="ci_high"),
+        Column("σ / a priori", "%", digits=3, of="rel_std_percent"),
+        Column("identified", kind="outcome", of=lambda row: "yes" if row.identified else "no"),
     ]
     if truth is not None:
-        columns += [Column("truth"), Column("error / σ", digits=2)]
-    table: list[tuple[Value, ...]] = []
-    for k, row in enumerate(record.by_estimator()[best]):
-        cells: tuple[Value, ...] = (
-            row.parameter,
-            row.unit,
-            row.a_priori,
-            row.value,
-            row.std,
-            row.ci_low,
-            row.ci_high,
-            row.rel_std_percent,
-            "yes" if row.identified else "no",
-        )
-        if truth is not None:
-            error = (row.value - float(truth[k])) / row.std if row.std > 0 else None
-            cells += (float(truth[k]), error)
-        table.append(cells)
+        true = dict(zip(record.summary.parameters, truth.tolist(), strict=True))
+
+        def error(row: ParameterRow) -> float | None:
+            return (row.value - true[row.parameter]) / row.std if row.std > 0 else None
+
+        columns += [
+            Column("truth", of=lambda row: true[row.parameter]),
+            Column("error / σ", digits=2, of=error),
+        ]
     known = ", beside the truth of the simulated experiment" if truth is not None else ""
     caption = f"Parameters of the {NAMES.get(best, best)} estimate with 95 % intervals{known}"
-    return ReportTable.of("estimates", caption, columns, table)
+    return ReportTable.of("estimates", caption, columns, record.by_estimator()[best])
 
 
 def _estimators_table(record: EstimateRecord) -> ReportTable:
@@ -100,31 +90,29 @@ def _blocks(folder: RunFolder, record: EstimateRecord, truth: Array | None) -> t
     summary = record.summary
     blocks: list[Block] = [Facts(_details(summary))]
     if not summary.intervals_cover:
-        blocks.append(TextBlock((summary.intervals_note,), Level.CAUTION))
-    blocks.append(TableBlock(estimates_table(record, truth)))
+        blocks.append(TextBlock(summary.intervals_note, Level.CAUTION))
+    blocks.append(estimates_table(record, truth))
     weak = [combination.text for combination in summary.best_estimator.combinations]
     if weak:
         text = "Combinations of parameters that the data do not tell apart: " + "; ".join(weak)
-        blocks.append(TextBlock((text,), Level.CAUTION))
+        blocks.append(TextBlock(text, Level.CAUTION))
     blocks += folder.figures(*FIGURES)
     if len(summary.estimators) > 1:
-        blocks.append(TableBlock(_estimators_table(record)))
+        blocks.append(_estimators_table(record))
     test = information_test(summary)
     if test is not None:
         disturbed = test.differ_jointly or bool(np.any(test.differs))
         sentence = f"{information_sentence(test)}."
-        blocks.append(TextBlock((sentence,), Level.CAUTION if disturbed else Level.NEUTRAL))
+        blocks.append(TextBlock(sentence, Level.CAUTION if disturbed else Level.NEUTRAL))
         caption = "ML − GM against the share of ML's covariance that comes from the motion"
-        blocks.append(
-            TableBlock(differences_table("hausman", caption, summary.parameters, test, folded=True))
-        )
+        blocks.append(differences_table("hausman", caption, summary.parameters, test, folded=True))
     if summary.diagnostics is not None:
         found = summary.diagnostics.verdict.findings
-        blocks.append(TableBlock(findings_table("findings", found, "the estimate")))
+        blocks.append(findings_table("findings", found, "the estimate"))
     blocks += folder.figures(*DIAGNOSTIC_FIGURES)
     if not shows_noise(folder):
         blocks += folder.figures(*NOISE_FIGURES)
-    blocks.append(TableBlock(_noise_table(summary)))
+    blocks.append(_noise_table(summary))
     return tuple(blocks)
 
 

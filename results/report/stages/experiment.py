@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from estimation.twin.record import TruthFile
-from results.report.content import Fact, Facts, Level, Section, StageReport, TableBlock, Verdict
+from results.report.content import Fact, Facts, Level, StageReport, Verdict
 from results.report.folder import RunFolder
 from results.report.numerals import readable
 from results.report.table import Column, ReportTable
@@ -43,8 +43,8 @@ def experiment_report(folder: RunFolder) -> StageReport:
             Fact("seed", str(truth.seeds.experiment)),
         )
     )
-    blocks = (details, TableBlock(_noise_table(truth)))
-    return StageReport(verdict, facts, (Section("experiment", "Experiment", blocks),))
+    blocks = (details, _noise_table(truth))
+    return StageReport(verdict, blocks, facts)
 
 
 def _noise_table(truth: TruthFile) -> ReportTable:

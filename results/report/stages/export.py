@@ -14,9 +14,7 @@ from results.report.content import (
     Facts,
     Level,
     ListingBlock,
-    Section,
     StageReport,
-    TableBlock,
     Verdict,
 )
 from results.report.folder import RunFolder
@@ -66,15 +64,15 @@ def export_report(folder: RunFolder) -> StageReport:
     )
     blocks: list[Block] = [
         details,
-        TableBlock(_files_table(files)),
-        TableBlock(_read_back_table(files)),
-        TableBlock(_axes_table(files)),
+        _files_table(files),
+        _read_back_table(files),
+        _axes_table(files),
     ]
     readme = place / "README.txt"
     if readme.is_file():
         title = "README.txt: how to run each table, and what to record"
         blocks.append(ListingBlock(title, folder.text(readme)))
-    return StageReport(verdict, (), (Section("export", "Controller tables", tuple(blocks)),))
+    return StageReport(verdict, tuple(blocks))
 
 
 def _files_table(files: Mapping[str, FileEntry]) -> ReportTable:

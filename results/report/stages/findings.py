@@ -16,14 +16,13 @@ def verdict_level(verdict: Verdict) -> Level:
 
 def findings_table(key: str, findings: Sequence[Finding], what: str) -> ReportTable:
     """Return every assumption with its outcome."""
-    rows = [(f.assumption, f.outcome.value, f.sentence, f.advice) for f in findings]
     columns = (
-        Column("assumption", kind="text"),
-        Column("outcome", kind="outcome"),
-        Column("what was seen", kind="text"),
-        Column("what to do", kind="text"),
+        Column("assumption", kind="text", of="assumption"),
+        Column("outcome", kind="outcome", of="outcome.value"),
+        Column("what was seen", kind="text", of="sentence"),
+        Column("what to do", kind="text", of="advice"),
     )
-    return ReportTable.of(key, f"Assumptions of {what} and what became of them", columns, rows)
+    return ReportTable.of(key, f"Assumptions of {what} and what became of them", columns, findings)
 
 
 def against(verdict: Verdict) -> str:

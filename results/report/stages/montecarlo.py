@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from estimation.montecarlo.record import EstimatorKeys, MonteCarloRecord
-from results.report.content import Block, Fact, Level, Section, StageReport, TableBlock, Verdict
+from results.report.content import Block, Fact, Level, StageReport, Verdict
 from results.report.folder import RunFolder
 from results.report.numerals import percent, readable
 from results.report.stages.estimate import NAMES
-from results.report.table import Column, ReportTable, Value
+from results.report.table import Column, ReportTable
 
 FIGURES = ("montecarlo_bias", "montecarlo_efficiency")
-_TITLE = "Monte-Carlo study"
 
 
 def montecarlo_report(folder: RunFolder) -> StageReport:
@@ -26,14 +27,11 @@ def montecarlo_report(folder: RunFolder) -> StageReport:
         sentence += f" {failures} estimates failed."
     level = Level.BAD if summary.interrupted else Level.CAUTION if failures else Level.GOOD
     word = "interrupted" if summary.interrupted else "done"
-    blocks: list[Block] = [TableBlock(_pooled_table(estimators))]
+    blocks: list[Block] = [_pooled_table(estimators)]
     blocks += folder.figures(*FIGURES)
-    blocks.append(TableBlock(_statistics_table(record)))
-    return StageReport(
-        Verdict(_TITLE, level, word, sentence, "montecarlo"),
-        _facts(estimators),
-        (Section("montecarlo", _TITLE, tuple(blocks)),),
-    )
+    blocks.append(_statistics_table(record))
+    verdict = Verdict("Monte-Carlo study", level, word, sentence, "montecarlo")
+    return StageReport(verdict, tuple(blocks), _facts(estimators))
 
 
 def _facts(estimators: dict[str, EstimatorKeys]) -> tuple[Fact, ...]:
@@ -54,69 +52,38 @@ def _facts(estimators: dict[str, EstimatorKeys]) -> tuple[Fact, ...]:
 
 
 def _pooled_table(estimators: dict[str, EstimatorKeys]) -> ReportTable:
-    shown = (
-        "rmse_over_bound",
-        "rmse_over_bound_low",
-        "rmse_over_bound_high",
-        "coverage",
-        "coverage_low",
-        "coverage_high",
-        "largest_bias_t",
-    )
-    rows: list[tuple[Value, ...]] = [
-        (
-            NAMES.get(name, name),
-            entry.estimates,
-            len(entry.failures),
-            *(None if entry.pooled is None else getattr(entry.pooled, key) for key in shown),
-        )
-        for name, entry in estimators.items()
-    ]
+    def pooled(key: str) -> Callable[[str], float | None]:
+        return lambda name: getattr(estimators[name].pooled, key, None)
+
     columns = (
-        Column("estimator", kind="text"),
-        Column("estimates"),
-        Column("failed"),
-        Column("RMSE / bound"),
-        Column("95 % from"),
-        Column("95 % to"),
-        Column("coverage"),
-        Column("95 % from"),
-        Column("95 % to"),
-        Column("largest bias / its error", digits=3),
+        Column("estimator", kind="text", of=lambda name: NAMES.get(name, name)),
+        Column("estimates", of=lambda name: estimators[name].estimates),
+        Column("failed", of=lambda name: len(estimators[name].failures)),
+        Column("RMSE / bound", of=pooled("rmse_over_bound")),
+        Column("95 % from", of=pooled("rmse_over_bound_low")),
+        Column("95 % to", of=pooled("rmse_over_bound_high")),
+        Column("coverage", of=pooled("coverage")),
+        Column("95 % from", of=pooled("coverage_low")),
+        Column("95 % to", of=pooled("coverage_high")),
+        Column("largest bias / its error", digits=3, of=pooled("largest_bias_t")),
     )
     caption = "All identified parameters together"
-    return ReportTable.of("montecarlo_pooled", caption, columns, rows)
+    return ReportTable.of("montecarlo_pooled", caption, columns, estimators)
 
 
 def _statistics_table(record: MonteCarloRecord) -> ReportTable:
-    rows: list[tuple[Value, ...]] = [
-        (
-            NAMES.get(row.estimator, row.estimator),
-            row.parameter,
-            row.unit,
-            row.truth,
-            row.bias,
-            row.bias_t,
-            row.spread,
-            row.rmse,
-            row.bound,
-            row.rmse_over_bound,
-            row.coverage,
-        )
-        for row in record.rows
-    ]
     columns = (
-        Column("estimator", kind="text"),
-        Column("parameter", kind="parameter"),
-        Column("unit", kind="text"),
-        Column("truth"),
-        Column("bias", digits=3),
-        Column("bias / its error", digits=3),
-        Column("spread", digits=3),
-        Column("RMSE", digits=3),
-        Column("bound", digits=3),
-        Column("RMSE / bound", digits=3),
-        Column("coverage", digits=3),
+        Column("estimator", kind="text", of=lambda row: NAMES.get(row.estimator, row.estimator)),
+        Column("parameter", kind="parameter", of="parameter"),
+        Column("unit", kind="text", of="unit"),
+        Column("truth", of="truth"),
+        Column("bias", digits=3, of="bias"),
+        Column("bias / its error", digits=3, of="bias_t"),
+        Column("spread", digits=3, of="spread"),
+        Column("RMSE", digits=3, of="rmse"),
+        Column("bound", digits=3, of="bound"),
+        Column("RMSE / bound", digits=3, of="rmse_over_bound"),
+        Column("coverage", digits=3, of="coverage"),
     )
     caption = "Every estimator and parameter against the truth"
-    return ReportTable.of("montecarlo", caption, columns, rows, folded=True)
+    return ReportTable.of("montecarlo", caption, columns, record.rows, folded=True)

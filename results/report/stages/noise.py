@@ -16,9 +16,7 @@ from results.report.content import (
     Fact,
     Facts,
     Level,
-    Section,
     StageReport,
-    TableBlock,
     TextBlock,
     Verdict,
 )
@@ -65,30 +63,20 @@ def noise_report(folder: RunFolder) -> StageReport:
     shape, memory = noise.normality, noise.whiteness
     blocks: list[Block] = [
         Facts(_details(noise)),
-        TableBlock(
-            _channels_table("force", "N", noise.force_std, shape.forces, memory.force_noise)
-        ),
-        TableBlock(
-            _channels_table(
-                "length", "mm", _MM * noise.length_std, shape.lengths, memory.length_noise
-            )
-        ),
+        _channels_table("force", "N", noise.force_std, shape.forces, memory.force_noise),
+        _channels_table("length", "mm", _MM * noise.length_std, shape.lengths, memory.length_noise),
     ]
     if not noise.averaged:
         text = (
             "The periods are no whole number of samples: the scatter is that about a Fourier "
             "series, and no two periods can be compared sample by sample."
         )
-        blocks.append(TextBlock((text,), Level.CAUTION))
-    blocks.append(TableBlock(findings_table("noise_findings", noise.findings, "the noise")))
+        blocks.append(TextBlock(text, Level.CAUTION))
+    blocks.append(findings_table("noise_findings", noise.findings, "the noise"))
     if shows_noise(folder):
         blocks += folder.figures(*FIGURES)
-    blocks.append(TableBlock(_covariance_table(noise)))
-    return StageReport(
-        Verdict("Noise", level, word, sentence, "noise"),
-        (),
-        (Section("noise", "Noise", tuple(blocks)),),
-    )
+    blocks.append(_covariance_table(noise))
+    return StageReport(Verdict("Noise", level, word, sentence, "noise"), tuple(blocks))
 
 
 def _range(std: Array) -> str:
@@ -138,11 +126,11 @@ def _channels_table(
         Column("largest autocorrelation", digits=2),
     )
     caption = f"Noise of one sample of the {what}s: size, shape and memory"
-    return ReportTable.of(f"noise_{what}s", caption, columns, list(zip(*cells, strict=True)))
+    return ReportTable.of(f"noise_{what}s", caption, columns, zip(*cells, strict=True))
 
 
 def _covariance_table(noise: NoiseFile) -> ReportTable:
-    rows = [astuple(row) for row in covariance_rows(noise)]
+    rows = map(astuple, covariance_rows(noise))
     columns = (
         Column("quantity", kind="text"),
         Column("row"),

@@ -21,9 +21,7 @@ from results.report.content import (
     Block,
     Fact,
     Level,
-    Section,
     StageReport,
-    TableBlock,
     TextBlock,
     Verdict,
 )
@@ -163,12 +161,12 @@ def study_report(folder: RunFolder) -> StageReport:
     table = ReportTable.of(
         "study_claims", "What the study shows", CLAIM_COLUMNS, [claim_row(one) for one in claims]
     )
-    blocks: list[Block] = [TextBlock((SIMULATED,)), TableBlock(table)]
+    blocks: list[Block] = [TextBlock(SIMULATED), table]
     blocks += folder.figures(*_FIGURES[kind])
     if kind == "validation":
         blocks += folder.figures(*_predictions(folder, record))
-    blocks += [TableBlock(_report_table(shown, record)) for shown in _TABLES[kind]]
-    return StageReport(verdict, (fact,), (Section("study", _TITLES[kind], tuple(blocks)),))
+    blocks += [_report_table(shown, record) for shown in _TABLES[kind]]
+    return StageReport(verdict, tuple(blocks), (fact,), heading=_TITLES[kind])
 
 
 def judgement(claims: Sequence[Claim]) -> tuple[Level, str, str, Fact]:

@@ -9,9 +9,7 @@ from results.report.content import (
     Block,
     Fact,
     Level,
-    Section,
     StageReport,
-    TableBlock,
     TextBlock,
     Verdict,
 )
@@ -26,15 +24,15 @@ def validation_report(folder: RunFolder) -> StageReport:
     record = folder.record(ValidationRecord)
     summary, count = record.summary, len(record.summary.motions)
     passed = f"{sum(row.verdict == 'passes' for row in record.rows)} of {len(record.rows)}"
-    blocks: list[Block] = [TableBlock(_actuators_table(record))]
+    blocks: list[Block] = [_actuators_table(record)]
     for number, motion in enumerate(summary.motions, start=1):
         verdict = motion.diagnostics.verdict
         how = "simulated" if motion.simulated else "measured"
         text = f"Motion {number}, {motion.name} ({how}): {against(verdict) or verdict.summary}."
-        blocks.append(TextBlock((text,), verdict_level(verdict)))
+        blocks.append(TextBlock(text, verdict_level(verdict)))
         blocks += folder.figures(f"prediction_{number}")
         title = f"the prediction of motion {number}"
-        blocks.append(TableBlock(findings_table(f"findings_{number}", verdict.findings, title)))
+        blocks.append(findings_table(f"findings_{number}", verdict.findings, title))
     motions = f"{count} motion{'s' if count > 1 else ''}"
     sentence = (
         f"The {NAMES.get(summary.estimator, summary.estimator)} estimate predicts the forces of "
@@ -50,22 +48,13 @@ def validation_report(folder: RunFolder) -> StageReport:
         several = len(failed) > 1
         which = f"Motions {', '.join(failed)} speak" if several else f"Motion {failed[0]} speaks"
         sentence += f" {which} against the model."
-    return StageReport(
-        Verdict(
-            "Validation",
-            Level.GOOD if summary.accepted else Level.BAD,
-            "accepted" if summary.accepted else "doubtful",
-            sentence,
-            "validation",
-        ),
-        (Fact("actuator tests passed", passed, f"lack of fit on {motions}"),),
-        (Section("validation", "Validation", tuple(blocks)),),
-        summary.warnings,
-    )
+    level, word = (Level.GOOD, "accepted") if summary.accepted else (Level.BAD, "doubtful")
+    facts = (Fact("actuator tests passed", passed, f"lack of fit on {motions}"),)
+    judged = Verdict("Validation", level, word, sentence, "validation")
+    return StageReport(judged, tuple(blocks), facts, summary.warnings)
 
 
 def _actuators_table(record: ValidationRecord) -> ReportTable:
-    rows = [astuple(row) for row in record.rows]
     columns = (
         Column("no."),
         Column("motion", kind="text"),
@@ -79,4 +68,4 @@ def _actuators_table(record: ValidationRecord) -> ReportTable:
         Column("verdict", kind="outcome"),
     )
     caption = "Measured against predicted forces: lack-of-fit test of each actuator"
-    return ReportTable.of("validation", caption, columns, rows)
+    return ReportTable.of("validation", caption, columns, map(astuple, record.rows))
