@@ -1,7 +1,7 @@
 """Limits on symbolic expressions. Knows no robot and no sampling."""
 
 from constraints.catalogue import limit_definitions
-from constraints.definition import LimitDefinition, Quantities
+from constraints.definition import LimitDefinition, Quantities, plain_limit
 from constraints.limit import Limit
 
-__all__ = ["Limit", "LimitDefinition", "Quantities", "limit_definitions"]
+__all__ = ["Limit", "LimitDefinition", "Quantities", "limit_definitions", "plain_limit"]

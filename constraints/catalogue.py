@@ -1,16 +1,15 @@
-"""The limits that exist: every module of :mod:`constraints.limits` declares one as ``LIMIT``."""
+"""The limits that exist: those that the modules of :mod:`constraints.limits` declare."""
 
 from __future__ import annotations
 
 import copyreg
-import importlib
-import pkgutil
 from functools import cache
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from constraints import limits
 from constraints.definition import LimitDefinition
+from constraints.modules import modules_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -18,19 +17,20 @@ if TYPE_CHECKING:
 
 @cache
 def limit_definitions() -> Mapping[str, LimitDefinition]:
-    """Return every limit by its YAML key, in alphabetical order of the modules.
+    """Return every limit by its YAML key, in alphabetical order.
 
     A file dropped into ``constraints/limits`` is all that a new limit needs.
     """
     found: dict[str, LimitDefinition] = {}
-    for module in sorted(pkgutil.iter_modules(limits.__path__), key=lambda item: item.name):
-        definition = importlib.import_module(f"{limits.__name__}.{module.name}").LIMIT
-        if not isinstance(definition, LimitDefinition):
-            raise TypeError(f"constraints/limits/{module.name}.py: LIMIT is no LimitDefinition")
-        if definition.key in found:
-            raise ValueError(f"constraints/limits/{module.name}.py: '{definition.key}' is taken")
-        found[definition.key] = definition
-    return MappingProxyType(found)
+    for name, module in modules_of(limits).items():
+        declared = getattr(module, "LIMITS", None) or (module.LIMIT,)
+        for definition in declared:
+            if not isinstance(definition, LimitDefinition):
+                raise TypeError(f"constraints/limits/{name}.py: LIMIT is no LimitDefinition")
+            if definition.key in found:
+                raise ValueError(f"constraints/limits/{name}.py: '{definition.key}' is taken")
+            found[definition.key] = definition
+    return MappingProxyType(dict(sorted(found.items())))
 
 
 def _by_key(key: str) -> LimitDefinition:

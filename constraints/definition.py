@@ -95,3 +95,16 @@ class LimitDefinition:
         if self.kind == "lower" and bound > 0 and value > 0:
             return bound / value
         return 1 + violation
+
+
+def plain_limit(key: str, title: str, unit: str, kind: BoundKind) -> LimitDefinition:
+    """Return the limit, actuator by actuator, on the quantity of the same name."""
+    return LimitDefinition(
+        key=key,
+        title=title,
+        unit=unit,
+        kind=kind,
+        natural=lambda quantities: quantities[key],
+        requires=(key,),
+        per_actuator=True,
+    )

@@ -1,1 +1,1 @@
-"""One limit per file; each declares its ``LIMIT``."""
+"""The limits: each module declares one as ``LIMIT``, or several as ``LIMITS``."""

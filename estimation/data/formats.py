@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import importlib.util
-import pkgutil
 import warnings
 from functools import cache
 from pathlib import Path
 
+from constraints.modules import modules_of
 from estimation.data import readers
 from estimation.data.table import FileFormat, RawTable
 from expdesign.configuration import DataSection, InputError, Problem
@@ -18,9 +18,7 @@ _LONGEST_REASON = 200
 @cache
 def file_formats() -> tuple[FileFormat, ...]:
     """Return every format: a module in ``estimation/data/readers`` is all that a new one needs."""
-    names = sorted(module.name for module in pkgutil.iter_modules(readers.__path__))
-    modules = [importlib.import_module(f"{readers.__name__}.{name}") for name in names]
-    return tuple(found for module in modules for found in module.FORMATS)
+    return tuple(found for module in modules_of(readers).values() for found in module.FORMATS)
 
 
 def format_of(path: Path) -> FileFormat:

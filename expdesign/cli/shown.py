@@ -23,11 +23,11 @@ def design(outcome: Outcome) -> None:
     """Print how the design ended, with the value of its own criterion first, and its limits."""
     from constraints import limit_definitions
     from expdesign.configuration import quantity_text
-    from expdesign.information.catalogue import criteria_by_key
+    from expdesign.information.criteria import CRITERIA
 
     result = outcome.result
     section = result.configuration.run.design
-    criterion = criteria_by_key()[section.criterion]
+    criterion = CRITERIA[section.criterion]
     scaling = {"si": "SI units", "nominal": "nominal scaling"}[section.scaling]
     value = f"{criterion.title} = {result.criterion_value:.7g}"
     if not criterion.invariant:

@@ -107,11 +107,11 @@ class Objective:
     @classmethod
     def of(cls, configuration: RunConfiguration) -> Objective:
         """Return that of a run."""
-        from expdesign.information.catalogue import criteria_by_key
+        from expdesign.information.criteria import CRITERIA
 
-        criterion = criteria_by_key()[configuration.run.design.criterion]
+        criterion = CRITERIA[configuration.run.design.criterion]
         # The blunt stage of a criterion that is flat far off is that of log det F.
-        blunt = criteria_by_key()["d"] if criterion.flat else criterion
+        blunt = CRITERIA["d"] if criterion.flat else criterion
         return cls(criterion.title, blunt.title, criterion.larger_is_better)
 
     def text(self, event: SearchEvent) -> str:

@@ -22,7 +22,7 @@ from expdesign.configuration import (
 )
 from expdesign.experiment.identifiable import imprecise
 from expdesign.experiment.result import DesignResult, PredictedPrecision, whole
-from expdesign.information.catalogue import criteria_by_key
+from expdesign.information.criteria import CRITERIA
 from expdesign.information.fisher import (
     EXCITABLE,
     ScaledInformation,
@@ -121,7 +121,7 @@ def design_task(configuration: RunConfiguration) -> DesignTask:
     robot = robot_from(configuration.robot)
     names = judged_parameters(configuration, robot)
     scaling = robot.scales if run.design.scaling == "nominal" else np.ones(len(robot.scales))
-    criterion = criteria_by_key()[run.design.criterion]
+    criterion = CRITERIA[run.design.criterion]
     covariance = force_covariance(configuration)
     problem = build_problem(
         robot,

@@ -21,7 +21,7 @@ from expdesign.configuration import (
     resolved_yaml,
 )
 from expdesign.experiment.result import DesignResult, PredictedPrecision, whole
-from expdesign.information.catalogue import criteria_by_key
+from expdesign.information.criteria import CRITERIA
 from expdesign.information.fisher import ScaledInformation
 from expdesign.mechanism.catalogue import parameter_unit
 from expdesign.motion.sampled import SampledMotion
@@ -414,7 +414,7 @@ def _solver(result: DesignResult) -> SolverRecord:
     evaluations: Counter[str] = Counter()
     for stage in stages:
         evaluations.update(stage.evaluations)
-    criterion = criteria_by_key()[result.configuration.run.design.criterion]
+    criterion = CRITERIA[result.configuration.run.design.criterion]
     sign = 1 if criterion.larger_is_better else -1
     return SolverRecord(
         name="Ipopt through CasADi",

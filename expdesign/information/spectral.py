@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from scipy.special import logsumexp, softmax
@@ -11,49 +11,41 @@ from scipy.special import logsumexp, softmax
 from constraints.arrays import Array
 
 
-class Criterion(Protocol):
+@dataclass(frozen=True, kw_only=True)
+class Criterion:
     """A criterion of optimality: what is reported, and what an optimiser minimises.
 
-    The optimiser's cost is a smooth function of x = log of the eigenvalues of the scaled F,
-    ascending; order of magnitude one. A file in ``expdesign/information/criteria`` that declares
-    ``CRITERION`` adds one.
+    Attributes
+    ----------
+    key : str
+        Value of ``design.criterion`` in the YAML.
+    invariant : bool
+        True when a rescaling of the parameters only shifts the cost.
+    flat : bool
+        True when the cost hardly changes where a parameter is hardly excited: the search then
+        begins on log det F.
+    levels : tuple of float
+        Sharpness of a smooth surrogate, continued from blunt to sharp; (0.0,) if it is exact.
+    value : callable
+        Eigenvalues of the scaled F → the reported number.
+    cost : callable
+        (logarithms of the eigenvalues (m,), ascending; level) → a smooth function of order one,
+        which the optimiser minimises, with its gradient (m,) and Hessian (m, m).
+    from_cost : callable
+        (cost of the mean of F over the samples, number m of parameters, samples that F is summed
+        over, sum of the logarithms of the parameters' scales) → the reported number that it
+        stands for (progress only).
     """
 
     key: str
-    """Value of ``design.criterion`` in the YAML."""
     title: str
     larger_is_better: bool
-    invariant: bool
-    """True when a rescaling of the parameters only shifts the cost."""
-    flat: bool
-    """True when the cost hardly changes where a parameter is hardly excited: the search then
-    begins on log det F."""
+    invariant: bool = False
+    flat: bool = False
     levels: tuple[float, ...]
-    """Sharpness of a smooth surrogate, continued from blunt to sharp; (0.0,) if it is exact."""
-
-    def value(self, eigenvalues: Array) -> float:
-        """Return the reported number from the eigenvalues of the scaled F."""
-        ...
-
-    def cost(self, logs: Array, level: float) -> tuple[float, Array, Array]:
-        """Return cost, gradient (m,) and Hessian (m, m) with respect to the logarithms."""
-        ...
-
-    def from_cost(self, cost: float, count: int, samples: int, log_scale: float) -> float:
-        """Return the reported number that a cost of F per sample stands for (progress only).
-
-        Parameters
-        ----------
-        cost : float
-            For the mean of the scaled F over the samples.
-        count : int
-            Number m of parameters.
-        samples : int
-            Samples that F is summed over.
-        log_scale : float
-            Sum of the logarithms of the parameters' scales.
-        """
-        ...
+    value: Callable[[Array], float]
+    cost: Callable[[Array, float], tuple[float, Array, Array]]
+    from_cost: Callable[[float, int, int, float], float]
 
 
 @dataclass(frozen=True)

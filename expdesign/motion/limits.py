@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from constraints import Limit, LimitDefinition
+from constraints import Limit, plain_limit
 from constraints.arrays import Array
 from expdesign.configuration import InputError, Problem, RunConfiguration, row_labels
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
@@ -15,15 +15,7 @@ from expdesign.motion.executable import PERIODS, ExecutableMotion, Periods, Segm
 from expdesign.recheck import LimitCheck, Recheck, grid_points, judge, states_at, worst_of_each
 from expdesign.robot import LimitModel, Robot, robot_from
 
-STRUT_JERK = LimitDefinition(
-    key="strut_jerk",
-    title="strut jerk",
-    unit="m/s^3",
-    kind="symmetric",
-    per_actuator=True,
-    requires=("strut_jerk",),
-    natural=lambda q: q["strut_jerk"],
-)
+STRUT_JERK = plain_limit("strut_jerk", "strut jerk", "m/s^3", "symmetric")
 """Not in the catalogue: a design has no bound on it, the key is `motion.jerk` of the run file."""
 
 RISE = 0.02

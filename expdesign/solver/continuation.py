@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from expdesign.information.catalogue import criteria_by_key
+from expdesign.information.criteria import CRITERIA
 from expdesign.problem import DesignProblem
 from expdesign.solver.stage import Stage
 
@@ -72,7 +72,7 @@ def continuation_stages(
             near=_EVERYTHING,
             radius=None,
             iterations=iterations,
-            criterion=criteria_by_key()["d"] if flat else None,
+            criterion=CRITERIA["d"] if flat else None,
             harmonics=few if few < n else None,
         )
     ]

@@ -86,9 +86,15 @@ def test_a_key_that_is_taken_is_named(add_file):
         limit_definitions()
 
 
-def test_the_order_is_that_of_the_modules(add_file):
+def test_the_order_is_that_of_the_keys(add_file):
     add_file("aa_first", NEW)
-    assert next(iter(limit_definitions())) == "beta_rate"
+    assert list(limit_definitions()) == sorted(limit_definitions())
+
+
+def test_a_file_may_declare_several(add_file):
+    before = dict(limit_definitions())
+    add_file("zz_two", NEW.replace("LIMIT =", "ONE =") + "LIMITS = (ONE,)\n")
+    assert set(limit_definitions()) == {*before, "beta_rate"}
 
 
 def test_constraints_know_no_other_package():

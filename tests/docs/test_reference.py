@@ -44,7 +44,7 @@ from expdesign.configuration.sections.validation import ValidationMotion
 from expdesign.configuration.values.quantity import unit_dimension, unit_symbols
 from expdesign.experiment.record import TABLES, TRAJECTORY, DesignFile
 from expdesign.export import ExportsRecord, table_formats
-from expdesign.information.catalogue import criteria_by_key
+from expdesign.information.criteria import CRITERIA
 from expdesign.library import robot_files, run_files
 from expdesign.mechanism.catalogue import DEFAULT, TERMS, terms_named
 from expdesign.mechanism.graph import HexapodGraph
@@ -165,8 +165,8 @@ def test_the_page_of_limits_is_complete():
 def test_every_criterion_is_told(page):
     heading = "# Criteria" if page == "criteria.md" else "## Objective"
     rows = {codes(row[0])[0]: row for row in table(DOCS / page, heading)}
-    assert set(rows) == set(criteria_by_key())
-    for key, criterion in criteria_by_key().items():
+    assert set(rows) == set(CRITERIA)
+    for key, criterion in CRITERIA.items():
         if page == "criteria.md":
             assert rows[key][2] == ("no" if criterion.invariant else "yes")
             levels = "exact"

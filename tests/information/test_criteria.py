@@ -1,13 +1,9 @@
-import importlib
-import sys
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from expdesign.information import criteria
-from expdesign.information.catalogue import criteria_by_key
+from expdesign.information.criteria import CRITERIA
 from expdesign.information.spectral import log_sum_exp, spectral_cost
 
 KEYS = ("a", "condition", "d", "e")
@@ -16,7 +12,7 @@ EXACT = ("d", "a")
 
 @pytest.fixture(params=KEYS)
 def criterion(request):
-    return criteria_by_key()[request.param]
+    return CRITERIA[request.param]
 
 
 @pytest.fixture
@@ -42,13 +38,8 @@ def _symmetric(rng, m):
 # --- the catalogue --------------------------------------------------------------------------------
 
 
-def test_what_there_is():
-    # A user's own may be there as well.
-    assert set(criteria_by_key()) >= set(KEYS)
-
-
 def test_protocol(criterion):
-    assert criteria_by_key()[criterion.key] is criterion
+    assert CRITERIA[criterion.key] is criterion
     assert criterion.title
     assert isinstance(criterion.larger_is_better, bool)
     assert isinstance(criterion.invariant, bool)
@@ -65,41 +56,6 @@ def test_protocol(criterion):
     assert isinstance(criterion.from_cost(0.1, 5, 20, 0.0), float)
 
 
-def test_a_file_is_all_that_a_criterion_needs(tmp_path, monkeypatch):
-    (tmp_path / "zz_t.py").write_text(
-        """\
-class T:
-    key = "zz_t"
-    title = "trace of F"
-    larger_is_better = True
-    invariant = False
-    flat = False
-    levels = (0.0,)
-
-CRITERION = T()
-""",
-        encoding="utf-8",
-    )
-    before = set(criteria_by_key())
-    monkeypatch.setattr(criteria, "__path__", [*criteria.__path__, str(tmp_path)])
-    criteria_by_key.cache_clear()
-    try:
-        assert set(criteria_by_key()) == {*before, "zz_t"}
-        (tmp_path / "zz_u.py").write_text(
-            (tmp_path / "zz_t.py").read_text(encoding="utf-8"), encoding="utf-8"
-        )
-        importlib.invalidate_caches()
-        criteria_by_key.cache_clear()
-        with pytest.raises(ValueError, match=r"zz_u\.py declares"):
-            criteria_by_key()
-    finally:
-        monkeypatch.undo()
-        criteria_by_key.cache_clear()
-        for name in ("zz_t", "zz_u"):
-            sys.modules.pop(f"{criteria.__name__}.{name}", None)
-    assert set(criteria_by_key()) == before
-
-
 # --- the reported number --------------------------------------------------------------------------
 
 
@@ -112,7 +68,7 @@ def test_values_are_those_of_the_matrix():
         ("e", 1 / np.linalg.norm(np.linalg.inv(F), 2)),
         ("condition", np.linalg.cond(F)),
     ):
-        assert criteria_by_key()[key].value(eigenvalues) == pytest.approx(expected, rel=1e-10), key
+        assert CRITERIA[key].value(eigenvalues) == pytest.approx(expected, rel=1e-10), key
 
 
 def test_direction(criterion):
@@ -137,15 +93,15 @@ def test_rescaling_only_shifts_the_cost_of_an_invariant_criterion():
     for _ in range(3):
         F = _spd(rng, 6, spread=1.0)
         for key in KEYS:
-            cost = criteria_by_key()[key].cost
-            level = criteria_by_key()[key].levels[0]
+            cost = CRITERIA[key].cost
+            level = CRITERIA[key].levels[0]
             values = [
                 cost(np.log(np.linalg.eigvalsh(k)), level)[0]
                 for k in (F, F * np.multiply.outer(scale, scale))
             ]
             shifts[key].append(values[1] - values[0])
     for key, values in shifts.items():
-        assert bool(np.ptp(values) < 1e-10) is criteria_by_key()[key].invariant, key
+        assert bool(np.ptp(values) < 1e-10) is CRITERIA[key].invariant, key
     assert shifts["d"][0] == pytest.approx(-2 * np.sum(np.log(scale)) / 6)
 
 
@@ -154,7 +110,7 @@ def test_rescaling_only_shifts_the_cost_of_an_invariant_criterion():
 
 @pytest.mark.parametrize("key", EXACT)
 def test_an_exact_cost_gives_the_number_back(key):
-    criterion = criteria_by_key()[key]
+    criterion = CRITERIA[key]
     rng = np.random.default_rng(3)
     eigenvalues, samples = np.exp(rng.normal(size=7)), 150
     cost = criterion.cost(np.log(eigenvalues / samples), criterion.levels[-1])[0]
@@ -163,7 +119,7 @@ def test_an_exact_cost_gives_the_number_back(key):
 
 
 def test_d_is_told_in_si():
-    criterion = criteria_by_key()["d"]
+    criterion = CRITERIA["d"]
     rng = np.random.default_rng(4)
     F, scale, samples = _spd(rng, 5), np.exp(rng.normal(size=5)), 40
     scaled = F * np.multiply.outer(scale, scale) / samples
@@ -174,7 +130,7 @@ def test_d_is_told_in_si():
 
 @pytest.mark.parametrize("key", ["e", "condition"])
 def test_a_surrogate_gives_the_number_within_its_bluntness(key):
-    criterion = criteria_by_key()[key]
+    criterion = CRITERIA[key]
     rng = np.random.default_rng(5)
     m, samples = 24, 100
     for _ in range(20):
@@ -261,7 +217,7 @@ def test_slope_along_any_change_of_the_information(seed, criterion):
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("key", [*EXACT, "e"])
 def test_curvature_of_convex_criteria_is_the_true_one(seed, key):
-    criterion = criteria_by_key()[key]
+    criterion = CRITERIA[key]
     rng = np.random.default_rng(seed)
     F = _spd(rng, 7, spread=0.8)
     change = _symmetric(rng, 7) * np.min(np.linalg.eigvalsh(F))
@@ -289,7 +245,7 @@ def test_curvature_is_never_below_the_true_one(seed, criterion):
 
 @pytest.mark.parametrize("key", EXACT)
 def test_coinciding_eigenvalues(key):
-    criterion = criteria_by_key()[key]
+    criterion = CRITERIA[key]
     rng = np.random.default_rng(8)
     basis = np.linalg.qr(rng.normal(size=(6, 6)))[0]
     for eigenvalues in ([2.0] * 6, [1, 1, 1, 5, 5, 9], [1, 1 + 1e-11, 2, 3, 4, 5]):
@@ -307,7 +263,7 @@ def test_coinciding_eigenvalues(key):
 def test_d_against_its_textbook_derivatives():
     rng = np.random.default_rng(9)
     F, change = _spd(rng, 8), _symmetric(rng, 8)
-    cost = spectral_cost(F, criteria_by_key()["d"], 0.0)
+    cost = spectral_cost(F, CRITERIA["d"], 0.0)
     step = np.linalg.solve(F, change)
     assert _first(cost, change) == pytest.approx(-np.trace(step) / 8, rel=1e-7)
     assert _second(cost, change) == pytest.approx(np.trace(step @ step) / 8, rel=1e-7)
@@ -316,7 +272,7 @@ def test_d_against_its_textbook_derivatives():
 def test_a_against_its_textbook_derivatives():
     rng = np.random.default_rng(10)
     F, change = _spd(rng, 8, spread=1.0), _symmetric(rng, 8)
-    cost = spectral_cost(F, criteria_by_key()["a"], 1.0)
+    cost = spectral_cost(F, CRITERIA["a"], 1.0)
     inverse = np.linalg.inv(F)
     total = np.trace(inverse)
     first = -np.trace(inverse @ change @ inverse) / total

@@ -7,7 +7,7 @@ import pytest
 
 from constraints import Limit, limit_definitions
 from expdesign.configuration import load_robot_description, row_labels
-from expdesign.information.catalogue import criteria_by_key
+from expdesign.information.criteria import CRITERIA
 from expdesign.information.fisher import information_matrix
 from expdesign.problem import DesignVariables, build_problem
 from expdesign.recheck import Judge
@@ -25,7 +25,7 @@ def _problem(robot, criterion="d", names=None, scaling=None, harmonics=HARMONICS
         frequency=(0.1, 0.6),
         samples=SAMPLES,
         covariance=robot.description.noise.force_covariance,
-        criterion=criteria_by_key()[criterion],
+        criterion=CRITERIA[criterion],
         scaling=np.abs(robot.parameters) if scaling is None else scaling,
         names=names or robot.parameter_names,
     )
@@ -75,7 +75,7 @@ def _variant(problem, criterion="d", names=None, scaling=None):
     columns = np.array([problem.robot.parameter_names.index(name) for name in names])
     cost = dataclasses.replace(
         problem.cost,
-        criterion=criteria_by_key()[criterion],
+        criterion=CRITERIA[criterion],
         columns=columns,
         scaling=scaling[columns],
     )

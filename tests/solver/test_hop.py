@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from expdesign.information.catalogue import criteria_by_key
+from expdesign.information.criteria import CRITERIA
 from expdesign.solver.continuation import continuation_stages, hop_stages
 from expdesign.solver.initial import perturbed, random_start
 from expdesign.solver.stage import StageRecord
@@ -91,7 +91,7 @@ def test_only_like_stages_are_compared():
 @pytest.mark.parametrize("widths", [(0.2,), (0.4, 0.2), (0.4, 0.2, 0.1)])
 def test_a_hops_last_stage_can_be_compared_with_a_starts(problem, harmonics, key, widths):
     """And with no other stage of a start: what a start is measured by is its last stage."""
-    case = problem.with_criterion(criteria_by_key()[key]).with_variables(harmonics=harmonics)
+    case = problem.with_criterion(CRITERIA[key]).with_variables(harmonics=harmonics)
     stages = continuation_stages(case, widths, 10)
     settled = hop_stages(case, widths, 10)[-1]
     for name in ("name", "width", "level", "samples", "points"):

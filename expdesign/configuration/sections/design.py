@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import AfterValidator
@@ -15,12 +14,8 @@ from expdesign.configuration.values.lists import Distinct, at_least
 from expdesign.configuration.values.quantity import Duration, Positive, Speed
 from expdesign.configuration.values.scalars import Count, Seed, one_of, whole, word_for_none
 
-# A criterion is a file of its name; listing the files keeps this floor free of what is above it.
-_CRITERIA_FOLDER = Path(__file__).parents[2] / "information" / "criteria"
-CRITERIA = tuple(
-    sorted(file.stem for file in _CRITERIA_FOLDER.glob("*.py") if not file.stem.startswith("_"))
-)
-"""``d``, ``a``, ``e``, ``condition``, and what an expert adds."""
+CRITERIA = ("a", "condition", "d", "e")
+"""The keys of `expdesign.information.criteria`, which is above this floor."""
 
 Search = Literal["restarts", "hopping"]
 Start = Literal["periodic", "rest"]

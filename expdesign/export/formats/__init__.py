@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import importlib
-import pkgutil
+import sys
 from collections.abc import Mapping
 from functools import cache
 from types import MappingProxyType
 
+from constraints.modules import modules_of
 from expdesign.export.definition import TableFormat
 
 
@@ -19,11 +19,11 @@ def table_formats() -> Mapping[str, TableFormat]:
     ``expdesign/configuration/export.py``, are all that a new format needs.
     """
     found: dict[str, TableFormat] = {}
-    for module in sorted(pkgutil.iter_modules(__path__), key=lambda item: item.name):
-        made = importlib.import_module(f"{__name__}.{module.name}").FORMAT
+    for name, module in modules_of(sys.modules[__name__]).items():
+        made = module.FORMAT
         if not isinstance(made, TableFormat):
-            raise TypeError(f"{__name__}.{module.name}: FORMAT is no TableFormat")
+            raise TypeError(f"{__name__}.{name}: FORMAT is no TableFormat")
         if made.name in found:
-            raise ValueError(f"{__name__}.{module.name}: '{made.name}' is taken")
+            raise ValueError(f"{__name__}.{name}: '{made.name}' is taken")
         found[made.name] = made
     return MappingProxyType(found)

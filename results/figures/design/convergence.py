@@ -16,7 +16,7 @@ from matplotlib.lines import Line2D
 from constraints.arrays import Array
 from expdesign.experiment import DesignRecord
 from expdesign.experiment.record import Iteration
-from expdesign.information.catalogue import criteria_by_key
+from expdesign.information.criteria import CRITERIA
 from expdesign.recheck import TOLERANCE
 from results.figures.definition import FigureDefinition
 from results.style import EMPHASIS, GREY, INK, ORANGE, new_figure
@@ -98,7 +98,7 @@ def draw(record: DesignRecord) -> Figure:
 
 
 def _iteration_label(record: DesignRecord, found: Sequence[Trace]) -> str:
-    criterion = criteria_by_key().get(record.summary.criterion)
+    criterion = CRITERIA.get(record.summary.criterion)
     stages = {stage for trace in found for stage in trace.stages}
     if not found or "blunt" in stages or criterion is None or not criterion.flat:
         return "Iteration of the start"
@@ -144,7 +144,7 @@ def _mark_stages(axes: Axes, trace: Trace, longest: float) -> None:
 def _objective_axis(axes: Axes, record: DesignRecord, found: Sequence[Trace]) -> list[Line2D]:
     """Name the axis, scale it to what matters; draw and return the written design's value."""
     summary = record.summary
-    criterion = criteria_by_key().get(summary.criterion)
+    criterion = CRITERIA.get(summary.criterion)
     title = summary.criterion if criterion is None else criterion.title
     scaling = {"si": "SI units", "nominal": "nominal scaling"}.get(summary.scaling, summary.scaling)
     invariant = criterion is not None and criterion.invariant

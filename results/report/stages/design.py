@@ -7,7 +7,7 @@ import numpy as np
 from expdesign.experiment import DesignRecord
 from expdesign.experiment.identifiable import IDENTIFIABLE
 from expdesign.experiment.sensitivity import LimitSensitivity
-from expdesign.information.catalogue import criteria_by_key
+from expdesign.information.criteria import CRITERIA
 from expdesign.recheck import LimitCheck
 from results.report.content import (
     Block,
@@ -150,7 +150,7 @@ def _verdict(record: DesignRecord) -> Verdict:
 
 def _facts(record: DesignRecord) -> tuple[Fact, ...]:
     summary = record.summary
-    criterion = criteria_by_key().get(summary.criterion)
+    criterion = CRITERIA.get(summary.criterion)
     percents = np.array([parameter.rel_std_percent_experiment for parameter in record.parameters])
     relative = percents[np.isfinite(percents)]
     finite = np.isfinite(summary.criterion_value)

@@ -1,1 +1,0 @@
-"""One criterion per file; each declares its ``CRITERION``."""
