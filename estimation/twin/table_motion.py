@@ -10,8 +10,8 @@ import numpy as np
 from constraints.arrays import Array
 from expdesign.configuration import InputError, Problem
 from expdesign.export import TableFile
+from expdesign.export.definition import ON_THE_EDGE
 from expdesign.export.deviation import blocks
-from expdesign.export.rows import ON_THE_EDGE
 from expdesign.trajectory import FourierTrajectory, PoseSamples
 
 _ROUNDING = 1.01

@@ -1,6 +1,6 @@
 """Controller tables: a motion in the format of the controller that executes it."""
 
-from expdesign.export.definition import Settings, TableFormat, Task
+from expdesign.export.definition import Settings, TableError, TableFormat, Task
 from expdesign.export.exporting import (
     Export,
     ExportError,
@@ -20,7 +20,6 @@ from expdesign.export.record import (
     MotionEntry,
     record_of_one,
 )
-from expdesign.export.rows import TableError
 from expdesign.export.table_file import TableFile, find_table_file, read_table_file
 
 __all__ = [

@@ -1,23 +1,177 @@
-"""What a format is, and what one export in it has been asked for."""
+"""What a controller table is: rows of axes, its format, and what one export has been asked for."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import partial
+from enum import Enum
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from constraints.arrays import Array
-from expdesign.configuration import ExportSection
-from expdesign.export.axes import Axes
-from expdesign.export.execution import Interpolation
-from expdesign.export.rows import Rows
+from expdesign.configuration import ExportSection, Space
+from expdesign.export.rotation import from_roll_pitch_yaw, roll_pitch_yaw
 from expdesign.motion import ExecutableMotion
 from expdesign.robot import Robot
 
 POSE_AXES = ("X", "Y", "Z", "U", "V", "W")
+
+ON_THE_EDGE = 1e-9
+"""s; how close to the measurement window's edge a row still belongs to it."""
+
+
+class TableError(ValueError):
+    """A controller table is not what its controller reads."""
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """What a table says at each of its times.
+
+    Attributes
+    ----------
+    times : (N,)
+        s from the start of the motion.
+    position : (N, 6)
+        In the units of the controller's axes.
+    rate, acceleration : (N, 6) or None
+        Per s and per s²; None when the table has none.
+    record : dict of (N,)
+        Further columns by name, SI, of tables that hold the whole motion.
+    """
+
+    times: Array
+    position: Array
+    rate: Array | None = None
+    acceleration: Array | None = None
+    record: Mapping[str, Array] = field(default_factory=dict)
+
+    @property
+    def velocities(self) -> Array:
+        """The rates of a table that has to have them."""
+        if self.rate is None:
+            raise ValueError("the table needs velocities")
+        return self.rate
+
+    @property
+    def accelerations(self) -> Array:
+        """The accelerations of a table that has to have them."""
+        if self.acceleration is None:
+            raise ValueError("the table needs accelerations")
+        return self.acceleration
+
+    def checked(self) -> Rows:
+        """Return the rows when they are complete, finite and in the order of time.
+
+        Raises
+        ------
+        TableError
+            Naming the first row that is not.
+        """
+        count = len(self.times)
+        if count < 2:  # noqa: PLR2004 - a start and an end
+            raise TableError(f"the table has {count} row(s)")
+        columns = {
+            "time": self.times[:, None],
+            "position": self.position,
+            "velocity": self.rate,
+            "acceleration": self.acceleration,
+            **{name: values[:, None] for name, values in self.record.items()},
+        }
+        for name, values in columns.items():
+            if values is None:
+                continue
+            if len(values) != count:
+                raise TableError(f"{name}: {len(values)} rows where there are {count} times")
+            wrong = np.flatnonzero(~np.all(np.isfinite(values), axis=1))
+            if wrong.size:
+                raise TableError(f"row {wrong[0] + 1}: the {name} is not a finite number")
+        late = np.flatnonzero(np.diff(self.times) <= 0)
+        if late.size:
+            raise TableError(f"row {late[0] + 2}: its time is not after that of the row before")
+        return self
+
+
+def in_window(times: Array, window: tuple[float, float]) -> NDArray[np.bool_]:
+    """Tell which times are in the measurement window; its end is the first after it."""
+    first, last = window
+    return (times >= first - ON_THE_EDGE) & (times < last - ON_THE_EDGE)
+
+
+LENGTH_UNITS = {"m": 1.0, "mm": 1e3, "um": 1e6, "in": 1 / 0.0254}
+ANGLE_UNITS = {"rad": 1.0, "deg": 180 / np.pi}
+
+
+@dataclass(frozen=True, eq=False)
+class Axes:
+    """Six axes of a controller.
+
+    position of axis k = sign · (coordinate − zero) · scale, of the coordinate that it moves.
+
+    Attributes
+    ----------
+    space : {"strut", "pose"}
+    names, units : (6,) tuples of str
+    source : (6,)
+        Index of the strut, or of the pose's coordinate, that each axis moves.
+    factor : (6,)
+        Units of the axis for 1 m or 1 rad of its coordinate, with the sign.
+    zero : (6,)
+        Coordinate at which the axis reads zero, m or rad.
+    fixed : bool
+        Whether the rotations are roll, pitch and yaw about fixed axes; such a table holds
+        positions only.
+    """
+
+    space: Space
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    source: NDArray[np.intp]
+    factor: Array
+    zero: Array
+    fixed: bool = False
+
+    def rows(
+        self,
+        times: Array,
+        coordinates: Array,
+        rates: Array | None = None,
+        accelerations: Array | None = None,
+    ) -> Rows:
+        """Return what the axes do for coordinates (N, 6) and their derivatives, SI."""
+        if self.fixed:
+            rates = accelerations = None
+            angles = roll_pitch_yaw(coordinates[:, 3:])
+            coordinates = np.concatenate([coordinates[:, :3], angles], axis=1)
+        return Rows(
+            times,
+            (coordinates - self.zero)[:, self.source] * self.factor,
+            None if rates is None else rates[:, self.source] * self.factor,
+            None if accelerations is None else accelerations[:, self.source] * self.factor,
+        )
+
+    def coordinates(self, position: Array) -> Array:
+        """Return the coordinates (N, 6), SI, of the axes' positions."""
+        values = self.derivatives(position) + self.zero
+        if self.fixed:
+            values[:, 3:] = from_roll_pitch_yaw(values[:, 3:])
+        return values
+
+    def derivatives(self, values: Array) -> Array:
+        """Return the coordinates' derivatives (N, 6), SI, of those of the axes."""
+        found = np.empty_like(values)
+        found[:, self.source] = values / self.factor
+        return found
+
+
+class Interpolation(Enum):
+    """The path between two rows; its value is the word for it."""
+
+    LINEAR = "straight lines between the rows"
+    CUBIC = "cubic Hermite polynomials of position and velocity"
+    QUINTIC = "quintic Hermite polynomials of position, velocity and acceleration"
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,10 +222,6 @@ class Settings:
         Position of the axes at home, as it is written.
     window : (2,)
         Beginning and end of the measurement window, s.
-    duration : float
-        Of the motion, s.
-    sampling : float
-        Of the measurement, Hz.
     """
 
     section: ExportSection
@@ -83,8 +233,6 @@ class Settings:
     tolerance: float
     start: Array
     window: tuple[float, float]
-    duration: float
-    sampling: float
 
     @property
     def half_unit(self) -> float:
@@ -101,15 +249,6 @@ class Settings:
     def numbers(self, values: Array) -> list[str]:
         """Return the numbers of a row, (k,), each as `number`."""
         return [self.number(value) for value in values]
-
-
-def rounded_times(digits: int) -> Callable[[Array], Array]:
-    """Return what rounds times to digits of a second after the decimal point."""
-    return partial(_rounded, digits=digits)
-
-
-def _rounded(times: Array, digits: int | None = None) -> Array:
-    return times if digits is None else np.round(times, digits)
 
 
 @dataclass(frozen=True)
@@ -158,7 +297,7 @@ class TableFormat:
     units: str = "mm"
     angles: str = "deg"
     axes: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    written_times: Callable[[Array], Array] = _rounded
+    written_times: Callable[[Array], Array] = np.array
     uniform: bool = False
     fixed_angles: bool = False
     whole: bool = False

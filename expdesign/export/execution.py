@@ -3,25 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import Enum
 from functools import cached_property
 
 import numpy as np
 from scipy.interpolate import PPoly
 
 from constraints.arrays import Array
-from expdesign.export.axes import Axes
-from expdesign.export.rows import Rows
+from expdesign.export.definition import Axes, Interpolation, Rows
 from expdesign.motion import ExecutableMotion
 from expdesign.robot import Robot
-
-
-class Interpolation(Enum):
-    """The path between two rows; its value is the word for it."""
-
-    LINEAR = "straight lines between the rows"
-    CUBIC = "cubic Hermite polynomials of position and velocity"
-    QUINTIC = "quintic Hermite polynomials of position, velocity and acceleration"
 
 
 def interpolated(kind: Interpolation, rows: Rows) -> PPoly:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from expdesign.export.definition import Settings, Task
+from expdesign.export.definition import Interpolation, Rows, Settings, TableError, Task
 from expdesign.export.deviation import (
     Deviation,
     InformationChange,
@@ -16,9 +16,8 @@ from expdesign.export.deviation import (
     deviation,
     information_change,
 )
-from expdesign.export.execution import ExecutedTable, Interpolation, refined
+from expdesign.export.execution import ExecutedTable, refined
 from expdesign.export.row_times import SHARE, ideal_rows, whole_motion
-from expdesign.export.rows import Rows, TableError
 from expdesign.recheck import LimitCheck, judge, worst_of_each
 from expdesign.robot import ForwardKinematicsError, LimitModel
 

@@ -12,14 +12,13 @@ from typing import Any
 import numpy as np
 
 from constraints.arrays import Array
-from expdesign.export.definition import Settings
+from expdesign.export.definition import Rows, Settings, TableError
 from expdesign.export.rotation import (
     angle_derivatives,
     angular_motion,
     from_quaternions,
     quaternions,
 )
-from expdesign.export.rows import Rows, TableError
 from expdesign.mechanism.hexapod import ACTUATORS
 
 JOINTS = "trajectory_msgs/msg/JointTrajectory"

@@ -9,10 +9,9 @@ import numpy as np
 
 from constraints.arrays import Array
 from expdesign.configuration import InputError, Problem
-from expdesign.export.definition import Settings, Task
+from expdesign.export.definition import Rows, Settings, Task, in_window
 from expdesign.export.deviation import Deviation, blocks, deviation
 from expdesign.export.execution import ExecutedTable, refined
-from expdesign.export.rows import Rows, in_window
 from expdesign.motion import ExecutableMotion
 from expdesign.motion.sampled import SampledMotion
 from expdesign.robot import Robot

@@ -6,12 +6,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from expdesign.configuration import ExportSection, InputError, Problem
-from expdesign.export.definition import Settings, Task
+from expdesign.export.definition import Settings, TableError, Task
 from expdesign.export.execution import ExecutedTable
-from expdesign.export.exporting import refuse_missing_library
+from expdesign.export.exporting import refuse_missing_library, settled
 from expdesign.export.record import RECORD, ExportsRecord, FileEntry, record_of_one
-from expdesign.export.rows import TableError
-from expdesign.export.settling import settled
 from expdesign.robot import Robot
 from expdesign.runfolder import MissingFileError
 from expdesign.runfolder.manifest import file_hash

@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from constraints.arrays import Array
-from expdesign.export.definition import Settings
-from expdesign.export.rows import Rows, TableError, in_window
+from expdesign.export.definition import Rows, Settings, TableError, in_window
 
 LARGEST_FILE = 1 << 30
 _NUMBER = re.compile(r"[+-]?(?:\d{1,30}(?:\.\d{0,30})?|\.\d{1,30})(?:[eE][+-]?\d{1,3})?")

@@ -182,8 +182,8 @@ def test_no_jumps_of_a_full_turn(tmp_path):
             states = turned.sample(times)
             return replace(states, pose=states.pose + np.array([0, 0, 0, 0, 0, angle]))
 
+    from expdesign.export.exporting import settled
     from expdesign.export.row_times import ideal_rows, uniform_times
-    from expdesign.export.settling import settled
 
     work = replace(work, motion=Turned)
     settings = settled(section("linuxcnc-gcode"), work)

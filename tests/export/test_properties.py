@@ -10,9 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from expdesign.configuration import ExportSection
 from expdesign.export import table_formats
-from expdesign.export.axes import Axes
-from expdesign.export.definition import Settings
-from expdesign.export.execution import Interpolation, differences, interpolated, refined
+from expdesign.export.definition import Axes, Interpolation, Rows, Settings, TableError
+from expdesign.export.execution import differences, interpolated, refined
 from expdesign.export.rotation import (
     angle_derivatives,
     angular_motion,
@@ -21,7 +20,6 @@ from expdesign.export.rotation import (
     quaternions,
     roll_pitch_yaw,
 )
-from expdesign.export.rows import Rows, TableError
 from expdesign.mechanism.rotation import angular_acceleration, angular_velocity, rotation_matrix
 
 TEXT = ("xps-pvt", "pvt-csv", "pmac-pvt", "pi-wave", "linuxcnc-strut", "linuxcnc-gcode", "ros2")
@@ -36,7 +34,7 @@ def made(name, digits, start):
     space = section.coordinates
     units = (form.units,) * 6
     axes = Axes(space, form.axes[space], units, np.arange(6), np.ones(6), np.zeros(6))
-    return Settings(section, form, "n", axes, digits, 1e-3, 1e-6, start, (0.0, 1.0), 1.0, 1e3)
+    return Settings(section, form, "n", axes, digits, 1e-3, 1e-6, start, (0.0, 1.0))
 
 
 @given(

@@ -7,10 +7,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from expdesign.export.definition import Settings, TableFormat
-from expdesign.export.execution import Interpolation
+from expdesign.export.definition import Interpolation, Rows, Settings, TableFormat
 from expdesign.export.row_times import COLUMNS
-from expdesign.export.rows import Rows
 from expdesign.export.text_table import lines_after, numbers
 from expdesign.mechanism.hexapod import numbered
 

@@ -8,9 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from constraints.arrays import Array
-from expdesign.export.definition import Settings, TableFormat
-from expdesign.export.execution import Interpolation
-from expdesign.export.rows import Rows, TableError
+from expdesign.export.definition import Interpolation, Rows, Settings, TableError, TableFormat
 from expdesign.export.text_table import lines, marked, number, write_lines
 
 AXES = ("X", "Y", "Z", "A", "B", "C")

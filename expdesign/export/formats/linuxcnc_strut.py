@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from expdesign.export.definition import Settings, TableFormat
-from expdesign.export.execution import Interpolation
-from expdesign.export.rows import Rows
+from expdesign.export.definition import Interpolation, Rows, Settings, TableFormat
 from expdesign.export.text_table import lines, marked, numbers, uniform_rows, write_lines
 from expdesign.mechanism.hexapod import ACTUATORS, numbered
 

@@ -10,10 +10,15 @@ import numpy as np
 from scipy.io import loadmat, savemat
 from scipy.io.matlab import MatReadError
 
-from expdesign.export.definition import POSE_AXES, Settings, TableFormat
-from expdesign.export.execution import Interpolation
+from expdesign.export.definition import (
+    POSE_AXES,
+    Interpolation,
+    Rows,
+    Settings,
+    TableError,
+    TableFormat,
+)
 from expdesign.export.row_times import COLUMNS
-from expdesign.export.rows import Rows, TableError
 from expdesign.mechanism.hexapod import numbered
 
 _AXES = 6

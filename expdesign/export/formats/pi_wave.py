@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from expdesign.export.definition import POSE_AXES, Settings, TableFormat
-from expdesign.export.execution import Interpolation
-from expdesign.export.rows import Rows
+from expdesign.export.definition import POSE_AXES, Interpolation, Rows, Settings, TableFormat
 from expdesign.export.text_table import lines, numbers, uniform_rows, write_lines
 
 

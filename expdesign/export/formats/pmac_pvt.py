@@ -7,9 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from expdesign.export.definition import Settings, TableFormat, rounded_times
-from expdesign.export.execution import Interpolation
-from expdesign.export.rows import Rows, TableError
+from expdesign.export.definition import Interpolation, Rows, Settings, TableError, TableFormat
 from expdesign.export.text_table import lines, number, refuse_motion_at_end, write_lines
 
 LETTERS = ("X", "Y", "Z", "A", "B", "C")
@@ -98,5 +96,5 @@ FORMAT = TableFormat(
         "kinematic programs."
     ),
     axes={"strut": LETTERS, "pose": LETTERS},
-    written_times=rounded_times(_TIME_DIGITS),
+    written_times=lambda times: np.round(times, _TIME_DIGITS),
 )

@@ -6,9 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from expdesign.export.definition import Settings, TableFormat, rounded_times
-from expdesign.export.execution import Interpolation
-from expdesign.export.rows import Rows, TableError
+from expdesign.export.definition import Interpolation, Rows, Settings, TableError, TableFormat
 from expdesign.export.text_table import lines_after, numbers, refuse_motion_at_end, write_lines
 from expdesign.mechanism.hexapod import ACTUATORS, numbered
 
@@ -56,5 +54,5 @@ FORMAT = TableFormat(
         "row."
     ),
     axes={"strut": numbered("S")},
-    written_times=rounded_times(_TIME_DIGITS),
+    written_times=lambda times: np.round(times, _TIME_DIGITS),
 )

@@ -19,8 +19,14 @@ from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
 from expdesign.configuration import InputError, Problem
-from expdesign.export.definition import POSE_AXES, Settings, TableFormat, rounded_times
-from expdesign.export.execution import Interpolation
+from expdesign.export.definition import (
+    POSE_AXES,
+    Interpolation,
+    Rows,
+    Settings,
+    TableError,
+    TableFormat,
+)
 from expdesign.export.ros_messages import (
     FRAME,
     JOINTS,
@@ -29,7 +35,6 @@ from expdesign.export.ros_messages import (
     message_type,
     rows_of,
 )
-from expdesign.export.rows import Rows, TableError
 from expdesign.export.text_table import write_lines
 from expdesign.mechanism.hexapod import numbered
 
@@ -246,5 +251,5 @@ FORMAT = TableFormat(
     units="m",
     angles="rad",
     axes={"strut": numbered("strut_"), "pose": POSE_AXES},
-    written_times=rounded_times(_TIME_DIGITS),
+    written_times=lambda times: np.round(times, _TIME_DIGITS),
 )

@@ -6,9 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from expdesign.export.definition import POSE_AXES, Settings, TableFormat, rounded_times
-from expdesign.export.execution import Interpolation
-from expdesign.export.rows import Rows
+from expdesign.export.definition import POSE_AXES, Interpolation, Rows, Settings, TableFormat
 from expdesign.export.text_table import lines, numbers, refuse_motion_at_end, write_lines
 from expdesign.mechanism.hexapod import ACTUATORS, numbered
 
@@ -56,5 +54,5 @@ FORMAT = TableFormat(
     ),
     digits=8,
     axes={"strut": numbered("S"), "pose": POSE_AXES},
-    written_times=rounded_times(_TIME_DIGITS),
+    written_times=lambda times: np.round(times, _TIME_DIGITS),
 )
