@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from constraints.arrays import Array
 from expdesign.configuration import ComputationError, ExportSection, InputError, Problem
 from expdesign.export.definition import (
     ANGLE_UNITS,
@@ -22,7 +22,6 @@ from expdesign.export.definition import (
     Task,
 )
 from expdesign.export.formats import table_formats
-from expdesign.export.formats.ros2 import refuse_without_library
 from expdesign.export.read_back import ReadBack, read_back
 from expdesign.export.row_times import chosen_times, ideal_rows, whole_motion
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES, POSE
@@ -129,8 +128,14 @@ def refuse_missing_library(section: ExportSection, place: str = "") -> None:
     InputError
         It tells how to install it.
     """
-    if section.encoding == "mcap":
-        refuse_without_library(f"{place}.encoding" if place else "encoding")
+    if section.encoding == "mcap" and find_spec("rosbags") is None:
+        raise InputError(
+            Problem(
+                "MCAP bags are written with the library rosbags, which is not installed",
+                key=f"{place}.encoding" if place else "encoding",
+                allowed="pip install expdesign[ros], or encoding: yaml",
+            )
+        )
 
 
 def export_table(
@@ -144,8 +149,6 @@ def export_table(
 
     Parameters
     ----------
-    section : ExportSection
-    task : Task
     path : Path
         Final name of the file.
     place : str
@@ -163,7 +166,9 @@ def export_table(
     refuse_missing_library(section, place)
     settings = settled(section, task)
     times = chosen_times(task, settings, place)
-    rows = table_rows(task, settings, times)
+    rows = ideal_rows(task, settings, times)
+    if settings.form.whole:
+        rows = replace(rows, record=whole_motion(task.robot, task.motion, times))
     path.parent.mkdir(parents=True, exist_ok=True)
     # A folder beside it: some libraries go by the file's name.
     with TemporaryDirectory(prefix=".export-", dir=path.parent) as folder:
@@ -175,15 +180,6 @@ def export_table(
         digest = file_hash(beside)
         beside.replace(path)
     return Export(path, digest, settings, check)
-
-
-def table_rows(task: Task, settings: Settings, times: Array) -> Rows:
-    """Return the rows of a table at these times, unrounded."""
-    rows = ideal_rows(task, settings, times)
-    if not settings.form.whole:
-        return rows
-    record = whole_motion(task.robot, task.motion, times)
-    return replace(rows, record=record)
 
 
 def settled(section: ExportSection, task: Task) -> Settings:

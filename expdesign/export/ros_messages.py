@@ -6,7 +6,7 @@ translation with a quaternion, and twice a linear with an angular vector.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -30,17 +30,19 @@ _UNIT_LENGTH = 1e-6
 _LATEST = 2**31 - 1
 """s: `sec` of builtin_interfaces/Duration has 32 bits."""
 
-_XYZ, _XYZW = ("x", "y", "z"), ("x", "y", "z", "w")
-_STATE = ("positions", "velocities", "accelerations")
 _TIME = "time_from_start"
+_XYZ, _XYZW = dict.fromkeys("xyz"), dict.fromkeys("xyzw")
+_TWIST = [{"linear": _XYZ, "angular": _XYZ}]
 
-# What a point holds of each part of the state: its key, and the vectors below it.
-_TWIST: dict[str, tuple[str, ...]] = {"linear": _XYZ, "angular": _XYZ}
-_BODY: tuple[tuple[str, dict[str, tuple[str, ...]]], ...] = (
-    ("transforms", {"translation": _XYZ, "rotation": _XYZW}),
-    ("velocities", _TWIST),
-    ("accelerations", _TWIST),
-)
+# What a point holds of position, velocity and acceleration; None is a number.
+_POINT: dict[str, dict[str, Any]] = {
+    JOINTS: dict.fromkeys(("positions", "velocities", "accelerations"), [None] * ACTUATORS),
+    PLATFORM: {
+        "transforms": [{"translation": _XYZ, "rotation": _XYZW}],
+        "velocities": _TWIST,
+        "accelerations": _TWIST,
+    },
+}
 
 
 def message_type(settings: Settings) -> str:
@@ -60,24 +62,40 @@ def message_of(rows: Rows, settings: Settings) -> dict[str, Any]:
             np.concatenate([part[:, :3], turn], axis=1)
             for part, turn in zip(parts, turned, strict=True)
         )
-    point = _joint_point if strut else _body_point
-    points = []
-    for time, *state in zip(np.rint(rows.times * NANOSECONDS), *parts, strict=True):
-        sec, nanosec = divmod(int(time), NANOSECONDS)
-        points.append({**point(state), _TIME: {"sec": sec, "nanosec": nanosec}})
+    shape = _POINT[message_type(settings)]
+    stamps = [divmod(int(time), NANOSECONDS) for time in np.rint(rows.times * NANOSECONDS)]
+    points = [
+        {**_nested(shape, iter(values)), _TIME: {"sec": sec, "nanosec": nanosec}}
+        for (sec, nanosec), values in zip(
+            stamps, np.concatenate(parts, axis=1).tolist(), strict=True
+        )
+    ]
     return {"joint_names": list(names), "points": points}
 
 
-def _joint_point(state: Iterable[Array]) -> dict[str, Any]:
-    return {key: values.tolist() for key, values in zip(_STATE, state, strict=True)}
+def _nested(shape: Any, values: Iterator[float]) -> Any:
+    """Return the next values in nested data of a shape."""
+    if shape is None:
+        return next(values)
+    if isinstance(shape, list):
+        return [_nested(part, values) for part in shape]
+    return {key: _nested(part, values) for key, part in shape.items()}
 
 
-def _body_point(state: Iterable[Array]) -> dict[str, Any]:
-    point = {}
-    for (key, vectors), values in zip(_BODY, state, strict=True):
-        left = iter(values.tolist())
-        point[key] = [{name: {c: next(left) for c in axes} for name, axes in vectors.items()}]
-    return point
+def _flat(shape: Any, found: Any) -> list[float]:
+    """Return the numbers of nested data, which has to have the shape."""
+    if shape is None:
+        # `ros2 topic pub` takes no whole number for a float64.
+        if not isinstance(found, float):
+            raise ValueError("no floating-point number")
+        return [found]
+    if not isinstance(found, type(shape)):
+        raise ValueError("neither a list nor a mapping")
+    values = _values(found, tuple(shape)) if isinstance(shape, dict) else found
+    parts = shape.values() if isinstance(shape, dict) else shape
+    return [
+        number for part, value in zip(parts, values, strict=True) for number in _flat(part, value)
+    ]
 
 
 def rows_of(message: Mapping[str, Any], settings: Settings) -> Rows:
@@ -94,21 +112,21 @@ def rows_of(message: Mapping[str, Any], settings: Settings) -> Rows:
     if tuple(message["joint_names"]) != names:
         found = ", ".join(message["joint_names"])
         raise TableError(f"the joints are {found}, not {', '.join(names)}")
-    values = _joint_values if strut else _body_values
+    shape = _POINT[message_type(settings)]
     times, cells = [], []
     for k, point in enumerate(message["points"], start=1):
         try:
-            cells.append([_floats(part) for part in values(point)])
-            times.append(_nanoseconds(point[_TIME]))
-        except (KeyError, TypeError, ValueError, IndexError) as error:
+            *state, stamp = _values(point, (*shape, _TIME))
+            cells.append(_flat(list(shape.values()), state))
+            times.append(_nanoseconds(stamp))
+        except (KeyError, TypeError, ValueError) as error:
             raise TableError(
                 f"point {k} is not complete, or holds what is no number or out of range"
             ) from error
-    body = tuple(sum(map(len, vectors.values())) for _, vectors in _BODY)
-    wanted = (ACTUATORS,) * len(_STATE) if strut else body
-    if {tuple(len(part) for part in row) for row in cells} != {wanted}:
-        raise TableError(f"a point has not {wanted} positions, velocities and accelerations")
-    position, rate, acceleration = (np.array(part) for part in zip(*cells, strict=True))
+    if not cells:
+        raise TableError("the message has no points")
+    # A rotation that is a quaternion makes the position one longer.
+    position, rate, acceleration = np.split(np.array(cells), [-2 * ACTUATORS, -ACTUATORS], axis=1)
     seconds = np.array(times, dtype=np.int64) / NANOSECONDS
     raw = Rows(seconds, position, rate, acceleration).checked()
     return raw if strut else _with_angles(raw)
@@ -130,31 +148,10 @@ def _with_angles(raw: Rows) -> Rows:
     return Rows(raw.times, position, rate, acceleration)
 
 
-def _joint_values(point: Any) -> list[Any]:
-    return _values(point, (*_STATE, _TIME))[:-1]
-
-
-def _body_values(point: Any) -> list[list[Any]]:
-    keys = tuple(key for key, _ in _BODY)
-    bodies = _values(point, (*keys, _TIME))[:-1]
-    found = []
-    for (_, vectors), (body,) in zip(_BODY, bodies, strict=True):
-        parts = zip(_values(body, tuple(vectors)), vectors.values(), strict=True)
-        found.append([value for part, axes in parts for value in _values(part, axes)])
-    return found
-
-
 def _values(mapping: Any, keys: tuple[str, ...]) -> list[Any]:
     if not isinstance(mapping, dict) or set(mapping) != set(keys):
         raise ValueError("other keys")
     return [mapping[key] for key in keys]
-
-
-def _floats(values: Any) -> list[float]:
-    # `ros2 topic pub` takes no whole number for a float64.
-    if not isinstance(values, list) or not all(isinstance(value, float) for value in values):
-        raise ValueError("not all are floating-point numbers")
-    return values
 
 
 def _nanoseconds(stamp: Any) -> int:

@@ -56,15 +56,7 @@ class TableFile:
 
 
 def read_table_file(path: Path, task: Task, settings: Settings) -> TableFile:
-    """Read a table as its controller does.
-
-    Parameters
-    ----------
-    path : Path
-    task : Task
-        The motion that it holds.
-    settings : Settings
-        With which it was written.
+    """Read the table of a task's motion as its controller does, with the settings it was made with.
 
     Raises
     ------
@@ -80,13 +72,7 @@ def read_table_file(path: Path, task: Task, settings: Settings) -> TableFile:
 def find_table_file(path: Path, robot: Robot, trajectory: FourierTrajectory) -> TableFile:
     """Read a table with what `expdesign export` wrote beside it about its axes and its motion.
 
-    Parameters
-    ----------
-    path : Path
-    robot : Robot
-        That executes it.
-    trajectory : FourierTrajectory
-        The design that it was made of.
+    The robot executes it; the trajectory is the design that it was made of.
 
     Raises
     ------
@@ -95,25 +81,19 @@ def find_table_file(path: Path, robot: Robot, trajectory: FourierTrajectory) -> 
         another design.
     """
     if not path.is_file():
-        raise InputError(
-            Problem("there is no such table", path, allowed="a file that `expdesign export` wrote")
-        )
+        raise _refusal("there is no such table", path, "a file that `expdesign export` wrote")
     record, entry = _record(path)
     motion, changed = record.motion, entry.sha256 != file_hash(path)
     try:
         section = ExportSection.model_validate(entry.options)
     except ValueError as error:
-        raise InputError(
-            Problem("the options of its export cannot be used", path, allowed=_AGAIN)
-        ) from error
+        raise _refusal("the options of its export cannot be used", path) from error
     try:
         if motion.ways is None:
             raise ValueError("its ramps are not recorded")
         found_motion = motion.ways.motion(trajectory, robot.home)
     except ValueError as error:
-        raise InputError(
-            Problem(f"its motion is not that of the design: {error}", path, allowed=_AGAIN)
-        ) from error
+        raise _refusal(f"its motion is not that of the design: {error}", path) from error
     task = Task(
         motion.name, robot, found_motion, motion.controller_period, motion.sampling, parameters=()
     )
@@ -122,12 +102,13 @@ def find_table_file(path: Path, robot: Robot, trajectory: FourierTrajectory) -> 
         found = read_table_file(path, task, settled(section, task))
     except (TableError, OSError) as error:
         since = "; it was changed after it was exported" if changed else ""
-        raise InputError(
-            Problem(
-                f"the controller would not read this table: {error}{since}", path, allowed=_AGAIN
-            )
-        ) from error
+        message = f"the controller would not read this table: {error}{since}"
+        raise _refusal(message, path) from error
     return replace(found, changed=changed)
+
+
+def _refusal(message: str, path: Path, allowed: str = _AGAIN) -> InputError:
+    return InputError(Problem(message, path, allowed=allowed))
 
 
 def _record(path: Path) -> tuple[ExportsRecord, FileEntry]:
@@ -153,24 +134,17 @@ def _record(path: Path) -> tuple[ExportsRecord, FileEntry]:
         if unreadable:
             raise InputError(unreadable)
         names = " nor ".join(place.name for place in places)
-        raise InputError(
-            Problem(
-                f"nothing tells what the columns of this table are: neither {names} beside it "
-                "names it",
-                path,
-                allowed=_AGAIN,
-            )
+        raise _refusal(
+            f"nothing tells what the columns of this table are: neither {names} beside it names it",
+            path,
         )
     digest = file_hash(path)
     own = [(record, entry) for record, entry in found if entry.sha256 == digest]
     if not own and len(found) > 1:
         names = " and ".join(place.name for place in places)
-        raise InputError(
-            Problem(
-                f"this table was changed after it was exported, and {names} both name it: which "
-                "of them holds for it is unknown",
-                path,
-                allowed=_AGAIN,
-            )
+        raise _refusal(
+            f"this table was changed after it was exported, and {names} both name it: which of "
+            "them holds for it is unknown",
+            path,
         )
     return (own or found)[0]

@@ -9,7 +9,6 @@ import struct
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass, replace
 from importlib import import_module
-from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -18,7 +17,6 @@ import numpy as np
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
-from expdesign.configuration import InputError, Problem
 from expdesign.export.definition import (
     POSE_AXES,
     Interpolation,
@@ -134,24 +132,6 @@ def _read_yaml(path: Path) -> Mapping[str, Any]:
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
         raise TableError("joint_names is no list of names")
     return data
-
-
-def refuse_without_library(key: str = "encoding") -> None:
-    """Refuse a bag where rosbags is not installed.
-
-    Raises
-    ------
-    InputError
-        It tells how to install it.
-    """
-    if find_spec("rosbags") is None:
-        raise InputError(
-            Problem(
-                "MCAP bags are written with the library rosbags, which is not installed",
-                key=key,
-                allowed="pip install expdesign[ros], or encoding: yaml",
-            )
-        )
 
 
 def _write_bag(path: Path, message: Mapping[str, Any], settings: Settings) -> None:
