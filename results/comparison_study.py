@@ -7,16 +7,11 @@ from dataclasses import replace
 from pathlib import Path
 
 from estimation.studies import DesignStudy, Study, ValidationStudy
+from estimation.studies.validation_runs import SITUATIONS
 from estimation.validation.record import MotionRecord
 from results.figures.estimation.residuals import PREDICTION_FIGURE
 from results.figures.saving import FORMATS, save_figures
 from results.figures.studies.catalogue import RECORD_FIGURES, REPETITIONS_FIGURE
-
-_SITUATIONS = {
-    "without": "no cogging",
-    "unknown": "cogging unknown to the model",
-    "known": "cogging in the identification too",
-}
 
 
 def comparison_study_figures(
@@ -30,18 +25,14 @@ def comparison_study_figures(
     definitions = RECORD_FIGURES[study.section.kind]
     paths += save_figures(definitions, study.record, place, formats=formats)
     if isinstance(study, ValidationStudy):
-        paths += _predictions(study, place, formats)
-    return paths
-
-
-def _predictions(study: ValidationStudy, place: Path, formats: Collection[str]) -> tuple[Path, ...]:
-    paths: tuple[Path, ...] = ()
-    number = 0
-    for situation, motions in study.first.items():
-        for motion, (_, diagnosis) in zip(study.motions, motions, strict=True):
-            number += 1
-            name = f"{motion}: {_SITUATIONS[situation]}"
-            record = MotionRecord.of(name, diagnosis)
+        predictions = [
+            (f"{motion}: {SITUATIONS[situation]}", diagnosis)
+            for situation, motions in study.first.items()
+            for motion, (_, diagnosis) in zip(study.motions, motions, strict=True)
+        ]
+        for number, (name, diagnosis) in enumerate(predictions, start=1):
             figure = replace(PREDICTION_FIGURE, key=f"{PREDICTION_FIGURE.key}_study_{number}")
-            paths += save_figures((figure,), record, place, formats=formats)
+            paths += save_figures(
+                (figure,), MotionRecord.of(name, diagnosis), place, formats=formats
+            )
     return paths

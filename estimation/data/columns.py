@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -104,25 +104,22 @@ def pick(
         Columns that are missing, with the nearest name; that several have the name of; or that
         would be two channels at once.
     """
-    by_spelling = _by_spelling(columns)
+    place = Problem("", file, line)
     found: dict[str, Column] = {}
     missing: dict[str, str] = {}
     problems: list[Problem] = []
     for channel in CHANNELS:
         wanted = (names[channel],) if channel in names else _default_names(channel)
-        matches = next((some for n in wanted if (some := _called(n.strip(), by_spelling))), ())
+        matches = next((some for n in wanted if (some := _called(n.strip(), columns))), ())
         if len(matches) == 1:
             found[channel] = matches[0]
         elif matches:
-            problems.append(_ambiguous(channel, wanted[0], matches, file, line))
+            problems.append(_ambiguous(channel, wanted[0], matches, place))
         elif channel in names or channel not in optional:
             missing[channel] = wanted[0]
     free = [column for column in columns if column not in found.values()]
-    problems += [
-        _missing(channel, name, columns, free, Problem("", file, line))
-        for channel, name in missing.items()
-    ]
-    problems += _shared(found, file, line)
+    problems += [_missing(*one, columns, free, place) for one in missing.items()]
+    problems += _shared(found, place)
     if problems:
         raise InputError(problems)
     return found
@@ -132,66 +129,51 @@ def _default_names(channel: str) -> tuple[str, ...]:
     return (channel, f"{channel[0]}(:,{channel[1]})") if len(channel) == 2 else (channel,)  # noqa: PLR2004 - q1…Q6
 
 
-def _by_spelling(columns: Iterable[Column]) -> tuple[dict[str, list[Column]], ...]:
-    levels: tuple[dict[str, list[Column]], ...] = ({}, {}, {})
-    for column in columns:
-        for level, spelling in zip(levels, column.spellings, strict=True):
-            level.setdefault(spelling, []).append(column)
-    return levels
+def _called(name: str, columns: Sequence[Column]) -> Sequence[Column]:
+    """Return the columns of a name, in the most exact of its spellings that any has."""
+    levels = ([c for c in columns if c.spellings[level] == name] for level in range(3))
+    return next((level for level in levels if level), [])
 
 
-def _called(name: str, by_spelling: tuple[dict[str, list[Column]], ...]) -> Sequence[Column]:
-    return next((level[name] for level in by_spelling if name in level), ())
-
-
-def _ambiguous(
-    channel: str, name: str, matches: Sequence[Column], file: Path, line: int | None
-) -> Problem:
+def _ambiguous(channel: str, name: str, matches: Sequence[Column], place: Problem) -> Problem:
     texts = list(dict.fromkeys(column.label for column in matches))
     if len(texts) == 1:
-        return Problem(
-            f"{len(matches)} columns have the name of {channel}", file, line, texts[0], "one column"
-        )
-    allowed = f"data.columns: {{{channel}: …}} with one of {_listed(texts)}"
-    return Problem(f"several columns could be {channel}", file, line, name, allowed)
+        message = f"{len(matches)} columns have the name of {channel}"
+        return replace(place, message=message, key=texts[0], allowed="one column")
+    message = f"several columns could be {channel}"
+    return replace(place, message=message, key=name, allowed=_one_of(channel, texts))
 
 
 def _missing(
     channel: str, name: str, columns: Sequence[Column], free: Sequence[Column], place: Problem
 ) -> Problem:
     if not columns:
-        return Problem(f"no column for {channel}: the file has none", place.file, place.line, name)
+        return replace(place, message=f"no column for {channel}: the file has none", key=name)
     texts = [column.label for column in free if column.text]
     meant = nearest(name, texts) or (
         nearest(name, [label(column.short) for column in free])
         if channel != "t"
         else next((text for text in texts if text.lower().startswith("t")), None)
     )
-    allowed = f"data.columns: {{{channel}: …}} with one of {_listed(texts)}"
-    return Problem(
-        f"there is no column {shown(name)} for {channel}",
-        place.file,
-        place.line,
-        name,
-        allowed,
-        meant,
-    )
+    message = f"there is no column {shown(name)} for {channel}"
+    allowed = _one_of(channel, texts)
+    return replace(place, message=message, key=name, allowed=allowed, nearest=meant)
 
 
-def _shared(found: Mapping[str, Column], file: Path, line: int | None) -> list[Problem]:
+def _shared(found: Mapping[str, Column], place: Problem) -> list[Problem]:
     problems = []
     seen: dict[Any, str] = {}
     for channel, column in found.items():
         if column.place in seen:
             message = f"one column for both {seen[column.place]} and {channel}"
-            problems.append(
-                Problem(message, file, line, column.label, "data.columns: one for each channel")
-            )
+            allowed = "data.columns: one for each channel"
+            problems.append(replace(place, message=message, key=column.label, allowed=allowed))
         seen[column.place] = channel
     return problems
 
 
-def _listed(texts: Sequence[str]) -> str:
+def _one_of(channel: str, texts: Sequence[str]) -> str:
     some = ", ".join(f"'{text}'" for text in texts[:_MOST_SHOWN])
     more = len(texts) - _MOST_SHOWN
-    return f"{some} and {more} more" if more > 0 else some
+    listed = f"{some} and {more} more" if more > 0 else some
+    return f"data.columns: {{{channel}: …}} with one of {listed}"

@@ -48,8 +48,9 @@ def refuse_cells(table: RawTable, channels: Sequence[str], decimal: str) -> None
         for place, channel in enumerate(channels)
         for row in np.flatnonzero(~np.isfinite(table.values[channel]))
     )
+    # Only those that are shown are made: a column without numbers has as many as rows.
     problems = [_cell(table, channels[place], row, decimal) for row, place in bad[:MOST_PROBLEMS]]
-    problems += [Problem("")] * max(0, len(bad) - MOST_PROBLEMS)
+    problems += [Problem("")] * (len(bad) - len(problems))
     refuse(problems, table.file, "cells are no finite numbers")
 
 
@@ -89,13 +90,14 @@ def refuse_time(table: RawTable) -> None:
     time = table.values["t"]
     problems = []
     for row in not_increasing(time).tolist():
-        before = table.row_name(row - 1)
-        same = time[row] == time[row - 1]
-        what = f"the same time as {before}" if same else f"time goes back from {before}"
-        problems.append(
-            table.problem(f"{what}: {time[row - 1]:.9g} s, then {time[row]:.9g} s", "t", row)
-        )
+        what = "the same time as" if time[row] == time[row - 1] else "time goes back from"
+        message = f"{what} {table.row_name(row - 1)}: {_times(time, row)}"
+        problems.append(table.problem(message, "t", row))
     refuse(problems, table.file, "rows are not later than the one before")
+
+
+def _times(time: Array, row: int) -> str:
+    return f"{time[row - 1]:.9g} s, then {time[row]:.9g} s"
 
 
 def refuse_gaps(table: RawTable) -> None:
@@ -104,10 +106,7 @@ def refuse_gaps(table: RawTable) -> None:
     problems = []
     for row, missing in gaps(time):
         count = f"{missing} sample{'' if missing == 1 else 's'}"
-        message = (
-            f"a gap of {count} after {table.row_name(row - 1)}: "
-            f"{time[row - 1]:.9g} s, then {time[row]:.9g} s"
-        )
+        message = f"a gap of {count} after {table.row_name(row - 1)}: {_times(time, row)}"
         problems.append(table.problem(message, "t", row))
     refuse(problems, table.file, "gaps")
 
@@ -120,14 +119,11 @@ def refuse_uneven(table: RawTable, grid: TimeBase, tolerance: float) -> None:
     if grid.jitter <= tolerance:
         return
     refuse_gaps(table)
-    message = (
-        f"time is not uniform: {100 * grid.jitter:.3g} % of a step ({grid.step:.6g} s) off the "
-        "fitted grid"
-    )
-    wider = (
-        f", or a time_tolerance above {grid.jitter:.3g}" if grid.jitter < _WIDEST_TOLERANCE else ""
-    )
-    allowed = f"up to {100 * tolerance:g} %; data.time: stamped{wider}"
+    off = f"{100 * grid.jitter:.3g} % of a step ({grid.step:.6g} s)"
+    message = f"time is not uniform: {off} off the fitted grid"
+    allowed = f"up to {100 * tolerance:g} %; data.time: stamped"
+    if grid.jitter < _WIDEST_TOLERANCE:
+        allowed += f", or a time_tolerance above {grid.jitter:.3g}"
     raise InputError(table.problem(message, "t", grid.worst, allowed))
 
 
@@ -181,13 +177,10 @@ def refuse_implausible_lengths(
         raise InputError(problems)
     stroke = allowed.upper - allowed.lower
     wild = (lengths <= np.maximum(allowed.lower - stroke, 0)) | (lengths > allowed.upper + stroke)
-    wild_problems = [
-        allowed.problem(
-            table, strut, row, f"{lengths[row, strut]:.4g} m long, far out of this robot's range"
-        )
-        for row, strut in np.argwhere(wild).tolist()
-    ]
-    refuse(wild_problems, table.file, "lengths are like that")
+    for row, strut in np.argwhere(wild).tolist():
+        message = f"{lengths[row, strut]:.4g} m long, far out of this robot's range"
+        problems.append(allowed.problem(table, strut, row, message))
+    refuse(problems, table.file, "lengths are like that")
 
 
 def _fitting_unit(

@@ -51,7 +51,10 @@ def read_measurement(
     InputError
         The file cannot be read, or its content cannot be used: every defect with column and row.
     """
-    return measurement_of(_raw_table(Path(path), section), section, robot)
+    file = Path(path)
+    file_format = format_of(file)
+    load = load_table_apart if file_format.may_crash else load_table
+    return measurement_of(load(file_format, file, section), section, robot)
 
 
 def measurement_of(
@@ -87,12 +90,6 @@ def measurement_of(
         source=str(table.file),
         warnings=notes,
     )
-
-
-def _raw_table(path: Path, section: DataSection) -> RawTable:
-    file_format = format_of(path)
-    load = load_table_apart if file_format.may_crash else load_table
-    return load(file_format, path, section)
 
 
 def _within(table: RawTable, section: DataSection) -> RawTable:

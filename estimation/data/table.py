@@ -18,6 +18,9 @@ RowNoun = Literal["line", "sample", "message"]
 HEADER_LINE = 1
 """Of text files, as an editor counts."""
 
+NUMERIC = "biuf"
+"""Kinds of NumPy's types that are numbers."""
+
 MOST_PROBLEMS = 5
 """Defects of a kind that are shown one by one."""
 

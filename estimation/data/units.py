@@ -36,31 +36,21 @@ def in_si(table: RawTable, section: DataSection) -> tuple[RawTable, tuple[str, .
     values = dict(table.values)
     problems: list[Problem] = []
     warnings: list[str] = []
-    currents = 0
-    for channel in table.values:
-        if channel == "period":
-            continue
-        unit, found = _unit(channel, table, section)
-        if isinstance(found, Problem):
-            problems.append(found)
+    currents = False
+    for channel in (name for name in table.values if name != "period"):
+        try:
+            factor, dimension, found = _factor(channel, table, section)
+        except InputError as error:
+            problems += error.problems
             continue
         warnings += found
-        if unit is None:
-            continue
-        dimension = unit_dimension(unit)
-        assert dimension is not None  # _unit saw to it
-        factor = dimension.parse(f"1 {unit}")
         if dimension is CURRENT:
             if section.force_constants is None:
-                problems.append(
-                    table.header_problem(
-                        f"{channel} is a current, but no force constants are given",
-                        channel,
-                        allowed="data.force_constants: one value or six, in N/A",
-                    )
-                )
+                message = f"{channel} is a current, but no force constants are given"
+                allowed = "data.force_constants: one value or six, in N/A"
+                problems.append(table.header_problem(message, channel, allowed))
                 continue
-            currents += 1
+            currents = True
             factor *= section.force_constants[int(channel[1]) - 1]
         if factor != 1:
             values[channel] = values[channel] * factor
@@ -73,51 +63,35 @@ def in_si(table: RawTable, section: DataSection) -> tuple[RawTable, tuple[str, .
 
 def unit_factor(channel: str, table: RawTable, section: DataSection) -> float:
     """Return what one unit of a length or time column is in SI, for a table that `in_si` took."""
-    unit, _ = _unit(channel, table, section)
-    dimension = None if unit is None else unit_dimension(unit)
-    return 1.0 if dimension is None else dimension.parse(f"1 {unit}")
+    return _factor(channel, table, section)[0]
 
 
-def _unit(
+def _factor(
     channel: str, table: RawTable, section: DataSection
-) -> tuple[str | None, Problem | tuple[str, ...]]:
-    """Return a column's unit (None: SI) with warnings, or what is wrong with it."""
+) -> tuple[float, Dimension | None, list[str]]:
+    """Return what a column's unit is in SI and of which quantity, None without one; warnings."""
     stated = section.units.get(channel, section.units.get(channel[0]))
     given = table.columns[channel].unit if channel in table.columns else None
+    stated_dimension = None if stated is None else unit_dimension(stated)
+    factor = 1.0 if stated_dimension is None else stated_dimension.parse(f"1 {stated}")
     if given is None:
-        return stated, ()
+        return factor, stated_dimension, []
+
+    def refused(message: str, allowed: str) -> InputError:
+        return InputError(table.header_problem(message, channel, allowed))
+
     admitted = _DIMENSIONS[channel[0]]
     found = unit_dimension(given)
     if found is None:
-        if stated is not None:
-            return stated, (
-                f"{channel}: the file's unit {shown(given)} is not known, '{stated}' used",
-            )
-        return None, table.header_problem(
-            f"the file's unit {shown(given)} is not known",
-            channel,
-            allowed=f"a known unit, or data.units: {{{channel}: …}}",
-        )
+        message = f"the file's unit {shown(given)} is not known"
+        if stated is None:
+            raise refused(message, f"a known unit, or data.units: {{{channel}: …}}")
+        return factor, stated_dimension, [f"{channel}: {message}, '{stated}' used"]
     if found not in admitted:
-        return None, table.header_problem(
-            f"the file's unit {shown(given)} is that of {found.name}",
-            channel,
-            allowed=_names(admitted),
-        )
-    if stated is not None and not _same(given, stated, found):
-        return None, table.header_problem(
-            f"the file says that {channel} is in {shown(given)}, data.units says '{stated}'",
-            channel,
-            allowed="the same unit, or none in data.units",
-        )
-    return given, ()
-
-
-def _same(first: str, second: str, dimension: Dimension) -> bool:
-    return unit_dimension(second) is dimension and dimension.parse(f"1 {first}") == dimension.parse(
-        f"1 {second}"
-    )
-
-
-def _names(dimensions: tuple[Dimension, ...]) -> str:
-    return " or ".join(dimension.name for dimension in dimensions)
+        message = f"the file's unit {shown(given)} is that of {found.name}"
+        raise refused(message, " or ".join(dimension.name for dimension in admitted))
+    given_factor = found.parse(f"1 {given}")
+    if stated is not None and (found, given_factor) != (stated_dimension, factor):
+        message = f"the file says that {channel} is in {shown(given)}, data.units says '{stated}'"
+        raise refused(message, "the same unit, or none in data.units")
+    return given_factor, found, []

@@ -40,19 +40,9 @@ def run_study(
     design: FourierTrajectory | None,
     monitor: StudyMonitor | None = None,
 ) -> Study:
-    """Do the study that a run names.
+    """Do the study that a run names, with the errors of its kind's `run`.
 
-    Parameters
-    ----------
-    configuration : RunConfiguration
-    design : FourierTrajectory or None
-        The motion that is executed; a study of designs makes its own.
-    monitor : StudyMonitor, optional
-
-    Raises
-    ------
-    Exception
-        As `run` of the study's kind.
+    `design` is the motion that is executed; a study of designs makes its own.
     """
     kind = study_section(configuration).kind
     if kind == "design":

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import product
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -37,13 +37,9 @@ from estimation.studies.records import (
     MeanRow,
     PrecisionRow,
 )
-from estimation.studies.statistics import (
-    DeterminantComparison,
-    compare_determinants,
-    mean_difference,
-)
-from estimation.studies.study import Study
-from estimation.uncertainty.differences import FAMILY_LEVEL, Differences
+from estimation.studies.statistics import compare_determinants, mean_difference
+from estimation.studies.study import Study, all_estimated
+from estimation.uncertainty.differences import FAMILY_LEVEL
 from expdesign.configuration import RunConfiguration
 from expdesign.experiment import DesignRecord
 from expdesign.mechanism.catalogue import TERMS, parameter_unit
@@ -64,8 +60,6 @@ _WITH = {
 _FORMULAS = {"ls": "(ΨᵀΨ)⁻¹ΨᵀΣΨ(ΨᵀΨ)⁻¹", "gm": "F⁻¹"}
 
 _BODIES = ("struts", "rigid_platform")
-
-Pair = tuple[Trial, Trial]
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,39 +90,9 @@ class DesignStudy(Study):
         return cls(configuration, robot, run_trials(configuration, robot, monitor))
 
     @property
-    def sets(self) -> tuple[Pair, ...]:
+    def sets(self) -> tuple[tuple[Trial, Trial], ...]:
         """Trials of each set: first and second criterion."""
         return tuple(zip(self.trials[::2], self.trials[1::2], strict=True))
-
-    def determinant(self, pair: Pair, kinematics: str, estimator: str) -> DeterminantComparison:
-        """Compare the determinants of what both designs achieved."""
-        first, second = (trial.values[kinematics][estimator] for trial in pair)
-        return compare_determinants(first, second, self.robot.scales)
-
-    def means(self, pair: Pair, kinematics: str) -> Differences:
-        """Test whether both designs lead to the same mean LS estimate."""
-        first, second = (trial.values[kinematics]["ls"] for trial in pair)
-        return mean_difference(first, second)
-
-    def more_precise(self, pair: Pair, kinematics: str, estimator: str) -> Mask:
-        """Return for which parameters the first criterion has the smaller spread, (m,)."""
-        first, second = (trial.values[kinematics][estimator].std(axis=0, ddof=1) for trial in pair)
-        return np.asarray(first < second)
-
-    @cached_property
-    def rms_motion(self) -> dict[str, tuple[float, float]]:
-        """The struts' rms speed, m/s, and acceleration, m/s², by the trial's name."""
-        found = {}
-        for trial in self.trials:
-            trajectory = trial.design.trajectory
-            states = trajectory.sample(np.arange(_GRID) * trajectory.period / _GRID)
-            motion = self.robot.strut_motion(states.pose, states.rate, states.acceleration)
-            speed, acceleration = (
-                float(np.sqrt(np.mean(part**2)))
-                for part in (motion.length_rate, motion.length_acceleration)
-            )
-            found[trial.name] = speed, acceleration
-        return found
 
     def write_designs(self, folder: Path) -> list[Path]:
         """Write every design as a run folder of its own; return the files."""
@@ -150,9 +114,7 @@ class DesignStudy(Study):
         kept = sum(trial.design.passed for trial in self.trials)
         failed = sum(sum(trial.failed.values()) for trial in self.trials)
         total = len(self.trials) * len(self.section.kinematics) * self.section.repetitions
-        yield Claim(
-            "every experiment can be estimated", f"{total - failed} of {total}", holds=not failed
-        )
+        yield all_estimated("experiment", total, failed)
         yield Claim(
             f"every design ({first} and {second}) keeps every limit",
             f"{kept} of {len(self.trials)}",
@@ -172,40 +134,45 @@ class DesignStudy(Study):
     def _determinant_claims(self) -> Iterator[Claim]:
         first, second = self.section.criteria
         for kinematics in self.section.kinematics:
-            found = [self.determinant(pair, kinematics, "ls") for pair in self.sets]
-            smaller = sum(one.difference > 0 for one in found)
-            least = min(found, key=lambda one: one.ratio)
+            found = self._of_ls(kinematics)
+            smaller = sum(row.difference > 0 for row in found)
+            ratio, least = min(
+                ((row.difference / row.std_error, row) for row in found), key=itemgetter(0)
+            )
             yield Claim(
                 f"{_WITH[kinematics]}: the covariance of LS has the smaller determinant with "
                 f"'{first}' than with '{second}' in every set, by more than {_CLEAR:g} standard "
                 "errors",
                 f"{smaller} of {len(found)} sets; log det smaller by {least.difference:.1f} ± "
-                f"{least.std_error:.1f} or more ({least.ratio:.0f} standard errors)",
+                f"{least.std_error:.1f} or more ({ratio:.0f} standard errors)",
                 "the statistical design's is smaller",
-                None if kinematics == "central" else bool(least.ratio > _CLEAR),
+                None if kinematics == "central" else bool(ratio > _CLEAR),
             )
+
+    def _of_ls(self, kinematics: str) -> list[DeterminantRow]:
+        rows = self.tables[DETERMINANTS]
+        return [row for row in rows if (row.kinematics, row.estimator) == (kinematics, "ls")]
 
     def _precision_claims(self) -> Iterator[Claim]:
         first, second = self.section.criteria
         rigid = rigid_body(self.robot.parameter_names)
         kinematics = shown_kinematics(self.section.kinematics)
-        better = [self.more_precise(pair, kinematics, "ls") for pair in self.sets]
         predicted = [one.predicted_std("ls") < two.predicted_std("ls") for one, two in self.sets]
-        for title, which, paper in (
-            ("rigid-body", rigid, "8 of 10"),
-            ("friction", ~rigid, "7 of 14"),
+        for title, column, which, paper in (
+            ("rigid-body", "rigid_body_smaller", rigid, "8 of 10"),
+            ("friction", "friction_smaller", ~rigid, "7 of 14"),
         ):
-            counts, expected = (
-                ", ".join(str(np.count_nonzero(one & which)) for one in found)
-                for found in (better, predicted)
-            )
+            counts = ", ".join(str(getattr(row, column)) for row in self._of_ls(kinematics))
+            expected = ", ".join(str(np.count_nonzero(one & which)) for one in predicted)
             yield Claim(
                 f"{title} parameters that LS knows better with '{first}' than with '{second}', by "
                 f"set; {_WITH[kinematics]}",
                 f"{counts} of {np.count_nonzero(which)}; predicted: {expected}",
                 paper,
             )
-        motions = np.array([[self.rms_motion[trial.name] for trial in pair] for pair in self.sets])
+        motions = np.reshape(
+            [(row.strut_speed, row.strut_acceleration) for row in self.tables[DESIGNS]], (-1, 2, 2)
+        )
         value = "; ".join(
             f"'{name}': {speed:.2f} m/s, {acceleration:.1f} m/s²"
             for name, (speed, acceleration) in zip(
@@ -221,13 +188,13 @@ class DesignStudy(Study):
 
     def _agreement_claims(self) -> Iterator[Claim]:
         for estimator in ESTIMATORS:
-            found = [trial.agreement("exact", estimator) for trial in self.trials]
+            found = [row for row in self.tables[AGREEMENT] if row.estimator == estimator]
             worst = max(found, key=lambda one: abs(one.z))
-            mean = float(np.mean([one.ratio for one in found]))
+            mean = float(np.mean([one.variance_ratio for one in found]))
             yield Claim(
                 f"achieved variances of {estimator.upper()} agree with {_FORMULAS[estimator]} "
                 f"within {_CLEAR:g} standard errors for every design",
-                f"achieved / predicted {mean:.3f} on average, {worst.ratio:.3f} ± "
+                f"achieved / predicted {mean:.3f} on average, {worst.variance_ratio:.3f} ± "
                 f"{worst.std_error:.3f} at worst",
                 holds=bool(abs(worst.z) < _CLEAR),
             )
@@ -242,28 +209,30 @@ class DesignStudy(Study):
         )
 
     def _means_claim(self, kinematics: str) -> Claim:
-        tests = [self.means(pair, kinematics) for pair in self.sets]
-        level = FAMILY_LEVEL / len(tests)
-        joint = sum(test.p_joint < level for test in tests)
+        rows = [row for row in self.tables[MEANS] if row.kinematics == kinematics]
+        by_set = {row.set: row.p_joint for row in rows}
+        level = FAMILY_LEVEL / len(by_set)
+        joint = sum(p < level for p in by_set.values())
         names = self.robot.parameter_names
-        apart = {names[k] for test in tests for k in np.flatnonzero(test.p_values < level)}
+        apart = {row.parameter for row in rows if row.p_value < level}
         listed = ", ".join(name for name in names if name in apart) or "none"
         if len(apart) == len(names):
             listed = "all"
-        expected = {"exact": joint == 0, "fourier": None, "central": joint == len(tests)}
+        expected = {"exact": joint == 0, "fourier": None, "central": joint == len(by_set)}
         return Claim(
             f"{_WITH[kinematics]}: the mean LS estimates of both designs "
             + {"exact": "are the same", "fourier": "compared", "central": "differ"}[kinematics],
-            f"they differ in {joint} of {len(tests)} sets; parameters that differ: {listed}",
+            f"they differ in {joint} of {len(by_set)} sets; parameters that differ: {listed}",
             "" if kinematics == "exact" else "they agree but for r_α and r_β",
             expected[kinematics],
         )
 
     def _designs(self) -> Iterator[DesignRow]:
-        nominal = self.robot.scales
+        nominal = np.multiply.outer(self.robot.scales, self.robot.scales)
         for trial in self.trials:
-            design = trial.design
-            by_nominal = design.information * np.multiply.outer(nominal, nominal)
+            design, period = trial.design, trial.design.trajectory.period
+            states = design.trajectory.sample(np.arange(_GRID) * period / _GRID)
+            motion = self.robot.strut_motion(states.pose, states.rate, states.acceleration)
             yield DesignRow(
                 trial.number,
                 trial.criterion,
@@ -272,9 +241,10 @@ class DesignStudy(Study):
                 design.passed,
                 design.log_det_information,
                 float(np.linalg.cond(design.information)),
-                float(np.linalg.cond(by_nominal)),
-                design.trajectory.period,
-                *self.rms_motion[trial.name],
+                float(np.linalg.cond(design.information * nominal)),
+                period,
+                float(np.sqrt(np.mean(motion.length_rate**2))),
+                float(np.sqrt(np.mean(motion.length_acceleration**2))),
                 sum(trial.failed.values()),
             )
 
@@ -300,8 +270,9 @@ class DesignStudy(Study):
     def _determinants(self) -> Iterator[DeterminantRow]:
         rigid = rigid_body(self.robot.parameter_names)
         for pair, kinematics, estimator in product(self.sets, self.section.kinematics, ESTIMATORS):
-            found = self.determinant(pair, kinematics, estimator)
-            better = self.more_precise(pair, kinematics, estimator)
+            first, second = (trial.values[kinematics][estimator] for trial in pair)
+            found = compare_determinants(first, second, self.robot.scales)
+            better = first.std(axis=0, ddof=1) < second.std(axis=0, ddof=1)
             yield DeterminantRow(
                 pair[0].number,
                 kinematics,
@@ -318,17 +289,15 @@ class DesignStudy(Study):
         if "exact" not in self.section.kinematics:
             return
         for trial, estimator in product(self.trials, ESTIMATORS):
-            found = trial.agreement("exact", estimator)
-            numbers = (found.ratio, found.std_error, found.z)
-            yield AgreementRow(trial.number, trial.criterion, estimator, *numbers)
+            yield trial.agreement("exact", estimator)
 
     def _means(self) -> Iterator[MeanRow]:
         for pair, kinematics in product(self.sets, self.section.kinematics):
-            test = self.means(pair, kinematics)
-            for k, name in enumerate(self.robot.parameter_names):
-                numbers = (test.difference[k], test.std[k], test.z[k], test.p_values[k])
+            test = mean_difference(*(trial.values[kinematics]["ls"] for trial in pair))
+            numbers = zip(test.difference, test.std, test.z, test.p_values, strict=True)
+            for name, own in zip(self.robot.parameter_names, numbers, strict=True):
                 unit = parameter_unit(name)
-                yield MeanRow(pair[0].number, kinematics, name, unit, *numbers, test.p_joint)
+                yield MeanRow(pair[0].number, kinematics, name, unit, *own, test.p_joint)
 
 
 def rigid_body(names: Sequence[str]) -> Mask:

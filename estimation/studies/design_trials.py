@@ -10,6 +10,7 @@ import numpy as np
 from constraints.arrays import Array
 from estimation.montecarlo import StudyMonitor
 from estimation.montecarlo.repetition import Recipe
+from estimation.studies.records import AgreementRow
 from estimation.studies.study import (
     TooFewEstimatesError,
     results_of,
@@ -27,25 +28,6 @@ from expdesign.workers import Job, Monitor
 
 ESTIMATORS = ("ls", "gm")
 _SEEDS_APART = 1_000_003
-
-
-@dataclass(frozen=True, eq=False)
-class Agreement:
-    """Achieved over predicted variance, pooled over the parameters.
-
-    Attributes
-    ----------
-    ratio, std_error : float
-        1 when the prediction is right; the error comes from the scatter between repetitions.
-    """
-
-    ratio: float
-    std_error: float
-
-    @property
-    def z(self) -> float:
-        """How many standard errors the ratio is off."""
-        return (self.ratio - 1) / self.std_error
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,29 +62,22 @@ class Trial:
         """Return the standard deviations predicted with exact kinematics, (m,), SI."""
         return np.asarray(np.sqrt(np.diag(self.predicted[estimator])))
 
-    def agreement(self, kinematics: str, estimator: str) -> Agreement:
+    def agreement(self, kinematics: str, estimator: str) -> AgreementRow:
         """Return how the achieved variances compare with the predicted ones."""
         values = self.values[kinematics][estimator]
         count = len(values)
         off = (values - values.mean(axis=0)) ** 2 * count / (count - 1)
         squares = np.mean(off / np.diag(self.predicted[estimator]), axis=1)
-        return Agreement(float(np.mean(squares)), float(np.std(squares, ddof=1) / np.sqrt(count)))
+        ratio, error = float(np.mean(squares)), float(np.std(squares, ddof=1) / np.sqrt(count))
+        return AgreementRow(
+            self.number, self.criterion, estimator, ratio, error, (ratio - 1) / error
+        )
 
 
 def run_trials(
     configuration: RunConfiguration, robot: Robot, monitor: StudyMonitor | None
 ) -> tuple[Trial, ...]:
-    """Design with both criteria from every set of initial parameters, and execute each many times.
-
-    Raises
-    ------
-    InputError, NoDesignError, InfeasibleLimitsError, SingularInformationError
-        A design failed.
-    TooFewEstimatesError
-        Too many repetitions could not be estimated.
-    StudyInterruptedError
-        A stop was requested.
-    """
+    """Design from every set of initial parameters, and execute; errors as `DesignStudy.run`."""
     section = study_section(configuration)
     pairs = [(k, c) for k in range(1, section.sets + 1) for c in section.criteria]
     total = len(pairs) * (1 + len(section.kinematics))
@@ -120,22 +95,17 @@ def run_trials(
                 f"{section.repetitions} repetitions have no estimate; the covariance of {size} "
                 f"parameters takes more than {size}"
             )
-    trials = []
-    for index, (pair, made) in enumerate(zip(pairs, designs, strict=True)):
-        twin = _recipe(configuration, index, made, "exact")().twin
-        own: dict[str, tuple[dict[str, Array], int]] = {
-            k: one for (i, k), one in zip(wanted, found, strict=True) if i == index
-        }
-        trials.append(
-            Trial(
-                *pair,
-                made,
-                linear_covariances(robot, twin),
-                {k: estimates for k, (estimates, _) in own.items()},
-                {k: failures for k, (_, failures) in own.items()},
-            )
+    by_trial = dict(zip(wanted, found, strict=True))
+    return tuple(
+        Trial(
+            *pair,
+            made,
+            linear_covariances(robot, _recipe(configuration, index, made, "exact")().twin),
+            {k: by_trial[index, k][0] for k in section.kinematics},
+            {k: by_trial[index, k][1] for k in section.kinematics},
         )
-    return tuple(trials)
+        for index, (pair, made) in enumerate(zip(pairs, designs, strict=True))
+    )
 
 
 def refuse_unfit_design_study(configuration: RunConfiguration, robot: Robot) -> None:
@@ -201,17 +171,16 @@ def _executed(
     """Return estimates by estimator, (K, m), and how many repetitions have none."""
     workbench = _recipe(bench.configuration, index, result, kinematics)()
     count = study_section(bench.configuration).repetitions
-    values: dict[str, list[Array]] = {name: [] for name in ESTIMATORS}
-    failed = 0
+    found = []
     for number in range(1, count + 1):
         outcomes = workbench.repeat(number).outcomes
-        found = {name: outcomes[name].values for name in ESTIMATORS}
-        if any(value is None for value in found.values()):
-            failed += 1
-            continue
-        for name, value in found.items():
-            values[name].append(np.asarray(value))
-    return {name: np.array(rows) for name, rows in values.items()}, failed
+        values = [outcomes[name].values for name in ESTIMATORS]
+        if all(one is not None for one in values):
+            found.append(values)
+    return {
+        name: np.array([values[k] for values in found], dtype=np.float64)
+        for k, name in enumerate(ESTIMATORS)
+    }, count - len(found)
 
 
 def _recipe(

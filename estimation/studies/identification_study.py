@@ -8,7 +8,7 @@ tracking error, which a motion with the design's harmonics does not hold.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property, partial
 from itertools import product
@@ -17,20 +17,27 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from constraints.arrays import Mask
-from estimation.estimators import Knowledge
+from constraints.arrays import Array, Mask
+from estimation.data.measurement import Measurement
+from estimation.estimators import Experiment, Knowledge, ParameterEstimate
+from estimation.identification import prepare_experiment, run_estimators
+from estimation.identification.estimate import parameter_knowledge
 from estimation.montecarlo import StudyMonitor
-from estimation.studies.identification_cases import (
-    CASES,
-    ESTIMATORS,
-    CaseResult,
-    IdentificationBench,
-)
+from estimation.montecarlo.repetition import FAILURES
 from estimation.studies.records import ESTIMATES, HAUSMAN, Claim, EstimateRow, HausmanRow
-from estimation.studies.study import Study, TooFewEstimatesError, repeated
-from estimation.uncertainty.differences import FAMILY_LEVEL
+from estimation.studies.study import (
+    Study,
+    TooFewEstimatesError,
+    all_estimated,
+    repeated,
+    study_section,
+    with_section,
+)
+from estimation.twin import Twin
+from estimation.uncertainty.differences import FAMILY_LEVEL, Differences, hausman_test
 from expdesign.configuration import RunConfiguration
 from expdesign.mechanism.catalogue import parameter_unit
+from expdesign.robot import Robot, robot_from
 from expdesign.runfolder import RowTable
 from expdesign.trajectory import FourierTrajectory
 
@@ -42,6 +49,131 @@ IDENTIFIED = 0.5
 
 _WHOLE = 10.0
 """From here on numbers are shown without a decimal point."""
+
+ESTIMATORS = ("ls", "gm", "ml")
+
+
+@dataclass(frozen=True)
+class Case:
+    """How experiments are made, and whether the information matrix of LS and GM is disturbed."""
+
+    key: str
+    title: str
+    tracking_error: bool = False
+    disturbed: bool = True
+
+
+CASES = (
+    Case("undisturbed", "motion fitted by its Fourier series", disturbed=False),
+    Case("pointwise", "LS and GM with central differences"),
+    Case("tracking", "tracking error; LS and GM with the design's harmonics", tracking_error=True),
+)
+"""ML always takes the Fourier series, with as many harmonics as the data show."""
+
+
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """One experiment of one case: estimates (m,) by estimator, SI, and what ML found."""
+
+    values: Mapping[str, Array]
+    std: Mapping[str, Array]
+    hausman: Differences
+    harmonics: int
+
+    @property
+    def disturbed(self) -> bool:
+        """Hausman's verdict: jointly, or by any parameter alone (half the level each)."""
+        alone = np.nan_to_num(self.hausman.p_values, nan=1.0)
+        return bool(np.fmin(self.hausman.p_joint, np.min(alone)) < FAMILY_LEVEL / 2)
+
+
+@dataclass(frozen=True, eq=False)
+class CaseResult:
+    """All experiments of one case but those that `failed` to be estimated; the truth is (m,)."""
+
+    case: Case
+    truth: Array
+    experiments: tuple[Identification, ...]
+    failed: int
+
+    def bias(self, estimator: str) -> tuple[Array, Array]:
+        """Return the mean error and its standard error, (m,) each."""
+        errors = np.array([e.values[estimator] for e in self.experiments]) - self.truth
+        return errors.mean(axis=0), errors.std(axis=0, ddof=1) / np.sqrt(len(errors))
+
+    def reported_std(self, estimator: str) -> Array:
+        """Return the root mean square of the standard deviations stated, (m,)."""
+        std = np.array([e.std[estimator] for e in self.experiments])
+        return np.asarray(np.sqrt(np.mean(std**2, axis=0)))
+
+    @cached_property
+    def disturbed(self) -> int:
+        """In how many experiments the Hausman test says so."""
+        return sum(e.disturbed for e in self.experiments)
+
+
+class IdentificationBench:
+    """What all experiments share: the robot and the twins, built once per process."""
+
+    def __init__(self, configuration: RunConfiguration, design: FourierTrajectory) -> None:
+        self.configuration = with_section(configuration, "estimate", differentiation="fourier")
+        self.design = design
+        self.robot: Robot = robot_from(configuration.robot)
+        self.knowledge = parameter_knowledge(configuration, self.robot)
+        seed = configuration.run.montecarlo.seed
+        errors = {False: None, True: study_section(configuration).tracking_error}
+        self.twins = {
+            tracking: Twin.of(
+                with_section(configuration, "experiment", tracking_error=error), design, seed
+            )
+            for tracking, error in errors.items()
+        }
+        self.truth: Array = self.twins[False].truth.parameter_vector
+
+    def repeat(self, number: int) -> dict[str, Identification | None]:
+        """Return experiment `number` of every case; None where noise let an estimate fail."""
+        found: dict[str, Identification | None] = dict.fromkeys(case.key for case in CASES)
+        for tracking, twin in self.twins.items():
+            data = twin.measurement(number)
+            try:
+                fitted = prepare_experiment(self.configuration, self.robot, data, self.design)
+                own = run_estimators(self.robot, [fitted], self.knowledge, ESTIMATORS)
+            except FAILURES:
+                continue
+            for case in CASES:
+                if case.tracking_error is tracking:
+                    found[case.key] = self._case(case, data, fitted, own)
+        return found
+
+    def _case(
+        self,
+        case: Case,
+        data: Measurement,
+        fitted: Experiment,
+        own: dict[str, ParameterEstimate],
+    ) -> Identification | None:
+        # What LS and GM take for the motion.
+        changes: dict[str, dict[str, Any]] = {
+            "pointwise": {"differentiation": "central"},
+            "tracking": {"harmonics": self.design.harmonics},
+        }
+        estimates = dict(own)
+        if case.disturbed:
+            configuration = with_section(self.configuration, "estimate", **changes[case.key])
+            try:
+                experiment = prepare_experiment(configuration, self.robot, data, self.design)
+                estimates |= run_estimators(self.robot, [experiment], self.knowledge, ("ls", "gm"))
+            except FAILURES:
+                return None
+        share = estimates["ml"].kinematic_share
+        if fitted.fit is None or share is None:
+            raise AssertionError("maximum likelihood has a motion")
+        return Identification(
+            {name: estimates[name].values for name in ESTIMATORS},
+            {name: estimates[name].std for name in ESTIMATORS},
+            hausman_test(estimates["gm"].values, estimates["ml"].values, share),
+            fitted.fit.motion.harmonics,
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,9 +232,7 @@ class IdentificationStudy(Study):
             yield _hausman_claim(result)
         failed = sum(result.failed for result in self.cases)
         total = failed + sum(len(result.experiments) for result in self.cases)
-        yield Claim(
-            "every experiment can be estimated", f"{total - failed} of {total}", holds=not failed
-        )
+        yield all_estimated("experiment", total, failed)
 
     def rows(self) -> dict[RowTable[Any], Iterable[Any]]:
         """Return the rows of every table."""
@@ -139,15 +269,9 @@ class IdentificationStudy(Study):
             for number, experiment in enumerate(result.experiments, start=1):
                 test = experiment.hausman
                 worst = int(np.nanargmax(np.abs(test.z)))
-                yield HausmanRow(
-                    result.case.key,
-                    number,
-                    test.p_joint,
-                    abs(test.z[worst]),
-                    self.knowledge.names[worst],
-                    "yes" if experiment.disturbed else "no",
-                    experiment.harmonics,
-                )
+                found = (test.p_joint, abs(test.z[worst]), self.knowledge.names[worst])
+                disturbed = "yes" if experiment.disturbed else "no"
+                yield HausmanRow(result.case.key, number, *found, disturbed, experiment.harmonics)
 
 
 def bias_bound(parameters: int, experiments: int) -> float:
@@ -166,14 +290,7 @@ def bias_claim(
 ) -> Claim:
     """Return whether an estimator has a bias in one case, and whether it should.
 
-    Parameters
-    ----------
-    result : CaseResult
-    estimator : str
-    names : (m,)
-        Of the parameters.
-    identified : (m,)
-        Which of them are judged.
+    Of the parameters `names`, (m,), those that are `identified`, (m,), are judged.
     """
     bias, error = result.bias(estimator)
     t = np.abs(bias / error)[identified]
@@ -183,7 +300,8 @@ def bias_claim(
     bound = bias_bound(len(judged), count)
     outside = int(np.count_nonzero(t > bound))
     worst = int(np.argmax(t))
-    unbiased = estimator == "ml" or not result.case.disturbed
+    disturbed, ml = result.case.disturbed, estimator == "ml"
+    unbiased = ml or not disturbed
     value = (
         f"{outside} of {len(judged)} identified parameters are beyond {bound:.3g} standard errors, "
         f"where chance alone puts any of them in at most {100 * FAMILY_LEVEL:g} % of such studies "
@@ -194,12 +312,10 @@ def bias_claim(
     statement = f"{result.case.key}, {estimator.upper()}: the mean of {count} estimates " + (
         "shows no bias" if unbiased else "is biased"
     )
-    paper = ""
-    if result.case.disturbed:
-        paper = "unbiased" if estimator == "ml" else "biased by noise in the information matrix"
+    paper = "unbiased" if ml else "biased by noise in the information matrix"
     # LS and GM without a disturbance are there to compare with.
-    claimed = result.case.disturbed or estimator == "ml"
-    return Claim(statement, value, paper, (not outside) == unbiased if claimed else None)
+    holds = (not outside) == unbiased if disturbed or ml else None
+    return Claim(statement, value, paper if disturbed else "", holds)
 
 
 def _number(value: float) -> str:

@@ -52,11 +52,6 @@ class DeterminantComparison:
     difference: float
     std_error: float
 
-    @property
-    def ratio(self) -> float:
-        """How many standard errors the difference is."""
-        return self.difference / self.std_error
-
 
 def compare_determinants(first: Array, second: Array, scales: Array) -> DeterminantComparison:
     """Compare two sets of estimates, (K, m) each.

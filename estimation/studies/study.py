@@ -58,6 +58,11 @@ class Study(ABC):
         """Return the rows of every table."""
 
     @cached_property
+    def tables(self) -> dict[RowTable[Any], tuple[Any, ...]]:
+        """All tables, made once."""
+        return {table: tuple(rows) for table, rows in self.rows().items()}
+
+    @cached_property
     def record(self) -> StudyRecord:
         """What its run folder holds."""
         run, section = self.configuration.run, self.section
@@ -75,7 +80,7 @@ class Study(ABC):
             },
             claims=tuple(self.claims()),
         )
-        return StudyRecord(summary, {table: tuple(rows) for table, rows in self.rows().items()})
+        return StudyRecord(summary, self.tables)
 
     def write(self, folder: Path) -> list[Path]:
         """Write the run folder; return its files."""
@@ -90,6 +95,11 @@ class Study(ABC):
         """Write the designs that the study made, none by default; return their files."""
         del folder
         return []
+
+
+def all_estimated(what: str, total: int, failed: int) -> Claim:
+    """Return the claim that every run or experiment of a study can be estimated."""
+    return Claim(f"every {what} can be estimated", f"{total - failed} of {total}", holds=not failed)
 
 
 def study_section(configuration: RunConfiguration) -> StudySection:
@@ -140,15 +150,8 @@ def results_of(
 ) -> Iterator[Any]:
     """Do jobs on the run's `workers`, not on a scheduler; yield their results in their order.
 
-    Parameters
-    ----------
-    configuration : RunConfiguration
-    build : callable
-        Makes what every job gets first, once per process.
-    jobs : sequence of Job
-    monitor : StudyMonitor, optional
-    progress : (int, int)
-        Jobs of the study that are done before these, and all of them.
+    `build` makes what every job gets first, once per process; `progress` is how many jobs of the
+    study are done before these, and how many there are.
 
     Raises
     ------
@@ -169,9 +172,7 @@ def results_of(
 def repeated(
     configuration: RunConfiguration, build: Callable[[], Any], monitor: StudyMonitor | None
 ) -> list[Any]:
-    """Return the results of `repeat(number)` of what `build` makes, for every repetition.
-
-    None stands for a repetition that noise let fail.
+    """Return the results of `repeat(number)` of what `build` makes; None where noise let it fail.
 
     Raises
     ------

@@ -66,15 +66,7 @@ class Prediction:
 
 @dataclass(frozen=True, eq=False)
 class ValidationRun:
-    """One identification and what its model predicts.
-
-    Attributes
-    ----------
-    situations : dict of tuple of Prediction
-        By situation, one per motion.
-    wrong : dict of Prediction
-        By the parameter that is wrong, of the first motion.
-    """
+    """What one identification predicts: all motions by situation, the first by wrong parameter."""
 
     situations: dict[str, tuple[Prediction, ...]]
     wrong: dict[str, Prediction]
@@ -108,8 +100,8 @@ class ValidationBench:
 
     def repeat(self, number: int) -> ValidationRun:
         """Return run `number`, counted from 1."""
-        estimates = self._estimates(number)
-        predicted = self._predicted(number, estimates)
+        estimates = self.estimates(number)
+        predicted = self.predicted(number, estimates)
         estimate = estimates[False]
         experiment, _ = predicted["without"][0]
         wrong: dict[str, Prediction] = {}
@@ -121,11 +113,8 @@ class ValidationBench:
             {key: tuple(_judged(d) for _, d in pairs) for key, pairs in predicted.items()}, wrong
         )
 
-    def predicted(self, number: int) -> Predicted:
-        """Return every motion of one run with its diagnosis, by situation."""
-        return self._predicted(number, self._estimates(number))
-
-    def _predicted(self, number: int, estimates: dict[bool, ParameterEstimate]) -> Predicted:
+    def predicted(self, number: int, estimates: dict[bool, ParameterEstimate]) -> Predicted:
+        """Return every motion of one run as the run's models predict it, by situation."""
         measured = {
             key: tuple(
                 prepare_experiment(
@@ -143,7 +132,7 @@ class ValidationBench:
             for situation, (own, on) in _COGGING.items()
         }
 
-    def _estimates(self, number: int) -> dict[bool, ParameterEstimate]:
+    def estimates(self, number: int) -> dict[bool, ParameterEstimate]:
         """Return the models of one run, identified without cogging and with it."""
         found = {}
         for cogging, twin in self.identified.items():

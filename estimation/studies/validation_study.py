@@ -27,7 +27,13 @@ from estimation.studies.records import (
     VerdictRow,
 )
 from estimation.studies.statistics import Share
-from estimation.studies.study import Study, TooFewEstimatesError, repeated, study_section
+from estimation.studies.study import (
+    Study,
+    TooFewEstimatesError,
+    all_estimated,
+    repeated,
+    study_section,
+)
 from estimation.studies.validation_runs import (
     SITUATIONS,
     Predicted,
@@ -50,17 +56,7 @@ _PAPER_ACTUATORS = [2, 3]
 
 @dataclass(frozen=True, eq=False)
 class ValidationStudy(Study):
-    """All runs.
-
-    Attributes
-    ----------
-    motions : tuple of str
-        Names.
-    failed : int
-        Runs that could not be estimated, and are not among them.
-    first : Predicted
-        The first run's motions, to be drawn.
-    """
+    """All runs but those that `failed` to be estimated; the first one's motions are drawn."""
 
     motions: tuple[str, ...]
     runs: tuple[ValidationRun, ...]
@@ -97,7 +93,7 @@ class ValidationStudy(Study):
             tuple(_motion_name(motion) for motion in study_section(configuration).motions),
             tuple(done[number - 1] for number in numbers),
             len(done) - len(numbers),
-            bench.predicted(numbers[0]),
+            bench.predicted(numbers[0], bench.estimates(numbers[0])),
         )
 
     def expected(self, situation: str) -> Mask:
@@ -105,16 +101,12 @@ class ValidationStudy(Study):
         amplitudes = np.broadcast_to(self.section.cogging.amplitude, ACTUATORS)
         return np.asarray((amplitudes > 0) & (situation == "unknown"))
 
-    def as_expected(self, situation: str, motion: int) -> Share:
-        """Return how often exactly the right actuators fail on one motion, counted from 0."""
+    def as_expected(self, situation: str, motion: int | None = None) -> Share:
+        """Return how often exactly the right actuators fail on a motion, from 0, or on all."""
         wanted = self.expected(situation)
-        return Share.of([run.situations[situation][motion].says(wanted) for run in self.runs])
-
-    def everywhere_as_expected(self, situation: str) -> Share:
-        """Return how often exactly the right actuators fail on all motions."""
-        wanted = self.expected(situation)
+        which = slice(None) if motion is None else slice(motion, motion + 1)
         return Share.of(
-            [all(one.says(wanted) for one in run.situations[situation]) for run in self.runs]
+            [all(one.says(wanted) for one in run.situations[situation][which]) for run in self.runs]
         )
 
     def power(self, parameter: str) -> Share:
@@ -146,17 +138,14 @@ class ValidationStudy(Study):
                 _PAPER if list(struts) == _PAPER_ACTUATORS else "",
             )
         for situation in ("without", "unknown"):
-            share = self.everywhere_as_expected(situation)
+            share = self.as_expected(situation)
             yield Claim(
                 f"{SITUATIONS[situation]}: the verdict is right on all motions of a run",
                 str(share),
                 holds=share.hits >= _WANTED * share.trials,
             )
         yield self._power_claim()
-        total = len(self.runs) + self.failed
-        yield Claim(
-            "every run can be estimated", f"{len(self.runs)} of {total}", holds=not self.failed
-        )
+        yield all_estimated("run", len(self.runs) + self.failed, self.failed)
 
     def rows(self) -> dict[RowTable[Any], Iterable[Any]]:
         """Return the rows of every table."""

@@ -2,6 +2,7 @@
 
 import io
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -109,12 +110,18 @@ def test_numbers_keep_all_their_digits(tmp_path, read, rec):
     _same(read(path), rec)
 
 
+def _slow(lines, positions, delimiter):
+    return delimited._slow(
+        lines, positions, delimiter, ".", width=len(positions), path=Path("m.csv")
+    )[0]
+
+
 def test_slow_and_fast_way_agree(rec):
     rows = [line.split(",") for line in _text(rec).splitlines()[1:]]
     positions = {channel: k for k, channel in enumerate(CHANNELS)}
     lines = [",".join(row) for row in rows]
     fast = delimited._fast(lines, positions, ",", ".")
-    slow = delimited._slow(delimited._Cells(lines, ","), positions, ".")
+    slow = _slow(lines, positions, ",")
     assert all(np.array_equal(fast[channel], slow[channel]) for channel in CHANNELS)
 
 
@@ -124,8 +131,7 @@ def test_slow_and_fast_way_agree(rec):
 )
 def test_numbers(text, number):
     positions = {"t": 0}
-    cells = delimited._Cells([text], ",")
-    assert delimited._slow(cells, positions, ".")["t"] == number
+    assert _slow([text], positions, ",")["t"] == number
     assert delimited._fast([text], positions, ",", ".")["t"] == number
 
 
@@ -136,7 +142,7 @@ def test_numbers(text, number):
 def test_no_numbers(text):
     positions = {"t": 0}
     assert delimited._fast([text, "1"], positions, ";", ".") is None
-    assert np.isnan(delimited._slow(delimited._Cells([text, "1"], ";"), positions, ".")["t"][0])
+    assert np.isnan(_slow([text or '""', "1"], positions, ";")["t"][0])
 
 
 def test_a_delimiter_that_is_not_there_is_told(tmp_path, rec, refused):

@@ -38,7 +38,8 @@ def test_units_shift_both_and_change_no_difference():
     plain = compare_determinants(one, two, np.ones(5))
     scaled = compare_determinants(one, two, np.array([1.0, 10.0, 1e-3, 5.0, 7.0]))
     assert scaled.difference == pytest.approx(plain.difference, abs=1e-9)
-    assert scaled.ratio == pytest.approx(plain.ratio)
+    assert scaled.difference == pytest.approx(plain.difference)
+    assert scaled.std_error == pytest.approx(plain.std_error)
 
 
 def test_as_the_issue_states_it_is_about_one_at_a_hundred_repetitions_of_24():

@@ -13,9 +13,13 @@ from estimation.studies import (
     ValidationStudy,
 )
 from estimation.studies.design_study import rigid_body
-from estimation.studies.design_trials import Agreement, Trial, linear_covariances
-from estimation.studies.identification_cases import CASES, CaseResult, Identification
-from estimation.studies.identification_study import bias_claim
+from estimation.studies.design_trials import Trial, linear_covariances
+from estimation.studies.identification_study import (
+    CASES,
+    CaseResult,
+    Identification,
+    bias_claim,
+)
 from estimation.studies.study import with_exact_lengths, with_section
 from estimation.studies.validation_runs import Prediction
 from estimation.twin import Twin
@@ -89,7 +93,6 @@ def test_what_is_achieved_agrees_with_what_is_predicted():
     off = {name: 1.5 * covariance for name, covariance in trial.predicted.items()}
     wrong = replace(trial, predicted=off)
     assert wrong.agreement("exact", "gm").z < -4
-    assert Agreement(1.2, 0.1).z == pytest.approx(2)
 
 
 def test_rigid_bodies_and_friction_are_told_apart():
@@ -200,7 +203,7 @@ def test_the_validation_names_the_struts_with_cogging_and_wrong_parameters():
     )
     study = ValidationStudy.run(config, MOTION)
     assert study.as_expected("without", 0).hits == 3
-    assert study.everywhere_as_expected("unknown").hits == 3
+    assert study.as_expected("unknown").hits == 3
     assert study.power("p10").hits == 3
     assert study.power("r_alpha").hits < 3
     assert study.tests_against("p10")

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from constraints.arrays import Array
 from estimation.data.columns import header_column, pick
@@ -39,43 +40,15 @@ def read(path: Path, section: DataSection) -> RawTable:
     except InputError as error:
         raise _with_delimiter_hint(error, path, header, delimiter) from None
     lines = body.rstrip().split("\n") if body.strip() else []
-    cells, numbers = _Cells(lines, delimiter), None
-    if _QUOTE in body:
-        rows, numbers = _quoted_rows(lines, delimiter)
-        cells = _Cells(rows, delimiter)
-    _refuse_ragged(cells, numbers, len(names), path)
     positions = {channel: columns.index(column) for channel, column in picked.items()}
-    values = None if _QUOTE in body else _fast(lines, positions, delimiter, section.decimal)
-    if values is None:
-        values = _slow(cells, positions, section.decimal)
-    return RawTable(
-        path,
-        values,
-        picked,
-        "line",
-        HEADER_LINE + 1,
-        None if numbers is None else np.array(numbers, dtype=np.int64),
-        _texts(cells, values, positions),
+    if _QUOTE not in body and all(line.count(delimiter) == len(names) - 1 for line in lines):
+        values = _fast(lines, positions, delimiter, section.decimal)
+        if values is not None:
+            return RawTable(path, values, picked, "line", HEADER_LINE + 1)
+    values, numbers, texts = _slow(
+        lines, positions, delimiter, section.decimal, width=len(names), path=path
     )
-
-
-class _Cells:
-    """Cells of lines that are split when they are asked for, or of rows that were split."""
-
-    def __init__(self, rows: Sequence[str] | Sequence[list[str]], delimiter: str) -> None:
-        self._rows = rows
-        self._delimiter = delimiter
-
-    def __len__(self) -> int:
-        return len(self._rows)
-
-    def row(self, index: int) -> list[str]:
-        row = self._rows[index]
-        return row.split(self._delimiter) if isinstance(row, str) else row
-
-    def width(self, index: int) -> int:
-        row = self._rows[index]
-        return row.count(self._delimiter) + 1 if isinstance(row, str) else len(row)
+    return RawTable(path, values, picked, "line", HEADER_LINE + 1, numbers, texts)
 
 
 def _decoded(path: Path) -> str:
@@ -122,30 +95,6 @@ def _with_delimiter_hint(error: InputError, path: Path, header: str, delimiter: 
     )
 
 
-def _quoted_rows(lines: Sequence[str], delimiter: str) -> tuple[list[list[str]], list[int]]:
-    """Split lines with quoted cells; also return the number of the line where each row begins."""
-    reader = csv.reader((f"{line}\n" for line in lines), delimiter=delimiter)
-    rows, numbers, begins = [], [], HEADER_LINE + 1
-    for row in reader:
-        rows.append(row)
-        numbers.append(begins)
-        begins = HEADER_LINE + 1 + reader.line_num
-    return rows, numbers
-
-
-def _refuse_ragged(cells: _Cells, numbers: Sequence[int] | None, width: int, path: Path) -> None:
-    problems = []
-    for row in range(len(cells)):
-        if cells.width(row) == width:
-            continue
-        line = HEADER_LINE + 1 + row if numbers is None else numbers[row]
-        found = cells.row(row)
-        count = f"{len(found)} column{'s' if len(found) > 1 else ''}"
-        message = f"the line has {count}, the header has {width}" if any(found) else "empty line"
-        problems.append(Problem(message, path, line))
-    refuse(problems, path, "lines are like that")
-
-
 def _fast(
     lines: Sequence[str], positions: Mapping[str, int], delimiter: str, decimal: str
 ) -> dict[str, Array] | None:
@@ -174,29 +123,41 @@ def _fast(
     return {channel: np.ascontiguousarray(table[:, k]) for k, channel in enumerate(channels)}
 
 
-def _slow(cells: _Cells, positions: Mapping[str, int], decimal: str) -> dict[str, Array]:
-    """Return the columns with NaN where a cell is no finite number."""
+def _slow(
+    lines: Sequence[str],
+    positions: Mapping[str, int],
+    delimiter: str,
+    decimal: str,
+    *,
+    width: int,
+    path: Path,
+) -> tuple[dict[str, Array], NDArray[np.int64], dict[tuple[str, int], str]]:
+    """Return the columns, the lines where rows begin, and the cells that are no finite numbers."""
     mark = re.escape(decimal)
     number = re.compile(rf"[+-]?(?:[0-9]+(?:{mark}[0-9]*)?|{mark}[0-9]+)(?:[eE][+-]?[0-9]+)?")
-    values = {channel: np.full(len(cells), np.nan) for channel in positions}
-    for index in range(len(cells)):
-        row = cells.row(index)
-        for channel, position in positions.items():
-            text = row[position].strip()
-            if number.fullmatch(text):
-                value = float(text.replace(decimal, "."))
-                values[channel][index] = value if np.isfinite(value) else np.nan
-    return values
-
-
-def _texts(
-    cells: _Cells, values: Mapping[str, Array], positions: Mapping[str, int]
-) -> dict[tuple[str, int], str]:
-    return {
-        (channel, int(row)): cells.row(int(row))[positions[channel]].strip()
-        for channel, column in values.items()
-        for row in np.flatnonzero(~np.isfinite(column))
-    }
+    values: dict[str, list[float]] = {channel: [] for channel in positions}
+    texts: dict[tuple[str, int], str] = {}
+    numbers: list[int] = []
+    ragged = []
+    rows = csv.reader((f"{line}\n" for line in lines), delimiter=delimiter)
+    begin = HEADER_LINE + 1
+    for index, row in enumerate(rows):
+        numbers.append(begin)
+        if len(row) != width:
+            count = f"{len(row)} column{'s' if len(row) > 1 else ''}"
+            message = f"the line has {count}, the header has {width}" if any(row) else "empty line"
+            ragged.append(Problem(message, path, begin))
+        else:
+            for channel, position in positions.items():
+                text = row[position].strip()
+                value = float(text.replace(decimal, ".")) if number.fullmatch(text) else np.nan
+                if not np.isfinite(value):
+                    value, texts[channel, index] = np.nan, text
+                values[channel].append(value)
+        begin = HEADER_LINE + 1 + rows.line_num
+    refuse(ragged, path, "lines are like that")
+    arrays = {channel: np.array(column) for channel, column in values.items()}
+    return arrays, np.array(numbers, dtype=np.int64), texts
 
 
 FORMATS = (FileFormat(title="CSV, TSV", extensions=(".csv", ".tsv", ".txt"), read=read),)

@@ -12,8 +12,7 @@ import numpy as np
 
 from constraints.arrays import Array
 from estimation.data.columns import OPTIONAL, Column, pick
-from estimation.data.hierarchy import NUMERIC
-from estimation.data.table import FileFormat, RawTable
+from estimation.data.table import NUMERIC, FileFormat, RawTable
 from expdesign.configuration import DataSection, InputError, Problem
 
 _MASTER = "time stamps"
@@ -100,13 +99,4 @@ def _text(item: Any) -> str:
     return item.decode("utf-8", "replace") if isinstance(item, bytes) else str(item)
 
 
-FORMATS = (
-    FileFormat(
-        title="MDF 4",
-        extensions=(".mf4", ".mdf"),
-        read=read,
-        library="asammdf",
-        extra="mdf",
-        may_crash=True,
-    ),
-)
+FORMATS = (FileFormat("MDF 4", (".mf4", ".mdf"), read, "asammdf", "mdf", may_crash=True),)

@@ -120,9 +120,8 @@ def _table(bag: Any, connections: list[Any], picked: Mapping[str, Column], path:
             names = message.name
             missing = sorted({joint for joint, _ in joints.values()} - set(names))
             if missing:
-                key = f"message {number}"
-                text = ", ".join(shown(joint) for joint in missing)
-                problems.append(Problem(f"the message has no joint {text}", path, key=key))
+                text = f"the message has no joint {', '.join(map(shown, missing))}"
+                problems.append(Problem(text, path, key=f"message {number}"))
                 names = []
                 continue
             places = [(kind, names.index(joint)) for joint, kind in joints.values()]
@@ -145,17 +144,11 @@ def _table(bag: Any, connections: list[Any], picked: Mapping[str, Column], path:
 
 
 def _too_short(message: Any, number: int, path: Path) -> Problem:
-    short = next(
-        kind
-        for kind in ("position", "effort", "velocity")
-        if len(getattr(message, kind)) < len(message.name)
-    )
-    count = len(getattr(message, short))
-    return Problem(
-        f"the message has {count} values of {short} for {len(message.name)} joints",
-        path,
-        key=f"message {number}",
-    )
+    wanted = len(message.name)
+    counts = {kind: len(getattr(message, kind)) for kind in ("position", "effort", "velocity")}
+    short = next(kind for kind, count in counts.items() if count < wanted)
+    text = f"the message has {counts[short]} values of {short} for {wanted} joints"
+    return Problem(text, path, key=f"message {number}")
 
 
 def _accepts(path: Path) -> bool:
@@ -164,13 +157,4 @@ def _accepts(path: Path) -> bool:
     return path.suffix.lower() in _EXTENSIONS
 
 
-FORMATS = (
-    FileFormat(
-        title="rosbag2, MCAP",
-        extensions=_EXTENSIONS,
-        read=read,
-        library="rosbags",
-        extra="ros",
-        accepts=_accepts,
-    ),
-)
+FORMATS = (FileFormat("rosbag2, MCAP", _EXTENSIONS, read, "rosbags", "ros", accepts=_accepts),)

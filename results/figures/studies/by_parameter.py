@@ -12,7 +12,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from constraints.arrays import Array
 from estimation.studies import StudyRecord
 from estimation.studies.design_study import rigid_body, shown_kinematics
-from estimation.studies.identification_cases import CASES, ESTIMATORS
+from estimation.studies.identification_study import CASES, ESTIMATORS
 from estimation.studies.records import ESTIMATES, MEANS, PRECISION, EstimateRow
 from results.figures.definition import FigureDefinition
 from results.style import (
@@ -82,17 +82,9 @@ def draw_means(study: StudyRecord) -> Figure:
     axes = figure.subplots()
     for kinematics, shift in zip(kinds, _shifts(len(kinds)), strict=True):
         t = [row.t for row in rows if row.kinematics == kinematics]
+        places = np.arange(len(t)) % len(names) + shift  # all parameters of a set, set by set
         colour, title = _KINEMATICS[kinematics]
-        for number, one in enumerate(np.reshape(t, (-1, len(names)))):
-            axes.scatter(
-                np.arange(len(names)) + shift,
-                one,
-                s=11,
-                color=colour,
-                linewidth=0,
-                label=None if number else title,
-                zorder=3,
-            )
+        axes.scatter(places, t, s=11, color=colour, linewidth=0, label=title, zorder=3)
     largest = max(2 * _CLEAR, *(abs(row.t) for row in rows))
     axes.axhspan(-_CLEAR, _CLEAR, color=FAINT, alpha=0.35, linewidth=0, zorder=1)
     if largest > _LINEAR_REACH:
@@ -137,11 +129,11 @@ def draw_bias(study: StudyRecord) -> Figure:
             )
         axes.axhspan(-1, 1, color=FAINT, alpha=0.3, linewidth=0, zorder=1)
         axes.axhline(0, color=INK, linewidth=0.8, zorder=2)
-        if largest > _LARGEST_LINEAR_BIAS:  # beyond that a linear axis shows nothing else
+        curved = largest > _LARGEST_LINEAR_BIAS  # beyond that a linear axis shows nothing else
+        if curved:
             axes.set_yscale("symlog", linthresh=2.0, linscale=0.9)
-            axes.set_ylim(-2.2 * largest, 2.2 * largest)
-        else:
-            axes.set_ylim(-1.15 * largest, 1.15 * largest)
+        limit = (2.2 if curved else 1.15) * largest
+        axes.set_ylim(-limit, limit)
         axes.yaxis.set_major_formatter(FuncFormatter(_with_minus))
         _parameter_axis(axes, names)
         axes.set_title(f"{case.key}: {case.title}")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, get_type_hints
 
 from estimation.studies import Claim, StudyRecord
@@ -48,23 +48,13 @@ SIMULATED = (
 
 @dataclass(frozen=True)
 class _Shown:
-    """A table of the study as the report shows it.
-
-    Attributes
-    ----------
-    columns : str
-        Names of those that are shown.
-    titles : dict of str
-        Of columns whose name is not their title.
-    digits : dict of int
-        Of numbers that are not shown with four.
-    """
+    """A table as the report shows it: other titles than columns' names, other digits than four."""
 
     table: RowTable[Any]
     caption: str
     columns: str
     titles: dict[str, str]
-    digits: dict[str, int]
+    digits: dict[str, int] = field(default_factory=dict)
     folded: bool = False
 
 
@@ -145,7 +135,6 @@ _TABLES: dict[str, tuple[_Shown, ...]] = {
                 "variance_measurement_error": "of the noise",
                 "fails": "fails in",
             },
-            {},
             folded=True,
         ),
     ),
@@ -216,9 +205,7 @@ def _report_table(shown: _Shown, record: StudyRecord) -> ReportTable:
         )
         for name in names
     ]
-    rows = [
-        [NAMES.get(cell, cell) for cell in (getattr(row, name) for name in names)]
-        for row in record.rows(shown.table)
-    ]
+    cells = ([getattr(row, name) for name in names] for row in record.rows(shown.table))
+    rows = [[NAMES.get(cell, cell) for cell in row] for row in cells]
     key = shown.table.file.removeprefix("tables/").removesuffix(".csv")
     return ReportTable.of(key, shown.caption, columns, rows, folded=shown.folded)

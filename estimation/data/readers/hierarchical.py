@@ -1,0 +1,174 @@
+"""Arrays in structs and groups: HDF5 and MATLAB files."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.io import loadmat
+
+from constraints.arrays import Array
+from estimation.data.columns import Column, pick
+from estimation.data.table import NUMERIC, FileFormat, RawTable
+from expdesign.configuration import DataSection
+
+_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+_PLACES = (0, 512)
+"""Where the signature stands: at the start, or after the user block of MATLAB."""
+
+_UNIT_ATTRIBUTES = ("units", "unit")
+_MOST_COLUMNS = 256
+
+
+def _is_hdf5(path: Path) -> bool:
+    """Tell by its signature whether a file is HDF5."""
+    with path.open("rb") as file:
+        for place in _PLACES:
+            file.seek(place)
+            if file.read(len(_SIGNATURE)) == _SIGNATURE:
+                return True
+    return False
+
+
+def read_hdf5(path: Path, section: DataSection) -> RawTable:
+    """Read datasets, also members of compound ones; a name in a group is ``group/q1``."""
+    return _read_hdf5(path, section, separator="/")
+
+
+def read_matlab73(path: Path, section: DataSection) -> RawTable:
+    """Read MATLAB's variables; fields of structs have names such as ``recording.q1``."""
+    return _read_hdf5(path, section, separator=".")
+
+
+def read_matlab(path: Path, section: DataSection) -> RawTable:
+    """Read variables; fields of structs have names such as ``recording.q1``.
+
+    A Simulink "structure with time" has its signals under their labels too.
+    """
+    columns: list[Column] = []
+    arrays: dict[str, NDArray[Any]] = {}
+    for variable, value in loadmat(path, simplify_cells=True).items():
+        if not variable.startswith("__"):
+            for name, short, array in _numeric(value, variable, variable):
+                arrays[name] = array
+                columns += _array_columns(name, short, array.shape, name)
+    picked = pick(columns, section.columns, path)
+    return RawTable(path, _loaded(picked, arrays.__getitem__), picked)
+
+
+def _read_hdf5(path: Path, section: DataSection, separator: str) -> RawTable:
+    h5py = import_module("h5py")
+    with h5py.File(path, "r") as file:
+        columns: list[Column] = []
+
+        def visit(name: str, item: Any) -> None:
+            # MATLAB's own folders begin with #; links out of the file are not visited.
+            if isinstance(item, h5py.Dataset) and not name.startswith("#"):
+                columns.extend(_dataset_columns(item, separator))
+
+        file.visititems(visit)
+        picked = pick(columns, section.columns, path)
+
+        def load(place: tuple[str, str | None]) -> NDArray[Any]:
+            name, member = place
+            array = file[name][()]
+            return np.asarray(array if member is None else array[member])
+
+        return RawTable(path, _loaded(picked, load), picked)
+
+
+def _dataset_columns(dataset: Any, separator: str) -> Iterator[Column]:
+    path = dataset.name.strip("/")
+    name, short = path.replace("/", separator), path.rpartition("/")[2]
+    if dataset.dtype.names is not None:
+        for member in dataset.dtype.names:
+            if dataset.dtype[member].kind in NUMERIC:
+                shape = dataset.shape + dataset.dtype[member].shape
+                full = f"{name}{separator}{member}"
+                yield from _array_columns(full, member, shape, (path, member))
+    elif dataset.dtype.kind in NUMERIC and dataset.attrs.get("MATLAB_class") != b"char":
+        yield from _array_columns(name, short, dataset.shape, (path, None), _unit(dataset))
+
+
+def _unit(dataset: Any) -> str | None:
+    for attribute in _UNIT_ATTRIBUTES:
+        unit = dataset.attrs.get(attribute)
+        text = unit.decode("utf-8", "replace") if isinstance(unit, bytes) else unit
+        if isinstance(text, str) and text.strip():
+            return text.strip()
+    return None
+
+
+def _numeric(value: Any, name: str, short: str) -> Iterator[tuple[str, str, NDArray[Any]]]:
+    """Yield the arrays in a variable: name with and without its structs, and numbers."""
+    if isinstance(value, dict):
+        label = value.get("label")
+        for key, item in value.items():
+            labelled = key == "values" and isinstance(label, str) and label != ""
+            yield from _numeric(item, f"{name}.{key}", str(label) if labelled else key)
+    elif isinstance(value, list) or (isinstance(value, np.ndarray) and value.dtype == object):
+        for position, item in enumerate(np.ravel(np.asarray(value, dtype=object)), 1):
+            yield from _numeric(item, f"{name}({position})", f"{short}({position})")
+    elif isinstance(value, np.ndarray) and value.dtype.kind in NUMERIC:
+        yield name, short, value
+
+
+def _array_columns(
+    name: str, short: str, shape: tuple[int, ...], place: Any, unit: str | None = None
+) -> Iterator[Column]:
+    """Yield the columns of an array: a vector is one, a matrix ``m`` has ``m(:,1)``, ``m(:,2)`` ….
+
+    Axes of length one do not count; the longer axis of a matrix is time. Scalars and arrays of
+    more axes have no columns.
+    """
+    long = [size for size in shape if size != 1]
+    if len(long) == 1:
+        yield Column(name, (place, None), short=short, unit=unit)
+    elif len(long) == 2 and min(long) <= _MOST_COLUMNS:  # noqa: PLR2004 - a matrix
+        for k in range(min(long)):
+            end = f"(:,{k + 1})"
+            yield Column(f"{name}{end}", (place, k), short=f"{short}{end}", unit=unit)
+
+
+def _loaded(picked: Mapping[str, Column], load: Callable[[Any], NDArray[Any]]) -> dict[str, Array]:
+    """Return the numbers of the columns that were picked; each array is loaded once.
+
+    `load` gives the array of a place that `_array_columns` was told.
+    """
+    loaded: dict[Any, NDArray[Any]] = {}
+    values = {}
+    for channel, column in picked.items():
+        place, k = column.place
+        if place not in loaded:
+            array = np.squeeze(load(place))
+            loaded[place] = array.T if array.ndim > 1 and array.shape[1] > array.shape[0] else array
+        array = loaded[place] if k is None else loaded[place][:, k]
+        values[channel] = np.ascontiguousarray(array, dtype=np.float64)
+    return values
+
+
+def _is_matlab(path: Path) -> bool:
+    return path.is_file() and path.suffix.lower() == ".mat" and not _is_hdf5(path)
+
+
+def _is_matlab73(path: Path) -> bool:
+    return path.is_file() and path.suffix.lower() == ".mat" and _is_hdf5(path)
+
+
+FORMATS = (
+    FileFormat("HDF5", (".h5", ".hdf5", ".hdf"), read_hdf5, "h5py", "hdf5", may_crash=True),
+    FileFormat(
+        "MATLAB v7.3",
+        (".mat",),
+        read_matlab73,
+        "h5py",
+        "mat73",
+        may_crash=True,
+        accepts=_is_matlab73,
+    ),
+    FileFormat("MATLAB up to v7", (".mat",), read_matlab, may_crash=True, accepts=_is_matlab),
+)
