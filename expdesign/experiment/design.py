@@ -20,8 +20,7 @@ from expdesign.configuration import (
     load_run,
     smoothing_widths,
 )
-from expdesign.experiment.identifiable import imprecise
-from expdesign.experiment.result import DesignResult, PredictedPrecision, whole
+from expdesign.experiment.result import DesignResult, PredictedPrecision, imprecise, whole
 from expdesign.information.criteria import CRITERIA
 from expdesign.information.fisher import (
     EXCITABLE,
@@ -31,7 +30,7 @@ from expdesign.information.fisher import (
     parameter_covariance,
 )
 from expdesign.problem import DesignProblem, build_problem
-from expdesign.recheck import Judge
+from expdesign.recheck import Evaluator
 from expdesign.robot import Robot, robot_from
 from expdesign.solver.continuation import coarse_points
 from expdesign.solver.initial import InfeasibleLimitsError, random_start
@@ -89,20 +88,20 @@ def design(config: ConfigurationLike, monitor: Monitor | None = None) -> DesignR
         _blame_unexcited(task, error)
         raise
     trajectory = found.finished.trajectory
-    judge, samples = task.judge, configuration.run.trajectory.samples
-    information = judge.information(trajectory, samples)
-    experiment = _experiment_precision(judge, trajectory, configuration)
+    evaluator, samples = task.evaluator, configuration.run.trajectory.samples
+    information = evaluator.information(trajectory, samples)
+    experiment = _experiment_precision(evaluator, trajectory, configuration)
     return DesignResult(
         configuration=configuration,
-        robot=judge.robot,
+        robot=evaluator.robot,
         trajectory=trajectory,
         samples=samples,
         samples_per_period=trajectory.period / task.plan.controller_period,
-        parameter_names=judge.names,
+        parameter_names=evaluator.names,
         information=information,
-        log_det_information=judge.log_det(information),
-        criterion_value=judge.value(information),
-        per_period=_precision(judge, information, samples, 1),
+        log_det_information=evaluator.log_det(information),
+        criterion_value=evaluator.value(information),
+        per_period=_precision(evaluator, information, samples, 1),
         experiment=experiment,
         check=found.finished.check,
         search=found,
@@ -110,13 +109,13 @@ def design(config: ConfigurationLike, monitor: Monitor | None = None) -> DesignR
         warnings=(
             *configuration.warnings,
             *_warnings(configuration, trajectory, task),
-            *imprecise(judge.robot, experiment),
+            *imprecise(evaluator.robot, experiment),
         ),
     )
 
 
 def design_task(configuration: RunConfiguration) -> DesignTask:
-    """Build problem, judge and plan of a run; every worker process does it once."""
+    """Build problem, evaluator and plan of a run; every worker process does it once."""
     run = configuration.run
     robot = robot_from(configuration.robot)
     names = judged_parameters(configuration, robot)
@@ -145,16 +144,16 @@ def design_task(configuration: RunConfiguration) -> DesignTask:
         workers=run.workers or 1,
         max_seconds=run.design.max_seconds,
     )
-    judge = Judge(robot, covariance, criterion, scaling, names)
-    return DesignTask(_well_scaled(problem, judge, plan), judge, plan)
+    evaluator = Evaluator(robot, covariance, criterion, scaling, names)
+    return DesignTask(_well_scaled(problem, evaluator, plan), evaluator, plan)
 
 
-def _well_scaled(problem: DesignProblem, judge: Judge, plan: SearchPlan) -> DesignProblem:
+def _well_scaled(problem: DesignProblem, evaluator: Evaluator, plan: SearchPlan) -> DesignProblem:
     """Give the problem a scaling in which a random motion's F has a unit diagonal.
 
     log det F does not depend on the scaling, but the digits that its eigenvalues keep do.
     """
-    information = judge.information(_probe(problem, plan, 0), problem.cost.samples)
+    information = evaluator.information(_probe(problem, plan, 0), problem.cost.samples)
     sizes = np.sqrt(np.diag(information) / problem.cost.samples)
     scaling = 1 / np.where(sizes > 0, sizes, 1.0)
     return replace(problem, even_scaling=scaling).with_criterion(problem.criterion)
@@ -217,20 +216,20 @@ def _refuse_unexcitable(task: DesignTask) -> None:
     problem, best, found = task.problem, 0.0, None
     for number in range(_PROBES):
         trajectory = _probe(problem, task.plan, number)
-        scaled = ScaledInformation.of(task.judge.information(trajectory, problem.cost.samples))
+        scaled = ScaledInformation.of(task.evaluator.information(trajectory, problem.cost.samples))
         values = scaled.eigenvalues()
         ratio = max(float(values[0] / values[-1]), 0.0) if values[-1] > 0 else 0.0
         if found is None or ratio > best:
             best, found = ratio, scaled
     if found is not None and best < _HOPELESS * EXCITABLE:
-        raise SingularInformationError(found.weak_directions(task.judge.names))
+        raise SingularInformationError(found.weak_directions(task.evaluator.names))
 
 
 def _blame_unexcited(task: DesignTask, error: NoDesignError) -> None:
     """Raise `SingularInformationError` if that is why none of the starts has a result."""
     informations = [
         ScaledInformation.of(
-            task.judge.information(
+            task.evaluator.information(
                 task.problem.variables.trajectory(start.variables), task.problem.cost.samples
             )
         )
@@ -238,34 +237,34 @@ def _blame_unexcited(task: DesignTask, error: NoDesignError) -> None:
         if np.all(np.isfinite(start.variables))
     ]
     if informations and all(scaled.is_singular() for scaled in informations):
-        fewest = min((s.weak_directions(task.judge.names) for s in informations), key=len)
+        fewest = min((s.weak_directions(task.evaluator.names) for s in informations), key=len)
         raise SingularInformationError(fewest) from error
 
 
 def _precision(
-    judge: Judge, information: Array, samples: int, periods: float
+    evaluator: Evaluator, information: Array, samples: int, periods: float
 ) -> PredictedPrecision:
-    covariance = parameter_covariance(information, judge.names)
+    covariance = parameter_covariance(information, evaluator.names)
     std = np.sqrt(np.diag(covariance))
     return PredictedPrecision(
-        samples, periods, dict(zip(judge.names, (float(s) for s in std), strict=True))
+        samples, periods, dict(zip(evaluator.names, (float(s) for s in std), strict=True))
     )
 
 
 def _experiment_precision(
-    judge: Judge, trajectory: FourierTrajectory, configuration: RunConfiguration
+    evaluator: Evaluator, trajectory: FourierTrajectory, configuration: RunConfiguration
 ) -> PredictedPrecision:
     experiment = configuration.run.experiment
     per_period = trajectory.period * experiment.sampling
     total = int(np.ceil(experiment.periods * per_period * (1 - 1e-12)))
     count = whole(per_period)
     if count is not None:
-        information = judge.information(trajectory, count) * experiment.periods
+        information = evaluator.information(trajectory, count) * experiment.periods
     else:
         motion = trajectory.sample(np.arange(total) / experiment.sampling)
-        regressors = judge.robot.regressor(motion.pose, motion.rate, motion.acceleration)
-        information = information_matrix(regressors[:, :, judge.columns], judge.covariance)
-    return _precision(judge, information, total, experiment.periods)
+        regressors = evaluator.robot.regressor(motion.pose, motion.rate, motion.acceleration)
+        information = information_matrix(regressors[:, :, evaluator.columns], evaluator.covariance)
+    return _precision(evaluator, information, total, experiment.periods)
 
 
 def _warnings(

@@ -271,18 +271,14 @@ class DesignRecord:
 
     Attributes
     ----------
-    configuration : RunConfiguration
     robot : Robot
         With the limits and the noise of the run.
-    summary : DesignFile
     motion : SampledMotion
         One period at the controller's rate, its end left out.
-    checks : tuple of LimitCheck
     parameters : tuple of ParameterPrecision
         Those that are judged.
     iterations : tuple of Iteration
         Of all starts.
-    eigenvalues : tuple of Eigenvalue
     information : (k, k)
         F of one period, SI.
     """
@@ -459,14 +455,7 @@ def _iterations(search: SearchResult) -> Iterator[Iteration]:
         finish = search.finished.trace if start is search.best else ()
         further = (replace(p, iteration=start.iterations + p.iteration) for p in finish)
         for point in (*start.trace, *further):
-            yield Iteration(
-                start.index,
-                start.kind,
-                point.stage,
-                point.iteration,
-                point.objective,
-                point.violation,
-            )
+            yield Iteration(start.index, start.kind, **asdict(point))
 
 
 def _eigenvalues(result: DesignResult) -> Iterator[Eigenvalue]:

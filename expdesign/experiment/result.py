@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from constraints.arrays import Array
 from expdesign.configuration import RunConfiguration
 from expdesign.recheck import Recheck
@@ -12,6 +14,10 @@ from expdesign.solver.search import SearchResult
 from expdesign.solver.start import status_text
 from expdesign.trajectory import FourierTrajectory
 
+IDENTIFIABLE = 0.5
+"""A parameter counts as identified below this standard deviation, as a share of its scale."""
+
+_LARGE = 100.0
 _WHOLE = 1e-6
 
 
@@ -32,14 +38,31 @@ class PredictedPrecision:
     std: dict[str, float]
 
 
+def imprecise(robot: Robot, precision: PredictedPrecision) -> tuple[str, ...]:
+    """Return a warning that names what the whole experiment does not identify, or nothing."""
+    scales = dict(zip(robot.parameter_names, robot.scales, strict=True))
+    share = {name: std / float(scales[name]) for name, std in precision.std.items()}
+    weak = [f"{n} ({_percent(value)})" for n, value in share.items() if not value <= IDENTIFIABLE]
+    if not weak:
+        return ()
+    return (
+        "not identifiable with this experiment (predicted standard deviation above "
+        f"{100 * IDENTIFIABLE:g} % of the parameter): {', '.join(weak)}",
+    )
+
+
+def _percent(share: float) -> str:
+    if not np.isfinite(share):
+        return "without bound"
+    return f"{100 * share:.2g} %" if share > _LARGE else f"{100 * share:.0f} %"
+
+
 @dataclass(frozen=True)
 class DesignResult:
     """A designed trajectory with everything that is reported about it.
 
     Attributes
     ----------
-    configuration : RunConfiguration
-    robot : Robot
     trajectory : FourierTrajectory
         The one that was checked.
     samples : int
@@ -50,12 +73,6 @@ class DesignResult:
         Parameters that were judged.
     information : (k, k)
         F of one period by the unsmoothed model with the full Σ, SI.
-    log_det_information, criterion_value : float
-    per_period, experiment : PredictedPrecision
-    check : Recheck
-    search : SearchResult
-    seconds : float
-    warnings : tuple of str
     """
 
     configuration: RunConfiguration

@@ -66,31 +66,21 @@ def pose_jerk(trajectory: FourierTrajectory, times: Array) -> Array:
 
 
 class Segment(Protocol):
-    """A part of the motion.
-
-    Attributes
-    ----------
-    name : str
-        ``"rest"``, ``"ramp in"``, ``"periods"``, ``"ramp out"``.
-    """
+    """A part of the motion."""
 
     @property
     def name(self) -> str:
-        """Name of the segment."""
-        ...
+        """``"ramp in"``, ``"periods"`` or ``"ramp out"``."""
 
     @property
     def duration(self) -> float:
         """How long it takes, s."""
-        ...
 
     def sample(self, times: Array) -> PoseSamples:
         """Return pose, rate and acceleration at times from the segment's own start, s."""
-        ...
 
     def jerk(self, times: Array) -> Array:
         """Return the third derivative of the pose, (N, 6), at such times: m/s³, rad/s³."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +118,7 @@ class ExecutableMotion:
         """When the measurement window begins and ends, s: the M periods."""
         starts = self.starts
         for k, segment in enumerate(self.segments):
-            if segment.name == "periods":
+            if segment.name == PERIODS:
                 return float(starts[k]), float(starts[k + 1])
         raise ValueError("the motion has no periods")
 

@@ -16,11 +16,9 @@ class Path(Protocol):
 
     def states(self, variables: Array, points: Any) -> Array:
         """Return the states (K, 18), or (K, 24) with the pose's third derivative, at points."""
-        ...
 
     def to_variables(self, variables: Array, points: Any, sensitivities: Array) -> Array:
         """Carry derivatives (K, r, 18 or 24) to the states over to the variables: (K, r, z)."""
-        ...
 
 
 class LimitedProgram:

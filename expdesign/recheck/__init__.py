@@ -1,7 +1,9 @@
 """Checks of a motion that share nothing with the optimiser but the graph."""
 
-from expdesign.recheck.information import Judge
+from expdesign.recheck.information import Evaluator
 from expdesign.recheck.judge import (
+    TOLERANCE,
+    LimitCheck,
     Motion,
     Recheck,
     grid_points,
@@ -11,11 +13,10 @@ from expdesign.recheck.judge import (
     states_at,
     worst_of_each,
 )
-from expdesign.recheck.limit_check import TOLERANCE, LimitCheck
 
 __all__ = [
     "TOLERANCE",
-    "Judge",
+    "Evaluator",
     "LimitCheck",
     "Motion",
     "Recheck",

@@ -21,7 +21,7 @@ from expdesign.trajectory import FourierTrajectory
 
 
 @dataclass(frozen=True)
-class Judge:
+class Evaluator:
     """How trajectories of a robot are judged: Σ, criterion, scaling and parameters.
 
     Attributes

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from constraints.arrays import Array
 from expdesign.problem import DesignProblem, hidden_by_smoothing
-from expdesign.recheck import Judge, Recheck, grid_points, local_worst, recheck, states_at
+from expdesign.recheck import Evaluator, Recheck, grid_points, local_worst, recheck, states_at
 from expdesign.solver.initial import largest
 from expdesign.solver.stage import Report, Stage, StageRecord, Tally, TracePoint, solve_rows
 from expdesign.trajectory import FourierTrajectory
@@ -69,7 +69,7 @@ def controller_omega(omega: float, bounds: tuple[float, float], step: float) -> 
 
 def finish(
     problem: DesignProblem,
-    judge: Judge,
+    evaluator: Evaluator,
     start: Array,
     stage: Stage,
     *,
@@ -82,7 +82,7 @@ def finish(
     ----------
     problem : DesignProblem
         With both bounds of ω at the value wanted.
-    judge : Judge
+    evaluator : Evaluator
         Decides which of the rounds' trajectories is the best.
     start : (z,)
         Scaled variables.
@@ -96,7 +96,7 @@ def finish(
     x = start.copy()
     x[-1] = problem.variables.bounds()[0][-1]
     best, kept = _checked(problem, x), x
-    best_merit = judge.merit(best.trajectory, problem.cost.samples)
+    best_merit = evaluator.merit(best.trajectory, problem.cost.samples)
     tally, last_merit = Tally(), best_merit
     for _ in range(rounds):
         # Each round has all of the stage's iterations: the rows and their margins are new.
@@ -110,14 +110,14 @@ def finish(
             most=stage.iterations,
         )
         candidate = _checked(problem, x)
-        merit = judge.merit(candidate.trajectory, problem.cost.samples)
-        gain = judge.gain(merit, best_merit)
+        merit = evaluator.merit(candidate.trajectory, problem.cost.samples)
+        gain = evaluator.gain(merit, best_merit)
         if candidate.check.passed and (not best.check.passed or gain > 0):
             best, best_merit, kept = candidate, merit, x
         if status == "User_Requested_Stop":
             break
         # A round that falls back shows rows and margins that the next one puts right (measured).
-        if best.check.passed and abs(judge.gain(merit, last_merit)) < _WORTHWHILE:
+        if best.check.passed and abs(evaluator.gain(merit, last_merit)) < _WORTHWHILE:
             break
         last_merit = merit
     if tally.rounds == 0:

@@ -42,23 +42,18 @@ class NonlinearProgram(Protocol):
 
     def cost(self, x: Array) -> float:
         """Return f."""
-        ...
 
     def cost_derivatives(self, x: Array) -> tuple[float, Array, Array]:
         """Return f, its gradient (z,) and a positive semidefinite Hessian (z, z)."""
-        ...
 
     def cost_gradient(self, x: Array) -> tuple[float, Array]:
         """Return f and its gradient (z,)."""
-        ...
 
     def rows(self, x: Array) -> Array:
         """Return g, (r,)."""
-        ...
 
     def rows_jacobian(self, x: Array) -> tuple[Array, Array]:
         """Return g and its Jacobian, (r, z)."""
-        ...
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,17 @@ import numpy as np
 
 from expdesign.configuration import ComputationError
 from expdesign.solver.finish import Finished
-from expdesign.solver.jobs import Build, SearchPlan, finish_job, hop_job, newcomer_job, random_job
-from expdesign.solver.population import CAPACITY, Candidate, Population
+from expdesign.solver.jobs import (
+    CAPACITY,
+    Build,
+    Candidate,
+    Population,
+    SearchPlan,
+    finish_job,
+    hop_job,
+    newcomer_job,
+    random_job,
+)
 from expdesign.solver.stage import SearchEvent
 from expdesign.solver.start import Screening, StartResult
 from expdesign.workers import Job, Monitor, run_jobs
@@ -59,7 +68,7 @@ def search(build: Build, plan: SearchPlan, monitor: Monitor) -> SearchResult:
     Parameters
     ----------
     build : callable
-        Picklable; builds problem and judge in each worker process.
+        Picklable; builds problem and evaluator in each worker process.
     monitor : Monitor
         Gets every iteration; its request to stop ends the search with the best so far.
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from constraints.arrays import Array
 from expdesign.problem import DesignProblem
-from expdesign.recheck import Judge, recheck
+from expdesign.recheck import Evaluator, recheck
 from expdesign.solver.finish import Shrunk, shrink_to_limits
 from expdesign.solver.stage import SearchEvent, Stage, StageRecord, TracePoint, run_stage
 from expdesign.workers import Monitor
@@ -125,7 +125,7 @@ def infeasible_start(
 
 def run_start(
     problem: DesignProblem,
-    judge: Judge,
+    evaluator: Evaluator,
     stages: Sequence[Stage],
     start: Array,
     *,
@@ -185,7 +185,7 @@ def run_start(
         status = GIVEN_UP
     else:
         shrunk = shrink_to_limits(problem, problem.variables.trajectory(x))
-        merit = judge.merit(shrunk.trajectory, problem.cost.samples) if shrunk.kept else -np.inf
+        merit = evaluator.merit(shrunk.trajectory, problem.cost.samples) if shrunk.kept else -np.inf
         if not np.isfinite(merit):
             status += f"; {_why_useless(problem, shrunk)}"
     seconds = time.perf_counter() - began
@@ -194,7 +194,7 @@ def run_start(
             index,
             "done",
             done,
-            merit if judge.criterion.larger_is_better else -merit,
+            merit if evaluator.criterion.larger_is_better else -merit,
             max(last.violation, 0.0),
             seconds,
             status,

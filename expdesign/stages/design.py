@@ -5,7 +5,6 @@ from __future__ import annotations
 from expdesign.configuration import quantity_text
 from expdesign.experiment import DesignRecord, DesignResult, design
 from expdesign.information.fisher import SingularInformationError
-from expdesign.recheck import TOLERANCE
 from expdesign.stages.outcome import Outcome, StageFailed
 from expdesign.stages.progress import ABANDONED, STOP_DESIGN, Monitor, interruptible, short
 from expdesign.stages.workspace import Workspace
@@ -66,7 +65,7 @@ def _design(work: Workspace) -> DesignResult:
 def _what_is_wrong(result: DesignResult, folder: str) -> str:
     if result.status == "interrupted":
         return f"interrupted: the best so far is saved, and marked, in {folder}"
-    broken = [check for check in result.check.limits if check.violation > TOLERANCE]
+    broken = [check for check in result.check.limits if not check.kept]
     parts = []
     for check in sorted(broken, key=lambda check: -check.violation):
         row = f"{check.row}: " if check.row else ""

@@ -16,11 +16,9 @@ class Monitor(Protocol):
 
     def report(self, event: Any) -> None:
         """Take one event, of whatever kind the jobs report."""
-        ...
 
     def stop_requested(self) -> bool:
         """Tell whether the work should end with what it has."""
-        ...
 
 
 class SilentMonitor:

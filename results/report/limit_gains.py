@@ -12,7 +12,7 @@ from expdesign.experiment import DesignRecord
 from expdesign.experiment.design import design_task
 from expdesign.experiment.sensitivity import FREQUENCY, LimitSensitivity, sensitivity_at_design
 from expdesign.information.fisher import SingularInformationError
-from expdesign.recheck.information import Judge
+from expdesign.recheck.information import Evaluator
 from expdesign.solver import InfeasibleLimitsError
 from results.report.content import Fact
 from results.report.numerals import readable
@@ -40,7 +40,7 @@ def design_sensitivity(record: DesignRecord) -> LimitSensitivity | None:
         return None
     try:
         shop = design_task(record.configuration)
-        if not (_same_limits(record) and _same_criterion(record, shop.judge)):
+        if not (_same_limits(record) and _same_criterion(record, shop.evaluator)):
             return None
         return sensitivity_at_design(shop, summary.trajectory)
     except (InputError, InfeasibleLimitsError, SingularInformationError):
@@ -108,10 +108,10 @@ def _same_limits(record: DesignRecord) -> bool:
     )
 
 
-def _same_criterion(record: DesignRecord, judge: Judge) -> bool:
+def _same_criterion(record: DesignRecord, evaluator: Evaluator) -> bool:
     summary = record.summary
-    information = judge.information(summary.trajectory, summary.samples)
+    information = evaluator.information(summary.trajectory, summary.samples)
     return bool(
-        np.isclose(judge.log_det(information), summary.log_det_information, rtol=_SAME, atol=0)
-        and np.isclose(judge.value(information), summary.criterion_value, rtol=_SAME, atol=0)
+        np.isclose(evaluator.log_det(information), summary.log_det_information, rtol=_SAME, atol=0)
+        and np.isclose(evaluator.value(information), summary.criterion_value, rtol=_SAME, atol=0)
     )

@@ -175,7 +175,7 @@ def test_other_criteria(criterion, tiny, tiny_result, cheap_finish):
     task = design_task(result.configuration)
     rng = np.random.default_rng(np.random.SeedSequence(0, spawn_key=(1,)))
     x = random_start(task.problem, rng, 24, 0.4)
-    before = task.judge.information(task.problem.variables.trajectory(x), 24)
+    before = task.evaluator.information(task.problem.variables.trajectory(x), 24)
     assert (value(information) > value(before)) == (criterion == "e")
     if criterion == "condition":
         assert value(information) < value(tiny_result.information)

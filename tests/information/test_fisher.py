@@ -14,7 +14,7 @@ from expdesign.information.fisher import (
     parameter_covariance,
     whitening,
 )
-from expdesign.recheck import Judge
+from expdesign.recheck import Evaluator
 from expdesign.robot import load_robot
 from expdesign.trajectory import FourierTrajectory
 
@@ -54,7 +54,7 @@ def motion(palida):
 
 def _judge(robot, criterion="d", scaling=None, names=None):
     m = len(robot.parameter_names)
-    return Judge(
+    return Evaluator(
         robot,
         robot.description.noise.force_covariance,
         CRITERIA[criterion],
@@ -146,16 +146,18 @@ def test_log_det_of_palida_against_a_qr_factorisation(palida, motion):
     factor = np.linalg.cholesky(palida.description.noise.force_covariance)
     stacked = np.linalg.solve(factor, A).reshape(-1, 24)
     expected = 2 * np.sum(np.log(np.abs(np.diag(sla.qr(stacked, mode="r")[0]))))
-    judge = _judge(palida)
-    assert judge.log_det(judge.information(motion, 200)) == pytest.approx(expected, abs=1e-8)
+    evaluator = _judge(palida)
+    assert evaluator.log_det(evaluator.information(motion, 200)) == pytest.approx(
+        expected, abs=1e-8
+    )
 
 
 def test_a_rescaling_of_the_parameters_shifts_log_det_by_a_constant(palida, motion):
-    judge = _judge(palida)
+    evaluator = _judge(palida)
     scale = np.abs(palida.parameters)
     constant = 2 * np.sum(np.log(scale))
     for trajectory in (motion, motion.shifted(0.21)):
-        F = judge.information(trajectory, 60)
+        F = evaluator.information(trajectory, 60)
         rescaled = F * np.multiply.outer(scale, scale)
         names = palida.parameter_names
         assert log_det(rescaled, names) - log_det(F, names) == pytest.approx(constant, abs=1e-9)
@@ -173,24 +175,24 @@ def test_scaling_moves_a_and_e_and_condition_but_not_d(palida, motion):
 @pytest.mark.parametrize("criterion", ["d", "a", "e", "condition"])
 @pytest.mark.parametrize("samples", [1, 7, 33])
 def test_a_shift_by_whole_samples_changes_nothing(criterion, samples, palida, motion):
-    judge = _judge(palida, criterion, np.abs(palida.parameters))
+    evaluator = _judge(palida, criterion, np.abs(palida.parameters))
     shifted = motion.shifted(motion.sample_times(60)[samples])
-    F, again = judge.information(motion, 60), judge.information(shifted, 60)
+    F, again = evaluator.information(motion, 60), evaluator.information(shifted, 60)
     size = np.sqrt(np.multiply.outer(np.diag(F), np.diag(F)))
     np.testing.assert_allclose(again / size, F / size, rtol=0, atol=1e-11)
-    assert judge.value(again) == pytest.approx(judge.value(F), rel=1e-7)
-    assert judge.merit(shifted, 60) == pytest.approx(judge.merit(motion, 60), rel=1e-7)
+    assert evaluator.value(again) == pytest.approx(evaluator.value(F), rel=1e-7)
+    assert evaluator.merit(shifted, 60) == pytest.approx(evaluator.merit(motion, 60), rel=1e-7)
 
 
 def test_a_period_twice_is_twice_the_information(palida, motion):
-    judge = _judge(palida)
+    evaluator = _judge(palida)
     twice = FourierTrajectory.from_displacements(
         motion.omega / 2,
         motion.lambda0,
         np.kron(motion.sine, [0, 1]),
         np.kron(motion.cosine, [0, 1]),
     )
-    F, again = judge.information(motion, 40), judge.information(twice, 80)
+    F, again = evaluator.information(motion, 40), evaluator.information(twice, 80)
     size = np.sqrt(np.multiply.outer(np.diag(F), np.diag(F)))
     np.testing.assert_allclose(again / size, 2 * F / size, rtol=0, atol=1e-11)
 
@@ -322,17 +324,17 @@ def test_nearly_equal_columns_on_both_sides_of_the_threshold(rng):
 
 def test_palida_at_rest(palida):
     still = FourierTrajectory(1.0, palida.home, np.zeros((6, 1)), np.zeros((6, 1)))
-    judge = _judge(palida)
-    F = judge.information(still, 10)
+    evaluator = _judge(palida)
+    F = evaluator.information(still, 10)
     named = _unexcited(F, palida.parameter_names)
     # Gravity loads all struts alike at home: p4, p5 and p10 share one column, the rest are zero.
     assert len(named) == 23
     (kept,) = set(palida.parameter_names) - set(named)
     assert kept in ("p4", "p5", "p10")
-    for call in (judge.log_det, judge.value):
+    for call in (evaluator.log_det, evaluator.value):
         with pytest.raises(SingularInformationError):
             call(F)
-    assert judge.merit(still, 10) == -np.inf
+    assert evaluator.merit(still, 10) == -np.inf
 
 
 def test_palida_moved_in_a_line(palida):
@@ -350,10 +352,10 @@ def test_merit_of_a_restricted_set(palida):
     mu[2] = 0.2
     line = FourierTrajectory(2.0, palida.home, mu, np.zeros((6, 2)))
     names = ("p10", "r1", "v3")
-    judge = _judge(palida, names=names)
-    F = judge.information(line, 40)
+    evaluator = _judge(palida, names=names)
+    F = evaluator.information(line, 40)
     assert F.shape == (3, 3)
     full = _judge(palida).information(line, 40)
     columns = [palida.parameter_names.index(name) for name in names]
     np.testing.assert_allclose(F, full[np.ix_(columns, columns)], rtol=1e-10, atol=1e-12)
-    assert np.isfinite(judge.merit(line, 40))
+    assert np.isfinite(evaluator.merit(line, 40))

@@ -10,7 +10,7 @@ from expdesign.configuration import load_robot_description, row_labels
 from expdesign.information.criteria import CRITERIA
 from expdesign.information.fisher import information_matrix
 from expdesign.problem import DesignVariables, build_problem
-from expdesign.recheck import Judge
+from expdesign.recheck import Evaluator
 from expdesign.robot import load_robot, robot_from
 from expdesign.trajectory import FourierTrajectory, PhaseBasis
 
@@ -185,7 +185,7 @@ def test_both_ways_to_carry_sensitivities_agree(rows, variables):
 
 def test_information_is_that_of_the_model(everything, problem, points):
     """For a tiny width, per sample and in the scaling, it is the unsmoothed F."""
-    judge = Judge(
+    evaluator = Evaluator(
         everything,
         everything.description.noise.force_covariance,
         problem.criterion,
@@ -193,7 +193,7 @@ def test_information_is_that_of_the_model(everything, problem, points):
         everything.parameter_names,
     )
     scale = np.abs(everything.parameters)
-    F = judge.information(problem.variables.trajectory(points[0]), SAMPLES)
+    F = evaluator.information(problem.variables.trajectory(points[0]), SAMPLES)
     expected = F * np.multiply.outer(scale, scale) / SAMPLES
     found = problem.cost.information(points[0], 1e-9)
     size = np.sqrt(np.multiply.outer(np.diag(expected), np.diag(expected)))
@@ -291,7 +291,7 @@ def test_scaling_shifts_the_d_cost_by_a_constant_and_leaves_its_derivatives(prob
 
 
 def test_readable_cost_is_the_log_det(everything, problem, points):
-    judge = Judge(
+    evaluator = Evaluator(
         everything,
         everything.description.noise.force_covariance,
         problem.criterion,
@@ -299,8 +299,8 @@ def test_readable_cost_is_the_log_det(everything, problem, points):
         everything.parameter_names,
     )
     cost = problem.cost.value(points[0], 1e-9, 0.0)
-    F = judge.information(problem.variables.trajectory(points[0]), SAMPLES)
-    assert problem.cost.readable(cost) == pytest.approx(judge.log_det(F), abs=1e-6)
+    F = evaluator.information(problem.variables.trajectory(points[0]), SAMPLES)
+    assert problem.cost.readable(cost) == pytest.approx(evaluator.log_det(F), abs=1e-6)
 
 
 def test_information_by_hand(palida, problem, points):

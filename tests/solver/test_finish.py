@@ -79,9 +79,9 @@ def test_the_finish_keeps_limits_and_frequency(task, on_coarse_grid):
         seen.append(iteration)
         return True
 
-    none = finish(fixed, task.judge, x, stage, rounds=0, report=report)
+    none = finish(fixed, task.evaluator, x, stage, rounds=0, report=report)
     assert seen == []
-    done = finish(fixed, task.judge, x, stage, rounds=1, report=report)
+    done = finish(fixed, task.evaluator, x, stage, rounds=1, report=report)
     assert seen == list(range(1, len(seen) + 1))
     for finished in (none, done):
         assert finished.trajectory.omega == pytest.approx(omega, rel=1e-14)
@@ -90,7 +90,9 @@ def test_the_finish_keeps_limits_and_frequency(task, on_coarse_grid):
     assert done.check.passed
     assert done.record.rounds == 1
     samples = problem.cost.samples
-    assert task.judge.merit(done.trajectory, samples) >= task.judge.merit(none.trajectory, samples)
+    assert task.evaluator.merit(done.trajectory, samples) >= task.evaluator.merit(
+        none.trajectory, samples
+    )
     assert dataclasses.asdict(done.record)["evaluations"]["grad_f"] > 0
 
 
@@ -106,7 +108,7 @@ def test_the_finish_can_be_stopped(task, on_coarse_grid):
         calls.append(iteration)
         return False
 
-    finished = finish(fixed, task.judge, x, stage, rounds=4, report=report)
+    finished = finish(fixed, task.evaluator, x, stage, rounds=4, report=report)
     assert calls == [1]
     assert finished.record.status == "User_Requested_Stop"
     assert finished.record.rounds == 1

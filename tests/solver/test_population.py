@@ -3,7 +3,7 @@ from types import SimpleNamespace
 import hypothesis.strategies as st
 from hypothesis import given
 
-from expdesign.solver.population import CAPACITY, Candidate, Population
+from expdesign.solver.jobs import CAPACITY, Candidate, Population
 
 candidates = st.builds(
     lambda merit, passed, worst, lineage: Candidate(

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from expdesign.solver import NoDesignError, search
-from expdesign.solver.jobs import hop_job, newcomer_job, random_job
-from expdesign.solver.population import Candidate
+from expdesign.solver.jobs import Candidate, hop_job, newcomer_job, random_job
 from expdesign.solver.start import GIVEN_UP, Screening
 from expdesign.workers import Job, SilentMonitor, run_jobs
 
@@ -41,7 +40,7 @@ def run(build, task, cheap_finish):
 
 
 def merit(result, task):
-    return task.judge.merit(result.finished.trajectory, task.problem.cost.samples)
+    return task.evaluator.merit(result.finished.trajectory, task.problem.cost.samples)
 
 
 def test_seed_and_starts(run, build, task):

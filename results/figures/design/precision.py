@@ -10,7 +10,7 @@ from matplotlib.ticker import FuncFormatter
 
 from constraints.arrays import Array
 from expdesign.experiment import DesignRecord
-from expdesign.experiment.identifiable import IDENTIFIABLE
+from expdesign.experiment.result import IDENTIFIABLE
 from results.figures.definition import FigureDefinition
 from results.figures.legends import legend_above
 from results.style import ALERT, EMPHASIS, MUTED, SECOND, new_figure

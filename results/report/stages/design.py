@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from expdesign.experiment import DesignRecord
-from expdesign.experiment.identifiable import IDENTIFIABLE
+from expdesign.experiment.result import IDENTIFIABLE
 from expdesign.experiment.sensitivity import LimitSensitivity
 from expdesign.information.criteria import CRITERIA
 from expdesign.recheck import LimitCheck
