@@ -61,7 +61,7 @@ def estimate(
     UnidentifiableError
         The data do not determine some parameters at all; it names them.
     """
-    configuration = config if isinstance(config, RunConfiguration) else load_run(config)
+    configuration = load_run(config)
     # One thread: the products are small, and the order of their sums must not depend on cores.
     with threadpool_limits(limits=1, user_api="blas"):
         return _estimate(configuration, data, design)

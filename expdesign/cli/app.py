@@ -14,7 +14,6 @@ from typing import Annotated
 import typer
 
 from expdesign.cli import commands
-from expdesign.cli.check import check
 from expdesign.cli.compare import compare
 from expdesign.cli.export import export
 from expdesign.cli.robots import robots
@@ -57,7 +56,7 @@ def _expdesign(
 
 for _command in (
     robots,
-    check,
+    commands.check,
     commands.design,
     commands.simulate,
     commands.montecarlo,

@@ -9,36 +9,29 @@ import typer
 
 from expdesign.cli.output import JsonOption, note, results, write_json
 
-FoldersArgument = Annotated[
-    list[Path], typer.Argument(metavar="DIR DIR …", help="Run folders.", show_default=False)
-]
-OutOption = Annotated[
-    Path, typer.Option("--out", metavar="DIR", help="Folder of the comparison.", show_default=False)
-]
-PrecisionOption = Annotated[
-    str,
-    typer.Option(
-        "--precision",
-        metavar="P",
-        help="Relative standard deviation for which the periods are counted.",
-    ),
-]
-QuickOption = Annotated[
-    bool,
-    typer.Option(
-        "--quick", help="Leave out what each limit costs, which takes one solve a design."
-    ),
-]
-
-_MOST = 1.0
-_PERCENT = "%"
-
 
 def compare(
-    folders: FoldersArgument,
-    out: OutOption,
-    precision: PrecisionOption = "5 %",
-    quick: QuickOption = False,
+    folders: Annotated[
+        list[Path], typer.Argument(metavar="DIR DIR …", help="Run folders.", show_default=False)
+    ],
+    out: Annotated[
+        Path,
+        typer.Option("--out", metavar="DIR", help="Folder of the comparison.", show_default=False),
+    ],
+    precision: Annotated[
+        str,
+        typer.Option(
+            "--precision",
+            metavar="P",
+            help="Relative standard deviation for which the periods are counted.",
+        ),
+    ] = "5 %",
+    quick: Annotated[
+        bool,
+        typer.Option(
+            "--quick", help="Leave out what each limit costs, which takes one solve a design."
+        ),
+    ] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Compare run folders and write report.html, tables and figures into a folder.
@@ -83,17 +76,13 @@ def precision_share(text: str) -> float:
     """
     from expdesign.configuration import InputError, Problem
 
-    number = text.strip().removesuffix(_PERCENT)
+    number = text.strip().removesuffix("%")
     try:
-        share = float(number) / (100 if text.strip().endswith(_PERCENT) else 1)
+        share = float(number) / (100 if number != text.strip() else 1)
     except ValueError:
         share = float("nan")
-    if not 0 < share <= _MOST:
-        raise InputError(
-            Problem(
-                f"'{text}' is no relative precision",
-                key="--precision",
-                allowed="above 0 and at most 100 %, e.g. 1% or 0.01",
-            )
-        )
+    if not 0 < share <= 1:
+        message = f"'{text}' is no relative precision"
+        allowed = "above 0 and at most 100 %, e.g. 1% or 0.01"
+        raise InputError(Problem(message, key="--precision", allowed=allowed))
     return share

@@ -2,80 +2,110 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Callable
+from inspect import Parameter, signature
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
-from expdesign.cli.export_options import export_section, given_options
-from expdesign.cli.output import JsonOption, results, write_json
+from expdesign.cli.output import JsonOption, note, results, write_json
 
 if TYPE_CHECKING:
-    from expdesign.configuration import Problem, RunConfiguration
+    from expdesign.configuration import ExportSection, RunConfiguration
 
 _LIST = "list"
 
-FolderArgument = Annotated[
-    Path | None,
-    typer.Argument(
-        metavar="DIR", help="A run folder with run.yaml and design.json.", show_default=False
-    ),
-]
-FormatOption = Annotated[
-    str, typer.Option("--format", metavar="NAME", help="Format; `list` names them.")
-]
-OutOption = Annotated[
-    Path | None,
-    typer.Option("--out", metavar="FILE", help="File to write; in DIR/exports by default."),
-]
+
+def _whole(text: str) -> int | str:
+    """Return a whole number; text that is none is left to the schema, which refuses it."""
+    try:
+        return int(text)
+    except ValueError:
+        return text
 
 
-def _text_option(name: str, metavar: str, text: str) -> Any:
-    return typer.Option(f"--{name}", metavar=metavar, help=text)
+def _names(text: str) -> Any:
+    """Return one item, or a list of several."""
+    items = [item.strip() for item in text.split(",")]
+    return items[0] if len(items) == 1 else items
 
 
-def export(  # noqa: PLR0917 - each is an option of the command
-    folder: FolderArgument = None,
-    name: FormatOption = "",
-    out: OutOption = None,
-    file: Annotated[
-        str | None,
-        _text_option("file", "NAME", "Name in DIR/exports; of several tables of the run, which."),
+def _wholes(text: str) -> Any:
+    items = _names(text)
+    return _whole(items) if isinstance(items, str) else [_whole(item) for item in items]
+
+
+class _Option(NamedTuple):
+    """An option of the command that is a key of `export:`; `read` gives what would stand there."""
+
+    metavar: str
+    help: str
+    read: Callable[[str], Any] = str
+
+
+_OPTIONS = {
+    "file": _Option("NAME", "Name in DIR/exports; of several tables of the run, which."),
+    "space": _Option("strut|pose", "Coordinates of the table."),
+    "segment": _Option("TIME", "Between two rows, such as '10 ms'; the longest for PVT."),
+    "digits": _Option("N", "Digits after the decimal point.", _whole),
+    "units": _Option("m|mm|um|in", "Unit of lengths."),
+    "angles": _Option("rad|deg", "Unit of angles."),
+    "axes": _Option("A,B,…", "Six names, in the controller's order.", _names),
+    "order": _Option("1,2,…", "Number of the strut on each axis.", _wholes),
+    "sign": _Option("1,-1,…", "Of struts 1 to 6; one for all or six.", _wholes),
+    "offset": _Option("L,…", "Strut length at which its axis reads zero, or `home`.", _names),
+    "counts_per_metre": _Option("C,…", "Motor counts; one for all or six.", _names),
+    "tolerance": _Option("L", "Largest deviation of a strut, such as '1 um'."),
+    "blend": _Option("L", "P of G64 for LinuxCNC."),
+    "encoding": _Option("yaml|mcap", "Of ros2."),
+}
+"""By key of `export:`."""
+
+
+def _with_options(command: Callable[..., None]) -> Callable[..., None]:
+    """Let a command have every option of the table in place of its ``**options``."""
+    own = signature(command, eval_str=True)
+    *first, last = (one for one in own.parameters.values() if one.kind is not one.VAR_KEYWORD)
+    options = [
+        Parameter(
+            key,
+            Parameter.POSITIONAL_OR_KEYWORD,
+            default=None,
+            annotation=Annotated[
+                str | None,
+                typer.Option(_flag(key), metavar=option.metavar, help=option.help),
+            ],
+        )
+        for key, option in _OPTIONS.items()
+    ]
+    # Every function takes the attribute (PEP 362), which mypy does not know.
+    command.__signature__ = own.replace(parameters=[*first, *options, last])  # type: ignore[attr-defined]
+    return command
+
+
+def _flag(key: str) -> str:
+    return f"--{key.replace('_', '-')}"
+
+
+@_with_options
+def export(
+    folder: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="DIR", help="A run folder with run.yaml and design.json.", show_default=False
+        ),
     ] = None,
-    space: Annotated[
-        str | None, _text_option("space", "strut|pose", "Coordinates of the table.")
+    name: Annotated[
+        str, typer.Option("--format", metavar="NAME", help="Format; `list` names them.")
+    ] = "",
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", metavar="FILE", help="File to write; in DIR/exports by default."),
     ] = None,
-    segment: Annotated[
-        str | None,
-        _text_option("segment", "TIME", "Between two rows, such as '10 ms'; the longest for PVT."),
-    ] = None,
-    digits: Annotated[
-        str | None, _text_option("digits", "N", "Digits after the decimal point.")
-    ] = None,
-    units: Annotated[str | None, _text_option("units", "m|mm|um|in", "Unit of lengths.")] = None,
-    angles: Annotated[str | None, _text_option("angles", "rad|deg", "Unit of angles.")] = None,
-    axes: Annotated[
-        str | None, _text_option("axes", "A,B,…", "Six names, in the controller's order.")
-    ] = None,
-    order: Annotated[
-        str | None, _text_option("order", "1,2,…", "Number of the strut on each axis.")
-    ] = None,
-    sign: Annotated[
-        str | None, _text_option("sign", "1,-1,…", "Of struts 1 to 6; one for all or six.")
-    ] = None,
-    offset: Annotated[
-        str | None,
-        _text_option("offset", "L,…", "Strut length at which its axis reads zero, or `home`."),
-    ] = None,
-    counts_per_metre: Annotated[
-        str | None, _text_option("counts-per-metre", "C,…", "Motor counts; one for all or six.")
-    ] = None,
-    tolerance: Annotated[
-        str | None, _text_option("tolerance", "L", "Largest deviation of a strut, such as '1 um'.")
-    ] = None,
-    blend: Annotated[str | None, _text_option("blend", "L", "P of G64 for LinuxCNC.")] = None,
-    encoding: Annotated[str | None, _text_option("encoding", "yaml|mcap", "Of ros2.")] = None,
     as_json: JsonOption = False,
+    **options: str | None,
 ) -> None:
     """Write the designed motion, with its ways from and to rest, as a table for a controller.
 
@@ -86,6 +116,7 @@ def export(  # noqa: PLR0917 - each is an option of the command
     from expdesign.cli import shown
     from expdesign.cli.terminal import Terminal
     from expdesign.configuration import InputError, Problem
+    from expdesign.export import table_formats
     from expdesign.stages.export import export_one
     from expdesign.stages.progress import short
     from expdesign.stages.workspace import Workspace
@@ -95,27 +126,13 @@ def export(  # noqa: PLR0917 - each is an option of the command
         return
     if folder is None:
         raise InputError(Problem("no run folder is given", allowed="expdesign export DIR"))
-    given = given_options(
-        file=file,
-        space=space,
-        segment=segment,
-        units=units,
-        angles=angles,
-        tolerance=tolerance,
-        blend=blend,
-        encoding=encoding,
-        digits=digits,
-        axes=axes,
-        offset=offset,
-        order=order,
-        sign=sign,
-        counts_per_metre=counts_per_metre,
-    )
     folder = folder.absolute()
     configuration = _configuration(folder)
     if not name:
-        raise InputError(_missing_format())
-    section = export_section(name, given, configuration)
+        allowed = " | ".join((*table_formats(), _LIST))
+        raise InputError(Problem("no format is given", key="--format", allowed=allowed))
+    given = {key: _OPTIONS[key].read(text) for key, text in options.items() if text is not None}
+    section = _section(name, given, configuration)
     outcome = export_one(section, Workspace(configuration, folder, Terminal()), out)
     if as_json:
         write_json({"status": 0, **outcome.summary})
@@ -155,26 +172,92 @@ def _list(*, as_json: bool) -> None:
     results().print(table)
 
 
-def _missing_format() -> Problem:
-    from expdesign.configuration import Problem
-    from expdesign.export import table_formats
-
-    return Problem(
-        "no format is given", key="--format", allowed=" | ".join((*table_formats(), _LIST))
-    )
-
-
 def _configuration(folder: Path) -> RunConfiguration:
     from expdesign.configuration import InputError, Problem, load_run
 
     file = folder / "run.yaml"
     if not file.is_file():
+        message = "this is no run folder: it has no run.yaml"
+        allowed = "a folder that `expdesign design` or `expdesign run` wrote"
+        raise InputError(Problem(message, folder, key="DIR", allowed=allowed))
+    return load_run(file)
+
+
+def _section(name: str, given: dict[str, Any], configuration: RunConfiguration) -> ExportSection:
+    """Return what is asked for: the run's own options for the format, overridden by these.
+
+    Options of the run that do not go with what is given are left out, and named.
+
+    Raises
+    ------
+    InputError
+        An option cannot be kept, or the run has several tables of the format and none is named.
+    """
+    from dataclasses import replace
+
+    from expdesign.configuration import (
+        ExportSection,
+        InputError,
+        document_from_mapping,
+        validate,
+    )
+
+    stated = _stated(name, given.get("file"), configuration)
+    data = {} if stated is None else stated.model_dump(exclude_none=True)
+    left_out = {} if stated is None else _left_out(given, stated)
+    for key in itertools.chain.from_iterable(left_out.values()):
+        del data[key]
+    data |= {"format": name, **given}
+    found, problems = validate(ExportSection, data, document_from_mapping(data))
+    if found is None:
+        raise InputError(replace(problem, key=_flag(problem.key)) for problem in problems)
+    for option, keys in left_out.items():
+        note(f"left out, since {option} is given: {', '.join(keys)} of the run's export")
+    return found
+
+
+def _stated(name: str, file: str | None, configuration: RunConfiguration) -> ExportSection | None:
+    """Return the table of this format that the run names; of several the one with this file."""
+    from expdesign.configuration import InputError, Problem
+
+    named = [entry for entry in configuration.run.export if entry.format == name]
+    if len(named) > 1:
+        named = [entry for entry in named if entry.stem == file] or named
+    if len(named) > 1:
+        stems = [entry.stem for entry in named]
         raise InputError(
             Problem(
-                "this is no run folder: it has no run.yaml",
-                file=folder,
-                key="DIR",
-                allowed="a folder that `expdesign design` or `expdesign run` wrote",
+                f"the run has {len(named)} tables of {name}, each with options of its own"
+                + ("" if file is None else f", and none of them is '{file}'"),
+                file=configuration.file,
+                key="--file",
+                allowed=" | ".join(stems),
             )
         )
-    return load_run(file)
+    return named[0] if named else None
+
+
+def _left_out(given: dict[str, Any], stated: ExportSection) -> dict[str, list[str]]:
+    """Return which options of the run do not go with those given, by the option given."""
+    from expdesign.configuration import STRUT_ONLY
+
+    against: dict[str, tuple[str, ...]] = {}
+    if "counts_per_metre" in given:
+        against["counts_per_metre"] = ("units",)
+    if "units" in given:
+        against["units"] = ("counts_per_metre",)
+    if given.get("space", stated.coordinates) != stated.coordinates:
+        # Its axes are those of the other coordinates.
+        against["space"] = ("axes", *(STRUT_ONLY if given["space"] == "pose" else ()))
+    if given.get("encoding") == "mcap":
+        against["encoding"] = ("digits",)
+    gone: dict[str, list[str]] = {}
+    for option, keys in against.items():
+        found = [
+            key
+            for key in keys
+            if getattr(stated, key) is not None and not any(key in known for known in gone.values())
+        ]
+        if found:
+            gone[_flag(option)] = found
+    return gone

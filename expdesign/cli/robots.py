@@ -70,7 +70,6 @@ def _geometry(robot: ResolvedRobot) -> str:
 
 
 def _home(robot: ResolvedRobot) -> dict[str, Any]:
-
     geometry = robot.struts_at(robot.home)
     return {
         "strut_length": geometry.lengths.tolist(),
@@ -125,11 +124,7 @@ def _as_data(robot: ResolvedRobot) -> dict[str, Any]:
         "characteristic_length": robot.characteristic_length,
         "parameters": dict(robot.parameters),
         "limits": {
-            key: {
-                "lower": limit.lower.tolist(),
-                "upper": limit.upper.tolist(),
-                "unit": limit.unit,
-            }
+            key: {"lower": limit.lower.tolist(), "upper": limit.upper.tolist(), "unit": limit.unit}
             for key, limit in robot.limits.items()
         },
         "warnings": robot.warnings,

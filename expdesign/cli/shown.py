@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from math import floor, isnan, log10
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -38,26 +38,22 @@ def design(outcome: Outcome) -> None:
         f"{result.search.best.index}.",
         soft_wrap=True,
     )
-    limits = Table(
-        title="Limits over the whole period (unsmoothed model)",
-        title_justify="left",
-        box=box.SIMPLE_HEAD,
-        pad_edge=False,
-        show_edge=False,
-    )
-    for head in ("limit", "where", "worst", "bound", "used"):
-        left = head in {"limit", "where"}
-        limits.add_column(head, justify="left" if left else "right", no_wrap=True)
-    for check in result.check.limits:
-        used = limit_definitions()[check.key].share_used(check.value, check.bound, check.violation)
-        limits.add_row(
+    known = limit_definitions()
+    rows = [
+        (
             check.key,
             check.row,
             quantity_text(check.value, check.unit, 5),
             quantity_text(check.bound, check.unit, 5),
-            f"{100 * used:.1f} %",
+            f"{100 * known[check.key].share_used(check.value, check.bound, check.violation):.1f} %",
         )
-    results().print(limits)
+        for check in result.check.limits
+    ]
+    title = "Limits over the whole period (unsmoothed model)"
+    heads, left = ("limit", "where", "worst", "bound", "used"), ("limit", "where")
+    table = _table(title, heads, rows, left, no_wrap=True)
+    table.box, table.pad_edge, table.show_edge = box.SIMPLE_HEAD, False, False
+    results().print(table)
     _place(outcome)
 
 
@@ -98,22 +94,14 @@ def noise(outcome: Outcome) -> None:
         ("lengths", analysis.noise.length_covariance, 1e3, "mm"),
     ):
         std = np.sqrt(np.diag(covariance))
-        table = Table(
-            title=f"Noise of the {title}: standard deviation [{unit}] and correlation",
-            title_justify="left",
-        )
-        table.add_column("strut")
-        for head in ("std", *(str(j) for j in range(1, len(std) + 1))):
-            table.add_column(head, justify="right")
-        for i, row in enumerate(covariance / np.outer(std, std)):
-            table.add_row(str(i + 1), f"{factor * std[i]:.4g}", *(f"{cell:.3f}" for cell in row))
-        console.print(table)
-    for finding in analysis.findings:
-        advice = f"; {finding.advice}" if finding.advice else ""
-        console.print(
-            f"- {finding.assumption}: {finding.outcome.value}. {finding.sentence}{advice}",
-            soft_wrap=True,
-        )
+        struts = [str(number) for number in range(1, len(std) + 1)]
+        rows = [
+            (strut, f"{factor * size:.4g}", *(f"{cell:.3f}" for cell in row))
+            for strut, size, row in zip(struts, std, covariance / np.outer(std, std), strict=True)
+        ]
+        heading = f"Noise of the {title}: standard deviation [{unit}] and correlation"
+        console.print(_table(heading, ("strut", "std", *struts), rows, ("strut",)))
+    _findings(analysis.findings, outcomes=True)
     _place(outcome)
     if not record.averaged:
         note("periods are no whole number of samples: the scatter is that about a Fourier series")
@@ -127,12 +115,7 @@ def montecarlo(outcome: Outcome) -> None:
         f"{study.truth.experiment.periods} periods at {study.truth.experiment.sampling:g} Hz; "
         f"{len(study.identified)} of {len(study.free)} parameters are identified"
     )
-    table = Table(
-        title="In brackets 95 % intervals; bias in its standard errors", title_justify="left"
-    )
-    table.add_column("estimator")
-    for head in ("estimates", "RMSE / bound", "coverage (%)", "largest bias"):
-        table.add_column(head, justify="right")
+    rows = []
     for name in study.estimators:
         pooled = study.pooled(name)
         cells = ["", "", ""]
@@ -144,8 +127,10 @@ def montecarlo(outcome: Outcome) -> None:
                 f"{100 * pooled.coverage_high:.1f}]",
                 f"{pooled.largest_bias_t:.1f}",
             ]
-        table.add_row(name.upper(), str(len(study.estimated(name))), *cells)
-    console.print(table)
+        rows.append((name.upper(), str(len(study.estimated(name))), *cells))
+    title = "In brackets 95 % intervals; bias in its standard errors"
+    heads = ("estimator", "estimates", "RMSE / bound", "coverage (%)", "largest bias")
+    console.print(_table(title, heads, rows, ("estimator",)))
     _place(outcome)
 
 
@@ -162,21 +147,15 @@ def estimate(outcome: Outcome) -> None:
             f"{harmonics}, noise {record.experiment.noise.source}",
             soft_wrap=True,
         )
-    table = Table(
-        title="Estimates, in brackets the standard deviation of the last digits",
-        title_justify="left",
-    )
-    table.add_column("parameter")
-    for name in result.estimates:
-        table.add_column(name.upper(), justify="right")
-    table.add_column("a priori", justify="right")
-    table.add_column("unit")
     by_place = {(row.estimator, row.parameter): row for row in result.rows}
+    rows = []
     for parameter in result.knowledge.names:
-        rows = [by_place[name, parameter] for name in result.estimates]
-        values = (_concise(row.value, row.std) for row in rows)
-        table.add_row(parameter, *values, f"{rows[0].a_priori:.5g}", rows[0].unit)
-    console.print(table)
+        found = [by_place[name, parameter] for name in result.estimates]
+        values = (_concise(row.value, row.std) for row in found)
+        rows.append((parameter, *values, f"{found[0].a_priori:.5g}", found[0].unit))
+    title = "Estimates, in brackets the standard deviation of the last digits"
+    heads = ("parameter", *(name.upper() for name in result.estimates), "a priori", "unit")
+    console.print(_table(title, heads, rows, ("parameter", "unit")))
     for combination in result.combinations[result.best.estimator]:
         console.print(combination.text, soft_wrap=True)
     if diagnosis is not None:
@@ -187,17 +166,9 @@ def estimate(outcome: Outcome) -> None:
 
 def validate(outcome: Outcome) -> None:
     """Print how the prediction of each motion compares with the noise."""
-    from estimation.validation.record import ValidationRecord
-
     console, result = results(), outcome.result
-    table = Table(
-        title="Variance of single samples [N²]: about the prediction, and of the noise",
-        title_justify="left",
-    )
-    for head in ("motion", "actuator", "prediction", "noise", "F", "verdict"):
-        table.add_column(head, justify="left" if head in {"motion", "verdict"} else "right")
-    for row in ValidationRecord.of(result).rows:
-        table.add_row(
+    rows = [
+        (
             row.motion,
             str(row.actuator),
             f"{row.variance_model_error:.1f}",
@@ -205,7 +176,11 @@ def validate(outcome: Outcome) -> None:
             f"{row.statistic:.3f}",
             row.verdict,
         )
-    console.print(table)
+        for row in outcome.record.rows
+    ]
+    title = "Variance of single samples [N²]: about the prediction, and of the noise"
+    heads = ("motion", "actuator", "prediction", "noise", "F", "verdict")
+    console.print(_table(title, heads, rows, ("motion", "verdict")))
     for motion in result.motions:
         console.print(f"{motion.name}: {motion.diagnosis.verdict.summary}", soft_wrap=True)
         _findings(motion.diagnosis.verdict.failed)
@@ -214,13 +189,10 @@ def validate(outcome: Outcome) -> None:
 
 def study(outcome: Outcome) -> None:
     """Print the claims of a study."""
-    table = Table(title="On the digital twin (simulated)", title_justify="left")
-    for head in ("what", "found", "paper", "holds"):
-        table.add_column(head)
-    for claim in outcome.result:
-        holds = {True: "yes", False: "no", None: ""}[claim.holds]
-        table.add_row(claim.statement, claim.value, claim.paper, holds)
-    results().print(table)
+    words = {True: "yes", False: "no", None: ""}
+    rows = [(one.statement, one.value, one.paper, words[one.holds]) for one in outcome.result]
+    heads = ("what", "found", "paper", "holds")
+    results().print(_table("On the digital twin (simulated)", heads, rows, heads))
     results().print(f"{outcome.message}; written to {short(outcome.folder)}")
 
 
@@ -252,10 +224,28 @@ def _place(outcome: Outcome) -> None:
     results().print(f"written to {short(outcome.folder)}", soft_wrap=True)
 
 
-def _findings(findings: Iterable[Finding]) -> None:
+def _table(
+    title: str,
+    heads: Sequence[str],
+    rows: Iterable[Sequence[str]],
+    left: Sequence[str],
+    *,
+    no_wrap: bool = False,
+) -> Table:
+    """Return a table whose columns are flush right but for those that are named."""
+    table = Table(title=title, title_justify="left")
+    for head in heads:
+        table.add_column(head, justify="left" if head in left else "right", no_wrap=no_wrap)
+    for row in rows:
+        table.add_row(*row)
+    return table
+
+
+def _findings(findings: Iterable[Finding], *, outcomes: bool = False) -> None:
     for finding in findings:
+        outcome = f"{finding.assumption}: {finding.outcome.value}. " if outcomes else ""
         advice = f"; {finding.advice}" if finding.advice else ""
-        results().print(f"- {finding.sentence}{advice}", soft_wrap=True)
+        results().print(f"- {outcome}{finding.sentence}{advice}", soft_wrap=True)
 
 
 def _concise(value: float, std: float) -> str:

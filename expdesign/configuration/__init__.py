@@ -5,7 +5,7 @@ wrong. `values` are what may stand at a key, `sections` what may stand in a run 
 `run` are the two files; `loading` puts them together, `writing` writes the whole again.
 """
 
-from expdesign.configuration.document import document_from_mapping
+from expdesign.configuration.document import document_from_mapping, read_text
 from expdesign.configuration.limits import row_labels
 from expdesign.configuration.loading import load_run, smoothing_widths
 from expdesign.configuration.noise import NoiseDescription
@@ -96,6 +96,7 @@ __all__ = [
     "load_run",
     "nearest",
     "quantity_text",
+    "read_text",
     "resolved_yaml",
     "row_labels",
     "shown",

@@ -169,7 +169,7 @@ def read_yaml(path: Path) -> Document:
         mapping; if a key stands twice, a tag asks for more than plain data, an anchor contains
         itself, or the anchors expand to more than `LARGEST_EXPANSION` values.
     """
-    text = _read_text(path)
+    text = read_text(path, LARGEST_FILE, "YAML in UTF-8")
     node = _compose(path, text)
     if node is None:
         raise InputError(Problem("the file is empty", path))
@@ -184,10 +184,25 @@ def read_yaml(path: Path) -> Document:
     return Document(data, path, converter.lines)
 
 
-def _read_text(path: Path) -> str:
+def read_text(path: Path, largest: int, allowed: str) -> str:
+    """Return the text of a file in UTF-8.
+
+    Parameters
+    ----------
+    path : Path
+    largest : int
+        Bytes that it may have.
+    allowed : str
+        What the file should hold, for messages.
+
+    Raises
+    ------
+    InputError
+        It is missing, a folder, too large, binary or not UTF-8.
+    """
     try:
         with path.open("rb") as stream:
-            raw = stream.read(LARGEST_FILE + 1)
+            raw = stream.read(largest + 1)
     except FileNotFoundError:
         raise InputError(Problem("there is no such file", path)) from None
     except IsADirectoryError:
@@ -196,16 +211,16 @@ def _read_text(path: Path) -> str:
         reason = getattr(error, "strerror", None) or str(error)
         raise InputError(Problem(f"cannot be read: {reason}", path)) from None
     if b"\0" in raw:
-        raise InputError(Problem("the file is binary", path, allowed="YAML in UTF-8"))
-    if len(raw) > LARGEST_FILE:
-        allowed = f"{LARGEST_FILE // 1024} KiB"
-        raise InputError(Problem("the file is too large", path, allowed=allowed))
+        raise InputError(Problem("the file is binary", path, allowed=allowed))
+    if len(raw) > largest:
+        most = f"{largest // 1024} KiB"
+        raise InputError(Problem("the file is too large", path, allowed=most))
     try:
         return raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = raw[: error.start].count(b"\n") + 1
         message = f"byte 0x{raw[error.start]:02x} is not UTF-8"
-        raise InputError(Problem(message, path, line, allowed="YAML in UTF-8")) from None
+        raise InputError(Problem(message, path, line, allowed=allowed)) from None
 
 
 def _compose(path: Path, text: str) -> Node | None:

@@ -66,7 +66,7 @@ def design(config: ConfigurationLike, monitor: Monitor | None = None) -> DesignR
     InfeasibleLimitsError, NoDesignError
         No motion keeps the limits.
     """
-    configuration = config if isinstance(config, RunConfiguration) else load_run(config)
+    configuration = load_run(config)
     began = time.perf_counter()
     if not configuration.robot.limits:
         raise InputError(

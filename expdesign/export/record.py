@@ -9,7 +9,6 @@ from typing import Annotated, Any, ClassVar
 
 from pydantic import Field
 
-from expdesign.configuration import InputError
 from expdesign.export.definition import Task
 from expdesign.export.deviation import InformationChange
 from expdesign.export.exporting import Export
@@ -18,7 +17,6 @@ from expdesign.export.row_times import SHARE
 from expdesign.mechanism.hexapod import COORDINATE_NAMES, numbered
 from expdesign.motion import RecordedMotion
 from expdesign.runfolder import JsonFile, OpenNumber, described
-from expdesign.runfolder.json_file import FORMAT
 
 FOLDER, RECORD = "exports", "exports.json"
 
@@ -226,22 +224,6 @@ class ExportsRecord(JsonFile):
     WRITTEN_BY: ClassVar[str] = "`expdesign export`"
     motion: Annotated[MotionEntry, described("", "the motion that all tables hold")]
     files: Annotated[Mapping[str, FileEntry], described("", "the tables by their names")]
-
-    @classmethod
-    def known(cls, path: Path) -> ExportsRecord | None:
-        """Return what a file says; None when there is none, or none that can be used.
-
-        Raises
-        ------
-        InputError
-            It is of a newer format.
-        """
-        try:
-            return cls.read(path)
-        except InputError as error:
-            if any(problem.key == FORMAT for problem in error.problems):
-                raise
-            return None
 
 
 def record_of_one(path: Path) -> Path:

@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Self
 from pydantic import ConfigDict, ValidationError
 from pydantic_core import PydanticCustomError
 
-from expdesign.configuration import InputError, Problem, format_number, key_path, shown
+from expdesign.configuration import InputError, Problem, format_number, key_path, read_text, shown
 from expdesign.runfolder.atomic import write_json
 from expdesign.runfolder.described import Column, checker, field_columns
 
@@ -102,6 +102,22 @@ class JsonFile:
         except ValidationError as error:
             raise InputError(_problems(path, error)) from error
 
+    @classmethod
+    def known(cls, place: Path) -> Self | None:
+        """Read the file; None when there is none, or none that can be used.
+
+        Raises
+        ------
+        InputError
+            It is of a newer format.
+        """
+        try:
+            return cls.read(place)
+        except InputError as error:
+            if any(problem.key == FORMAT for problem in error.problems):
+                raise
+            return None
+
     def write(self, folder: Path) -> Path:
         """Write the file into a run folder; NaN and ±inf become null."""
         return self.write_as(folder / self.FILE)
@@ -129,22 +145,14 @@ def read_mapping(path: Path, allowed: str = "a JSON file that expdesign wrote") 
     InputError
         It cannot be read, is too large, is not JSON, or holds something else.
     """
+    text = read_text(path, LARGEST_FILE, allowed)
     try:
-        with path.open("rb") as stream:
-            raw = stream.read(LARGEST_FILE + 1)
-    except OSError as error:
-        message = f"cannot be read: {error.strerror or error}"
-        raise InputError(Problem(message, path, allowed=allowed)) from error
-    if len(raw) > LARGEST_FILE:
-        message = f"larger than {LARGEST_FILE // 1024**2} MiB"
-        raise InputError(Problem(message, path, allowed=allowed))
-    try:
-        data = json.loads(raw.decode("utf-8"))
+        data = json.loads(text)
     except json.JSONDecodeError as error:
         problem = Problem(f"not JSON: {error.msg}", path, error.lineno, allowed=allowed)
         raise InputError(problem) from error
     except (ValueError, RecursionError) as error:
-        # Not UTF-8, a number of very many digits, or brackets without end.
+        # A number of very many digits, or brackets without end.
         raise InputError(Problem("not JSON that can be read", path, allowed=allowed)) from error
     if not isinstance(data, dict):
         raise InputError(Problem(f"holds {shown(data)}", path, 1, allowed=allowed))

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import platform
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, ClassVar
 
-from expdesign.runfolder.atomic import write_json
-
-NAME = "manifest.json"
+from expdesign.runfolder.described import described
+from expdesign.runfolder.json_file import JsonFile
 
 RUN_FILE = "run.yaml"
 """The configuration, which every stage leaves: no result of any of them, and not in `files`."""
@@ -32,7 +30,6 @@ class StageEntry:
         ``"done"``, ``"limits broken"``, ``"interrupted"`` or ``"failed"``.
     inputs : str
         Hash of everything that the stage was made from.
-    seconds : float
     finished : str
         When, UTC, ISO 8601.
     message : str
@@ -49,33 +46,26 @@ class StageEntry:
     message: str = ""
     files: dict[str, str] = field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        """Leave `run.yaml` out, which earlier versions listed."""
+        self.files.pop(RUN_FILE, None)
+
 
 @dataclass(frozen=True)
-class Manifest:
-    """The run as a whole: versions, seeds, evaluation back end and stages."""
+class Manifest(JsonFile):
+    """The run as a whole."""
 
-    versions: dict[str, str]
-    seeds: dict[str, int]
-    evaluation: str
-    stages: dict[str, StageEntry]
+    FILE: ClassVar[str] = "manifest.json"
+    WRITTEN_BY: ClassVar[str] = "`expdesign run`"
+    versions: Annotated[dict[str, str], described("", "of Python and the packages")]
+    seeds: Annotated[dict[str, int], described("", "by stage")]
+    evaluation: Annotated[str, described("", "what evaluates the graph")]
+    stages: Annotated[dict[str, StageEntry], described("", "what became of each, by name")]
 
     @classmethod
     def new(cls, seeds: dict[str, int]) -> Manifest:
         """Start a manifest with the versions that are installed."""
         return cls(package_versions(), seeds, "casadi virtual machine", {})
-
-    @classmethod
-    def read(cls, folder: Path) -> Manifest | None:
-        """Read a folder's manifest; None when there is none or it cannot be used."""
-        try:
-            data = json.loads((folder / NAME).read_text(encoding="utf-8"))
-            stages = {key: StageEntry(**entry) for key, entry in data["stages"].items()}
-            for stage in stages.values():
-                # Earlier versions listed it, and did a stage again when another one changed it.
-                stage.files.pop(RUN_FILE, None)
-            return cls(data["versions"], data["seeds"], data["evaluation"], stages)
-        except (OSError, ValueError, KeyError, TypeError, AttributeError):
-            return None
 
     def with_stage(self, name: str, entry: StageEntry) -> Manifest:
         """Return the manifest with one stage set.
@@ -110,10 +100,6 @@ class Manifest:
             for file, digest in entry.files.items()
         )
 
-    def write(self, folder: Path) -> None:
-        """Write it into the folder."""
-        write_json(folder / NAME, asdict(self))
-
 
 def entry(
     status: str, inputs: str, seconds: float, message: str, folder: Path, files: Iterable[Path]
@@ -125,11 +111,7 @@ def entry(
         seconds=round(seconds, 3),
         finished=datetime.now(UTC).isoformat(timespec="seconds"),
         message=message,
-        files={
-            str(file.relative_to(folder)): file_hash(file)
-            for file in sorted(files)
-            if file != folder / RUN_FILE
-        },
+        files={str(file.relative_to(folder)): file_hash(file) for file in sorted(files)},
     )
 
 

@@ -46,7 +46,7 @@ def simulate(
     """
     from estimation.twin import Twin
 
-    return Twin.of(_loaded(config), _trajectory(design)).measurement(repetition)
+    return Twin.of(load_run(config), _trajectory(design)).measurement(repetition)
 
 
 def estimate(
@@ -68,14 +68,14 @@ def estimate(
     ------
     InputError
         Run, recording or design cannot be used, or do not fit.
-    MotionFitError, UnidentifiableError
-        No motion has the measured lengths; the data do not determine some parameters.
+    ComputationError
+        No motion has the measured lengths, or the data do not determine some parameters.
     """
     from estimation import identification
     from estimation.data.measurement import Measurement
     from estimation.data.reading import read_measurement
 
-    configuration = _loaded(config)
+    configuration = load_run(config)
     section = configuration.run.data
     given = section.file if data is None else data
     if given is None:
@@ -106,10 +106,6 @@ def report(folder: Place) -> Path:
 
     page: Path = written_report(Path(folder).absolute()).result
     return page
-
-
-def _loaded(config: Place | Mapping[str, Any] | RunConfiguration) -> RunConfiguration:
-    return config if isinstance(config, RunConfiguration) else load_run(config)
 
 
 def _trajectory(design: DesignResult | FourierTrajectory | Place) -> FourierTrajectory:

@@ -28,7 +28,6 @@ def perform(work: Workspace) -> Outcome:
         result,
         files,
         summary={
-            "folder": str(work.folder),
             "design_status": result.status,
             "log_det_information": result.log_det_information,
             "criterion": result.configuration.run.design.criterion,

@@ -49,7 +49,7 @@ def perform(work: Workspace) -> Outcome:
         )
     record = EstimateRecord.of(result, diagnosis)
     figures = configuration.run.report.figures
-    summary = _summary(result, diagnosis, str(folder))
+    summary = _summary(result, diagnosis)
     return Outcome(
         "estimate",
         folder,
@@ -90,16 +90,15 @@ def analyse_noise(work: Workspace) -> Outcome:
         folder,
         analysis,
         (*record.write(folder), *figures),
-        summary={"folder": str(folder), **record.summary.as_data()},
+        summary=record.summary.as_data(),
         record=record.summary,
     )
 
 
-def _summary(result: EstimationResult, diagnosis: Diagnosis | None, folder: str) -> dict[str, Any]:
+def _summary(result: EstimationResult, diagnosis: Diagnosis | None) -> dict[str, Any]:
     verdict = None if diagnosis is None else diagnosis.verdict
     best = [row for row in result.rows if row.estimator == result.best.estimator]
     return {
-        "folder": folder,
         "best": result.best.estimator,
         "estimates": {
             row.parameter: {"value": row.value, "std": row.std, "unit": row.unit} for row in best

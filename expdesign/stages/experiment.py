@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import time
-
 from estimation.twin import Twin
 from estimation.twin.record import (
     MEASUREMENT,
@@ -34,7 +32,6 @@ def perform(work: Workspace) -> Outcome:
     configuration, folder, sources = work.configuration, work.folder, work.sources
     design = work.design()
     warnings = work.warn_of(design)
-    began = time.perf_counter()
     table = None
     if sources.table is not None:
         robot = robot_from(configuration.robot)
@@ -72,13 +69,11 @@ def perform(work: Workspace) -> Outcome:
         tuple(sorted(files)),
         record=TruthFile.of(truth),
         summary={
-            "folder": str(folder),
             "repetitions": done,
             "periods": truth.experiment.periods,
             "samples": truth.samples,
             "samples_per_period": truth.samples_per_period,
             "table": None if truth.table is None else truth.table.file,
-            "seconds": time.perf_counter() - began,
             "warnings": [*configuration.warnings, *warnings],
         },
         status=status,

@@ -13,7 +13,6 @@ from expdesign.export import (
     FOLDER,
     RECORD,
     Export,
-    ExportError,
     ExportsRecord,
     FileEntry,
     MotionEntry,
@@ -27,13 +26,12 @@ from expdesign.export import (
 )
 from expdesign.motion import (
     ExecutableMotion,
-    NoRampError,
     executable_motion,
 )
 from expdesign.robot import robot_from
 from expdesign.runfolder.atomic import write_text
 from expdesign.runfolder.manifest import package_versions, text_hash
-from expdesign.stages.outcome import Outcome, StageFailed
+from expdesign.stages.outcome import Outcome
 from expdesign.stages.progress import Progress, short
 from expdesign.stages.record import (
     added_to,
@@ -58,35 +56,36 @@ def perform(work: Workspace) -> Outcome:
     ------
     InputError
         An option cannot be kept.
-    StageFailed
+    ComputationError
         A table is beyond a tolerance, or the machine cannot get into the motion.
     """
     configuration, target = work.configuration, work.folder / FOLDER
     sections = configuration.run.export
     for number, section in enumerate(sections, start=1):
         refuse_missing_library(section, f"export[{number}]")
-        refuse_taken_name(target / file_name(section), f"export[{number}].file")
-    task = export_task(work)
+        _refuse_taken_name(target / file_name(section), f"export[{number}].file")
+    task = _task(work)
     before = ExportsRecord.known(target / RECORD)
     clear_outdated(NAME, work)
     own = {file_name(section) for section in sections}
     files = _described_files(before, target, task, own, work.progress)
-    described = _describe(target, task, files) if files else ()
+    places = target / RECORD, target / README
+    described = _describe(task, files, *places) if files else ()
     made = []
     for number, section in enumerate(sections, start=1):
         path = target / file_name(section)
-        made.append(export_checked(section, task, path, f"export[{number}]"))
+        made.append(export_table(section, task, path, f"export[{number}]"))
         # After each: when the next one fails, this one is not without its description, and
         # `expdesign export` does not replace it by one with the options of an earlier run.
         files[path.name] = FileEntry.of(made[-1])
-        described = _describe(target, task, files)
+        described = _describe(task, files, *places)
         keep_configuration(configuration, work.folder)
     return Outcome(
         NAME,
         work.folder,
         made,
         (*(export.path for export in made), *described),
-        summary={"folder": str(work.folder), **_summary(task, made)},
+        summary=_summary(task, made),
     )
 
 
@@ -103,7 +102,7 @@ def export_one(section: ExportSection, work: Workspace, out: Path | None) -> Out
 
     Raises
     ------
-    InputError, StageFailed
+    InputError, ComputationError
         As `perform`.
     """
     refuse_missing_library(section)
@@ -112,72 +111,37 @@ def export_one(section: ExportSection, work: Workspace, out: Path | None) -> Out
     refuse_unreadable_name(section, path, "--out")
     in_folder = path.parent.resolve() == target.resolve()
     if in_folder:
-        refuse_taken_name(path, "--file" if out is None else "--out")
+        _refuse_taken_name(path, "--file" if out is None else "--out")
     refuse_unwritable(path.parent)
     for warning in work.configuration.warnings:
         work.progress.warn(warning)
-    task = export_task(work)
-    made = export_checked(section, task, path, "")
+    task = _task(work)
+    made = export_table(section, task, path)
+    entry = {path.name: FileEntry.of(made)}
     if in_folder:
-        before = ExportsRecord.known(target / RECORD)
-        files = _described_files(before, target, task, {path.name}, work.progress)
-        with added_to(work.folder, (target / RECORD, target / README)):
-            _describe(target, task, files | {path.name: FileEntry.of(made)})
+        known = ExportsRecord.known(target / RECORD)
+        others = _described_files(known, target, task, {path.name}, work.progress)
+        places = target / RECORD, target / README
+        with added_to(work.folder, places):
+            _describe(task, others | entry, *places)
     else:
-        _describe_beside(path, task, made)
+        _describe_beside(path, task, entry)
     return Outcome(NAME, work.folder, [made], (path,), summary=_summary(task, [made]))
 
 
-def refuse_taken_name(path: Path, key: str) -> None:
-    """Refuse a table under the name of what describes the tables of its folder.
-
-    Raises
-    ------
-    InputError
-        It has such a name.
-    """
-    taken = (README, RECORD)
-    if path.name.casefold() in {name.casefold() for name in taken}:
-        raise InputError(
-            Problem(
-                f"{path.name} is what describes the tables of this folder",
-                key=key,
-                allowed=f"another name than {' and '.join(taken)}",
-            )
-        )
+def _refuse_taken_name(path: Path, key: str) -> None:
+    """Refuse a table under the name of what describes the tables of its folder."""
+    if path.name.casefold() in {README.casefold(), RECORD.casefold()}:
+        message = f"{path.name} is what describes the tables of this folder"
+        allowed = f"another name than {README} and {RECORD}"
+        raise InputError(Problem(message, key=key, allowed=allowed))
 
 
-def export_checked(section: ExportSection, task: Task, path: Path, place: str) -> Export:
-    """Write a table and read it back; one that fails is not kept.
-
-    Raises
-    ------
-    InputError
-        An option at `place` of the run file cannot be kept.
-    StageFailed
-        The table is beyond a tolerance.
-    """
-    try:
-        return export_table(section, task, path, place)
-    except ExportError as error:
-        raise StageFailed(
-            f"{error}. The file was not kept{error.remedy and '; '}{error.remedy}.",
-            {"failures": list(error.check.failures)},
-        ) from error
-
-
-def export_task(work: Workspace) -> Task:
+def _task(work: Workspace) -> Task:
     """Return what is exported: the design with its ways from and to rest.
 
     The ways that the folder's tables have are taken when they were made from the same
     configuration, design and versions.
-
-    Raises
-    ------
-    InputError
-        The design is missing or none.
-    StageFailed
-        The machine cannot get into the motion.
     """
     configuration = work.configuration
     run, noise = configuration.run, configuration.robot.noise
@@ -192,10 +156,7 @@ def export_task(work: Workspace) -> Task:
         )
     else:
         work.progress.note("looking for the ways from rest into the motion and back")
-        try:
-            motion = executable_motion(configuration, trajectory)
-        except NoRampError as error:
-            raise StageFailed(str(error)) from error
+        motion = executable_motion(configuration, trajectory)
     return Task(
         name=run.name,
         robot=robot,
@@ -237,15 +198,8 @@ def _described_files(
 ) -> dict[str, FileEntry]:
     """Return what is known of the tables of this motion in a folder; warn of those of another.
 
-    Parameters
-    ----------
-    before : ExportsRecord or None
-        What exports.json says, or said before outdated files were removed.
-    folder : Path
-    task : Task
-    replaced : set of str
-        Names of the tables that are about to be written: of these, nothing is warned.
-    progress : Progress
+    `before` is what exports.json says, or said before outdated files were removed. Of the tables
+    that are `replaced` now, nothing is warned.
     """
     if before is None:
         return {}
@@ -260,20 +214,20 @@ def _described_files(
     return {}
 
 
-def _describe(folder: Path, task: Task, files: dict[str, FileEntry]) -> tuple[Path, Path]:
-    """Write README.txt and exports.json of the tables of a folder."""
-    record = ExportsRecord(MotionEntry.of(task), files)
-    return _written(record, folder / RECORD, folder / README)
+def _describe(
+    task: Task, files: dict[str, FileEntry], record: Path, guide: Path
+) -> tuple[Path, Path]:
+    """Write what tables are, for programs and for people; return both paths."""
+    return _written(ExportsRecord(MotionEntry.of(task), files), record, guide)
 
 
-def _describe_beside(path: Path, task: Task, made: Export) -> None:
+def _describe_beside(path: Path, task: Task, files: dict[str, FileEntry]) -> None:
     """Write the same of one table beside it, under names that tell whose they are.
 
     Where the table has replaced one of another run's `exports/`, what is said there of the old
     one goes.
     """
-    record = ExportsRecord(MotionEntry.of(task), {path.name: FileEntry.of(made)})
-    _written(record, record_of_one(path), path.with_name(f"{path.name}.{README}"))
+    _describe(task, files, record_of_one(path), path.with_name(f"{path.name}.{README}"))
     shared, guide = path.with_name(RECORD), path.with_name(README)
     other = ExportsRecord.known(shared)
     if other is not None and path.name in other.files:
@@ -285,14 +239,14 @@ def _describe_beside(path: Path, task: Task, made: Export) -> None:
             guide.unlink(missing_ok=True)
 
 
+def _written(record: ExportsRecord, path: Path, guide: Path) -> tuple[Path, Path]:
+    record.write_as(path)
+    write_text(guide, readme(record))
+    return path, guide
+
+
 def _summary(task: Task, made: list[Export]) -> dict[str, Any]:
     record = ExportsRecord(MotionEntry.of(task), {str(one.path): FileEntry.of(one) for one in made})
     data = record.as_data()
     data["motion"].pop("ways")
     return data
-
-
-def _written(record: ExportsRecord, path: Path, guide: Path) -> tuple[Path, Path]:
-    record.write_as(path)
-    write_text(guide, readme(record))
-    return path, guide

@@ -28,7 +28,7 @@ class Outcome:
     files : tuple of Path
         Those that it wrote.
     summary : dict
-        What the command prints with ``--json``.
+        What the command prints with ``--json``, beside the folder and the seconds it took.
     status : str
         As the manifest has it: ``"done"``, ``"limits broken"`` or ``"interrupted"``.
     message : str

@@ -13,11 +13,12 @@ from expdesign.runfolder.atomic import write_text
 from expdesign.runfolder.manifest import (
     RUN_FILE,
     Manifest,
-    StageEntry,
+    entry,
     file_hash,
     package_versions,
     text_hash,
 )
+from expdesign.stages.outcome import Outcome
 from expdesign.stages.table import STAGES
 from expdesign.stages.workspace import Workspace
 
@@ -56,11 +57,11 @@ def is_done(name: str, work: Workspace) -> bool:
     """Tell whether a stage was done from the same inputs, with its files still as it wrote them."""
     if not (work.folder / (STAGES[name].result or STAGES[name].record)).is_file():
         return False
-    manifest = Manifest.read(work.folder)
+    manifest = Manifest.known(work.folder)
     return manifest is not None and manifest.is_done(name, work.inputs[name], work.folder)
 
 
-def write_entry(name: str, work: Workspace, entry: StageEntry) -> None:
+def write_entry(work: Workspace, outcome: Outcome, seconds: float) -> None:
     """Write what became of a stage into the manifest.
 
     The entries of the stages that are not done now stay, unless other versions made them: their
@@ -69,10 +70,12 @@ def write_entry(name: str, work: Workspace, entry: StageEntry) -> None:
     run = work.configuration.run
     sections = ((stage, getattr(run, stage, None)) for stage in STAGES)
     seeds = {stage: int(s.seed) for stage, s in sections if s is not None and hasattr(s, "seed")}
-    fresh, known = Manifest.new(seeds), Manifest.read(work.folder)
+    fresh, known = Manifest.new(seeds), Manifest.known(work.folder)
     if known is not None and known.versions == fresh.versions:
         fresh = replace(known, seeds=seeds)
-    fresh.with_stage(name, entry).write(work.folder)
+    inputs, message = work.inputs[outcome.stage], outcome.message
+    made = entry(outcome.status, inputs, seconds, message, work.folder, outcome.files)
+    fresh.with_stage(outcome.stage, made).write(work.folder)
 
 
 def keep_configuration(configuration: RunConfiguration, folder: Path) -> None:
@@ -89,7 +92,7 @@ def added_to(folder: Path, files: Iterable[Path]) -> Iterator[None]:
     What a stage wrote is in there still: no reason to do it again. A file that was not as the
     stage wrote it before, or was gone, stays so.
     """
-    before = Manifest.read(folder)
+    before = Manifest.known(folder)
     entries = () if before is None else before.stages.values()
     known = {file: digest for entry in entries for file, digest in entry.files.items()}
     intact = [
@@ -107,7 +110,7 @@ def clear_outdated(name: str, work: Workspace) -> set[Path]:
 
     Only files that are as the stage wrote them, and that no other stage wrote too, are removed.
     """
-    folder, manifest = work.folder, Manifest.read(work.folder)
+    folder, manifest = work.folder, Manifest.known(work.folder)
     earlier = None if manifest is None else manifest.stages.get(name)
     if manifest is None or earlier is None:
         return set()

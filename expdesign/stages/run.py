@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
 from tempfile import TemporaryFile
@@ -17,7 +17,6 @@ from expdesign.configuration import (
     RunConfiguration,
     load_run,
 )
-from expdesign.runfolder.manifest import entry
 from expdesign.stages.outcome import Outcome, StageFailed
 from expdesign.stages.progress import Progress, short
 from expdesign.stages.record import is_done, keep_configuration, stage_inputs, write_entry
@@ -68,7 +67,7 @@ def run(
     StageFailed
         A stage failed or was interrupted, or its result breaks a limit.
     """
-    configuration = config if isinstance(config, RunConfiguration) else load_run(config)
+    configuration = load_run(config)
     work = Workspace(configuration, run_folder(configuration, out), progress or Progress())
     refuse_study(configuration)
     if missing := stages_without_design(configuration, work.folder):
@@ -111,15 +110,14 @@ def do_stage(name: str, work: Workspace) -> Outcome:
         outcome: Outcome = loaded(STAGES[name].perform)(work)
     except ComputationError as error:
         if work.folder.is_dir():
-            _write_entry(
-                name,
-                work,
-                began,
-                Outcome(name, work.folder, None, status="failed", message=error.message),
-            )
+            failed = Outcome(name, work.folder, status="failed", message=error.message)
+            write_entry(work, failed, time.perf_counter() - began)
         raise StageFailed(error.message, error.details) from error
+    seconds = time.perf_counter() - began
+    told = {"folder": str(work.folder), "seconds": seconds, **outcome.summary}
+    outcome = replace(outcome, summary=told)
     keep_configuration(work.configuration, work.folder)
-    _write_entry(name, work, began, outcome)
+    write_entry(work, outcome, seconds)
     work.made[name] = outcome
     for warning in outcome.warnings:
         work.progress.warn(warning)
@@ -127,14 +125,6 @@ def do_stage(name: str, work: Workspace) -> Outcome:
         raise StageFailed(outcome.failure, outcome.summary)
     work.progress.finished(outcome)
     return outcome
-
-
-def _write_entry(name: str, work: Workspace, began: float, outcome: Outcome) -> None:
-    seconds = time.perf_counter() - began
-    record = entry(
-        outcome.status, work.inputs[name], seconds, outcome.message, work.folder, outcome.files
-    )
-    write_entry(name, work, record)
 
 
 def run_folder(configuration: RunConfiguration, out: str | PathLike[str] | None) -> Path:

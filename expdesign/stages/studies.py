@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
@@ -33,7 +32,6 @@ def montecarlo(work: Workspace) -> Outcome:
         Workers died, nothing could be estimated, or Ctrl-C came before the first repetition ended.
     """
     configuration, folder = work.configuration, work.folder
-    began = time.perf_counter()
     design = work.design()
     warnings = work.warn_of(design)
     with _watched(work, "repetitions") as monitor:
@@ -58,7 +56,6 @@ def montecarlo(work: Workspace) -> Outcome:
         tuple(files),
         record=record,
         summary={
-            "folder": str(folder),
             "repetitions": len(study.repetitions),
             "estimators": {
                 name: {
@@ -68,7 +65,6 @@ def montecarlo(work: Workspace) -> Outcome:
                 }
                 for name, found in pooled.items()
             },
-            "seconds": time.perf_counter() - began,
             "warnings": [*configuration.warnings, *warnings, *failed],
         },
         status="interrupted" if study.interrupted else "done",
@@ -92,7 +88,6 @@ def study(work: Workspace) -> Outcome:
         Interrupted, workers died, or something could not be designed or estimated.
     """
     configuration, folder = work.configuration, work.folder
-    began = time.perf_counter()
     trajectory = None
     if STAGES["study"].needed(configuration):
         design = work.design()
@@ -112,9 +107,7 @@ def study(work: Workspace) -> Outcome:
         claims,
         tuple(files),
         summary={
-            "folder": str(folder),
             "claims": [asdict(claim) for claim in claims],
-            "seconds": time.perf_counter() - began,
         },
         message=_how_many_hold(claims),
         record=found.record,

@@ -83,7 +83,8 @@ class Stage:
         return () if self.needs_nothing(configuration) else self.needs
 
 
-_FIGURES = ("figures/*",)
+_FIGURES = "figures/*"
+_TABLES = ("columns.json", "tables/*.csv", _FIGURES)
 
 STAGES: dict[str, Stage] = {
     "design": Stage(
@@ -91,7 +92,7 @@ STAGES: dict[str, Stage] = {
         record="design.json",
         perform="expdesign.stages.design:perform",
         sections=_sections("trajectory", "design", experiment={"periods", "sampling"}),
-        writes=("trajectory.csv", "columns.json", "tables/*.csv", *_FIGURES),
+        writes=("trajectory.csv", *_TABLES),
         report="results.report.stages.design:design_report",
         left_out=(_study_does_it,),
     ),
@@ -112,7 +113,7 @@ STAGES: dict[str, Stage] = {
         perform="expdesign.stages.estimate:analyse_noise",
         needs=("recording",),
         sections=_sections("trajectory", "data"),
-        writes=("columns.json", "tables/*.csv", *_FIGURES),
+        writes=_TABLES,
         report="results.report.stages.noise:noise_report",
     ),
     "montecarlo": Stage(
@@ -121,7 +122,7 @@ STAGES: dict[str, Stage] = {
         perform="expdesign.stages.studies:montecarlo",
         needs=("design",),
         sections=_sections("experiment", "estimate", "montecarlo"),
-        writes=("columns.json", "tables/*.csv", *_FIGURES),
+        writes=_TABLES,
         report="results.report.stages.montecarlo:montecarlo_report",
         left_out=(_study_does_it,),
     ),
@@ -131,7 +132,7 @@ STAGES: dict[str, Stage] = {
         perform="expdesign.stages.estimate:perform",
         needs=("recording",),
         sections=_sections("trajectory", "data", "estimate"),
-        writes=("estimates.csv", "columns.json", "tables/*.csv", *_FIGURES),
+        writes=("estimates.csv", *_TABLES),
         report="results.report.stages.estimate:estimate_report",
         left_out=(_study_does_it,),
     ),
@@ -141,7 +142,7 @@ STAGES: dict[str, Stage] = {
         perform="expdesign.stages.validate:perform",
         needs=("estimate",),
         sections=_sections("trajectory", "experiment", "data", "estimate", "validation"),
-        writes=("columns.json", "tables/*.csv", *_FIGURES),
+        writes=_TABLES,
         report="results.report.stages.validation:validation_report",
     ),
     "study": Stage(
@@ -151,7 +152,7 @@ STAGES: dict[str, Stage] = {
         needs=("design",),
         needs_nothing=_designs_itself,
         sections=_sections("trajectory", "design", "experiment", "estimate", "montecarlo", "study"),
-        writes=("columns.json", "tables/*.csv", *_FIGURES),
+        writes=_TABLES,
         report="results.report.stages.study:study_report",
     ),
     "export": Stage(
@@ -176,7 +177,7 @@ STAGES: dict[str, Stage] = {
         perform="expdesign.stages.report:perform",
         needs=("folder",),
         sections=None,
-        writes=("tables/*.tex", *_FIGURES),
+        writes=("tables/*.tex", _FIGURES),
     ),
 }
 """By name, in the order in which a run does them; `noise` is a command only."""

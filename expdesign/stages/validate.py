@@ -30,7 +30,6 @@ def perform(work: Workspace) -> Outcome:
         result,
         (*record.write(folder), *figures),
         summary={
-            "folder": str(folder),
             "accepted": result.accepted,
             "motions": {motion.name: motion.diagnosis.verdict.summary for motion in result.motions},
             "seconds": result.seconds,

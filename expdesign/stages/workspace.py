@@ -228,7 +228,7 @@ class Workspace:
             place = self._estimate_place()
             path = place / STAGES[need].record if place.is_dir() else place
             return file_hash(path) if path.is_file() else ""
-        manifest = Manifest.read(self.folder)
+        manifest = Manifest.known(self.folder)
         entries = {} if manifest is None else manifest.stages
         # All but the report, which needs the others.
         others = [name for name in entries if name not in STAGES or need not in STAGES[name].needs]

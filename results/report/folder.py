@@ -108,7 +108,7 @@ class RunFolder:
             path,
             stages,
             load_run(path / "run.yaml"),
-            _usable(Manifest.read(path)),
+            Manifest.known(path),
             {type(record): record for record in records},
         )
 
@@ -185,23 +185,6 @@ def embedded(path: Path, caption: str) -> FigureBlock:
     """Return a figure with its SVG inside."""
     text = base64.b64encode(path.read_bytes()).decode("ascii")
     return FigureBlock(path.stem, caption, f"data:image/svg+xml;base64,{text}")
-
-
-def _usable(manifest: Manifest | None) -> Manifest | None:
-    """Return a manifest whose entries are of the kinds that they should be, else None."""
-    if manifest is None:
-        return None
-    # What a file says may be of any kind, whatever the class declares.
-    parts: tuple[Any, ...] = (manifest.versions, manifest.seeds)
-    entries: tuple[Any, ...] = tuple(manifest.stages.values())
-    sound = all(isinstance(part, dict) for part in parts) and all(
-        isinstance(entry.seconds, int | float)
-        and isinstance(entry.files, dict)
-        and all(isinstance(text, str) for text in (entry.status, entry.message, entry.finished))
-        and all(isinstance(digest, str) for digest in entry.files.values())
-        for entry in entries
-    )
-    return manifest if sound else None
 
 
 def _refused(path: Path, message: str) -> InputError:

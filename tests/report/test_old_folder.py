@@ -47,7 +47,7 @@ def test_the_design_is_read():
 
 
 def test_its_stages_are_done_as_they_would_be_now(monkeypatch):
-    manifest, run = Manifest.read(OLD), load_run(OLD / "run.yaml")
+    manifest, run = Manifest.known(OLD), load_run(OLD / "run.yaml")
     monkeypatch.setattr("expdesign.stages.record.package_versions", lambda: manifest.versions)
     monkeypatch.setattr("expdesign.stages.export.package_versions", lambda: manifest.versions)
     work = Workspace(run, OLD)

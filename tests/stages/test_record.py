@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from expdesign.configuration import load_run
-from expdesign.runfolder.manifest import NAME, Manifest, entry, file_hash
+from expdesign.runfolder.manifest import Manifest, entry, file_hash
 from expdesign.stages import record
 from expdesign.stages.outcome import Outcome, StageFailed
 from expdesign.stages.record import added_to, stage_inputs
@@ -72,7 +72,7 @@ def test_a_stage_that_was_done_is_known(done):
 
 
 def test_what_the_manifest_says(done):
-    data = json.loads((done / NAME).read_text())
+    data = json.loads((done / Manifest.FILE).read_text())
     assert data["seeds"] == {"design": 0, "experiment": 1, "montecarlo": 0}
     for package in ("python", "expdesign", "casadi", "numpy"):
         assert data["versions"][package]
@@ -93,16 +93,16 @@ def test_a_file_to_which_a_command_added(done):
         file.write_text("more")
         (done / "new").write_text("of no stage")
     assert is_done("design", configuration(), done)
-    assert set(Manifest.read(done).stages["design"].files) == {"design.json", "tables/limits.csv"}
+    assert set(Manifest.known(done).stages["design"].files) == {"design.json", "tables/limits.csv"}
     # What was changed before is not taken for the stage's.
     other.write_text("changed")
     with added_to(done, (file, other)):
         other.write_text("changed and more")
     assert not is_done("design", configuration(), done)
-    (done / NAME).unlink()
+    (done / Manifest.FILE).unlink()
     with added_to(done, (file,)):
         file.write_text("even more")
-    assert not (done / NAME).exists()
+    assert not (done / Manifest.FILE).exists()
 
 
 @pytest.mark.parametrize("file", ["design.json", "tables/limits.csv"])
@@ -145,7 +145,7 @@ def test_a_stage_that_was_not_done_is_done_again(tmp_path, status):
     with pytest.raises(StageFailed, match="it broke"):
         did("design", configuration(), tmp_path, status=status, design_json="half")
     assert not is_done("design", configuration(), tmp_path)
-    assert Manifest.read(tmp_path).stages["design"].status == status
+    assert Manifest.known(tmp_path).stages["design"].status == status
 
 
 def test_a_stage_that_raises_leaves_no_entry(tmp_path, monkeypatch):
@@ -167,7 +167,7 @@ def test_a_stage_that_fails_leaves_the_configuration_as_it_was(done, monkeypatch
     with pytest.raises(StageFailed):
         do_stage("design", Work(configuration(seed=9), done))
     assert (done / "run.yaml").read_bytes() == before
-    found = Manifest.read(done).stages["design"]
+    found = Manifest.known(done).stages["design"]
     assert (found.status, found.message, found.files) == (
         "failed",
         "no motion keeps the limits",
@@ -176,7 +176,7 @@ def test_a_stage_that_fails_leaves_the_configuration_as_it_was(done, monkeypatch
 
 
 def test_no_stage_is_done_in_an_empty_folder(tmp_path):
-    assert Manifest.read(tmp_path) is None
+    assert Manifest.known(tmp_path) is None
     assert not is_done("design", configuration(), tmp_path)
 
 
@@ -193,16 +193,16 @@ def test_no_stage_is_done_in_an_empty_folder(tmp_path):
     ],
 )
 def test_a_manifest_that_cannot_be_used_is_as_none(tmp_path, text):
-    (tmp_path / NAME).write_text(text)
-    assert Manifest.read(tmp_path) is None
+    (tmp_path / Manifest.FILE).write_text(text)
+    assert Manifest.known(tmp_path) is None
     assert not is_done("design", configuration(), tmp_path)
 
 
 def test_stages_are_kept_side_by_side(done):
-    manifest = Manifest.read(done)
+    manifest = Manifest.known(done)
     other = entry("done", "inputs", 1.23456, "", done, [])
     manifest.with_stage("estimate", other).write(done)
-    again = Manifest.read(done)
+    again = Manifest.known(done)
     assert set(again.stages) == {"design", "estimate"}
     assert again.stages["estimate"] == dataclasses.replace(other, seconds=1.235)
     assert is_done("design", configuration(), done)
@@ -240,7 +240,7 @@ def test_a_stage_with_another_seed_keeps_the_entries_of_the_others(done):
     run = load_run({"name": "test", "robot": "palida", "experiment": {"seed": 7}})
     did("experiment", run, done)
     assert is_done("design", run, done)
-    assert Manifest.read(done).seeds["experiment"] == 7
+    assert Manifest.known(done).seeds["experiment"] == 7
 
 
 def test_a_file_to_which_two_stages_add_counts_for_both(done):
@@ -248,7 +248,7 @@ def test_a_file_to_which_two_stages_add_counts_for_both(done):
     did("experiment", run, done, design_json="both", measurement_csv="its own")
     assert is_done("design", run, done)
     assert is_done("experiment", run, done)
-    assert "measurement.csv" not in Manifest.read(done).stages["design"].files
+    assert "measurement.csv" not in Manifest.known(done).stages["design"].files
     shared.write_text("changed by hand")
     assert not is_done("design", run, done)
     assert not is_done("experiment", run, done)
@@ -281,7 +281,7 @@ def test_what_is_outdated_is_removed_unless_others_need_it(measured):
 def test_nothing_outside_of_the_folder_is_removed(measured, tmp_path_factory):
     outside = tmp_path_factory.mktemp("outside") / "mine.txt"
     outside.write_text("mine")
-    manifest = Manifest.read(measured)
+    manifest = Manifest.known(measured)
     files = {str(outside): file_hash(outside)}
     stage = dataclasses.replace(manifest.stages["experiment"], files=files)
     manifest.with_stage("experiment", stage).write(measured)
