@@ -1,19 +1,14 @@
-"""The hexapod: geometry, kinematics and the parameter-linear dynamics as one symbolic graph."""
+"""The hexapod in numbers: kinematics, parameter-linear dynamics and limits of many states."""
 
-from expdesign.mechanism.graph import Friction, HexapodGraph, hexapod_graph
 from expdesign.robot.forward import ForwardKinematicsError
 from expdesign.robot.limit_model import LimitModel
 from expdesign.robot.loading import load_robot, robot_from
-from expdesign.robot.robot import Robot, StrutMotion
+from expdesign.robot.robot import Robot
 
 __all__ = [
     "ForwardKinematicsError",
-    "Friction",
-    "HexapodGraph",
     "LimitModel",
     "Robot",
-    "StrutMotion",
-    "hexapod_graph",
     "load_robot",
     "robot_from",
 ]

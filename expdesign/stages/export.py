@@ -64,7 +64,7 @@ def perform(work: Workspace) -> Outcome:
     for number, section in enumerate(sections, start=1):
         refuse_missing_library(section, f"export[{number}]")
         _refuse_taken_name(target / file_name(section), f"export[{number}].file")
-    task = _task(work)
+    task = export_task(work)
     before = ExportsRecord.known(target / RECORD)
     clear_outdated(NAME, work)
     own = {file_name(section) for section in sections}
@@ -115,7 +115,7 @@ def export_one(section: ExportSection, work: Workspace, out: Path | None) -> Out
     refuse_unwritable(path.parent)
     for warning in work.configuration.warnings:
         work.progress.warn(warning)
-    task = _task(work)
+    task = export_task(work)
     made = export_table(section, task, path)
     entry = {path.name: FileEntry.of(made)}
     if in_folder:
@@ -137,7 +137,7 @@ def _refuse_taken_name(path: Path, key: str) -> None:
         raise InputError(Problem(message, key=key, allowed=allowed))
 
 
-def _task(work: Workspace) -> Task:
+def export_task(work: Workspace) -> Task:
     """Return what is exported: the design with its ways from and to rest.
 
     The ways that the folder's tables have are taken when they were made from the same

@@ -323,3 +323,14 @@ def test_the_console_script(tmp_path):
     bad = command("check", str(tmp_path))
     assert bad.returncode == 2
     assert "Traceback" not in bad.stderr
+
+
+def test_help_loads_no_numerics():
+    code = (
+        "import sys, expdesign.cli.app, expdesign.cli.errors\n"
+        "print([name for name in ('casadi', 'numpy', 'pydantic') if name in sys.modules])"
+    )
+    loaded = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
+    assert loaded.stdout == "[]\n"

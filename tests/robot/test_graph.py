@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 
 from expdesign.mechanism.catalogue import DEFAULT, parameter_unit, terms_named
+from expdesign.mechanism.graph import Friction, hexapod_graph
 from expdesign.mechanism.term import parameters_of
-from expdesign.robot import Friction, Robot, hexapod_graph, load_robot
+from expdesign.robot import Robot, load_robot
 from expdesign.robot.robot import _regressor_kernel
 
 SYMMETRIC, GENERAL = (terms_named(DEFAULT, general=general) for general in (False, True))
