@@ -108,7 +108,7 @@ def test_no_stage_reads_what_the_run_has_just_written(run_of, tmp_path, monkeypa
         expdesign.run(run_of(estimate={"estimators": ["ls"]}, validate=motions), out=folder)
     finally:
         watching.clear()
-    assert set(read) <= {"columns.json", "run.yaml"}
+    assert set(read) <= {"columns.json", "run.yaml", "manifest.json"}
 
 
 def test_a_design_of_this_run_is_reported_from_memory(run_of, tmp_path, monkeypatch):
