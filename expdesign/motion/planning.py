@@ -6,7 +6,7 @@ The search for a ramp starts from simple motions between its ends, the least bad
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -236,7 +236,7 @@ def guesses(problem: RampProblem, orbit: Motion, period: float, width: float) ->
 
 def _polynomial(problem: RampProblem, duration: float, shares: Array) -> SplineRamp:
     # One piece has six control points: the ends determine them all.
-    ends = problem.with_intervals(1).at_duration(duration)
+    ends = replace(problem, intervals=1).at_duration(duration)
     return _fitted(problem, duration, shares, derivatives(1, shares)[0] @ ends)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -74,10 +74,6 @@ class RampProblem:
     def at_duration(self, duration: float) -> Array:
         """Return control points, (N, 6), in which only the fixed ones mean something."""
         return self.coefficients(np.append(np.zeros(self.size - 1), duration / self.time_scale))[0]
-
-    def with_intervals(self, intervals: int) -> RampProblem:
-        """Return the same problem for a spline of another number of pieces."""
-        return replace(self, intervals=intervals)
 
     def duration(self, x: Array) -> float:
         """Return the ramp's duration, s."""

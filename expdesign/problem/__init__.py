@@ -1,7 +1,12 @@
 """The design as a nonlinear program: stated here, solved elsewhere."""
 
-from expdesign.problem.design_problem import DesignProblem, DesignProgram, build_problem
-from expdesign.problem.program import LimitedProgram, hidden_by_smoothing
+from expdesign.problem.design_problem import (
+    DesignProblem,
+    DesignProgram,
+    LimitedProgram,
+    build_problem,
+    hidden_by_smoothing,
+)
 from expdesign.problem.variables import DesignVariables, coordinate_reach
 
 __all__ = [
