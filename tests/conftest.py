@@ -1,5 +1,6 @@
 """What all tests share: the programs that some need, and how examples are drawn."""
 
+import contextlib
 import copy
 import importlib
 import os
@@ -67,14 +68,29 @@ def tiny_result(tiny):
     return expdesign.design(tiny())
 
 
+@pytest.fixture(scope="session")
+def cheaper():
+    """Return a context in which the finish has one round, on a coarser grid, in this process."""
+
+    @contextlib.contextmanager
+    def context():
+        recheck, jobs = (
+            importlib.import_module(f"expdesign.{name}")
+            for name in ("recheck.judge", "solver.jobs")
+        )
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(recheck, "LEAST_POINTS", 400)
+            patch.setattr(jobs, "_FINISH_ROUNDS", 1)
+            yield
+
+    return context
+
+
 @pytest.fixture
-def cheap_finish(monkeypatch):
+def cheap_finish(cheaper):
     """Let the finish have one round, on a coarser grid, for tests that are about other things.
 
     It holds in this process only: not with several workers.
     """
-    recheck, jobs = (
-        importlib.import_module(f"expdesign.{name}") for name in ("recheck.judge", "solver.jobs")
-    )
-    monkeypatch.setattr(recheck, "LEAST_POINTS", 400)
-    monkeypatch.setattr(jobs, "_FINISH_ROUNDS", 1)
+    with cheaper():
+        yield

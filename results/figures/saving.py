@@ -74,4 +74,5 @@ def _lay_out(figure: Figure) -> None:
     engine = figure.get_layout_engine()
     if engine is not None:
         engine.execute(figure)
-        figure.set_layout_engine("none")
+        # Not "none": Matplotlib draws a figure twice for each file as long as it has any engine.
+        figure.set_layout_engine(None)

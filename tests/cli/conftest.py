@@ -2,6 +2,13 @@ import pytest
 
 from expdesign.cli.app import app
 from expdesign.cli.errors import run
+from tests.blank_figures import blank_figures
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _blank_figures():
+    with blank_figures():
+        yield
 
 
 @pytest.fixture

@@ -281,5 +281,6 @@ def test_ctrl_c_keeps_what_is_done(expdesign, run_file, design, tmp_path, worker
     assert len(table) == 2 * done
     for name, digest in entry["files"].items():
         assert file_hash(out / name) == digest
+    run_file(workers=1)
     assert expdesign(*arguments, "--repetitions", done)[0] == 0
     assert stage(out)["status"] == "done"

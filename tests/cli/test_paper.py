@@ -38,7 +38,7 @@ def rows(path):
 
 
 @pytest.fixture(scope="module")
-def runs(tmp_path_factory):
+def runs(tmp_path_factory, cheaper):
     """Return the folders of the three studies."""
     from typer.testing import CliRunner
 
@@ -54,7 +54,8 @@ def runs(tmp_path_factory):
         with file.open("w", encoding="utf-8") as stream:
             YAML(typ="safe").dump(run, stream)
         folders[name] = place / name
-        found = CliRunner().invoke(app, ["run", str(file), "--out", str(folders[name])])
+        with cheaper():
+            found = CliRunner().invoke(app, ["run", str(file), "--out", str(folders[name])])
         assert found.exit_code == 0, (found.output, found.exception)
     return folders
 

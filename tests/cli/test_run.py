@@ -22,12 +22,6 @@ def run_file(tiny, tmp_path):
     return path
 
 
-@pytest.fixture(autouse=True)
-def _no_figures(monkeypatch):
-    """They take longer than all the rest, and are tested elsewhere."""
-    monkeypatch.setattr("expdesign.stages.design.design_figures", lambda _record, _folder: [])
-
-
 def states(folder):
     return {
         path: (path.stat().st_mtime_ns, path.read_bytes())

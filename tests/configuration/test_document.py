@@ -1,5 +1,3 @@
-import time
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -131,9 +129,8 @@ def test_all_duplicates_and_tags_are_reported_at_once(refused):
 def test_expansion_of_anchors_is_bounded(refused):
     lines = ["a0: &a0 [x, x, x, x, x, x, x, x, x]"]
     lines += [f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 9)}]" for i in range(1, 12)]
-    start = time.perf_counter()
+    # Without a bound this would not end.
     (problem,) = refused("\n".join(lines))
-    assert time.perf_counter() - start < 5
     assert "after expansion" in problem.message
 
 

@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 
 from expdesign.cli.app import app
 from expdesign.configuration import load_run
+from tests.blank_figures import blank_figures
 
 ROOT = Path(__file__).parents[2]
 MOST = 15
@@ -48,7 +49,8 @@ def test_the_way_of_a_run(entered, tiny, tmp_path, cheap_finish):
     file, run = tmp_path / "run.yaml", tiny(design={"max_iterations": 4}, report={})
     del run["experiment"]
     file.write_text(json.dumps(run), encoding="utf-8")
-    result = CliRunner().invoke(app, ["run", str(file), "--out", str(tmp_path / "out")])
+    with blank_figures():
+        result = CliRunner().invoke(app, ["run", str(file), "--out", str(tmp_path / "out")])
     sys.setprofile(None)
     assert result.exit_code == 0, result.output
     way = [str(Path(name).relative_to(ROOT)) for name in entered if name.startswith(f"{ROOT}/")]

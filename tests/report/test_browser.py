@@ -1,7 +1,6 @@
 """Reports in a real browser: no errors, nothing loaded, the view moves, tables sort, it prints."""
 
 import re
-import time
 
 import pytest
 
@@ -57,11 +56,11 @@ def test_the_view_moves(opened):
     opened.wait(f"Number({VIEW}.dataset.frame) > 3")
     assert opened.run(f"{VIEW}.querySelector('.play').textContent") == "Pause"
     opened.run(f"{VIEW}.querySelector('.play').click()")
-    time.sleep(0.5)
+    opened.frames(2)
     frame = opened.run(f"{VIEW}.dataset.frame")
     after = opened.screenshot("figure.view .stage")
     assert before != after
-    time.sleep(0.5)
+    opened.frames(10)
     assert opened.run(f"{VIEW}.dataset.frame") == frame
     assert errors(opened) == []
 
@@ -89,7 +88,7 @@ def test_the_view_is_rotated_by_the_mouse(opened):
         opened.call(
             "Input.dispatchMouseEvent", type="mouseMoved", x=x + 15 * step, y=y, buttons=1, **press
         )
-        time.sleep(0.05)
+        opened.frames(1)
     opened.call("Input.dispatchMouseEvent", type="mouseReleased", x=x + 105, y=y, **press)
     opened.wait(f"{camera} !== {before!r}")
     opened.run(f"{VIEW}.querySelector('.home').click()")

@@ -275,7 +275,7 @@ def test_studies_are_set_beside_their_bounds(folder, twin, tmp_path):
             assert row[f"bound, {name}"] == table[row["parameter"]]["bound"]
 
 
-def test_names_of_folders_are_told_apart_and_harmless(folder, tmp_path):
+def test_names_of_folders_are_told_apart_and_harmless(folder, tmp_path, rendered):
     hostile = tmp_path / "b" / "<script>alert(1)<" / "tiny"
     hostile.parent.mkdir(parents=True)
     shutil.copytree(folder, hostile)
@@ -286,7 +286,7 @@ def test_names_of_folders_are_told_apart_and_harmless(folder, tmp_path):
         assert "<script" not in figure.read_text(encoding="utf-8")
 
 
-def test_the_same_folders_give_the_same_bytes(folder, twin, tmp_path):
+def test_the_same_folders_give_the_same_bytes(folder, twin, tmp_path, rendered):
     def written(name):
         compare([folder, twin], tmp_path / name)
         place = tmp_path / name

@@ -3,7 +3,6 @@ import os
 import pickle
 import subprocess
 import sys
-import time
 
 import numpy as np
 import pytest
@@ -282,13 +281,12 @@ def test_every_process_draws_the_same():
     assert len(answers) == 1
 
 
-def test_a_repetition_costs_only_its_draws(twin):
-    found = twin(frequency=0.6, periods=10, sampling=1000)
-    found.measurement(1)
-    began = time.perf_counter()
-    for k in range(2, 12):
-        found.measurement(k)
-    assert (time.perf_counter() - began) / 10 < 0.1
+def test_a_repetition_costs_only_its_draws(twin, monkeypatch):
+    found = twin(frequency=0.6, periods=3, sampling=100)
+    for name in ("robot_from", "executed_motion", "cogging_force", "length_drift"):
+        monkeypatch.delattr(f"estimation.twin.experiment.{name}")
+    for k in (1, 2):
+        assert found.measurement(k).forces.shape == found.forces.shape
 
 
 # --- truth and errors -----------------------------------------------------------------------------

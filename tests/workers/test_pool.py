@@ -44,8 +44,8 @@ def failing(built, monitor, index):
 
 
 def patient(built, monitor, index):
-    """Report until it is asked to stop; give up after ten seconds."""
-    for iteration in range(1000):
+    """Report until it is asked to stop; give up after minutes."""
+    for iteration in range(30_000):
         monitor.report(SearchEvent(index, "blunt", iteration, 0.0, 0.0, 0.0))
         if monitor.stop_requested():
             return "stopped"
