@@ -27,7 +27,6 @@ def interpret(file, folder):
         capture_output=True,
         text=True,
         check=False,
-        timeout=120,
     )
 
 

@@ -18,7 +18,6 @@ MACHINES = [
     ("palida", 5),
     pytest.param(("palida", 12), marks=pytest.mark.slow),
     pytest.param(("linuxcnc", 5), marks=pytest.mark.slow),
-    pytest.param(("linuxcnc", 12), marks=pytest.mark.slow),
 ]
 
 

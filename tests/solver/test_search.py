@@ -28,27 +28,33 @@ class Recorder:
         return False
 
 
-@pytest.fixture
-def run(build, task, cheap_finish):
+@pytest.fixture(scope="module")
+def run(build, task, cheaper):
     """Search with another plan; return the result."""
 
     def searched(monitor=None, **changes):
         plan = dataclasses.replace(task.plan, iterations=4, **changes)
-        return search(build(design=QUICK), plan, monitor or SilentMonitor())
+        with cheaper():
+            return search(build(design=QUICK), plan, monitor or SilentMonitor())
 
     return searched
+
+
+@pytest.fixture(scope="module")
+def one_start(run):
+    return run(starts=1)
 
 
 def merit(result, task):
     return task.evaluator.merit(result.finished.trajectory, task.problem.cost.samples)
 
 
-def test_seed_and_starts(run, build, task):
+def test_seed_and_starts(run, one_start, build, task):
     """More starts begin like fewer, and come to no less."""
     monitor = Recorder()
     # The plan that a job uses is the one that its workshop was built with.
     assert build(design=QUICK)().plan.seed == 0
-    one = run(starts=1)
+    one = one_start
     two = run(monitor, starts=2)
     np.testing.assert_array_equal(two.starts[0].variables, one.starts[0].variables)
     assert two.starts[0].merit == one.starts[0].merit
@@ -80,8 +86,8 @@ def test_seeds_differ(task):
     assert np.max(np.abs(reached[0].variables - reached[1].variables)) > 1e-2
 
 
-def test_hopping_is_never_worse_than_the_starts_alone(run, task):
-    alone = run(starts=1)
+def test_hopping_is_never_worse_than_the_starts_alone(run, one_start, task):
+    alone = one_start
     hopped = run(starts=1, hops=3)
     assert [start.kind for start in hopped.starts] == ["random", "hop", "random", "hop"]
     assert [start.index for start in hopped.starts] == [1, 2, 3, 4]
@@ -130,10 +136,12 @@ class Hops:
         return result, Candidate(1000.0 + gain, finished, result, lineage)
 
 
-def test_hops_set_out_from_the_best_of_the_batches_before_in_turn(run, monkeypatch, task):
+def test_hops_set_out_from_the_best_of_the_batches_before_in_turn(
+    run, one_start, monkeypatch, task
+):
     """Four at a time, whoever is first; what was given up changes nothing."""
     module = importlib.import_module("expdesign.solver.search")
-    one = run(starts=1)
+    one = one_start
     known = merit(one, task)
     hops = Hops([2.0, 1.0, -np.inf, -np.inf, 1.5, 3.0, -2000.0, 0.5, 4.0, -np.inf], one)
     monkeypatch.setattr(module, "hop_job", hops.hop)
@@ -150,9 +158,9 @@ def test_hops_set_out_from_the_best_of_the_batches_before_in_turn(run, monkeypat
     assert len(result.starts) == 11
 
 
-def test_a_newcomer_and_a_hop_know_their_descent_and_are_given_up(task, run):
+def test_a_newcomer_and_a_hop_know_their_descent_and_are_given_up(task, one_start, cheap_finish):
     """A newcomer begins a lineage of its own, a hop goes on with its origin's."""
-    start = run(starts=1).starts[0]
+    start = one_start.starts[0]
     quick = dataclasses.replace(task, plan=dataclasses.replace(task.plan, iterations=4))
     out_of_reach = tuple(dataclasses.replace(one, objective=-1e9) for one in start.stages)
     result, newcomer = newcomer_job(quick, SilentMonitor(), 5, Screening(()))
