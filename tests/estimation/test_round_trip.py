@@ -14,7 +14,7 @@ from expdesign.information.fisher import information_matrix, parameter_covarianc
 from tests.estimation.cases import PERIODS, ROBOT, run, trajectory
 from tests.export.written import SAMPLING, written
 
-REPETITIONS = 200
+REPETITIONS = 120
 IDENTIFIED = 0.5
 
 

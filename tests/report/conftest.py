@@ -1,5 +1,4 @@
 import shutil
-from contextlib import nullcontext
 
 import pytest
 from ruamel.yaml import YAML
@@ -7,20 +6,8 @@ from typer.testing import CliRunner
 
 from expdesign.cli.app import app
 from expdesign.experiment import DesignRecord
-from tests.blank_figures import blank_figures
 
 HOSTILE = '<script>alert("x")</script> & "\'</style>'
-
-
-@pytest.fixture
-def rendered():
-    """Let this test's figures be rendered; those of `whole` always are."""
-
-
-@pytest.fixture(autouse=True)
-def _blank_figures(request):
-    with nullcontext() if "rendered" in request.fixturenames else blank_figures():
-        yield
 
 
 @pytest.fixture(scope="session")

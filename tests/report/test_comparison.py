@@ -4,6 +4,7 @@ import csv
 import json
 import re
 import shutil
+from contextlib import nullcontext
 
 import numpy as np
 import pytest
@@ -12,7 +13,20 @@ from ruamel.yaml import YAML
 from expdesign.configuration import InputError
 from expdesign.stages.report import reported_stages
 from results.report.comparison.comparison import write_comparison
+from tests.blank_figures import blank_figures
 from tests.report.html import Page
+
+
+@pytest.fixture
+def rendered():
+    """Let this test's figures be rendered."""
+
+
+@pytest.fixture(autouse=True)
+def _blank_figures(request):
+    """The folders that are compared were made before, with figures that were rendered."""
+    with nullcontext() if "rendered" in request.fixturenames else blank_figures():
+        yield
 
 
 @pytest.fixture

@@ -119,7 +119,7 @@ def test_a_folder_without_manifest_or_figures(folder):
     assert "figure-residuals" not in ids
 
 
-def test_figures_are_drawn_in_the_formats_that_are_wanted(folder, rendered):
+def test_figures_are_drawn_in_the_formats_that_are_wanted(folder):
     run = folder / "run.yaml"
     text = run.read_text(encoding="utf-8")
     assert 'figures: ["svg"]' in text or "figures: [svg]" in text
