@@ -1,15 +1,14 @@
 """How well an estimate fits: residuals, tests of every assumption, and a verdict in words."""
 
-from estimation.diagnostics.diagnosis import ExperimentDiagnosis
-from estimation.diagnostics.finding import Finding, Outcome
-from estimation.diagnostics.noise_analysis import NoiseAnalysis, analyse_noise
-from estimation.diagnostics.verdict import Diagnosis, Status, Verdict, diagnose
+from estimation.diagnostics.diagnosis import diagnose
+from estimation.diagnostics.finding import Finding, Outcome, Status, Verdict
+from estimation.diagnostics.noise_analysis import analyse_noise
+from estimation.diagnostics.record import Diagnosis, ExperimentDiagnosis
 
 __all__ = [
     "Diagnosis",
     "ExperimentDiagnosis",
     "Finding",
-    "NoiseAnalysis",
     "Outcome",
     "Status",
     "Verdict",

@@ -198,7 +198,7 @@ def attribute(
     """
     families = causes(part, names, held_out=held_out, experiments=experiments)
     search = _Search(part, families, step, POSITION_PERIODIC / experiments)
-    base = solved = system.solved()
+    base = solved = system.solved
     first_scans = scans = search.scans(solved)
     first_tests = tests = search.tests(solved)
     found: list[_Found] = []
@@ -207,7 +207,7 @@ def attribute(
         if best is None:
             break
         found.append(best)
-        solved = system.with_columns(np.concatenate([f.columns for f in found], axis=2)).solved()
+        solved = system.with_columns(np.concatenate([f.columns for f in found], axis=2)).solved
         scans, tests = search.scans(solved), search.tests(solved)
     effects = _fitted(base, part, found)
     known = {e.strut: e.force for e in reversed(effects) if e.force is not None}

@@ -1,21 +1,32 @@
-"""All diagnostics of an estimate, and what they come to."""
+"""All diagnostics of an estimate, or of its prediction of held-out data, and the verdict."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from constraints.arrays import Array
-from estimation.diagnostics.attribution import Attribution, attribute
+from estimation.diagnostics.attribution import attribute
 from estimation.diagnostics.channel_test import LACK_OF_FIT, NOISE
-from estimation.diagnostics.chi_square import ChiSquare, chi_square
+from estimation.diagnostics.finding import Outcome, Status, Verdict, of_experiment
+from estimation.diagnostics.findings import experiment_findings
 from estimation.diagnostics.joint_system import JointSystem, joint_systems
-from estimation.diagnostics.lack_of_fit import LackOfFit, lack_of_fit
+from estimation.diagnostics.lack_of_fit import ChiSquare, chi_square, lack_of_fit
 from estimation.diagnostics.linearisation import Linearisation, linearise
-from estimation.diagnostics.noise_tests import NoiseTests, Whiteness, noise_tests, whiteness
+from estimation.diagnostics.noise_record import NoisePictures
+from estimation.diagnostics.noise_tests import Whiteness, noise_tests, whiteness
+from estimation.diagnostics.record import (
+    ChiSquares,
+    ColumnResults,
+    Diagnosis,
+    ExperimentDiagnosis,
+    ExperimentTests,
+    PitchResult,
+    PitchRow,
+)
 from estimation.diagnostics.residual_law import (
     ResidualLaw,
     held_out_law,
@@ -23,73 +34,57 @@ from estimation.diagnostics.residual_law import (
     length_law,
     linear_laws,
 )
-from estimation.diagnostics.residuals import (
-    Dependence,
-    Residuals,
-    VarianceComparison,
-    dependence,
-    residuals,
-    variance_comparison,
-)
+from estimation.diagnostics.residuals import dependence, force_residuals, variance_comparison
 from estimation.estimators.experiment import Experiment
 from estimation.estimators.knowledge import Knowledge
 from estimation.estimators.result import ParameterEstimate
 from expdesign.robot import Robot
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class ExperimentDiagnosis(NoiseTests):
-    """Diagnostics of one experiment.
-
-    Attributes
-    ----------
-    held_out : bool
-        The parameters were not estimated from it.
-    pointwise : bool
-        Its motion was differentiated sample by sample: its error is in the residuals.
-    force_chi_square, force_chi_square_left : ChiSquare
-        Of the estimate's residuals, and with the effects found taken as known.
-    length_chi_square : ChiSquare or None
-        None after pointwise kinematics, as all of the lengths' residuals.
-    force_whiteness : Whiteness
-        Of the mean residuals, with the effects found taken as known.
-    lack_of_fit, lack_of_fit_left : LackOfFit
-        Of the estimate's residuals, and with the effects found taken as known.
-    """
-
-    held_out: bool
-    pointwise: bool
-    residuals: Residuals
-    force_chi_square: ChiSquare
-    force_chi_square_left: ChiSquare
-    length_chi_square: ChiSquare | None
-    force_whiteness: Whiteness
-    length_whiteness: Whiteness | None
-    lack_of_fit: LackOfFit
-    lack_of_fit_left: LackOfFit
-    attribution: Attribution
-    variances: VarianceComparison
-    dependence: Dependence
+def verdict(experiments: Sequence[ExperimentDiagnosis]) -> Verdict:
+    """Judge an estimate by the diagnostics of its experiments."""
+    findings = tuple(
+        of_experiment(finding, number) if len(experiments) > 1 else finding
+        for number, experiment in enumerate(experiments, 1)
+        for finding in experiment_findings(experiment)
+    )
+    serious = [f.contradiction for f in findings if f.failed and f.serious]
+    if serious:
+        return Verdict(Status.DOUBTFUL, f"doubtful: {'; '.join(serious)}", findings)
+    summary = "accepted: nothing speaks against the model"
+    untested = dict.fromkeys(f.assumption for f in findings if f.outcome is Outcome.NOT_TESTED)
+    if untested:
+        summary += f"; not tested: {', '.join(untested)}"
+    minor = [f.contradiction for f in findings if f.failed]
+    if minor:
+        summary += f"; of little consequence: {'; '.join(minor)}"
+    return Verdict(Status.ACCEPTED, summary, findings)
 
 
-def diagnose_experiments(
+def diagnose(
     robot: Robot,
     experiments: Sequence[Experiment],
     knowledge: Knowledge,
     estimate: ParameterEstimate,
     *,
     held_out: bool = False,
-) -> tuple[ExperimentDiagnosis, ...]:
-    """Diagnose every experiment; each gets its share of the levels.
+) -> Diagnosis:
+    """Diagnose an estimate, or its prediction of held-out data.
+
+    Each of several experiments gets its share of the levels.
 
     Parameters
     ----------
     experiments : sequence of Experiment
-        Those of the estimate, or others when `held_out`.
+        Those that the estimate was made from, in the same order; or others, with motions of their
+        own, when `held_out`.
     knowledge : Knowledge
-        Of the estimate.
+        What the estimate knew besides the data.
+    estimate : ParameterEstimate
+        Of any estimator.
     held_out : bool
-        The estimate is used to predict these experiments, of which it has not seen any.
+        The forces of the experiments were not used for the estimate: Cov(p̂) is part of what the
+        residuals may be.
     """
     free = knowledge.free & (np.diag(estimate.covariance) > 0) if held_out else knowledge.free
     own_motion = estimate.estimator == "ml" and not held_out
@@ -111,17 +106,18 @@ def diagnose_experiments(
         laws = [held_out_law(p, e, estimate) for p, e in zip(parts, experiments, strict=True)]
     elif own_motion:
         laws = [
-            joint_law(part, experiment, system.solved())
+            joint_law(part, experiment, system.solved)
             for part, experiment, system in zip(parts, experiments, systems, strict=True)
         ]
     else:
         laws = linear_laws(parts, experiments, estimate, knowledge)
-    return tuple(
+    results = tuple(
         _diagnosed(
             _Case(experiment, part, system, law, held_out, own_motion, len(parts)), knowledge.names
         )
         for experiment, part, system, law in zip(experiments, parts, systems, laws, strict=True)
     )
+    return Diagnosis(estimate.estimator, results, verdict(results))
 
 
 def _known(
@@ -152,7 +148,6 @@ class _Case:
 def _diagnosed(case: _Case, names: tuple[str, ...]) -> ExperimentDiagnosis:
     experiment, part, record = case.experiment, case.part, case.experiment.record
     noise, level = experiment.noise, NOISE / case.shares
-    rest = residuals(experiment, part)
     attribution = attribute(
         case.system,
         part,
@@ -186,21 +181,45 @@ def _diagnosed(case: _Case, names: tuple[str, ...]) -> ExperimentDiagnosis:
     ]
     length_size, length_whiteness = _length_tests(case, level)
     weighted = left * np.sqrt(part.counts)[:, None]
-    return ExperimentDiagnosis(
-        **vars(noise_tests(record, noise, part.force_rows, part.length_rows, level)),
+    noises = noise_tests(record, part.force_rows, part.length_rows, level)
+    scans = tuple(zip(attribution.scans, attribution.last_scans, strict=True))
+    tests = ExperimentTests(
         held_out=case.held_out,
-        pointwise=experiment.fit is None,
-        residuals=rest,
-        force_chi_square=sizes[0],
-        force_chi_square_left=sizes[1],
-        length_chi_square=length_size,
-        force_whiteness=whiteness(weighted[None], left_law.lagged, level),
-        length_whiteness=length_whiteness,
+        chi_square=ChiSquares(sizes[0], sizes[1], length_size),
         lack_of_fit=lack[0],
-        lack_of_fit_left=lack[1],
+        lack_of_fit_with_effects=lack[1],
+        variance_comparison=variance_comparison(experiment, part),
+        effects=attribution.effects,
+        position_periodic=tuple(
+            PitchResult(
+                first.strut, len(first.pitches), first.log_p, last.log_p, best, first.critical
+            )
+            for (first, last), best in zip(scans, attribution.best_forces, strict=True)
+        ),
+        columns=ColumnResults.of(attribution.columns),
+        columns_with_effects=ColumnResults.of(attribution.last_columns),
+        delay=attribution.delay,
+        delay_with_effects=attribution.last_delay,
+        whiteness=replace(
+            noises.whiteness,
+            force_residuals=whiteness(weighted[None], left_law.lagged, level),
+            length_residuals=length_whiteness,
+        ),
+        normality=noises.normality,
+        drift=noises.drift,
+    )
+    return ExperimentDiagnosis(
+        tests=tests,
+        residuals=force_residuals(experiment, part),
+        dependence=tuple(dependence(experiment, part)),
+        pitches=tuple(
+            PitchRow(first.strut + 1, *numbers)
+            for first, last in scans
+            for numbers in np.stack([first.pitches, first.statistic, last.statistic], 1).tolist()
+        ),
+        pictures=NoisePictures.of(noise, noises),
+        pointwise=experiment.fit is None,
         attribution=attribution,
-        variances=variance_comparison(rest, part.force_rows, noise),
-        dependence=dependence(rest),
     )
 
 
@@ -211,7 +230,7 @@ def _length_tests(case: _Case, level: float) -> tuple[ChiSquare | None, Whitenes
     covariance = experiment.fit.covariance
     if case.own_motion:
         k = int(np.count_nonzero(part.free))
-        covariance = case.system.solved().inverse[k:, k:]
+        covariance = case.system.solved.inverse[k:, k:]
     law = length_law(part, experiment, covariance)
     test = chi_square(
         part.lengths,

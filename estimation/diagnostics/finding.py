@@ -1,4 +1,4 @@
-"""Assumptions of an estimate, and what a test of one found."""
+"""Assumptions of an estimate, what a test of one found, and the verdict on all of them."""
 
 from __future__ import annotations
 
@@ -99,3 +99,24 @@ def of_experiment(finding: Finding, number: int) -> Finding:
     prefix = f"experiment {number}: "
     contradiction = prefix + finding.contradiction if finding.contradiction else ""
     return replace(finding, sentence=prefix + finding.sentence, contradiction=contradiction)
+
+
+class Status(StrEnum):
+    """Of an estimate or a prediction as a whole."""
+
+    ACCEPTED = "accepted"
+    DOUBTFUL = "doubtful"
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """All findings, and what follows."""
+
+    status: Annotated[Status, described("", "accepted or doubtful")]
+    summary: Annotated[str, described("", "one sentence")]
+    findings: Annotated[tuple[Finding, ...], described("", "of every assumption")]
+
+    @property
+    def failed(self) -> tuple[Finding, ...]:
+        """Findings that fail."""
+        return tuple(finding for finding in self.findings if finding.failed)

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from constraints.arrays import Array
 from estimation.diagnostics.attribution import Effect
 from estimation.diagnostics.channel_test import CHI_SQUARE
-from estimation.diagnostics.chi_square import ChiSquare
 from estimation.diagnostics.column_test import Cause
-from estimation.diagnostics.diagnosis import ExperimentDiagnosis
 from estimation.diagnostics.finding import Assumption, Finding
-from estimation.diagnostics.noise_tests import NoiseTests, Whiteness
+from estimation.diagnostics.lack_of_fit import ChiSquare
+from estimation.diagnostics.noise_tests import Drifts, Normalities, Whiteness, Whitenesses
+from estimation.diagnostics.record import ExperimentDiagnosis, ExperimentTests
 from expdesign.mechanism.hexapod import ACTUATORS
 
 _EXPLAINED = Assumption(
@@ -75,26 +75,31 @@ _ALIKE = Assumption(
 
 def experiment_findings(diagnosis: ExperimentDiagnosis) -> list[Finding]:
     """Return what was found of every assumption."""
+    tests, white = diagnosis.tests, diagnosis.tests.whiteness.force_residuals
+    if white is None:
+        raise AssertionError("forces leave residuals")
     left = "besides the effects named" if diagnosis.attribution.effects else ""
     return [
         _bias(diagnosis),
         _position_periodic(diagnosis),
         *(_cause(diagnosis, cause) for cause in diagnosis.attribution.causes),
-        _white(_RESIDUALS_WHITE, diagnosis.force_whiteness, "actuator", "mean residual", left),
-        _size(_NOISE_LEVEL, diagnosis.force_chi_square_left, "force", left),
-        *_motion(diagnosis),
-        *noise_findings(diagnosis),
+        _white(_RESIDUALS_WHITE, white, "actuator", "mean residual", left),
+        _size(_NOISE_LEVEL, tests.chi_square.forces_with_effects, "force", left),
+        *_motion(tests),
+        *noise_findings(tests.whiteness, tests.normality, tests.drift),
     ]
 
 
-def noise_findings(tests: NoiseTests) -> tuple[Finding, ...]:
+def noise_findings(
+    white: Whitenesses, normality: Normalities, drift: Drifts
+) -> tuple[Finding, ...]:
     """Return what was found of the noise by itself."""
-    return _noise_white(tests), *_distribution(tests), _periods(tests)
+    return _noise_white(white), *_distribution(normality), _periods(drift)
 
 
 def _bias(diagnosis: ExperimentDiagnosis) -> Finding:
     """Which actuators have a bias, and what explains it."""
-    test, left = diagnosis.lack_of_fit, diagnosis.lack_of_fit_left
+    test, left = diagnosis.tests.lack_of_fit, diagnosis.tests.lack_of_fit_with_effects
     if test.refused:
         return _EXPLAINED.untested(f"no bias test: {test.refused}")
     p = _family_p(test.p_values)
@@ -183,9 +188,9 @@ def _cause(diagnosis: ExperimentDiagnosis, cause: Cause) -> Finding:
     )
 
 
-def _motion(diagnosis: ExperimentDiagnosis) -> list[Finding]:
+def _motion(tests: ExperimentTests) -> list[Finding]:
     """Whether the estimated motion explains the lengths."""
-    test, white = diagnosis.length_chi_square, diagnosis.length_whiteness
+    test, white = tests.chi_square.lengths, tests.whiteness.length_residuals
     if test is None or white is None:
         reason = "pointwise differentiation has no model of the motion; its error is in the "
         return [_MOTION.untested(reason + "regressor", "use `differentiation: fourier`")]
@@ -229,10 +234,10 @@ def _white(
     return assumption.fails(sentence, p, test.level, where=where)
 
 
-def _noise_white(tests: NoiseTests) -> Finding:
+def _noise_white(tests: Whitenesses) -> Finding:
     kinds = {
-        "forces of actuator": tests.force_noise_whiteness,
-        "lengths of strut": tests.length_noise_whiteness,
+        "forces of actuator": tests.force_noise,
+        "lengths of strut": tests.length_noise,
     }
     done = {kind: test for kind, test in kinds.items() if test is not None}
     if not done:
@@ -249,11 +254,11 @@ def _noise_white(tests: NoiseTests) -> Finding:
     return _NOISE_WHITE.fails(sentence, p, level, where=listed)
 
 
-def _distribution(tests: NoiseTests) -> tuple[Finding, Finding]:
+def _distribution(tests: Normalities) -> tuple[Finding, Finding]:
     """Whether there are outliers, and whether the noise is normal."""
-    kinds = {"force": tests.force_normality, "length": tests.length_normality}
+    kinds = {"force": tests.forces, "length": tests.lengths}
     done = {kind: test for kind, test in kinds.items() if test is not None}
-    level = tests.force_normality.level
+    level = tests.forces.level
     p = min(_family_p(test.outlier_p_values) for test in done.values())
     outliers = {
         f"{kind} {j + 1}": f"{test.outliers[j]}"
@@ -280,14 +285,14 @@ def _distribution(tests: NoiseTests) -> tuple[Finding, Finding]:
     return first, _NORMAL.fails(sentence, p, level, where=", ".join(shapes))
 
 
-def _periods(tests: NoiseTests) -> Finding:
+def _periods(tests: Drifts) -> Finding:
     """Whether the means of the periods differ."""
-    force = tests.force_drift
+    force = tests.forces
     if force.refused:
         return _ALIKE.untested(force.refused)
     changes, p = {}, 1.0
     for kind, test, factor, unit in (
-        ("lengths of strut", tests.length_drift, 1e3, "mm"),
+        ("lengths of strut", tests.lengths, 1e3, "mm"),
         ("forces of actuator", force, 1.0, "N"),
     ):
         if test is None or test.refused:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import scipy.linalg as sla
@@ -54,8 +55,9 @@ class JointSystem:
     gradient: Array
     freedom: float
 
+    @cached_property
     def solved(self) -> SolvedSystem:
-        """Take the step."""
+        """The system after its step."""
         flat = self.columns.reshape(-1, self.columns.shape[2])
         scaled = ScaledInformation.of(flat.T @ flat + self.information)
         values, vectors = np.linalg.eigh(scaled.matrix)

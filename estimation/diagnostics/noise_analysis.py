@@ -5,30 +5,23 @@ Everything comes from contrasts between the periods.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import numpy as np
 
 from constraints.arrays import Array
-from estimation.diagnostics.finding import Finding
 from estimation.diagnostics.findings import noise_findings
-from estimation.diagnostics.noise_tests import NoiseTests, noise_tests
+from estimation.diagnostics.noise_record import (
+    NoiseFile,
+    NoisePictures,
+    NoiseRecord,
+    noise_keys,
+)
+from estimation.diagnostics.noise_tests import noise_tests
 from estimation.processing import NoiseModel, Record
 from estimation.processing.noise import scatter_about_series, series_harmonics
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class NoiseAnalysis(NoiseTests):
-    """Size, distribution and memory of the noise of forces and lengths."""
-
-    record: Record
-
-    @property
-    def findings(self) -> tuple[Finding, ...]:
-        """What holds and what does not, in words."""
-        return noise_findings(self)
-
-
-def analyse_noise(record: Record) -> NoiseAnalysis:
-    """Analyse the noise of a recording of two periods or more.
+def analyse_noise(record: Record, source: str = "") -> NoiseRecord:
+    """Analyse the noise of a recording of two periods or more; `source` is its file.
 
     Raises
     ------
@@ -51,11 +44,24 @@ def analyse_noise(record: Record) -> NoiseAnalysis:
     )
     tests = noise_tests(
         record,
-        noise,
         _residuals(record, record.force_times, record.forces),
         _residuals(record, record.length_times, record.lengths),
     )
-    return NoiseAnalysis(record=record, **vars(tests))
+    summary = NoiseFile(
+        **noise_keys(noise),
+        recording=source,
+        rows=record.rows,
+        periods=float(record.periods),
+        period=float(record.period),
+        averaged=record.averaged,
+        force_std=np.sqrt(np.diag(noise.force_covariance)),
+        length_std=np.sqrt(np.diag(noise.length_covariance)),
+        whiteness=tests.whiteness,
+        normality=tests.normality,
+        drift=tests.drift,
+        findings=noise_findings(tests.whiteness, tests.normality, tests.drift),
+    )
+    return NoiseRecord(summary, NoisePictures.of(noise, tests))
 
 
 def _residuals(record: Record, times: Array, values: Array) -> Array:

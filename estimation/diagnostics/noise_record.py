@@ -12,8 +12,13 @@ from scipy import stats
 
 from constraints.arrays import Array
 from estimation.diagnostics.finding import Finding
-from estimation.diagnostics.noise_analysis import NoiseAnalysis
-from estimation.diagnostics.noise_tests import Drift, NoiseTests, Normality, Whiteness
+from estimation.diagnostics.noise_tests import (
+    Drifts,
+    NoiseTests,
+    Normalities,
+    Normality,
+    Whitenesses,
+)
 from estimation.processing import NoiseModel
 from estimation.processing.noise import NoiseEstimate
 from expdesign.runfolder import (
@@ -52,40 +57,6 @@ def noise_keys(noise: NoiseModel) -> dict[str, Any]:
     return {name: getattr(noise, name) for name in NoiseKeys.__dataclass_fields__}
 
 
-@dataclass(frozen=True, eq=False)
-class Normalities:
-    """Tests of the noise's distribution."""
-
-    source: Annotated[str, described("", "periods, or residuals where they cannot be compared")]
-    forces: Annotated[Normality, described("", "of the forces")]
-    lengths: Annotated[Normality | None, described("", "of the lengths")]
-
-    @classmethod
-    def of(cls, tests: NoiseTests) -> Self:
-        """Collect them."""
-        return cls(tests.samples.forces.source, tests.force_normality, tests.length_normality)
-
-
-@dataclass(frozen=True, eq=False)
-class Drifts:
-    """Tests for change from period to period."""
-
-    forces: Annotated[Drift | None, described("", "of the forces")]
-    lengths: Annotated[Drift | None, described("", "of the lengths")]
-
-
-@dataclass(frozen=True, eq=False)
-class Whitenesses:
-    """Tests for autocorrelation; null where there is nothing to test."""
-
-    force_noise: Annotated[Whiteness | None, described("", "scatter between periods")]
-    length_noise: Annotated[Whiteness | None, described("", "scatter between periods")]
-    force_residuals: Annotated[
-        Whiteness | None, described("", "mean residuals, with the effects found taken as known")
-    ] = None
-    length_residuals: Annotated[Whiteness | None, described("", "mean residuals")] = None
-
-
 _HISTOGRAM_REACH = 4.2
 """Half the width of the histograms, in standard deviations."""
 _MOST_BINS, _FEWEST_BINS = 60, 12
@@ -105,10 +76,9 @@ class Histogram:
     ]
 
     @classmethod
-    def of(cls, tests: NoiseTests) -> Self:
-        """Count the samples of the forces' noise."""
-        samples = tests.samples.forces.pooled
-        reach = _HISTOGRAM_REACH * float(np.max(tests.force_normality.std))
+    def of(cls, samples: Array, std: Array) -> Self:
+        """Count the samples of the forces' noise, (N, 6), of these standard deviations, (6,)."""
+        reach = _HISTOGRAM_REACH * float(np.max(std))
         bins = int(np.clip(np.sqrt(len(samples)), _FEWEST_BINS, _MOST_BINS))
         edges = np.linspace(-reach, reach, bins + 1)
         counts = [np.histogram(np.clip(x, -reach, reach), edges)[0] for x in samples.T]
@@ -132,9 +102,8 @@ class Quantiles:
     ]
 
     @classmethod
-    def of(cls, tests: NoiseTests) -> Self:
-        """Order the samples of the forces' noise."""
-        samples = tests.samples.forces.pooled
+    def of(cls, samples: Array) -> Self:
+        """Order the samples of the forces' noise, (N, 6)."""
         count = len(samples)
         tail = np.arange(min(count, _TAIL))
         middle = np.linspace(0, count - 1, _POINTS).astype(int)
@@ -158,13 +127,14 @@ class NoisePictures:
     quantiles: Quantiles
 
     @classmethod
-    def of(cls, tests: NoiseTests) -> Self:
-        """Take them from a diagnosis, or from an analysis of the noise alone."""
+    def of(cls, noise: NoiseModel, tests: NoiseTests) -> Self:
+        """Take them from the tests of the noise."""
+        normality = tests.normality.forces
         return cls(
-            NoiseKeys(**noise_keys(tests.noise)),
-            tests.force_normality,
-            Histogram.of(tests),
-            Quantiles.of(tests),
+            NoiseKeys(**noise_keys(noise)),
+            normality,
+            Histogram.of(tests.samples, normality.std),
+            Quantiles.of(tests.samples),
         )
 
 
@@ -235,26 +205,6 @@ class NoiseRecord:
 
     summary: NoiseFile
     pictures: NoisePictures
-
-    @classmethod
-    def of(cls, analysis: NoiseAnalysis, source: str) -> Self:
-        """Take it from the analysis of the recording in the file `source`."""
-        record, noise = analysis.record, analysis.noise
-        summary = NoiseFile(
-            **noise_keys(noise),
-            recording=source,
-            rows=record.rows,
-            periods=float(record.periods),
-            period=float(record.period),
-            averaged=record.averaged,
-            force_std=np.sqrt(np.diag(noise.force_covariance)),
-            length_std=np.sqrt(np.diag(noise.length_covariance)),
-            whiteness=Whitenesses(analysis.force_noise_whiteness, analysis.length_noise_whiteness),
-            normality=Normalities.of(analysis),
-            drift=Drifts(analysis.force_drift, analysis.length_drift),
-            findings=analysis.findings,
-        )
-        return cls(summary, NoisePictures.of(analysis))
 
     @classmethod
     def read(cls, folder: Path) -> Self:

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from constraints.arrays import Array
-from estimation.processing import Record
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,29 +43,3 @@ def noise_samples(periods: Array | None, residuals: Array) -> NoiseSamples:
     before = np.cumsum(periods, axis=0)[:-1] / np.arange(1, count)[:, None, None]
     number = np.arange(1, count, dtype=float)[:, None, None]
     return NoiseSamples((periods[1:] - before) * np.sqrt(number / (number + 1)), "periods")
-
-
-@dataclass(frozen=True, eq=False)
-class ChannelNoise:
-    """Noise of both kinds of channel.
-
-    Attributes
-    ----------
-    forces : NoiseSamples
-        N.
-    lengths : NoiseSamples or None
-        m; None where neither periods nor residuals exist.
-    """
-
-    forces: NoiseSamples
-    lengths: NoiseSamples | None
-
-
-def channel_noise(record: Record, forces: Array, lengths: Array | None) -> ChannelNoise:
-    """Return the noise of a record; residuals (T, 6) of its rows serve where periods do not."""
-    repeated = record.length_periods is not None and len(record.length_periods) > 1
-    rest = np.zeros((1, forces.shape[1])) if lengths is None else lengths
-    return ChannelNoise(
-        noise_samples(record.force_periods, forces),
-        noise_samples(record.length_periods, rest) if repeated or lengths is not None else None,
-    )

@@ -20,8 +20,8 @@ from scipy import stats
 
 from constraints.arrays import Array
 from estimation.diagnostics.channel_test import NOISE, ChannelTest, below_level, no_numbers
-from estimation.diagnostics.noise_samples import ChannelNoise, NoiseSamples, channel_noise
-from estimation.processing import NoiseModel, Record
+from estimation.diagnostics.noise_samples import NoiseSamples, noise_samples
+from estimation.processing import Record
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.runfolder import OpenNumbers, described
 
@@ -212,28 +212,47 @@ def drift(values: Array, block: NDArray[np.intp], phases: int, level: float = NO
     )
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False)
+class Normalities:
+    """Tests of the noise's distribution."""
+
+    source: Annotated[str, described("", "periods, or residuals where they cannot be compared")]
+    forces: Annotated[Normality, described("", "of the forces")]
+    lengths: Annotated[Normality | None, described("", "of the lengths")]
+
+
+@dataclass(frozen=True, eq=False)
+class Drifts:
+    """Tests for change from period to period."""
+
+    forces: Annotated[Drift, described("", "of the forces")]
+    lengths: Annotated[Drift | None, described("", "of the lengths")]
+
+
+@dataclass(frozen=True, eq=False)
+class Whitenesses:
+    """Tests for autocorrelation; null where there is nothing to test."""
+
+    force_noise: Annotated[Whiteness | None, described("", "scatter between periods")]
+    length_noise: Annotated[Whiteness | None, described("", "scatter between periods")]
+    force_residuals: Annotated[
+        Whiteness | None, described("", "mean residuals, with the effects found taken as known")
+    ] = None
+    length_residuals: Annotated[Whiteness | None, described("", "mean residuals")] = None
+
+
+@dataclass(frozen=True, eq=False)
 class NoiseTests:
-    """Samples of the noise and the tests of it; None where one could not be done.
+    """Samples of the forces' noise, (K N, 6) in N, and the tests of the noise."""
 
-    Attributes
-    ----------
-    noise : NoiseModel
-        Σ and Δ.
-    """
-
-    noise: NoiseModel
-    samples: ChannelNoise
-    force_normality: Normality
-    length_normality: Normality | None
-    force_noise_whiteness: Whiteness | None
-    length_noise_whiteness: Whiteness | None
-    force_drift: Drift
-    length_drift: Drift | None
+    samples: Array
+    whiteness: Whitenesses
+    normality: Normalities
+    drift: Drifts
 
 
 def noise_tests(
-    record: Record, noise: NoiseModel, forces: Array, lengths: Array | None, level: float = NOISE
+    record: Record, forces: Array, lengths: Array | None, level: float = NOISE
 ) -> NoiseTests:
     """Test the noise of a record.
 
@@ -243,19 +262,28 @@ def noise_tests(
         Residuals of the record's rows, which serve where periods cannot be compared; None: there
         are none.
     """
-    samples = channel_noise(record, forces, lengths)
-    own = samples.lengths
+    samples, own = noise_samples(record.force_periods, forces), None
+    repeated = record.length_periods is not None and len(record.length_periods) > 1
+    if repeated or lengths is not None:
+        rest = np.zeros((1, forces.shape[1])) if lengths is None else lengths
+        own = noise_samples(record.length_periods, rest)
     return NoiseTests(
-        noise=noise,
-        samples=samples,
-        force_normality=normality(samples.forces.values, level),
-        length_normality=None if own is None else normality(own.values, level),
-        force_noise_whiteness=_between_periods(samples.forces, level),
-        length_noise_whiteness=None if own is None else _between_periods(own, level),
-        force_drift=_drift(record, record.force_periods, forces, level),
-        length_drift=None
-        if record.length_periods is None and lengths is None
-        else _drift(record, record.length_periods, lengths, level),
+        samples.pooled,
+        Whitenesses(
+            _between_periods(samples, level),
+            None if own is None else _between_periods(own, level),
+        ),
+        Normalities(
+            samples.source,
+            normality(samples.values, level),
+            None if own is None else normality(own.values, level),
+        ),
+        Drifts(
+            _drift(record, record.force_periods, forces, level),
+            None
+            if record.length_periods is None and lengths is None
+            else _drift(record, record.length_periods, lengths, level),
+        ),
     )
 
 

@@ -1,4 +1,4 @@
-"""Diagnoses as a run folder keeps them: their keys in JSON files, and the tables of the figures."""
+"""Diagnoses, in memory and in a run folder: keys of JSON files, and tables of the figures."""
 
 from __future__ import annotations
 
@@ -8,34 +8,21 @@ from typing import Annotated, Self
 
 import numpy as np
 
-from constraints.arrays import Array
-from estimation.diagnostics.attribution import Effect
+from estimation.diagnostics.attribution import Attribution, Effect
 from estimation.diagnostics.channel_test import Strut
-from estimation.diagnostics.chi_square import ChiSquare
 from estimation.diagnostics.column_test import POWER, ColumnTest, DelayTest
-from estimation.diagnostics.diagnosis import ExperimentDiagnosis
-from estimation.diagnostics.lack_of_fit import LackOfFit
-from estimation.diagnostics.noise_record import (
-    Drifts,
-    Histogram,
-    NoiseKeys,
-    NoisePictures,
-    Normalities,
-    Quantiles,
-    Whitenesses,
-)
+from estimation.diagnostics.finding import Verdict
+from estimation.diagnostics.lack_of_fit import ChiSquare, LackOfFit
+from estimation.diagnostics.noise_record import Histogram, NoiseKeys, NoisePictures, Quantiles
+from estimation.diagnostics.noise_tests import Drifts, Normalities, Whitenesses
 from estimation.diagnostics.position_periodic import PeriodicForce
-from estimation.diagnostics.residuals import VarianceComparison
-from estimation.diagnostics.verdict import Diagnosis, Verdict
+from estimation.diagnostics.residuals import BinRow, ForceResiduals, VarianceComparison
 from expdesign.runfolder import (
     ArrayTable,
-    Column,
     OpenNumber,
     RowTable,
-    array_columns,
     described,
 )
-from expdesign.runfolder.columns import strutwise
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +91,7 @@ class ColumnResults:
         return cls(POWER, test.level, test.tested, tuple(columns))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class ExperimentTests:
     """The tests of one experiment, by what they assume."""
 
@@ -125,42 +112,6 @@ class ExperimentTests:
     normality: Annotated[Normalities, described("", "distribution of the noise")]
     drift: Annotated[Drifts, described("", "change from period to period")]
 
-    @classmethod
-    def of(cls, diagnosis: ExperimentDiagnosis) -> Self:
-        """Collect the tests of a diagnosis."""
-        found = diagnosis.attribution
-        scans = zip(found.scans, found.last_scans, found.best_forces, strict=True)
-        return cls(
-            held_out=diagnosis.held_out,
-            chi_square=ChiSquares(
-                diagnosis.force_chi_square,
-                diagnosis.force_chi_square_left,
-                diagnosis.length_chi_square,
-            ),
-            lack_of_fit=diagnosis.lack_of_fit,
-            lack_of_fit_with_effects=diagnosis.lack_of_fit_left,
-            variance_comparison=diagnosis.variances,
-            effects=found.effects,
-            position_periodic=tuple(
-                PitchResult(
-                    first.strut, len(first.pitches), first.log_p, last.log_p, best, first.critical
-                )
-                for first, last, best in scans
-            ),
-            columns=ColumnResults.of(found.columns),
-            columns_with_effects=ColumnResults.of(found.last_columns),
-            delay=found.delay,
-            delay_with_effects=found.last_delay,
-            whiteness=Whitenesses(
-                diagnosis.force_noise_whiteness,
-                diagnosis.length_noise_whiteness,
-                diagnosis.force_whiteness,
-                diagnosis.length_whiteness,
-            ),
-            normality=Normalities.of(diagnosis),
-            drift=Drifts(diagnosis.force_drift, diagnosis.length_drift),
-        )
-
 
 @dataclass(frozen=True, eq=False)
 class DiagnosisKeys:
@@ -169,47 +120,6 @@ class DiagnosisKeys:
     estimator: Annotated[str, described("", "ls, gm or ml")]
     verdict: Annotated[Verdict, described("", "what holds and what does not")]
     experiments: Annotated[tuple[ExperimentTests, ...], described("", "recording by recording")]
-
-    @classmethod
-    def of(cls, diagnosis: Diagnosis) -> Self:
-        """Collect what a diagnosis found."""
-        tests = tuple(ExperimentTests.of(experiment) for experiment in diagnosis.experiments)
-        return cls(diagnosis.estimator, diagnosis.verdict, tests)
-
-
-@dataclass(frozen=True, eq=False)
-class ForceResiduals:
-    """Measured minus predicted forces along a motion."""
-
-    time: Annotated[Array, array_columns(Column("t", "s", "time"))]
-    forces: Annotated[
-        Array,
-        array_columns(*strutwise("e", "N", "residual force, mean over the periods,")),
-    ]
-    std: Annotated[
-        Array,
-        array_columns(
-            *strutwise("e", "N", "what the noise alone makes of the residual force", suffix="_std")
-        ),
-    ]
-
-    @classmethod
-    def of(cls, diagnosis: ExperimentDiagnosis) -> Self:
-        """Take them in the order of time."""
-        rest = diagnosis.residuals
-        order = np.argsort(rest.times)
-        return cls(rest.times[order], rest.forces[order], rest.force_std[order])
-
-
-@dataclass(frozen=True)
-class BinRow:
-    """Mean residual of one actuator in one bin of its strut's length or speed."""
-
-    strut: Annotated[int, described("1", "number of the strut")]
-    over: Annotated[str, described("", "length or speed")]
-    centre: Annotated[float, described("m or m/s", "mean length or speed in the bin")]
-    mean: Annotated[float, described("N", "weighted mean residual force")]
-    half_width: Annotated[float, described("N", "of its 95 % interval, from the forces' noise")]
 
 
 @dataclass(frozen=True)
@@ -233,7 +143,7 @@ QUANTILES = ArrayTable("tables/estimate_noise_quantiles.csv", _ESTIMATE, Quantil
 """Tables of a diagnosis; they are numbered when there are several recordings."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class ExperimentRecord:
     """One experiment of a diagnosis: what its figures are drawn from."""
 
@@ -242,40 +152,6 @@ class ExperimentRecord:
     dependence: tuple[BinRow, ...]
     pitches: tuple[PitchRow, ...]
     pictures: NoisePictures
-
-    @classmethod
-    def of(cls, diagnosis: ExperimentDiagnosis) -> Self:
-        """Take it from a diagnosis."""
-        attribution = diagnosis.attribution
-        return cls(
-            ExperimentTests.of(diagnosis),
-            ForceResiduals.of(diagnosis),
-            tuple(
-                BinRow(strut, over, *numbers)
-                for over, parts in (
-                    ("length", diagnosis.dependence.position),
-                    ("speed", diagnosis.dependence.speed),
-                )
-                for strut, bins in enumerate(parts, start=1)
-                for numbers in zip(
-                    bins.centres.tolist(),
-                    bins.means.tolist(),
-                    bins.half_widths.tolist(),
-                    strict=True,
-                )
-            ),
-            tuple(
-                PitchRow(first.strut + 1, *numbers)
-                for first, last in zip(attribution.scans, attribution.last_scans, strict=True)
-                for numbers in zip(
-                    first.pitches.tolist(),
-                    first.statistic.tolist(),
-                    last.statistic.tolist(),
-                    strict=True,
-                )
-            ),
-            NoisePictures.of(diagnosis),
-        )
 
     @classmethod
     def read(
@@ -302,11 +178,11 @@ class ExperimentRecord:
             QUANTILES.numbered(number).read(folder),
         )
         return cls(
-            tests,
-            RESIDUALS.numbered(number).read(folder),
-            DEPENDENCE.numbered(number).read(folder),
-            PITCHES.numbered(number).read(folder),
-            pictures,
+            tests=tests,
+            residuals=RESIDUALS.numbered(number).read(folder),
+            dependence=DEPENDENCE.numbered(number).read(folder),
+            pitches=PITCHES.numbered(number).read(folder),
+            pictures=pictures,
         )
 
     def write(self, folder: Path, number: int | None) -> list[Path]:
@@ -318,3 +194,32 @@ class ExperimentRecord:
             *HISTOGRAM.numbered(number).write(folder, self.pictures.histogram),
             *QUANTILES.numbered(number).write(folder, self.pictures.quantiles),
         ]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ExperimentDiagnosis(ExperimentRecord):
+    """Diagnostics of one experiment, with what stands in no file.
+
+    Attributes
+    ----------
+    pointwise : bool
+        Its motion was differentiated sample by sample: its error is in the residuals.
+    """
+
+    pointwise: bool
+    attribution: Attribution
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """Everything that is known of how well an estimate fits."""
+
+    estimator: str
+    experiments: tuple[ExperimentDiagnosis, ...]
+    verdict: Verdict
+
+    @property
+    def keys(self) -> DiagnosisKeys:
+        """What a JSON file keeps of it."""
+        tests = tuple(experiment.tests for experiment in self.experiments)
+        return DiagnosisKeys(self.estimator, self.verdict, tests)

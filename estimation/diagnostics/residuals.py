@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -11,8 +12,8 @@ from scipy import stats
 from constraints.arrays import Array
 from estimation.diagnostics.linearisation import Linearisation
 from estimation.estimators.experiment import Experiment
-from estimation.processing import NoiseModel
-from expdesign.runfolder import Numbers, described
+from expdesign.runfolder import Column, Numbers, array_columns, described
+from expdesign.runfolder.columns import strutwise
 
 _MOST_BINS, _FEWEST_BINS = 60, 12
 _PER_BIN = 24
@@ -20,66 +21,32 @@ _FEWEST = 4
 
 
 @dataclass(frozen=True, eq=False)
-class Residuals:
-    """Measured minus predicted along the estimated motion.
+class ForceResiduals:
+    """Measured minus predicted forces along a motion, in the order of time."""
 
-    Attributes
-    ----------
-    times : (R,)
-        Of the force residuals, s.
-    forces : (R, 6)
-        Means over the periods, N.
-    force_std : (R, 6)
-        What the noise of the forces alone makes of each, N.
-    force_periods : (M, N, 6) or None
-        Of every period, N; None when periods were not averaged.
-    length_times : (R',)
-        s.
-    lengths : (R', 6) or None
-        Means over the periods, m; None after pointwise kinematics.
-    length_std : (R', 6)
-        m.
-    position, speed : (R, 6)
-        Of the struts along the motion, m and m/s.
-    """
-
-    times: Array
-    forces: Array
-    force_std: Array
-    force_periods: Array | None
-    length_times: Array
-    lengths: Array | None
-    length_std: Array
-    position: Array
-    speed: Array
+    time: Annotated[Array, array_columns(Column("t", "s", "time"))]
+    forces: Annotated[
+        Array,
+        array_columns(*strutwise("e", "N", "residual force, mean over the periods,")),
+    ]
+    std: Annotated[
+        Array,
+        array_columns(
+            *strutwise("e", "N", "what the noise alone makes of the residual force", suffix="_std")
+        ),
+    ]
 
 
-def residuals(experiment: Experiment, part: Linearisation) -> Residuals:
-    """Collect the residuals of one linearised experiment."""
-    record, noise = experiment.record, experiment.noise
-    periods = record.force_periods
-    if periods is not None and experiment.pointwise is not None:
-        periods = periods[:, experiment.pointwise.rows]
-    if periods is not None:
-        measured = record.forces
-        if experiment.pointwise is not None:
-            measured = measured[experiment.pointwise.rows]
-        periods = periods - (measured - part.force_rows)
-    return Residuals(
-        times=part.times,
-        forces=part.forces,
-        force_std=_std(noise.force_covariance, part.counts),
-        force_periods=periods,
-        length_times=part.length_times,
-        lengths=part.lengths,
-        length_std=_std(noise.length_covariance, part.length_counts),
-        position=part.position,
-        speed=part.speed,
+def force_residuals(experiment: Experiment, part: Linearisation) -> ForceResiduals:
+    """Collect the force residuals of one linearised experiment."""
+    order = np.argsort(part.times)
+    return ForceResiduals(
+        part.times[order], part.forces[order], _force_std(experiment, part)[order]
     )
 
 
-def _std(covariance: Array, counts: Array) -> Array:
-    return np.sqrt(np.diag(covariance) / counts[:, None])
+def _force_std(experiment: Experiment, part: Linearisation) -> Array:
+    return np.sqrt(np.diag(experiment.noise.force_covariance) / part.counts[:, None])
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,63 +62,47 @@ class VarianceComparison:
     )
 
 
-def variance_comparison(residual: Residuals, rows: Array, noise: NoiseModel) -> VarianceComparison:
-    """Compare as the paper does; `rows` (T, 6) are the residuals where periods are not known."""
-    single = rows if residual.force_periods is None else residual.force_periods.reshape(-1, 6)
-    return VarianceComparison(np.mean(single**2, axis=0), np.diag(noise.force_covariance).copy())
-
-
-@dataclass(frozen=True, eq=False)
-class BinnedResiduals:
-    """One strut.
-
-    Attributes
-    ----------
-    centres : (B,)
-        Mean position, m, or speed, m/s, of the samples in each bin.
-    means : (B,)
-        Weighted mean residual, N.
-    half_widths : (B,)
-        Of its 95 % interval, from the noise of the forces, N.
-    """
-
-    centres: Array
-    means: Array
-    half_widths: Array
-
-
-@dataclass(frozen=True, eq=False)
-class Dependence:
-    """All struts.
-
-    Attributes
-    ----------
-    position, speed : tuple of six BinnedResiduals
-    """
-
-    position: tuple[BinnedResiduals, ...]
-    speed: tuple[BinnedResiduals, ...]
-
-
-def dependence(residual: Residuals) -> Dependence:
-    """Bin the residuals over position and over speed."""
-    struts = range(residual.forces.shape[1])
-    return Dependence(
-        tuple(_binned(residual.position[:, j], residual, j) for j in struts),
-        tuple(_binned(residual.speed[:, j], residual, j) for j in struts),
+def variance_comparison(experiment: Experiment, part: Linearisation) -> VarianceComparison:
+    """Compare as the paper does, over the single samples where periods were averaged."""
+    single, periods = part.force_rows, experiment.record.force_periods
+    if periods is not None:
+        if experiment.pointwise is not None:
+            periods = periods[:, experiment.pointwise.rows]
+        single = (periods - (experiment.forces - part.force_rows)).reshape(-1, single.shape[1])
+    return VarianceComparison(
+        np.mean(single**2, axis=0), np.diag(experiment.noise.force_covariance).copy()
     )
 
 
-def _binned(over: Array, residual: Residuals, strut: int) -> BinnedResiduals:
+@dataclass(frozen=True)
+class BinRow:
+    """Mean residual of one actuator in one bin of its strut's length or speed."""
+
+    strut: Annotated[int, described("1", "number of the strut")]
+    over: Annotated[str, described("", "length or speed")]
+    centre: Annotated[float, described("m or m/s", "mean length or speed in the bin")]
+    mean: Annotated[float, described("N", "weighted mean residual force")]
+    half_width: Annotated[float, described("N", "of its 95 % interval, from the forces' noise")]
+
+
+def dependence(experiment: Experiment, part: Linearisation) -> Iterator[BinRow]:
+    """Yield the residuals in bins of every strut's length, and of its speed."""
+    weights = 1 / _force_std(experiment, part) ** 2
+    for name, values in (("length", part.position), ("speed", part.speed)):
+        for j, (over, forces, weight) in enumerate(
+            zip(values.T, part.forces.T, weights.T, strict=True), start=1
+        ):
+            for row in _binned(over, forces, weight).tolist():
+                yield BinRow(j, name, *row)
+
+
+def _binned(over: Array, forces: Array, weights: Array) -> Array:
+    """Return centres, weighted means and half widths of the bins with enough samples, (B, 3)."""
     count = int(np.clip(len(over) // _PER_BIN, _FEWEST_BINS, _MOST_BINS))
     edges = np.linspace(over.min(), over.max(), count + 1)
     bins = np.clip(np.searchsorted(edges, over, side="right") - 1, 0, count - 1)
-    weights = 1 / residual.force_std[:, strut] ** 2
-    total = np.bincount(bins, weights, count)
     used = np.bincount(bins, minlength=count) >= _FEWEST
-    safe = np.where(used, total, 1.0)
-    centres = np.bincount(bins, weights * over, count) / safe
-    means = np.bincount(bins, weights * residual.forces[:, strut], count) / safe
-    return BinnedResiduals(
-        centres[used], means[used], (stats.norm.ppf(0.975) / np.sqrt(safe))[used]
-    )
+    total = np.bincount(bins, weights, count)[used]
+    centres = np.bincount(bins, weights * over, count)[used] / total
+    means = np.bincount(bins, weights * forces, count)[used] / total
+    return np.stack([centres, means, stats.norm.ppf(0.975) / np.sqrt(total)], axis=1)

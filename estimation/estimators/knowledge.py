@@ -67,21 +67,9 @@ class Knowledge:
     upper: Array
 
     @classmethod
-    def of(
-        cls, robot: Robot, section: EstimateSection, names: tuple[str, ...] | None = None
-    ) -> Knowledge:
-        """Take what the run's `estimate:` section says.
-
-        Raises
-        ------
-        ValueError
-            A parameter that the robot does not have is named; its message says which.
-        """
-        known = robot.parameter_names if names is None else names
-        for key in ("fixed", "prior", "bounds"):
-            for name in getattr(section, key):
-                if name not in known:
-                    raise ValueError(f"estimate.{key}: the robot has no parameter {name}")
+    def of(cls, robot: Robot, section: EstimateSection) -> Knowledge:
+        """Take what the run's `estimate:` section says, whose names the loader has checked."""
+        known = robot.parameter_names
         nominal = robot.parameters
         values = dict(zip(known, nominal.tolist(), strict=True))
         fixed: Mapping[str, float | None] = section.fixed

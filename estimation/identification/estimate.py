@@ -185,15 +185,9 @@ def parameter_knowledge(configuration: RunConfiguration, robot: Robot) -> Knowle
     Raises
     ------
     InputError
-        It names a parameter that the robot does not have, or fixes all of them.
+        It fixes all of them.
     """
-    section = configuration.run.estimate
-    try:
-        knowledge = Knowledge.of(robot, section)
-    except ValueError as error:
-        raise InputError(
-            Problem(str(error), file=configuration.file, allowed=", ".join(robot.parameter_names))
-        ) from error
+    knowledge = Knowledge.of(robot, configuration.run.estimate)
     if not np.any(knowledge.free):
         raise InputError(
             Problem(

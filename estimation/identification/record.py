@@ -82,7 +82,7 @@ class RecordingKeys:
     def of(cls, summary: RecordSummary) -> Self:
         """Describe a recording."""
         record, noise = summary.experiment.record, summary.experiment.noise
-        fit, choice = summary.experiment.fit, summary.choice
+        fit = summary.experiment.fit
         free = fit is not None and fit.free_frequency
         return cls(
             source=summary.source,
@@ -96,7 +96,7 @@ class RecordingKeys:
             period_source=record.source.value,
             jitter=float(summary.jitter),
             harmonics=summary.harmonics,
-            harmonics_of_the_design=None if choice is None else choice.design_harmonics,
+            harmonics_of_the_design=summary.least_harmonics,
             noise=WeightingKeys(
                 **noise_keys(noise),
                 force_source=noise.force_source,
@@ -204,7 +204,7 @@ class EstimateFile(JsonFile):
             if result.intervals_cover
             else "pointwise differentiation: the lengths' noise is in the regressor, which biases "
             "the estimates and is not in the intervals; they do not cover",
-            diagnostics=None if diagnosis is None else DiagnosisKeys.of(diagnosis),
+            diagnostics=None if diagnosis is None else diagnosis.keys,
             seconds=result.seconds,
             warnings=result.warnings,
         )
@@ -313,7 +313,7 @@ class EstimateRecord:
         return cls(
             EstimateFile.of(result, diagnosis),
             result.rows,
-            tuple(ExperimentRecord.of(e) for e in diagnosis.experiments) if diagnosis else (),
+            diagnosis.experiments if diagnosis else (),
             {
                 number + 1: EstimatedMotion.of(result, number)
                 for number, record in enumerate(result.records)

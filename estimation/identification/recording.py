@@ -15,7 +15,6 @@ from estimation.identification.period_choice import (
 from estimation.identification.result import RecordSummary
 from estimation.kinematics import MotionFit, choose_harmonics, fit_motion, pointwise_motion
 from estimation.kinematics.fourier_fit import MotionFitError, start_motion
-from estimation.kinematics.order import HarmonicChoice
 from estimation.measurement_model import HarmonicMotion
 from estimation.processing import NoiseModel, PeriodError, Record, make_record
 from expdesign.configuration import InputError, Problem, RunConfiguration
@@ -68,16 +67,16 @@ def prepare_recording(
     if section.differentiation != "fourier":
         motion = pointwise_motion(robot, record, cutoff=_cutoff(configuration, record, design))
         experiment = Experiment.from_points(robot, record, noise, motion)
-        return RecordSummary(data.source, experiment, None, None, data.jitter)
-    noise, fit, choice = _fitted(configuration, robot, record, noise, design)
+        return RecordSummary(data.source, experiment, None, data.jitter)
+    least = 1 if design is None else design.harmonics
+    noise, fit = _fitted(configuration, robot, record, noise, design, least)
     warning = (
         "" if free else period_warning(robot, data, record, fit.motion, noise.length_covariance)
     )
     return RecordSummary(
         data.source,
         Experiment.from_fit(robot, record, noise, fit),
-        fit.motion.harmonics,
-        choice,
+        least if section.harmonics is None else None,
         data.jitter,
         (warning,) if warning else (),
     )
@@ -110,20 +109,18 @@ def _fitted(
     record: Record,
     noise: NoiseModel,
     design: FourierTrajectory | None,
-) -> tuple[NoiseModel, MotionFit, HarmonicChoice | None]:
+    least: int,
+) -> tuple[NoiseModel, MotionFit]:
     section = configuration.run.estimate
     free = section.frequency == "estimated"
-    least = 1 if design is None else design.harmonics
     start = _start(robot, record, design)
     # A Δ that nobody knows comes from the fit that it weights: a few rounds settle both.
     rounds = _RESIDUAL_ROUNDS if noise.lengths_include_model_error else 1
-    choice: HarmonicChoice | None = None
     for remaining in reversed(range(rounds)):
         if section.harmonics is None:
-            choice = choose_harmonics(
+            fit = choose_harmonics(
                 robot, record, noise.length_covariance, least, start=start, free_frequency=free
             )
-            fit = choice.fit
         else:
             fit = fit_motion(
                 robot,
@@ -137,7 +134,7 @@ def _fitted(
             noise = residual_length_noise(record, noise, fit)
         if remaining:
             start = fit.motion
-    return noise, fit, choice
+    return noise, fit
 
 
 def _start(robot: Robot, record: Record, design: FourierTrajectory | None) -> HarmonicMotion:

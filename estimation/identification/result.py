@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 from constraints.arrays import Array
 from estimation.estimators import Experiment, Knowledge, ParameterEstimate
-from estimation.kinematics.order import HarmonicChoice
 from estimation.uncertainty import Combination, ParameterRow
 from expdesign.configuration import RunConfiguration
 from expdesign.robot import Robot
@@ -18,20 +17,23 @@ class RecordSummary:
 
     Attributes
     ----------
-    harmonics : int or None
-        Of the fitted motion; None after pointwise differentiation.
-    choice : HarmonicChoice or None
-        How the harmonics were chosen; None when their number was given.
+    least_harmonics : int or None
+        The fewest that were tried; None when their number was given.
     jitter : float
         Of the time stamps, as a share of a step.
     """
 
     source: str
     experiment: Experiment
-    harmonics: int | None
-    choice: HarmonicChoice | None
+    least_harmonics: int | None
     jitter: float
     warnings: tuple[str, ...] = ()
+
+    @property
+    def harmonics(self) -> int | None:
+        """Of the fitted motion; None after pointwise differentiation."""
+        fit = self.experiment.fit
+        return None if fit is None else fit.motion.harmonics
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,8 +9,6 @@ others in the fit, are within the noise (a Wald test). A controller's tracking e
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy import stats
 
@@ -28,27 +26,6 @@ _ROUNDS = 6
 _POINTS = 4096
 
 
-@dataclass(frozen=True, eq=False)
-class HarmonicChoice:
-    """The fit with the harmonics chosen, and why.
-
-    Attributes
-    ----------
-    design_harmonics : int
-        Where the search began.
-    tested : int
-        Highest harmonic that was tested.
-    p_values : (tested,)
-        Of every harmonic above the chosen number in the last round, NaN below: how well noise
-        alone explains its amplitudes.
-    """
-
-    fit: MotionFit
-    design_harmonics: int
-    tested: int
-    p_values: Array
-
-
 def choose_harmonics(
     robot: Robot,
     record: Record,
@@ -57,7 +34,7 @@ def choose_harmonics(
     *,
     start: HarmonicMotion | None = None,
     free_frequency: bool = False,
-) -> HarmonicChoice:
+) -> MotionFit:
     """Fit the motion with as many harmonics as stand out of the noise.
 
     Parameters
@@ -77,21 +54,16 @@ def choose_harmonics(
         )
 
     fit = fitted(least, start)
-    p_values = np.full(max(most, least), np.nan)
     for _ in range(_ROUNDS):
         harmonics = fit.motion.harmonics
         if harmonics >= most:
             break
-        p_values = np.full(most, np.nan)
-        p_values[harmonics:] = _p_values(robot, record, covariance, fit, most)
-        found = np.flatnonzero(p_values < level)
+        found = np.flatnonzero(_p_values(robot, record, covariance, fit, most) < level)
         if not len(found):
             break
-        fit = fitted(int(found[-1]) + 1, fit.motion)
+        fit = fitted(harmonics + int(found[-1]) + 1, fit.motion)
     needed = _highest_needed(fit, least, level)
-    if needed < fit.motion.harmonics:
-        fit = fitted(needed, fit.motion)
-    return HarmonicChoice(fit, least, len(p_values), p_values)
+    return fitted(needed, fit.motion) if needed < fit.motion.harmonics else fit
 
 
 def _highest_needed(fit: MotionFit, least: int, level: float) -> int:

@@ -103,9 +103,9 @@ class MonteCarloFile(JsonFile):
             harmonics=_counts(repetition.harmonics for repetition in study.repetitions),
             settings={
                 "seed": run.montecarlo.seed,
-                "experiment": truth.experiment.model_dump(mode="json"),
-                "samples": truth.samples,
-                "samples_per_period": truth.samples_per_period,
+                "experiment": run.experiment.model_dump(mode="json"),
+                "samples": truth.experiment.samples,
+                "samples_per_period": truth.experiment.samples_per_period,
                 "estimate": run.estimate.model_dump(mode="json", exclude={"estimators"}),
             },
         )

@@ -95,6 +95,12 @@ def scatter_between_periods(values: Array, weights: Array | None = None) -> Nois
     return NoiseEstimate(flat.T @ flat / freedom, freedom)
 
 
+def series_basis(phases: Array, harmonics: int) -> Array:
+    """Return 1, sin kφ, cos kφ at phases (T,), rad: (T, 2 H + 1)."""
+    angle = np.multiply.outer(phases, np.arange(1, harmonics + 1))
+    return np.concatenate([np.ones((len(angle), 1)), np.sin(angle), np.cos(angle)], axis=1)
+
+
 def scatter_about_series(
     times: Array, values: Array, omega: float, harmonics: int, weights: Array | None = None
 ) -> tuple[NoiseEstimate, Array]:
@@ -111,25 +117,24 @@ def scatter_about_series(
     phases whose scatter could be taken. The series is long enough to follow the jumps of dry
     friction to well below the noise.
     """
-    orders = np.arange(1, harmonics + 1)
     size = 2 * harmonics + 1
     w = np.ones(len(times)) if weights is None else weights
     chunk = max(1, 2_000_000 // size)
     normal, right = np.zeros((size, size)), np.zeros((size, values.shape[1]))
 
-    def basis(part: slice) -> Array:
-        angle = np.multiply.outer(omega * times[part], orders)
-        ones = np.ones((angle.shape[0], 1))
-        return np.concatenate([ones, np.sin(angle), np.cos(angle)], axis=1)
-
     parts = [slice(first, first + chunk) for first in range(0, len(times), chunk)]
     for part in parts:
-        rows = basis(part)
+        rows = series_basis(omega * times[part], harmonics)
         weighted = rows * w[part][:, None]
         normal += weighted.T @ rows
         right += weighted.T @ values[part]
     coefficients = np.linalg.solve(normal, right)
-    residuals = np.concatenate([values[part] - basis(part) @ coefficients for part in parts])
+    residuals = np.concatenate(
+        [
+            values[part] - series_basis(omega * times[part], harmonics) @ coefficients
+            for part in parts
+        ]
+    )
     freedom = float(np.sum(w**2) - size)
     weighted = residuals * w[:, None]
     return NoiseEstimate(weighted.T @ weighted / freedom, freedom), residuals

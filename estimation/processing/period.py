@@ -9,6 +9,7 @@ from scipy.optimize import minimize_scalar
 
 from constraints.arrays import Array
 from estimation.data.measurement import Measurement
+from estimation.processing.noise import series_basis
 
 _CLEAR_PEAK = 0.5
 _WHOLE_DRIFT = 0.01
@@ -167,10 +168,8 @@ def refined_omega(data: Measurement, omega: float, spread: float | None = None) 
 
 def _misfit(data: Measurement, times: Array, omega: float, harmonics: int) -> float:
     """Return minus the share of the lengths' variance that a Fourier series explains."""
-    orders = np.arange(1, harmonics + 1)
     centred = data.lengths - data.lengths.mean(axis=0)
-    angle = np.multiply.outer(omega * times, orders)
-    rows = np.concatenate([np.ones((len(times), 1)), np.sin(angle), np.cos(angle)], axis=1)
+    rows = series_basis(omega * times, harmonics)
     right = rows.T @ centred
     explained = np.sum(right * np.linalg.lstsq(rows.T @ rows, right, rcond=None)[0])
     return float(-explained / np.sum(centred**2))

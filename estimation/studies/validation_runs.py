@@ -185,11 +185,11 @@ def _trajectory(
 
 def _judged(diagnosis: Diagnosis) -> Prediction:
     one = diagnosis.experiments[0]
-    test = one.lack_of_fit
+    test = one.tests.lack_of_fit
     return Prediction(
         failed=np.zeros(ACTUATORS, dtype=bool) if test.refused else np.asarray(test.failed),
         refused=test.refused,
-        variance_model_error=np.asarray(one.variances.model_error),
-        variance_measurement_error=np.asarray(one.variances.measurement_error),
+        variance_model_error=np.asarray(one.tests.variance_comparison.model_error),
+        variance_measurement_error=np.asarray(one.tests.variance_comparison.measurement_error),
         against=tuple(f.assumption for f in diagnosis.verdict.failed if f.serious),
     )

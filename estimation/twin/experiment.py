@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -16,14 +17,19 @@ from estimation.twin.disturbances import (
     length_drift,
     quantised,
 )
-from estimation.twin.noise import SensorNoise
+from estimation.twin.noise import noise_covariances, noise_draws
+from estimation.twin.record import (
+    DisturbanceKeys,
+    ExecutedTableTruth,
+    ExperimentKeys,
+    SeedKeys,
+    Truth,
+)
 from estimation.twin.sampling import SampleGrid
 from estimation.twin.streams import Repeated, Shared, experiment_stream, repetition_stream
 from estimation.twin.table_motion import TableMotion, refuse_short_window, window_error
-from estimation.twin.truth import ExecutedTableTruth, Truth
-from expdesign.configuration import InputError, Problem, RunConfiguration
+from expdesign.configuration import ExperimentSection, InputError, Problem, RunConfiguration
 from expdesign.export import TableFile
-from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.recheck import Motion
 from expdesign.robot import Robot, robot_from
 from expdesign.trajectory import FourierTrajectory
@@ -49,8 +55,8 @@ class Twin:
     """
 
     truth: Truth
+    section: ExperimentSection
     grid: SampleGrid
-    noise: SensorNoise
     lengths: Array
     forces: Array
 
@@ -81,7 +87,7 @@ class Twin:
             this motion, or the table has fewer periods than the experiment.
         """
         section = configuration.run.experiment
-        noise = SensorNoise.of(configuration)
+        force_covariance, length_covariance = noise_covariances(configuration)
         design = commanded if isinstance(commanded, FourierTrajectory) else commanded.design
         grid = SampleGrid.of(design.period, section, configuration.file)
         robot = robot_from(configuration.robot)
@@ -94,7 +100,13 @@ class Twin:
         else:
             # Rows and rounding of a table differ from period to period.
             refuse_short_window(commanded, section.periods, configuration.file)
-            table = _table_truth(commanded, window_error(commanded, grid.times))
+            table = ExecutedTableTruth(
+                file=commanded.path.name,
+                format=commanded.settings.section.format,
+                sha256=commanded.digest,
+                window=commanded.window,
+                position_error=window_error(commanded, grid.times),
+            )
             motion = TableMotion(commanded, design, executed)
             lengths, forces = _undisturbed(robot, motion, grid.times)
         if not (np.all(np.isfinite(lengths)) and np.all(np.isfinite(forces))):
@@ -109,41 +121,54 @@ class Twin:
             )
         if section.cogging is not None:
             forces = forces + cogging_force(lengths, section.cogging)
-        final = np.zeros(ACTUATORS)
+        drift: dict[str, Any] | None = None
         if section.drift > 0:
             final = final_drift(section.drift, experiment_stream(section.seed, Shared.DRIFT))
             lengths = lengths + length_drift(final, grid.times, grid.duration)
+            drift = {"size": section.drift, "final": final}
         truth = Truth(
             name=configuration.name,
             robot=robot.name,
             parameters=dict(
                 zip(robot.parameter_names, (float(p) for p in robot.parameters), strict=True)
             ),
+            experiment=ExperimentKeys(
+                section.periods,
+                section.sampling,
+                grid.count,
+                grid.per_period or grid.period * grid.sampling,
+            ),
             design=design,
             executed=executed,
-            force_covariance=noise.force_covariance,
-            length_covariance=noise.length_covariance,
-            experiment=section,
-            samples=grid.count,
-            samples_per_period=grid.per_period or grid.period * grid.sampling,
-            final_drift=final,
-            seed=section.seed if seed is None else seed,
+            force_covariance=force_covariance,
+            length_covariance=length_covariance,
             table=table,
+            disturbances=DisturbanceKeys(
+                drift=drift,
+                **section.model_dump(
+                    include={"tracking_error", "cogging", "quantisation", "outliers"}
+                ),
+            ),
+            seeds=SeedKeys(section.seed, section.seed if seed is None else seed),
         )
-        return cls(truth, grid, noise, lengths, forces)
+        return cls(truth, section, grid, lengths, forces)
 
     def measurement(self, repetition: int = 1) -> Measurement:
         """Return what repetition `repetition`, counted from 1, measures.
 
         It depends on the configuration, the design, the seed and the number alone.
         """
-        section, count = self.truth.experiment, self.grid.count
+        section, count, truth = self.section, self.grid.count, self.truth
 
         def stream(purpose: Repeated) -> np.random.Generator:
-            return repetition_stream(self.truth.seed, repetition, purpose)
+            return repetition_stream(truth.seeds.repetitions, repetition, purpose)
 
-        lengths = self.lengths + self.noise.lengths(count, stream(Repeated.LENGTH_NOISE))
-        forces = self.forces + self.noise.forces(count, stream(Repeated.FORCE_NOISE))
+        lengths = self.lengths + noise_draws(
+            truth.length_covariance, count, stream(Repeated.LENGTH_NOISE)
+        )
+        forces = self.forces + noise_draws(
+            truth.force_covariance, count, stream(Repeated.FORCE_NOISE)
+        )
         if section.outliers is not None:
             length_errors, force_errors = gross_errors(
                 section.outliers, count, stream(Repeated.OUTLIERS)
@@ -159,18 +184,8 @@ class Twin:
             forces=forces,
             step=1 / self.grid.sampling,
             period=self.grid.period_numbers,
-            source=f"digital twin of {self.truth.name}, repetition {repetition}",
+            source=f"digital twin of {truth.name}, repetition {repetition}",
         )
-
-
-def _table_truth(table: TableFile, error: float) -> ExecutedTableTruth:
-    return ExecutedTableTruth(
-        file=table.path.name,
-        format=table.settings.section.format,
-        sha256=table.digest,
-        window=table.window,
-        position_error=error,
-    )
 
 
 def _undisturbed(robot: Robot, motion: Motion, times: Array) -> tuple[Array, Array]:

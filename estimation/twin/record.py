@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Self
+from typing import Annotated, Any, ClassVar
 
+import numpy as np
 import pandas as pd
+from pydantic import PlainSerializer, PlainValidator
 
 from constraints.arrays import Array
 from estimation.data.measurement import Measurement
-from estimation.twin.truth import ExecutedTableTruth, Truth
 from expdesign.mechanism.hexapod import numbered
 from expdesign.runfolder import (
     ArrayTable,
@@ -23,6 +24,7 @@ from expdesign.runfolder import (
 )
 from expdesign.runfolder.atomic import write_csv
 from expdesign.runfolder.columns import strutwise
+from expdesign.runfolder.described import checker
 from expdesign.trajectory import FourierKeys, FourierTrajectory, fourier_keys
 
 _WRITTEN_BY = "`expdesign simulate`"
@@ -62,17 +64,36 @@ def write_measurement(measurement: Measurement, path: Path) -> None:
     write_csv(path, pd.DataFrame(columns))
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class MotionKeys(FourierKeys):
-    """A motion of the twin."""
+def _motion(value: Any) -> FourierTrajectory:
+    return checker(FourierKeys).validate_python(value).trajectory
 
-    frequency_hz: Annotated[float, described("Hz", "base frequency")]
-    period: Annotated[float, described("s", "duration of a period")]
 
-    @classmethod
-    def of(cls, motion: FourierTrajectory) -> Self:
-        """Describe a motion."""
-        return cls(**fourier_keys(motion), frequency_hz=motion.frequency, period=motion.period)
+def _motion_keys(motion: FourierTrajectory) -> dict[str, Any]:
+    return {
+        **fourier_keys(motion),
+        "frequency_hz": motion.frequency,
+        "period": motion.period,
+    }
+
+
+Motion = Annotated[FourierTrajectory, PlainValidator(_motion), PlainSerializer(_motion_keys)]
+"""A trajectory whose keys in a file are those of `design.json`, its frequency and its period."""
+
+
+@dataclass(frozen=True)
+class ExecutedTableTruth:
+    """A controller table that the machine executed instead of the series itself."""
+
+    file: Annotated[str, described("", "name of the file")]
+    format: Annotated[str, described("", "name of its format")]
+    sha256: Annotated[str, described("", "of the file")]
+    window: Annotated[
+        tuple[float, float],
+        described("s", "measurement window: beginning and end, from the start of the table"),
+    ]
+    position_error: Annotated[
+        float, described("m", "by which the struts are off `executed` at most")
+    ]
 
 
 @dataclass(frozen=True)
@@ -112,8 +133,11 @@ class SeedKeys:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class TruthFile(JsonFile):
-    """`truth.json`."""
+class Truth(JsonFile):
+    """What is true of a simulated experiment, against which estimates are judged: `truth.json`.
+
+    The motions begin at the first sample; `executed` is the design itself without tracking error.
+    """
 
     FILE: ClassVar[str] = "truth.json"
     WRITTEN_BY: ClassVar[str] = _WRITTEN_BY
@@ -121,10 +145,12 @@ class TruthFile(JsonFile):
     units: Annotated[str, described("", "of all values")] = "SI and radians"
     name: Annotated[str, described("", "name of the run")]
     robot: Annotated[str, described("", "name of the robot")]
-    parameters: Annotated[dict[str, float], described("SI", "true values by name")]
+    parameters: Annotated[
+        dict[str, float], described("SI", "true values by name, in the order of the regressor")
+    ]
     experiment: Annotated[ExperimentKeys, described("", "length and sampling")]
-    design: Annotated[MotionKeys, described("", "the motion that was commanded")]
-    executed: Annotated[MotionKeys, described("", "the motion that was made")]
+    design: Annotated[Motion, described("", "the motion that was commanded")]
+    executed: Annotated[Motion, described("", "the motion that was made")]
     force_covariance: Annotated[Numbers, described("N^2", "Σ of one sample, 6 × 6")]
     length_covariance: Annotated[Numbers, described("m^2", "Δ of one sample, 6 × 6")]
     table: Annotated[
@@ -134,37 +160,10 @@ class TruthFile(JsonFile):
     disturbances: Annotated[DisturbanceKeys, described("", "besides the noise")]
     seeds: Annotated[SeedKeys, described("", "of the random numbers")]
 
-    @classmethod
-    def of(cls, truth: Truth) -> Self:
-        """Describe the truth of an experiment."""
-        section = truth.experiment
-
-        def dumped(name: str) -> dict[str, Any] | None:
-            part = getattr(section, name)
-            return None if part is None else part.model_dump()
-
-        drift = {"size": section.drift, "final": truth.final_drift} if section.drift else None
-        return cls(
-            name=truth.name,
-            robot=truth.robot,
-            parameters=dict(truth.parameters),
-            experiment=ExperimentKeys(
-                section.periods, section.sampling, truth.samples, truth.samples_per_period
-            ),
-            design=MotionKeys.of(truth.design),
-            executed=MotionKeys.of(truth.executed),
-            force_covariance=truth.force_covariance,
-            length_covariance=truth.length_covariance,
-            table=truth.table,
-            disturbances=DisturbanceKeys(
-                dumped("tracking_error"),
-                drift,
-                dumped("cogging"),
-                dumped("quantisation"),
-                dumped("outliers"),
-            ),
-            seeds=SeedKeys(section.seed, truth.seed),
-        )
+    @property
+    def parameter_vector(self) -> Array:
+        """(m,) the parameters in their order, SI."""
+        return np.array(list(self.parameters.values()))
 
 
 def write_truth(truth: Truth, folder: Path, *, repeated: bool) -> list[Path]:
@@ -172,13 +171,11 @@ def write_truth(truth: Truth, folder: Path, *, repeated: bool) -> list[Path]:
 
     Parameters
     ----------
-    truth : Truth
-    folder : Path
     repeated : bool
         Whether the measurements are in `repetitions/`.
     """
     table = replace(MEASUREMENT, file=f"{REPETITIONS}/*/{MEASUREMENT.file}")
     return [
-        TruthFile.of(truth).write(folder),
+        truth.write(folder),
         describe_tables(folder, [table if repeated else MEASUREMENT]),
     ]

@@ -2,12 +2,10 @@
 
 from estimation.identification.record import SavedEstimate, read_estimate
 from estimation.validation.motions import benchmark_motion
-from estimation.validation.validate import MotionValidation, ValidationResult, validate
+from estimation.validation.validate import validate
 
 __all__ = [
-    "MotionValidation",
     "SavedEstimate",
-    "ValidationResult",
     "benchmark_motion",
     "read_estimate",
     "validate",

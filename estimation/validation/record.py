@@ -6,14 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, ClassVar, Self
 
-import numpy as np
-
 from constraints.arrays import Array
 from estimation.diagnostics import Diagnosis
-from estimation.diagnostics.record import DiagnosisKeys, ExperimentTests, ForceResiduals
-from estimation.estimators import Experiment
-from estimation.validation.validate import MotionValidation, ValidationResult
-from expdesign.mechanism.hexapod import ACTUATORS
+from estimation.diagnostics.record import DiagnosisKeys, ExperimentTests
+from estimation.diagnostics.residuals import ForceResiduals
 from expdesign.runfolder import (
     ArrayTable,
     Column,
@@ -111,7 +107,7 @@ class MotionRecord:
     def of(cls, name: str, diagnosis: Diagnosis) -> Self:
         """Take it from the diagnosis of a prediction."""
         (only,) = diagnosis.experiments
-        return cls(name, ExperimentTests.of(only), ForceResiduals.of(only))
+        return cls(name, only.tests, only.residuals)
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,45 +128,6 @@ class ValidationRecord:
     rows: tuple[ActuatorRow, ...]
     motions: tuple[MotionRecord, ...]
     forces: tuple[PredictedForces, ...]
-
-    @classmethod
-    def of(cls, result: ValidationResult) -> Self:
-        """Take it from a result."""
-        estimate = result.saved.estimate
-        summary = ValidationFile(
-            name=result.configuration.run.name,
-            robot=result.robot.name,
-            estimate=str(result.saved.path),
-            estimator=estimate.estimator,
-            accepted=result.accepted,
-            motions=tuple(
-                MotionKeys(
-                    motion.name,
-                    motion.simulated,
-                    float(motion.experiment.record.period),
-                    float(motion.experiment.record.periods),
-                    DiagnosisKeys.of(motion.diagnosis),
-                )
-                for motion in result.motions
-            ),
-            seconds=result.seconds,
-            warnings=result.warnings,
-        )
-
-        def forces(experiment: Experiment) -> PredictedForces:
-            predicted = experiment.regressors(result.robot) @ estimate.values
-            return PredictedForces(experiment.times, experiment.forces, predicted)
-
-        return cls(
-            summary,
-            tuple(
-                row
-                for number, motion in enumerate(result.motions, start=1)
-                for row in _actuator_rows(number, motion)
-            ),
-            tuple(MotionRecord.of(motion.name, motion.diagnosis) for motion in result.motions),
-            tuple(forces(motion.experiment) for motion in result.motions),
-        )
 
     @classmethod
     def read(cls, folder: Path) -> Self:
@@ -202,25 +159,3 @@ class ValidationRecord:
             written += FORCES.numbered(number).write(folder, forces)
             written += RESIDUALS.numbered(number).write(folder, motion.residuals)
         return [*dict.fromkeys(written), self.summary.write(folder)]
-
-
-def _actuator_rows(number: int, motion: MotionValidation) -> list[ActuatorRow]:
-    (diagnosis,) = motion.diagnosis.experiments
-    test, variances = diagnosis.lack_of_fit, diagnosis.variances
-    forces, rest = motion.experiment.forces, diagnosis.residuals.forces
-    words = ["not tested" if test.refused else "fails" if f else "passes" for f in test.failed]
-    return [
-        ActuatorRow(
-            number=number,
-            motion=motion.name,
-            actuator=j + 1,
-            rms_measured=float(np.std(forces[:, j])),
-            rms_residual=float(np.sqrt(np.mean(rest[:, j] ** 2))),
-            variance_model_error=float(variances.model_error[j]),
-            variance_measurement_error=float(variances.measurement_error[j]),
-            statistic=float(test.statistic[j]),
-            p_value=float(test.p_values[j]),
-            verdict=words[j],
-        )
-        for j in range(ACTUATORS)
-    ]

@@ -3,23 +3,32 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 from threadpoolctl import threadpool_limits
 
 from estimation.data.measurement import Measurement
 from estimation.data.reading import read_measurement
-from estimation.diagnostics import Diagnosis, diagnose
+from estimation.diagnostics import Diagnosis, Status, diagnose
 from estimation.estimators import Experiment
 from estimation.identification import prepare_experiment
 from estimation.identification.record import SavedEstimate
 from estimation.twin import Twin
 from estimation.validation.motions import benchmark_motion
+from estimation.validation.record import (
+    ActuatorRow,
+    MotionKeys,
+    MotionRecord,
+    PredictedForces,
+    ValidationFile,
+    ValidationRecord,
+)
 from expdesign.configuration import InputError, Problem, RunConfiguration, ValidationMotion
 from expdesign.experiment.design import controller_period
-from expdesign.recheck import Recheck, recheck
+from expdesign.mechanism.hexapod import ACTUATORS
+from expdesign.recheck import recheck
 from expdesign.robot import LimitModel, Robot, robot_from
 from expdesign.trajectory import FourierTrajectory
 
@@ -30,50 +39,17 @@ _RECHECK_SAMPLES = 200
 
 
 @dataclass(frozen=True, eq=False)
-class MotionValidation:
-    """The prediction of one motion.
+class _Prediction:
+    """The prediction of one motion, and what to warn of: a limit that the motion breaks."""
 
-    Attributes
-    ----------
-    name : str
-        ``"circle"``, ``"circle, mirrored xz"``, the name of a file …
-    simulated : bool
-        Measured on the digital twin.
-    trajectory : FourierTrajectory or None
-        Of a computed motion.
-    check : Recheck or None
-        Its limits; a motion that breaks one is simulated nevertheless, with a warning.
-    experiment : Experiment
-    diagnosis : Diagnosis
-        Of the prediction: held-out data.
-    """
-
-    name: str
-    simulated: bool
-    trajectory: FourierTrajectory | None
-    check: Recheck | None
-    experiment: Experiment
-    diagnosis: Diagnosis
+    keys: MotionKeys
+    record: MotionRecord
+    rows: list[ActuatorRow]
+    forces: PredictedForces
+    warnings: list[str]
 
 
-@dataclass(frozen=True, eq=False)
-class ValidationResult:
-    """All motions of a run."""
-
-    configuration: RunConfiguration
-    robot: Robot
-    saved: SavedEstimate
-    motions: tuple[MotionValidation, ...]
-    seconds: float
-    warnings: tuple[str, ...]
-
-    @property
-    def accepted(self) -> bool:
-        """True when no motion speaks against the model."""
-        return all(m.diagnosis.verdict.status.value == "accepted" for m in self.motions)
-
-
-def validate(configuration: RunConfiguration, saved: SavedEstimate) -> ValidationResult:
+def validate(configuration: RunConfiguration, saved: SavedEstimate) -> ValidationRecord:
     """Predict every motion of the run's `validate:` and judge the prediction.
 
     Computed motions are measured on the digital twin, with the disturbances of `experiment:`;
@@ -96,29 +72,44 @@ def validate(configuration: RunConfiguration, saved: SavedEstimate) -> Validatio
         )
     robot = robot_from(configuration.robot)
     with threadpool_limits(limits=1, user_api="blas"):
-        motions = tuple(
-            _validated(configuration, robot, saved, number, motion)
-            for number, motion in enumerate(configuration.run.validation)
+        predictions = [
+            _predicted(configuration, robot, saved, number, motion)
+            for number, motion in enumerate(configuration.run.validation, start=1)
+        ]
+    warnings = list(configuration.warnings)
+    if saved.estimate.kinematic_share is None:
+        warnings.append(
+            "the estimate comes from pointwise differentiation: it is biased and its covariance "
+            "too small, so that the tests may fail for the estimate's sake"
         )
-    return ValidationResult(
-        configuration,
-        robot,
-        saved,
-        motions,
-        time.perf_counter() - began,
-        (*configuration.warnings, *_warnings(saved, motions)),
+    verdicts = [prediction.keys.diagnostics.verdict for prediction in predictions]
+    summary = ValidationFile(
+        name=configuration.run.name,
+        robot=robot.name,
+        estimate=str(saved.path),
+        estimator=saved.estimate.estimator,
+        accepted=all(verdict.status is Status.ACCEPTED for verdict in verdicts),
+        motions=tuple(prediction.keys for prediction in predictions),
+        seconds=time.perf_counter() - began,
+        warnings=(*warnings, *(text for each in predictions for text in each.warnings)),
+    )
+    return ValidationRecord(
+        summary,
+        tuple(row for prediction in predictions for row in prediction.rows),
+        tuple(prediction.record for prediction in predictions),
+        tuple(prediction.forces for prediction in predictions),
     )
 
 
-def _validated(
+def _predicted(
     configuration: RunConfiguration,
     robot: Robot,
     saved: SavedEstimate,
     number: int,
     motion: ValidationMotion,
-) -> MotionValidation:
+) -> _Prediction:
     trajectory: FourierTrajectory | None = None
-    check: Recheck | None = None
+    warnings: list[str] = []
     if motion.motion == "file":
         path = Path(str(motion.file))
         name = path.name
@@ -129,15 +120,32 @@ def _validated(
             trajectory = benchmark_motion(motion, robot.home, controller_period(configuration))
         except ValueError as error:
             raise InputError(
-                Problem(str(error), file=configuration.file, key=f"validate[{number + 1}]")
+                Problem(str(error), file=configuration.file, key=f"validate[{number}]")
             ) from error
-        check = recheck(LimitModel.of(robot), trajectory, _RECHECK_SAMPLES)
         data = _simulated(configuration, trajectory, motion.periods, number)
     if motion.mirror != "none":
         name += f", mirrored {motion.mirror}"
+    if trajectory is not None:
+        check = recheck(LimitModel.of(robot), trajectory, _RECHECK_SAMPLES)
+        if not check.passed:
+            worst = max(check.limits, key=lambda limit: limit.violation)
+            warnings.append(
+                f"{name}: the motion breaks {worst.key} ({worst.row}: {worst.value:.4g} "
+                f"{worst.unit}, bound {worst.bound:.4g}); a real machine could not make it"
+            )
     experiment = prepare_experiment(configuration, robot, data, trajectory)
     diagnosis = diagnose(robot, [experiment], saved.knowledge, saved.estimate, held_out=True)
-    return MotionValidation(name, motion.motion != "file", trajectory, check, experiment, diagnosis)
+    record = experiment.record
+    predicted = experiment.regressors(robot) @ saved.estimate.values
+    return _Prediction(
+        MotionKeys(
+            name, motion.motion != "file", record.period, float(record.periods), diagnosis.keys
+        ),
+        MotionRecord.of(name, diagnosis),
+        _actuator_rows(number, name, experiment, diagnosis),
+        PredictedForces(experiment.times, experiment.forces, predicted),
+        warnings,
+    )
 
 
 def _simulated(
@@ -146,21 +154,28 @@ def _simulated(
     section = configuration.run.experiment.model_copy(update={"periods": periods})
     run = configuration.run.model_copy(update={"experiment": section})
     changed = RunConfiguration(run, configuration.robot, configuration.file)
-    return Twin.of(changed, trajectory).measurement(FIRST_REPETITION + number)
+    return Twin.of(changed, trajectory).measurement(FIRST_REPETITION + number - 1)
 
 
-def _warnings(saved: SavedEstimate, motions: Sequence[MotionValidation]) -> list[str]:
-    found = []
-    if saved.estimate.kinematic_share is None:
-        found.append(
-            "the estimate comes from pointwise differentiation: it is biased and its covariance "
-            "too small, so that the tests may fail for the estimate's sake"
+def _actuator_rows(
+    number: int, name: str, experiment: Experiment, diagnosis: Diagnosis
+) -> list[ActuatorRow]:
+    (only,) = diagnosis.experiments
+    test, variances = only.tests.lack_of_fit, only.tests.variance_comparison
+    forces, rest = experiment.forces, only.residuals.forces
+    words = ["not tested" if test.refused else "fails" if f else "passes" for f in test.failed]
+    return [
+        ActuatorRow(
+            number=number,
+            motion=name,
+            actuator=j + 1,
+            rms_measured=float(np.std(forces[:, j])),
+            rms_residual=float(np.sqrt(np.mean(rest[:, j] ** 2))),
+            variance_model_error=float(variances.model_error[j]),
+            variance_measurement_error=float(variances.measurement_error[j]),
+            statistic=float(test.statistic[j]),
+            p_value=float(test.p_values[j]),
+            verdict=words[j],
         )
-    for motion in motions:
-        if motion.check is not None and not motion.check.passed:
-            worst = max(motion.check.limits, key=lambda limit: limit.violation)
-            found.append(
-                f"{motion.name}: the motion breaks {worst.key} ({worst.row}: {worst.value:.4g} "
-                f"{worst.unit}, bound {worst.bound:.4g}); a real machine could not make it"
-            )
-    return found
+        for j in range(ACTUATORS)
+    ]

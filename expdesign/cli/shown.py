@@ -65,8 +65,8 @@ def experiment(outcome: Outcome) -> None:
     console = results()
     console.print(
         f"{truth.name}: {section.periods} periods of {truth.design.period:.4f} s measured at "
-        f"{section.sampling:g} Hz{times}: {truth.samples} samples, "
-        f"{truth.samples_per_period:.6g} per period."
+        f"{section.sampling:g} Hz{times}: {section.samples} samples, "
+        f"{section.samples_per_period:.6g} per period."
     )
     if truth.table is not None:
         console.print(
@@ -74,24 +74,22 @@ def experiment(outcome: Outcome) -> None:
             f"{truth.table.window[0]:.4f} s after its start; struts within "
             f"{1e6 * truth.table.position_error:.2g} µm of the design"
         )
-    kinds = ("tracking_error", "drift", "cogging", "quantisation", "outliers")
-    named = [kind.replace("_", " ") for kind in kinds if getattr(section, kind)]
-    console.print(f"noise with full covariances; disturbances: {', '.join(named) or 'none'}")
+    named = ", ".join(truth.disturbances.active) or "none"
+    console.print(f"noise with full covariances; disturbances: {named}")
     _place(outcome)
 
 
 def noise(outcome: Outcome) -> None:
     """Print size and correlation of the noise, and what was found about it."""
-    console, analysis = results(), outcome.result
-    record = analysis.record
+    console, record, found = results(), outcome.result, outcome.record
     console.print(
         f"{record.rows} rows, {record.periods:.6g} periods of {record.period:.6g} s (from the "
         f"{record.source.value})",
         soft_wrap=True,
     )
     for title, covariance, factor, unit in (
-        ("forces", analysis.noise.force_covariance, 1.0, "N"),
-        ("lengths", analysis.noise.length_covariance, 1e3, "mm"),
+        ("forces", found.force_covariance, 1.0, "N"),
+        ("lengths", found.length_covariance, 1e3, "mm"),
     ):
         std = np.sqrt(np.diag(covariance))
         struts = [str(number) for number in range(1, len(std) + 1)]
@@ -101,7 +99,7 @@ def noise(outcome: Outcome) -> None:
         ]
         heading = f"Noise of the {title}: standard deviation [{unit}] and correlation"
         console.print(_table(heading, ("strut", "std", *struts), rows, ("strut",)))
-    _findings(analysis.findings, outcomes=True)
+    _findings(found.findings, outcomes=True)
     _place(outcome)
     if not record.averaged:
         note("periods are no whole number of samples: the scatter is that about a Fourier series")
@@ -166,7 +164,7 @@ def estimate(outcome: Outcome) -> None:
 
 def validate(outcome: Outcome) -> None:
     """Print how the prediction of each motion compares with the noise."""
-    console, result = results(), outcome.result
+    console, record = results(), outcome.record
     rows = [
         (
             row.motion,
@@ -176,14 +174,14 @@ def validate(outcome: Outcome) -> None:
             f"{row.statistic:.3f}",
             row.verdict,
         )
-        for row in outcome.record.rows
+        for row in record.rows
     ]
     title = "Variance of single samples [N²]: about the prediction, and of the noise"
     heads = ("motion", "actuator", "prediction", "noise", "F", "verdict")
     console.print(_table(title, heads, rows, ("motion", "verdict")))
-    for motion in result.motions:
-        console.print(f"{motion.name}: {motion.diagnosis.verdict.summary}", soft_wrap=True)
-        _findings(motion.diagnosis.verdict.failed)
+    for motion in record.summary.motions:
+        console.print(f"{motion.name}: {motion.diagnostics.verdict.summary}", soft_wrap=True)
+        _findings(motion.diagnostics.verdict.failed)
     _place(outcome)
 
 

@@ -8,7 +8,6 @@ from numpy.linalg import LinAlgError
 
 from estimation import diagnostics, identification
 from estimation.diagnostics import Diagnosis
-from estimation.diagnostics.noise_record import NoiseRecord
 from estimation.identification import EstimationResult
 from estimation.identification.period_choice import choose_omega
 from estimation.identification.record import EstimateRecord
@@ -79,16 +78,16 @@ def analyse_noise(work: Workspace) -> Outcome:
         work.progress.warn(warning)
     omega, source = choose_omega(configuration, recording, trajectory)
     try:
-        analysis = diagnostics.analyse_noise(make_record(recording, omega, source))
+        samples = make_record(recording, omega, source)
+        record = diagnostics.analyse_noise(samples, str(file))
     except (PeriodError, ValueError) as error:
         problem = Problem(str(error), file=file, key="--data", allowed="two periods or more")
         raise InputError(problem) from error
-    record = NoiseRecord.of(analysis, str(file))
     figures = noise_figures(record, folder, configuration.run.report.figures)
     return Outcome(
         "noise",
         folder,
-        analysis,
+        samples,
         (*record.write(folder), *figures),
         summary=record.summary.as_data(),
         record=record.summary,

@@ -5,7 +5,6 @@ from __future__ import annotations
 from estimation.twin import Twin
 from estimation.twin.record import (
     MEASUREMENT,
-    TruthFile,
     repetition_file,
     write_measurement,
     write_truth,
@@ -67,12 +66,12 @@ def perform(work: Workspace) -> Outcome:
         folder,
         twin,
         tuple(sorted(files)),
-        record=TruthFile.of(truth),
+        record=truth,
         summary={
             "repetitions": done,
             "periods": truth.experiment.periods,
-            "samples": truth.samples,
-            "samples_per_period": truth.samples_per_period,
+            "samples": truth.experiment.samples,
+            "samples_per_period": truth.experiment.samples_per_period,
             "table": None if truth.table is None else truth.table.file,
             "warnings": [*configuration.warnings, *warnings],
         },

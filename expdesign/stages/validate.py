@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from estimation.validation import validate
-from estimation.validation.record import ValidationRecord
 from expdesign.robot import robot_from
 from expdesign.stages.outcome import Outcome
 from expdesign.stages.workspace import Workspace
@@ -21,22 +20,22 @@ def perform(work: Workspace) -> Outcome:
         No motion has the measured lengths.
     """
     configuration, folder = work.configuration, work.folder
-    result = validate(configuration, work.estimate(robot_from(configuration.robot)))
-    record = ValidationRecord.of(result)
+    record = validate(configuration, work.estimate(robot_from(configuration.robot)))
+    summary, warnings = record.summary, record.summary.warnings
     figures = validation_figures(record, folder, configuration.run.report.figures)
     return Outcome(
         "validate",
         folder,
-        result,
+        record,
         (*record.write(folder), *figures),
         summary={
-            "accepted": result.accepted,
-            "motions": {motion.name: motion.diagnosis.verdict.summary for motion in result.motions},
-            "seconds": result.seconds,
-            "warnings": list(result.warnings),
+            "accepted": summary.accepted,
+            "motions": {each.name: each.diagnostics.verdict.summary for each in summary.motions},
+            "seconds": summary.seconds,
+            "warnings": list(warnings),
         },
         record=record,
-        message="accepted" if result.accepted else "doubtful",
-        warnings=result.warnings[len(configuration.warnings) :],
-        doubt="" if result.accepted else "a motion speaks against the model",
+        message="accepted" if summary.accepted else "doubtful",
+        warnings=warnings[len(configuration.warnings) :],
+        doubt="" if summary.accepted else "a motion speaks against the model",
     )

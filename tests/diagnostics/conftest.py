@@ -149,7 +149,7 @@ class LinearTwin:
 
     def law(self, kind):
         if kind == "ml":
-            return joint_law(self.part, self.experiment, self.system(self.part).solved())
+            return joint_law(self.part, self.experiment, self.system(self.part).solved)
         if kind == "held out":
             return held_out_law(self.part, self.experiment, self.estimates["gm"])
         estimate = self.estimates[kind]
@@ -169,7 +169,7 @@ class LinearTwin:
             force_scatter=NoiseEstimate(scatter / self.freedom, self.freedom),
         )
         if kind == "ml":
-            return replace(drawn, forces=self.system(drawn).solved().force_residuals())
+            return replace(drawn, forces=self.system(drawn).solved.force_residuals())
         inverse = np.linalg.inv(noise.length_covariance)
         columns = part.length_columns
         weighted = np.einsum("ij,rjx->rix", inverse, columns)

@@ -27,7 +27,7 @@ def test_level_of_columns_and_delay(twin, held_out):
     rejected, statistics, delays = 0, [], []
     for _ in range(DRAWS):
         drawn = twin.draw(rng, "held out" if held_out else "gm")
-        solved = twin.system(drawn, known=known, held_out=held_out).solved()
+        solved = twin.system(drawn, known=known, held_out=held_out).solved
         test = column_test(solved, columns)
         rejected += bool(np.any(test.failed))
         statistics.append(test.statistic)
@@ -106,7 +106,7 @@ def test_cogging_in_the_identification_data_is_named(estimator):
         assert force.amplitude == pytest.approx(12, abs=4 * force.amplitude_std)
         assert force.pitch == pytest.approx(0.030, abs=4 * force.pitch_std)
         assert abs(np.angle(np.exp(1j * (force.phase - phase)))) < 4 * force.phase_std
-    assert not np.any(diagnosis.lack_of_fit_left.failed)
+    assert not np.any(diagnosis.tests.lack_of_fit_with_effects.failed)
     failed = [f for f in result.verdict.failed if "position-periodic" in f.sentence]
     assert len(failed) == 1
     assert "in struts 3 and 4:" in failed[0].sentence

@@ -58,7 +58,7 @@ class DiagnosisFile(JsonFile):
 
 def _written(result, folder):
     """Return what a file says of a diagnosis, which is the same after it was read."""
-    path = DiagnosisFile(DiagnosisKeys.of(result)).write(folder)
+    path = DiagnosisFile(result.keys).write(folder)
     text = path.read_text(encoding="utf-8")
     DiagnosisFile.read(path).write(folder)
     assert path.read_text(encoding="utf-8") == text
@@ -72,7 +72,7 @@ def test_a_diagnosis_in_a_file(laboratory, sound, tmp_path):
     assert document["estimator"] == "ml"
     assert document["verdict"]["status"] == "accepted"
     (only,) = document["experiments"]
-    test = result.experiments[0].lack_of_fit
+    test = result.experiments[0].tests.lack_of_fit
     assert only["lack_of_fit"]["ms_lof"] == pytest.approx(test.mean_square.tolist())
     assert only["lack_of_fit"]["failed"] == []
     assert [scan["strut"] for scan in only["position_periodic"]] == [1, 2, 3, 4, 5, 6]
@@ -82,10 +82,11 @@ def test_a_diagnosis_in_a_file(laboratory, sound, tmp_path):
 def test_residuals_of_every_period_average_to_the_mean(laboratory, sound):
     experiment, estimate = sound
     diagnosis = _diagnose(laboratory, [experiment], estimate).experiments[0]
-    rest = diagnosis.residuals
-    np.testing.assert_allclose(rest.force_periods.mean(axis=0), rest.forces, atol=1e-9)
-    comparison = diagnosis.variances
-    np.testing.assert_allclose(comparison.model_error, np.mean(rest.force_periods**2, (0, 1)))
+    record, rest = experiment.record, diagnosis.residuals.forces
+    periods = record.force_periods - (record.forces - rest)
+    np.testing.assert_allclose(periods.mean(axis=0), rest, atol=1e-9)
+    comparison = diagnosis.tests.variance_comparison
+    np.testing.assert_allclose(comparison.model_error, np.mean(periods**2, (0, 1)))
     np.testing.assert_allclose(comparison.model_error / comparison.measurement_error, 1, atol=0.2)
 
 
@@ -94,7 +95,7 @@ def test_a_prediction_of_sound_data_is_accepted(laboratory, sound):
     held = laboratory.experiment(laboratory.measure(20))
     result = _diagnose(laboratory, [held], estimate, held_out=True)
     assert result.verdict.status is Status.ACCEPTED
-    np.testing.assert_array_equal(result.experiments[0].lack_of_fit.fitted_freedom, 0)
+    np.testing.assert_array_equal(result.experiments[0].tests.lack_of_fit.fitted_freedom, 0)
 
 
 @pytest.mark.parametrize("estimator", ["gm", "ml"])
@@ -102,15 +103,14 @@ def test_two_experiments_share_the_levels_and_the_parameters(laboratory, estimat
     experiments = [laboratory.experiment(laboratory.measure(seed)) for seed in (31, 32)]
     estimate = laboratory.estimate(experiments, estimator)
     result = _diagnose(laboratory, experiments, estimate)
-    first, second = (d.lack_of_fit for d in result.experiments)
+    first, second = (d.tests.lack_of_fit for d in result.experiments)
     assert first.level == pytest.approx(0.005)
     # Half of the parameters' share each.
     alone = _diagnose(
         laboratory, experiments[:1], laboratory.estimate(experiments[:1], estimator)
     ).experiments[0]
-    np.testing.assert_allclose(
-        first.fitted_freedom + second.fitted_freedom, alone.lack_of_fit.fitted_freedom, atol=0.15
-    )
+    fitted = alone.tests.lack_of_fit.fitted_freedom
+    np.testing.assert_allclose(first.fitted_freedom + second.fitted_freedom, fitted, atol=0.15)
     assert any(f.sentence.startswith("experiment 2: ") for f in result.verdict.findings)
 
 
@@ -137,7 +137,7 @@ def test_one_period_with_given_noise(laboratory, sound):
     assert outcomes["the noise is white"] is Outcome.NOT_TESTED
     assert outcomes["all periods are alike"] is Outcome.NOT_TESTED
     assert outcomes["the forces are as noisy as assumed"] is Outcome.HOLDS
-    assert result.experiments[0].samples.forces.source == "residuals"
+    assert result.experiments[0].tests.normality.source == "residuals"
 
 
 def test_noise_that_was_given_too_large_or_too_small(laboratory, sound):
@@ -163,8 +163,7 @@ def test_pointwise_kinematics(laboratory, tmp_path):
     assert outcomes["forces and lengths are sampled at the same time"] is Outcome.NOT_TESTED
     diagnosis = result.experiments[0]
     assert diagnosis.pointwise
-    assert diagnosis.residuals.lengths is None
-    assert diagnosis.length_chi_square is None
+    assert diagnosis.tests.chi_square.lengths is None
     _written(result, tmp_path)
 
 

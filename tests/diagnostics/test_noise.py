@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy import signal, stats
 
-from estimation.diagnostics.chi_square import chi_square
+from estimation.diagnostics.lack_of_fit import chi_square
 from estimation.diagnostics.noise_samples import noise_samples
 from estimation.diagnostics.noise_tests import drift, normality, whiteness
 from estimation.diagnostics.residual_law import ResidualLaw

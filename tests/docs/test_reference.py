@@ -15,7 +15,7 @@ from estimation.identification.record import EstimateFile
 from estimation.montecarlo.record import STATISTICS, MonteCarloFile, repetition_table
 from estimation.studies import StudySummary
 from estimation.twin import Twin
-from estimation.twin.record import MEASUREMENT, TruthFile
+from estimation.twin.record import MEASUREMENT, Truth
 from estimation.validation.record import ValidationFile
 from expdesign.configuration import (
     DataSection,
@@ -240,7 +240,7 @@ def test_sections_of_the_truth():
     rows = table(RUN_FOLDER, "## truth.json")
     motion = FourierTrajectory(3.0, [0, 0, -0.654, 0, 0, 0], np.zeros((6, 1)), np.zeros((6, 1)))
     run = {"name": "n", "robot": "palida", "experiment": {"periods": 1, "sampling": 10}}
-    record = TruthFile.of(Twin.of(load_run(run), motion).truth).as_data()
+    record = Twin.of(load_run(run), motion).truth.as_data()
     for row in rows:
         for key in codes(row[0]):
             if isinstance(record.get(key), dict) and key != "parameters":
@@ -256,7 +256,7 @@ def test_columns_of_the_tables():
     "kind",
     [
         DesignFile,
-        TruthFile,
+        Truth,
         EstimateFile,
         NoiseFile,
         ValidationFile,

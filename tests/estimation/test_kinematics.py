@@ -70,9 +70,9 @@ def test_harmonics_are_chosen_from_the_data():
     right = 0
     for seed in range(20):
         plain = choose_harmonics(ROBOT, record_of(base, seed), DELTA, 2)
-        right += plain.fit.motion.harmonics == 2
+        right += plain.motion.harmonics == 2
         found = choose_harmonics(ROBOT, record_of(disturbed, seed), DELTA, 2)
-        assert found.fit.motion.harmonics == 6
+        assert found.motion.harmonics == 6
     # One in a thousand is found by chance.
     assert right >= 19
 

@@ -97,23 +97,23 @@ def test_a_spline_passes_its_poses():
 
 def test_a_sound_estimate_passes(folder):
     result = validate(case(), read_estimate(folder, ROBOT))
-    assert result.accepted
-    test = result.motions[0].diagnosis.experiments[0].lack_of_fit
+    assert result.summary.accepted
+    test = result.motions[0].tests.lack_of_fit
     assert not np.any(test.failed)
     assert not test.refused
 
 
 def test_cogging_that_the_estimate_does_not_know_fails_its_struts(folder):
     result = validate(case(cogging=[0, 0, 40, 40, 0, 0]), read_estimate(folder, ROBOT))
-    test = result.motions[0].diagnosis.experiments[0].lack_of_fit
+    test = result.motions[0].tests.lack_of_fit
     assert list(np.flatnonzero(test.failed) + 1) == [3, 4]
-    assert not result.accepted
+    assert not result.summary.accepted
 
 
 def test_a_wrong_mass_fails(folder):
     saved = read_estimate(folder, ROBOT)
     saved.estimate.values[9] *= 1.2
-    assert not validate(case(), saved).accepted
+    assert not validate(case(), saved).summary.accepted
 
 
 def test_an_estimate_survives_its_file(folder):
@@ -148,5 +148,5 @@ def test_an_estimate_of_another_robot_is_refused(folder, tmp_path):
 def test_a_pointwise_estimate_warns(tmp_path):
     config = run({"estimators": ["gm"], "differentiation": "central"})
     EstimateRecord.of(estimate(config, measured(MOTION), MOTION)).write(tmp_path)
-    warnings = validate(case(), read_estimate(tmp_path, ROBOT)).warnings
+    warnings = validate(case(), read_estimate(tmp_path, ROBOT)).summary.warnings
     assert any("pointwise differentiation" in warning for warning in warnings)

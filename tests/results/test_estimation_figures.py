@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from estimation.diagnostics import diagnose
-from estimation.diagnostics.record import ExperimentRecord
 from results.figures.estimation.noise import NOISE_FIGURES
 from results.figures.estimation.residuals import DIAGNOSTIC_FIGURES
 from results.figures.saving import save_figures
@@ -18,10 +17,9 @@ KEYS = [definition.key for definition in (*DIAGNOSTIC_FIGURES, *NOISE_FIGURES)]
 
 def drawn(diagnosis):
     """Return every figure of a diagnosis by its name."""
-    record = ExperimentRecord.of(diagnosis)
     with house_style():
-        return {figure.key: figure.draw(record) for figure in DIAGNOSTIC_FIGURES} | {
-            figure.key: figure.draw(record.pictures) for figure in NOISE_FIGURES
+        return {figure.key: figure.draw(diagnosis) for figure in DIAGNOSTIC_FIGURES} | {
+            figure.key: figure.draw(diagnosis.pictures) for figure in NOISE_FIGURES
         }
 
 
@@ -44,9 +42,8 @@ def _texts(axes):
 
 
 def test_files_are_complete(diagnosis, tmp_path):
-    record = ExperimentRecord.of(diagnosis)
-    paths = save_figures(DIAGNOSTIC_FIGURES, record, tmp_path)
-    paths += save_figures(NOISE_FIGURES, record.pictures, tmp_path)
+    paths = save_figures(DIAGNOSTIC_FIGURES, diagnosis, tmp_path)
+    paths += save_figures(NOISE_FIGURES, diagnosis.pictures, tmp_path)
     assert {p.name for p in paths} == {f"{key}.{end}" for key in KEYS for end in ("png", "svg")}
     for path in paths:
         if path.suffix == ".svg":
@@ -73,7 +70,7 @@ def test_scan_names_the_strut(diagnosis, figures):
 
 def test_covariance_shows_every_correlation(diagnosis, figures):
     matrix = figures["noise_covariance"].axes[0].images[0].get_array()
-    sigma = diagnosis.noise.force_covariance
+    sigma = diagnosis.pictures.noise.force_covariance
     assert matrix[0, 1] == pytest.approx(sigma[0, 1] / np.sqrt(sigma[0, 0] * sigma[1, 1]))
     bars = figures["noise_covariance"].axes[1].patches
     np.testing.assert_allclose([b.get_height() for b in bars], np.sqrt(np.diag(sigma)))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from estimation.twin.noise import SensorNoise
+from estimation.twin.noise import noise_covariances, noise_draws
 from expdesign.configuration import InputError, load_run
 from tests.twin.examples import configuration
 
@@ -15,12 +15,11 @@ NOISE = configuration()
 
 @pytest.fixture(scope="module")
 def noise():
-    return SensorNoise.of(NOISE)
+    return dict(zip(("forces", "lengths"), noise_covariances(NOISE), strict=True))
 
 
 def draws(noise, kind, seed=5):
-    covariance = noise.force_covariance if kind == "forces" else noise.length_covariance
-    return covariance, getattr(noise, kind)(SAMPLES, np.random.default_rng(seed))
+    return noise[kind], noise_draws(noise[kind], SAMPLES, np.random.default_rng(seed))
 
 
 @pytest.mark.parametrize("kind", ["forces", "lengths"])
@@ -67,7 +66,7 @@ def test_noise_that_is_not_given_is_asked_for(missing, named):
     noise = {f"{what}_std": [1e-3] * 6 for what in {"force", "length"} - set(missing)}
     bare = load_run({"name": "n", "robot": robot, **({"noise": noise} if noise else {})})
     with pytest.raises(InputError) as caught:
-        SensorNoise.of(bare)
+        noise_covariances(bare)
     assert [problem.key for problem in caught.value.problems] == ["noise"] * len(named)
     for problem, what in zip(caught.value.problems, named, strict=True):
         assert f"{what}_std" in problem.allowed

@@ -8,7 +8,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from constraints.arrays import Array
-from estimation.diagnostics.record import ExperimentRecord, ForceResiduals
+from estimation.diagnostics.record import ExperimentRecord
+from estimation.diagnostics.residuals import ForceResiduals
 from estimation.validation.record import MotionRecord
 from results.figures.definition import FigureDefinition
 from results.figures.estimation.panels import corner_text, strut_panels

@@ -10,7 +10,7 @@ import numpy as np
 
 from constraints.arrays import Array
 from estimation.identification.record import EstimateFile, EstimateRecord
-from estimation.twin.record import TruthFile
+from estimation.twin.record import Truth
 from estimation.uncertainty.differences import Differences, difference_test
 from expdesign.mechanism.catalogue import parameter_unit
 from expdesign.runfolder.manifest import file_hash
@@ -132,7 +132,7 @@ def not_independent(one: ComparedEstimate, other: ComparedEstimate) -> str:
             "of their covariances is not that of the difference."
         )
     if one.folder.has("experiment") and other.folder.has("experiment"):
-        first, second = (each.folder.record(TruthFile).seeds for each in (one, other))
+        first, second = (each.folder.record(Truth).seeds for each in (one, other))
         if first.repetitions == second.repetitions:
             return (
                 "Both experiments were simulated with the same seed, so that their noise may be "

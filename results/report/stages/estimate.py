@@ -8,7 +8,7 @@ import numpy as np
 
 from constraints.arrays import Array
 from estimation.identification.record import EstimateFile, EstimateRecord
-from estimation.twin.record import TruthFile
+from estimation.twin.record import Truth
 from estimation.uncertainty import ParameterRow
 from results.report.content import (
     Block,
@@ -140,7 +140,7 @@ def _truth(folder: RunFolder, summary: EstimateFile) -> Array | None:
     own = folder.configuration.run.data.file is None and sources == ["measurement.csv"]
     if not own or not folder.has("experiment"):
         return None
-    true = folder.record(TruthFile).parameters
+    true = folder.record(Truth).parameters
     if any(name not in true for name in summary.parameters):
         return None
     return np.array([true[name] for name in summary.parameters])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimation.twin.record import TruthFile
+from estimation.twin.record import Truth
 from results.report.content import Fact, Facts, Level, StageReport, Verdict
 from results.report.folder import RunFolder
 from results.report.numerals import readable
@@ -13,7 +13,7 @@ from results.report.table import Column, ReportTable
 
 def experiment_report(folder: RunFolder) -> StageReport:
     """Describe the experiment in a folder."""
-    truth = folder.record(TruthFile)
+    truth = folder.record(Truth)
     experiment = truth.experiment
     disturbances = ", ".join(truth.disturbances.active) or "none"
     table = "" if truth.table is None else truth.table.file
@@ -47,7 +47,7 @@ def experiment_report(folder: RunFolder) -> StageReport:
     return StageReport(verdict, blocks, facts)
 
 
-def _noise_table(truth: TruthFile) -> ReportTable:
+def _noise_table(truth: Truth) -> ReportTable:
     force = np.sqrt(np.diag(truth.force_covariance)).tolist()
     length = (1e3 * np.sqrt(np.diag(truth.length_covariance))).tolist()
     columns = (
