@@ -26,8 +26,8 @@ from expdesign.configuration import load_run
 from expdesign.robot import robot_from
 from expdesign.trajectory import FourierTrajectory, TrajectoryFile
 from results import study_figures
+from results.figures.drawing import save_figures
 from results.figures.montecarlo import BIAS, study_series
-from results.figures.saving import save_figures
 
 TITLE = "Monte-Carlo study"
 

@@ -9,8 +9,8 @@ from pathlib import Path
 from estimation.studies import DesignStudy, Study, ValidationStudy
 from estimation.studies.validation_runs import SITUATIONS
 from estimation.validation.record import MotionRecord
+from results.figures.drawing import FORMATS, save_figures
 from results.figures.estimation.residuals import PREDICTION_FIGURE
-from results.figures.saving import FORMATS, save_figures
 from results.figures.studies.catalogue import RECORD_FIGURES, REPETITIONS_FIGURE
 
 

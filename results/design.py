@@ -7,7 +7,7 @@ from pathlib import Path
 
 from expdesign.experiment import DesignRecord
 from results.figures.design.catalogue import DESIGN_FIGURES
-from results.figures.saving import save_figures
+from results.figures.drawing import save_figures
 
 _NOTES = {
     "interrupted": "interrupted: the best found until then",

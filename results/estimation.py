@@ -10,11 +10,11 @@ from estimation.diagnostics.noise_record import NoiseRecord
 from estimation.identification.record import EstimateRecord
 from estimation.montecarlo.record import MonteCarloRecord
 from estimation.validation.record import ValidationRecord
+from results.figures.drawing import FORMATS, save_figures
 from results.figures.estimation.noise import NOISE_FIGURES
 from results.figures.estimation.parameters import ESTIMATE_FIGURES
 from results.figures.estimation.residuals import DIAGNOSTIC_FIGURES, PREDICTION_FIGURE
 from results.figures.montecarlo import STUDY_FIGURES, study_series
-from results.figures.saving import FORMATS, save_figures
 
 PLACE = "figures"
 

@@ -26,6 +26,6 @@ def blank_figures():
     """
     with (
         patch.object(Figure, "savefig", _save),
-        patch("results.figures.saving._lay_out", lambda _figure: None),
+        patch("results.figures.drawing._lay_out", lambda _figure: None),
     ):
         yield

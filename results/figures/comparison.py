@@ -9,9 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from constraints.arrays import Array
-from results.figures.definition import FigureDefinition
+from results.figures.drawing import FigureDefinition, parameter_axis
 from results.style import BLUE, GREEN, MUTED, ORANGE, PURPLE, SKY, VERMILLION, new_figure
-from results.symbols import symbol
 
 COLOURS = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY)
 MARKERS = ("o", "s", "^", "D", "v", "P")
@@ -52,8 +51,7 @@ def draw_series(axes: Axes, record: ParameterSeries) -> None:
             # A name that begins with an underscore would be left out of the legend.
             label=f"\u200b{series.label}",
         )
-    axes.set_xticks(places, [symbol(name) for name in record.names])
-    axes.set_xlim(-0.6, len(record.names) - 0.4)
+    parameter_axis(axes, record.names)
     axes.set_xlabel("Parameter")
 
 

@@ -9,14 +9,18 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from constraints.arrays import Array
 from estimation.montecarlo.record import StatisticsRow
-from results.figures.definition import FigureDefinition
-from results.figures.legends import legend_above
+from results.figures.drawing import (
+    FigureDefinition,
+    legend_above,
+    margin_text,
+    parameter_axis,
+    plain_decades,
+    plain_ticks,
+)
 from results.style import BLACK, ESTIMATOR_LOOKS, FAINT, MUTED, new_figure
-from results.symbols import symbol
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,17 +79,6 @@ def study_series(rows: Sequence[StatisticsRow]) -> tuple[EstimatorSeries, ...]:
 
 _OTHER_LOOK = {"color": BLACK, "marker": "D"}
 _WIDTH = 0.56
-
-
-def parameter_axis(axes: Axes, series: Series) -> None:
-    """Put the parameters on the horizontal axis, a faint line between each two."""
-    names = all_parameters(series)
-    axes.set_xticks(np.arange(len(names)), [symbol(name) for name in names])
-    axes.set_xticks(np.arange(len(names) - 1) + 0.5, minor=True)
-    axes.tick_params(axis="x", which="both", length=0)
-    axes.grid(visible=False, axis="x")
-    axes.grid(visible=True, axis="x", which="minor")
-    axes.set_xlim(-0.6, len(names) - 0.4)
 
 
 def all_parameters(series: Series) -> tuple[str, ...]:
@@ -149,22 +142,12 @@ def draw_bias(series: Series) -> Figure:
     if largest > _LINEAR_BIAS * band:
         room = 2.0
         axes.set_yscale("symlog", linthresh=2 * band, linscale=0.8)
-        axes.yaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}".replace("-", "−")))
+        axes.yaxis.set_major_formatter(plain_ticks())
         decades = 10.0 ** np.arange(np.ceil(np.log10(2 * band)), np.ceil(np.log10(room * largest)))
         axes.set_yticks([*-decades[::-1], 0.0, *decades])
     axes.set_ylim(-room * largest, room * largest)
-    axes.annotate(
-        f"±{CLEAR:g} standard\nerrors at\nthe bound",
-        (1.0, 0.0),
-        xycoords=("axes fraction", "data"),
-        xytext=(4, 0),
-        textcoords="offset points",
-        va="center",
-        color=MUTED,
-        fontsize="small",
-        annotation_clip=False,
-    )
-    parameter_axis(axes, series)
+    margin_text(axes, 0.0, f"±{CLEAR:g} standard\nerrors at\nthe bound", MUTED)
+    parameter_axis(axes, all_parameters(series), parted=True)
     axes.set_xlabel("Parameter")
     axes.set_ylabel("Bias / Cramér–Rao bound")
     axes.set_title("Bias")
@@ -198,7 +181,7 @@ def draw_efficiency(series: Series) -> Figure:
         points(below, series, number, cover[:, 0], _bars(cover))
     for axes, target in ((above, 1.0), (below, NOMINAL)):
         axes.axhline(target, color=MUTED, linewidth=1.0, zorder=2)
-        parameter_axis(axes, series)
+        parameter_axis(axes, all_parameters(series), parted=True)
     _ratio_scale(above, np.concatenate([one.rmse.ravel() for one in series]))
     above.set_ylabel("RMSE / Cramér–Rao bound")
     above.set_title("Efficiency")
@@ -220,9 +203,7 @@ def _ratio_scale(axes: Axes, ratios: Array) -> None:
     if not len(known) or np.max(known) < _LINEAR_RATIO:
         return
     axes.set_yscale("log")
-    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axes.yaxis.set_minor_formatter(NullFormatter())
+    plain_decades(axes.yaxis)
 
 
 EFFICIENCY = FigureDefinition(

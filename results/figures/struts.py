@@ -14,8 +14,7 @@ from constraints import Limit
 from constraints.arrays import Array
 from expdesign.experiment import DesignRecord
 from results.executed import MotionRecord
-from results.figures.definition import FigureDefinition
-from results.figures.legends import strut_legend
+from results.figures.drawing import FigureDefinition, strut_legend
 from results.style import FAINT, FORBIDDEN, INK, MUTED, STRUT_COLOURS, new_figure
 from results.units import DisplayUnit, handy_unit
 

@@ -14,12 +14,11 @@ from expdesign.experiment import DesignRecord
 from expdesign.recheck import LimitCheck
 from expdesign.trajectory import FourierTrajectory
 from results import design_figures
-from results.figures.definition import FigureDefinition
 from results.figures.design import excitation
 from results.figures.design.catalogue import DESIGN_FIGURES
 from results.figures.design.convergence import FLOOR
 from results.figures.design.path import _extent as extent
-from results.figures.saving import save_figures
+from results.figures.drawing import FigureDefinition, save_figures
 from results.style import PAGE_WIDTH, RESOLUTION, STRUT_COLOURS, house_style
 
 KEYS = {definition.key for definition in DESIGN_FIGURES}

@@ -14,7 +14,7 @@ from expdesign.motion.spline import (
 from expdesign.robot import load_robot
 from expdesign.trajectory import FourierTrajectory
 from results.executed import MotionRecord
-from results.figures.saving import save_figures
+from results.figures.drawing import save_figures
 from results.figures.struts import MOTION
 from results.style import house_style
 

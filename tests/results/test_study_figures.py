@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from estimation.montecarlo.record import STATISTICS, StatisticsRow
+from results.figures.drawing import save_figures
 from results.figures.montecarlo import STUDY_FIGURES, draw_bias, draw_efficiency, study_series
-from results.figures.saving import save_figures
 
 NAMES = ["p1", "p2", "r_alpha", "r1", "v6"]
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from expdesign.experiment import DesignRecord
-from results.figures.definition import FigureDefinition
 from results.figures.design import (
     convergence,
     eigenvalues,
@@ -12,6 +11,7 @@ from results.figures.design import (
     path,
     precision,
 )
+from results.figures.drawing import FigureDefinition
 from results.figures.struts import CARDAN_ANGLES, STRUTS
 
 DESIGN_FIGURES: tuple[FigureDefinition[DesignRecord], ...] = (

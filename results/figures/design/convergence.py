@@ -18,7 +18,7 @@ from expdesign.experiment import DesignRecord
 from expdesign.experiment.record import Iteration
 from expdesign.information.criteria import CRITERIA
 from expdesign.recheck import TOLERANCE
-from results.figures.definition import FigureDefinition
+from results.figures.drawing import FigureDefinition
 from results.style import EMPHASIS, GREY, INK, ORANGE, new_figure
 from results.units import plain_number
 

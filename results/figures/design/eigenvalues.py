@@ -9,7 +9,7 @@ from matplotlib.ticker import MaxNLocator
 
 from constraints.arrays import Array
 from expdesign.experiment import DesignRecord
-from results.figures.definition import FigureDefinition
+from results.figures.drawing import FigureDefinition
 from results.style import ALERT, EMPHASIS, MUTED, new_figure
 
 _HEADROOM = 0.2

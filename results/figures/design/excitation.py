@@ -6,8 +6,7 @@ from matplotlib.figure import Figure
 
 from expdesign.experiment import DesignRecord
 from expdesign.mechanism.hexapod import COORDINATE_NAMES
-from results.figures.definition import FigureDefinition
-from results.figures.legends import legend_above
+from results.figures.drawing import FigureDefinition, legend_above
 from results.style import AXIS_COLOURS, AXIS_DASHES, MUTED, new_figure
 from results.symbols import symbol
 from results.units import handy_unit

@@ -11,8 +11,7 @@ from matplotlib.figure import Figure
 
 from expdesign.experiment import DesignRecord
 from expdesign.recheck import LimitCheck
-from results.figures.definition import FigureDefinition
-from results.figures.legends import legend_above
+from results.figures.drawing import FigureDefinition, legend_above
 from results.style import ALERT, EMPHASIS, INK, MUTED, SECOND, new_figure
 from results.symbols import symbol
 from results.units import handy_unit

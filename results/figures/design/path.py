@@ -13,7 +13,7 @@ from matplotlib.transforms import Bbox
 
 from constraints.arrays import Array
 from expdesign.experiment import DesignRecord
-from results.figures.definition import FigureDefinition
+from results.figures.drawing import FigureDefinition
 from results.style import EMPHASIS, FAINT, INK, MUTED, STRUT_COLOURS, new_figure
 from results.units import DisplayUnit, handy_unit
 

@@ -6,15 +6,19 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.container import Container
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter
 
 from constraints.arrays import Array
 from expdesign.experiment import DesignRecord
 from expdesign.experiment.result import IDENTIFIABLE
-from results.figures.definition import FigureDefinition
-from results.figures.legends import legend_above
-from results.style import ALERT, EMPHASIS, MUTED, SECOND, new_figure
-from results.symbols import symbol
+from results.figures.drawing import (
+    FigureDefinition,
+    legend_above,
+    margin_text,
+    parameter_axis,
+    plain_ticks,
+    standing_text,
+)
+from results.style import ALERT, EMPHASIS, SECOND, new_figure
 
 _IDENTIFIABLE = 100 * IDENTIFIABLE
 _WIDTH = 0.38
@@ -61,34 +65,11 @@ def draw(record: DesignRecord) -> Figure:
                 zorder=2,
             )
         )
-    for k in np.flatnonzero(~np.any(np.isfinite(percents), axis=1)):
-        axes.text(
-            position[k],
-            0.03,
-            "nominal value 0",
-            transform=axes.get_xaxis_transform(),
-            rotation=90,
-            ha="center",
-            va="bottom",
-            color=MUTED,
-            fontsize="small",
-        )
+    unknown = ~np.any(np.isfinite(percents), axis=1)
+    standing_text(axes, position[unknown], "nominal value 0")
     axes.axhline(_IDENTIFIABLE, color=ALERT, linewidth=1.0, zorder=3)
-    axes.annotate(
-        f"{_IDENTIFIABLE:g} %\nidentifiable\nbelow",
-        (1.0, _IDENTIFIABLE),
-        xycoords=("axes fraction", "data"),
-        xytext=(4, 0),
-        textcoords="offset points",
-        va="center",
-        color=ALERT,
-        fontsize="small",
-        annotation_clip=False,
-    )
-    axes.set_xticks(position, [symbol(parameter.name) for parameter in parameters])
-    axes.tick_params(axis="x", length=0)
-    axes.grid(visible=False, axis="x")
-    axes.set_xlim(-0.7, len(parameters) - 0.3)
+    margin_text(axes, _IDENTIFIABLE, f"{_IDENTIFIABLE:g} %\nidentifiable\nbelow", ALERT)
+    parameter_axis(axes, [parameter.name for parameter in parameters])
     axes.set_xlabel("Parameter")
     axes.set_ylabel("Standard deviation / |nominal| (%)")
     axes.set_title("Predicted precision")
@@ -101,7 +82,7 @@ def _scale(axes: Axes, percent: Array) -> float:
     shown = np.append(percent[np.isfinite(percent) & (percent > 0)], _IDENTIFIABLE)
     floor = 10.0 ** np.floor(np.log10(np.min(shown) / 1.5))
     axes.set_yscale("log")
-    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.yaxis.set_major_formatter(plain_ticks())
     axes.set_ylim(floor, 2.0 * np.max(shown))
     return float(floor)
 

@@ -11,8 +11,7 @@ from scipy import stats
 
 from constraints.arrays import Array
 from estimation.diagnostics.noise_record import NoisePictures
-from results.figures.definition import FigureDefinition
-from results.figures.estimation.panels import corner_text, strut_panels
+from results.figures.drawing import FigureDefinition, corner_text, correlation_image, strut_panels
 from results.style import BLUE, INK, STRUT_COLOURS, VERMILLION, new_figure
 from results.units import handy_unit, plain_number
 
@@ -138,7 +137,7 @@ def _pair(
 
 
 def _matrix(axes: Axes, correlation: Array, names: list[str]) -> None:
-    image = axes.imshow(correlation, cmap=_COLOURS, vmin=-1, vmax=1)
+    correlation_image(axes, correlation, names, _COLOURS)
     for i, row in enumerate(correlation):
         for j, value in enumerate(row):
             axes.text(
@@ -150,13 +149,6 @@ def _matrix(axes: Axes, correlation: Array, names: list[str]) -> None:
                 fontsize="small",
                 color="white" if abs(value) > _DARK else INK,
             )
-    axes.set_xticks(range(len(names)), names)
-    axes.set_yticks(range(len(names)), names)
-    axes.tick_params(length=0)
-    axes.grid(visible=False)
-    axes.spines[:].set_visible(False)
-    bar = axes.figure.colorbar(image, ax=axes, shrink=0.9, ticks=[-1, -0.5, 0, 0.5, 1])
-    bar.outline.set_visible(False)
 
 
 COVARIANCE = FigureDefinition(

@@ -8,8 +8,13 @@ from matplotlib.figure import Figure
 
 from estimation.identification.record import EstimateRecord
 from estimation.uncertainty import correlation
-from results.figures.definition import FigureDefinition
-from results.figures.legends import legend_above
+from results.figures.drawing import (
+    FigureDefinition,
+    correlation_image,
+    legend_above,
+    parameter_axis,
+    standing_text,
+)
 from results.style import ESTIMATOR_LOOKS, MUTED, new_figure
 from results.symbols import symbol
 
@@ -44,23 +49,9 @@ def draw_estimates(record: EstimateRecord) -> Figure:
                 zorder=2,
             )
         )
-    for k in np.flatnonzero(~free):
-        axes.text(
-            position[k],
-            0.03,
-            "fixed",
-            transform=axes.get_xaxis_transform(),
-            rotation=90,
-            ha="center",
-            va="bottom",
-            color=MUTED,
-            fontsize="small",
-        )
+    standing_text(axes, position[~free], "fixed")
     axes.axhline(0.0, color=MUTED, linewidth=0.8, zorder=1)
-    axes.set_xticks(position, [symbol(name) for name in names])
-    axes.tick_params(axis="x", length=0)
-    axes.grid(visible=False, axis="x")
-    axes.set_xlim(-0.7, len(names) - 0.3)
+    parameter_axis(axes, names)
     axes.set_xlabel("Parameter")
     axes.set_ylabel(f"(Estimate − a priori) / std of {best.upper()}")
     axes.set_title("Estimates against the a-priori values, 95 % intervals")
@@ -83,17 +74,8 @@ def draw_correlation(record: EstimateRecord) -> Figure:
     matrix = correlation(summary.best_estimator.covariance)[np.ix_(free, free)]
     figure = new_figure(4.6, width=5.2)
     axes = figure.subplots()
-    image = axes.imshow(matrix, cmap="RdBu_r", vmin=-1, vmax=1, interpolation="nearest")
-    labels = [symbol(summary.parameters[k]) for k in free]
-    axes.set_xticks(range(len(free)), labels)
-    axes.set_yticks(range(len(free)), labels)
-    axes.tick_params(length=0)
-    axes.grid(visible=False)
-    for spine in axes.spines.values():
-        spine.set_visible(False)
+    correlation_image(axes, matrix, [symbol(summary.parameters[k]) for k in free], "RdBu_r")
     axes.set_title(f"Correlation of the {summary.best.upper()} estimates")
-    bar = figure.colorbar(image, ax=axes, shrink=0.8, ticks=[-1, -0.5, 0, 0.5, 1])
-    bar.outline.set_visible(False)
     return figure
 
 

@@ -5,14 +5,13 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from constraints.arrays import Array
 from estimation.diagnostics.record import ExperimentRecord
 from estimation.diagnostics.residuals import ForceResiduals
 from estimation.validation.record import MotionRecord
-from results.figures.definition import FigureDefinition
-from results.figures.estimation.panels import corner_text, strut_panels
+from expdesign.mechanism.hexapod import ACTUATORS
+from results.figures.drawing import FigureDefinition, corner_text, plain_decades, strut_panels
 from results.style import ALERT, FAINT, MUTED, STRUT_COLOURS, new_figure
 from results.units import handy_unit
 
@@ -88,12 +87,12 @@ PREDICTION_FIGURE = FigureDefinition(
 def draw_dependence(record: ExperimentRecord) -> Figure:
     """Draw one row per strut: means in bins with their 95 % intervals."""
     figure = new_figure(7.8)
-    panels = figure.subplots(6, 2, sharex="col", sharey=True)
+    panels = figure.subplots(ACTUATORS, 2, sharex="col", sharey=True)
     columns = (("length", "m"), ("speed", "m/s"))
     for column, (over, si) in enumerate(columns):
         rows = [row for row in record.dependence if row.over == over]
         unit = handy_unit(si, [row.centre for row in rows])
-        for j in range(6):
+        for j in range(ACTUATORS):
             axes = panels[j, column]
             axes.axhline(0, color=MUTED, linewidth=0.7, zorder=1)
             bins = np.array(
@@ -159,9 +158,7 @@ def draw_pitches(record: ExperimentRecord) -> Figure:
 def _scales(axes: Axes, critical: float) -> None:
     """Set the axes that all panels share."""
     axes.set_xscale("log")
-    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axes.xaxis.set_minor_formatter(NullFormatter())
+    plain_decades(axes.xaxis)
     linear = 2 * critical if np.isfinite(critical) else 60.0
     axes.set_yscale("symlog", linthresh=linear, linscale=1.6)
     axes.set_ylim(bottom=0)

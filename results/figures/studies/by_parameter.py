@@ -7,14 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from constraints.arrays import Array
 from estimation.studies import StudyRecord
 from estimation.studies.design_study import rigid_body, shown_kinematics
 from estimation.studies.identification_study import CASES, ESTIMATORS
 from estimation.studies.records import ESTIMATES, MEANS, PRECISION, EstimateRow
-from results.figures.definition import FigureDefinition
+from results.figures.drawing import FigureDefinition, parameter_axis, plain_decades, plain_ticks
 from results.style import (
     BLUE,
     ESTIMATOR_LOOKS,
@@ -25,7 +24,6 @@ from results.style import (
     VERMILLION,
     new_figure,
 )
-from results.symbols import symbol
 
 _WIDTH = 0.5
 """Of the points of one parameter, side by side."""
@@ -63,9 +61,7 @@ def draw_precision(study: StudyRecord) -> Figure:
         axes.scatter(np.arange(len(names)) + shift, ratio, s=11, c=colours, linewidth=0, zorder=3)
     axes.axhline(1.0, color=INK, linewidth=0.9, zorder=2)
     axes.set_yscale("log")
-    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axes.yaxis.set_minor_formatter(NullFormatter())
+    plain_decades(axes.yaxis)
     _parameter_axis(axes, names)
     axes.set_xlabel(_BY_SET)
     axes.set_ylabel(f"Std with '{second}' / std with '{first}'")
@@ -89,7 +85,7 @@ def draw_means(study: StudyRecord) -> Figure:
     axes.axhspan(-_CLEAR, _CLEAR, color=FAINT, alpha=0.35, linewidth=0, zorder=1)
     if largest > _LINEAR_REACH:
         axes.set_yscale("symlog", linthresh=2 * _CLEAR, linscale=1.0)
-    axes.yaxis.set_major_formatter(FuncFormatter(_with_minus))
+    axes.yaxis.set_major_formatter(plain_ticks())
     room = 1.6 if largest > _LINEAR_REACH else 1.1
     axes.set_ylim(-room * largest, room * largest)
     _parameter_axis(axes, names)
@@ -134,7 +130,7 @@ def draw_bias(study: StudyRecord) -> Figure:
             axes.set_yscale("symlog", linthresh=2.0, linscale=0.9)
         limit = (2.2 if curved else 1.15) * largest
         axes.set_ylim(-limit, limit)
-        axes.yaxis.set_major_formatter(FuncFormatter(_with_minus))
+        axes.yaxis.set_major_formatter(plain_ticks())
         _parameter_axis(axes, names)
         axes.set_title(f"{case.key}: {case.title}")
     panels[0].tick_params(labelbottom=False)
@@ -149,18 +145,9 @@ def _shifts(count: int) -> Array:
     return np.linspace(-_WIDTH / 2, _WIDTH / 2, count) if count > 1 else np.zeros(1)
 
 
-def _with_minus(value: float, _place: int | None) -> str:
-    return f"{value:g}".replace("-", "−")
-
-
 def _parameter_axis(axes: Axes, names: Sequence[str]) -> None:
     """Label the axis with the parameters; a line parts rigid bodies from friction."""
-    axes.set_xticks(np.arange(len(names)), [symbol(name) for name in names])
-    axes.set_xticks(np.arange(len(names) - 1) + 0.5, minor=True)
-    axes.tick_params(axis="x", which="both", length=0)
-    axes.grid(visible=False, axis="x")
-    axes.grid(visible=True, axis="x", which="minor")
-    axes.set_xlim(-0.6, len(names) - 0.4)
+    parameter_axis(axes, names, parted=True)
     rigid = np.count_nonzero(rigid_body(names))
     if 0 < rigid < len(names):
         axes.axvline(rigid - 0.5, color=MUTED, linewidth=0.9, zorder=1)

@@ -11,7 +11,7 @@ from estimation.studies.design_study import shown_kinematics
 from estimation.studies.records import VARIANCES
 from expdesign.mechanism.catalogue import parameter_unit
 from expdesign.mechanism.hexapod import ACTUATORS
-from results.figures.definition import FigureDefinition
+from results.figures.drawing import FigureDefinition
 from results.figures.studies.by_parameter import BIAS_FIGURE, MEANS_FIGURE, PRECISION_FIGURE
 from results.style import ALERT, BLUE, FAINT, INK, MUTED, VERMILLION, new_figure
 from results.symbols import symbol

@@ -13,8 +13,7 @@ from expdesign.experiment import DesignRecord
 from expdesign.experiment.sensitivity import LimitSensitivity, limit_sensitivity
 from expdesign.runfolder.atomic import write_text
 from results.figures.comparison import ESTIMATES, PRECISION, ParameterSeries
-from results.figures.definition import FigureDefinition
-from results.figures.saving import save_figures
+from results.figures.drawing import FigureDefinition, save_figures
 from results.report.comparison.claims import claims_report
 from results.report.comparison.design_tables import (
     criteria_table,

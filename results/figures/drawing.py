@@ -1,0 +1,221 @@
+"""What a figure is, how it becomes files, and the parts that several figures have."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.container import Container
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+from constraints.arrays import Array
+from expdesign.runfolder.atomic import written_beside
+from results.style import ALERT, MUTED, RESOLUTION, STRUT_COLOURS, house_style
+from results.symbols import symbol
+
+Record = TypeVar("Record", contravariant=True)  # noqa: PLC0105 - the word is the reader's
+
+
+@dataclass(frozen=True)
+class FigureDefinition(Generic[Record]):
+    """A figure of a kind of record: name of its files without the ending, caption for reports.
+
+    `draw` computes nothing but what is shown, and saves nothing.
+    """
+
+    key: str
+    caption: str
+    draw: Callable[[Record], Figure]
+
+
+# Neither dates nor versions: a figure changes when what it shows does.
+_METADATA: dict[str, dict[str, None]] = {
+    "png": {"Software": None},
+    "svg": {"Date": None, "Creator": None},
+    "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
+}
+
+FORMATS = ("png", "svg")
+"""What is written when nothing else is asked for."""
+
+
+def save_figures(
+    definitions: Iterable[FigureDefinition[Record]],
+    record: Record,
+    folder: Path,
+    note: str = "",
+    formats: Collection[str] = FORMATS,
+) -> tuple[Path, ...]:
+    """Draw figures and write each in the formats wanted.
+
+    Parameters
+    ----------
+    definitions : iterable of FigureDefinition
+    record : object
+        What they are drawn from.
+    folder : Path
+        Made when it is missing. Every file is complete or absent.
+    note : str
+        What has to be known of every one of them; it stands below.
+    formats : collection of {"png", "svg", "pdf"}
+        SVG is written whatever they are: reports show it.
+
+    Returns
+    -------
+    tuple of Path
+        The files, in the order of the definitions.
+    """
+    paths = []
+    for definition in definitions:
+        with house_style():
+            figure = definition.draw(record)
+            if note:
+                figure.supxlabel(note, x=0.99, ha="right", fontsize="medium", color=ALERT)
+            _lay_out(figure)
+            for ending, metadata in _METADATA.items():
+                if ending not in formats and ending != "svg":
+                    continue
+                path = folder / f"{definition.key}.{ending}"
+                with written_beside(path) as beside:
+                    figure.savefig(beside, format=ending, dpi=RESOLUTION, metadata=metadata)
+                paths.append(path)
+    return tuple(paths)
+
+
+def _lay_out(figure: Figure) -> None:
+    """Lay a figure out once: all its files look alike, whichever of them are written.
+
+    At the resolution of the files: texts are not equally wide at every one.
+    """
+    figure.set_dpi(RESOLUTION)
+    engine = figure.get_layout_engine()
+    if engine is not None:
+        engine.execute(figure)
+        # Not "none": Matplotlib draws a figure twice for each file as long as it has any engine.
+        figure.set_layout_engine(None)
+
+
+def strut_legend(figure: Figure) -> None:
+    """Name the six strut colours above all panels."""
+    handles = [
+        Line2D([], [], color=colour, linewidth=2.0, label=f"strut {j}")
+        for j, colour in enumerate(STRUT_COLOURS, 1)
+    ]
+    figure.legend(handles=handles, loc="outside upper center", ncols=len(handles))
+
+
+def legend_above(axes: Axes, handles: Sequence[Artist | Container]) -> None:
+    """Put a panel's legend on its upper edge, at the right end of the title's line.
+
+    Parameters
+    ----------
+    axes : Axes
+    handles : sequence of Artist or Container
+        With their labels.
+    """
+    axes.legend(
+        handles=list(handles),
+        loc="lower right",
+        bbox_to_anchor=(1.0, 1.0),
+        ncols=max(1, len(handles)),
+        borderaxespad=0.25,
+    )
+
+
+def strut_panels(
+    figure: Figure, title: str, shape: tuple[int, int] = (2, 3), *, share: bool
+) -> tuple[Axes, ...]:
+    """Return the panels of struts 1 … 6, titled; `share`: with common axes."""
+    panels = figure.subplots(*shape, sharex=share, sharey=share, squeeze=False)
+    for number, axes in enumerate(panels.flat, 1):
+        axes.set_title(f"{title} {number}")
+    return tuple(panels.flat)
+
+
+def corner_text(axes: Axes, text: str) -> None:
+    """Write small text into the upper right corner."""
+    axes.text(
+        0.985,
+        0.97,
+        text,
+        transform=axes.transAxes,
+        ha="right",
+        va="top",
+        fontsize="small",
+        color=MUTED,
+        linespacing=1.25,
+    )
+
+
+def parameter_axis(axes: Axes, names: Sequence[str], *, parted: bool = False) -> None:
+    """Put parameters on the horizontal axis, from 0; `parted`: a faint line between each two."""
+    axes.set_xticks(np.arange(len(names)), [symbol(name) for name in names])
+    axes.tick_params(axis="x", which="both", length=0)
+    axes.grid(visible=False, axis="x")
+    if parted:
+        axes.set_xticks(np.arange(len(names) - 1) + 0.5, minor=True)
+        axes.grid(visible=True, axis="x", which="minor")
+    axes.set_xlim(-0.6, len(names) - 0.4)
+
+
+def plain_decades(axis: Axis) -> None:
+    """Label a logarithmic axis with plain numbers: 0.5, 1, 2, 5, 10."""
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.set_major_formatter(plain_ticks())
+    axis.set_minor_formatter(NullFormatter())
+
+
+def plain_ticks() -> FuncFormatter:
+    """Return what writes numbers without powers of ten, with a true minus sign."""
+    return FuncFormatter(lambda value, _: f"{value:g}".replace("-", "−"))
+
+
+def margin_text(axes: Axes, y: float, text: str, colour: str) -> None:
+    """Write small text to the right of the axes, at a height in the units of the data."""
+    axes.annotate(
+        text,
+        (1.0, y),
+        xycoords=("axes fraction", "data"),
+        xytext=(4, 0),
+        textcoords="offset points",
+        va="center",
+        color=colour,
+        fontsize="small",
+        annotation_clip=False,
+    )
+
+
+def standing_text(axes: Axes, places: Iterable[float], text: str) -> None:
+    """Write small text upright from the lower edge, where there is nothing to draw."""
+    for place in places:
+        axes.text(
+            place,
+            0.03,
+            text,
+            transform=axes.get_xaxis_transform(),
+            rotation=90,
+            ha="center",
+            va="bottom",
+            color=MUTED,
+            fontsize="small",
+        )
+
+
+def correlation_image(axes: Axes, matrix: Array, names: Sequence[str], colours: Any) -> None:
+    """Draw a correlation matrix with the names of its rows, and the scale of its colours."""
+    image = axes.imshow(matrix, cmap=colours, vmin=-1, vmax=1, interpolation="nearest")
+    axes.set_xticks(range(len(names)), names)
+    axes.set_yticks(range(len(names)), names)
+    axes.tick_params(length=0)
+    axes.grid(visible=False)
+    axes.spines[:].set_visible(False)
+    bar = axes.figure.colorbar(image, ax=axes, shrink=0.85, ticks=[-1, -0.5, 0, 0.5, 1])
+    bar.outline.set_visible(False)
