@@ -1,4 +1,4 @@
-"""The figures of a design."""
+"""The figures of a design, and of the motion that executes it."""
 
 from __future__ import annotations
 
@@ -6,8 +6,11 @@ from collections.abc import Collection
 from pathlib import Path
 
 from expdesign.experiment import DesignRecord
+from expdesign.export import ExportsRecord
+from results.executed import MotionRecord
 from results.figures.design.catalogue import DESIGN_FIGURES
 from results.figures.drawing import save_figures
+from results.figures.struts import MOTION
 
 _NOTES = {
     "interrupted": "interrupted: the best found until then",
@@ -38,3 +41,21 @@ def design_figures(
     note = _NOTES.get(record.summary.status, "")
     wanted = record.configuration.run.report.figures if formats is None else formats
     return save_figures(DESIGN_FIGURES, record, folder / "figures", note, wanted)
+
+
+def motion_figure(
+    record: DesignRecord, exports: ExportsRecord, folder: Path, formats: Collection[str]
+) -> tuple[Path, ...]:
+    """Draw the motion of the controller tables, from rest to rest, into ``figures/``.
+
+    Return the files: none where its ramps are not recorded or the tables are not of this design.
+    """
+    ways = exports.motion.ways
+    if ways is None:
+        return ()
+    try:
+        motion = ways.motion(record.summary.trajectory, record.robot.home)
+    except ValueError:
+        return ()
+    executed = MotionRecord.of(record.configuration, motion)
+    return save_figures((MOTION,), executed, folder / "figures", formats=formats)

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import re
 
-_GREEK = {
-    "alpha": r"\alpha",
-    "beta": r"\beta",
-    "phi": r"\varphi",
-    "theta": r"\theta",
-    "psi": r"\psi",
+GREEK = {
+    "alpha": (r"\alpha", "α"),
+    "beta": (r"\beta", "β"),
+    "phi": (r"\varphi", "φ"),
+    "theta": (r"\theta", "θ"),
+    "psi": (r"\psi", "ψ"),
 }
+"""Letters by their names: in LaTeX, and as they are."""
+
 _INDEXED = re.compile(r"([A-Za-z])_?([A-Za-z]+|\d+)")
 
 
@@ -23,10 +25,15 @@ def symbol(name: str) -> str:
         A parameter (``p10``, ``r_alpha``, ``Ixy``), a coordinate or any other name, which is
         returned as it is.
     """
-    if name in _GREEK:
-        return f"${_GREEK[name]}$"
+    letter, index = (GREEK.get(part, (part, part))[0] for part in symbol_parts(name))
+    if index:
+        return f"${letter}_{{{index}}}$"
+    return f"${letter}$" if letter else name
+
+
+def symbol_parts(name: str) -> tuple[str, str]:
+    """Return letter and index of a name, empty where there are none: ``("r", "alpha")``."""
+    if name in GREEK or (len(name) == 1 and name.isalpha()):
+        return name, ""
     found = _INDEXED.fullmatch(name)
-    if found is None:
-        return f"${name}$" if len(name) == 1 and name.isalpha() else name
-    letter, index = found.groups()
-    return f"${letter}_{{{_GREEK.get(index, index)}}}$"
+    return ("", "") if found is None else (found[1], found[2])

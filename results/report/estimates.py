@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from constraints.arrays import Array
@@ -12,44 +10,21 @@ from estimation.uncertainty.differences import FAMILY_LEVEL, Differences, hausma
 from results.report.table import Column, ReportTable
 
 
-@dataclass(frozen=True, eq=False)
-class EstimatedParameters:
-    """One estimator of `estimate.json`.
-
-    Attributes
-    ----------
-    estimator : str
-    names : tuple of str
-    values : (m,)
-    covariance : (m, m)
-    kinematic : (m, m) or None
-        The share of the covariance that comes from the motion; None where it is not known.
-    """
-
-    estimator: str
-    names: tuple[str, ...]
-    values: Array
-    covariance: Array
-    kinematic: Array | None
-
-    @classmethod
-    def of(cls, summary: EstimateFile, estimator: str) -> EstimatedParameters:
-        """Take one estimator of an `estimate.json`."""
-        entry = summary.estimators[estimator]
-        values = np.array([entry.values[name] for name in summary.parameters])
-        return cls(
-            estimator, summary.parameters, values, entry.covariance, entry.covariance_kinematics
-        )
+def estimated_values(summary: EstimateFile, estimator: str) -> Array:
+    """Return the parameters of one estimator of an `estimate.json`, (m,), SI."""
+    values = summary.estimators[estimator].values
+    return np.array([values[name] for name in summary.parameters])
 
 
 def information_test(summary: EstimateFile) -> Differences | None:
     """Return the Hausman-type test of ML − GM; None where the folder has not both."""
     if not {"gm", "ml"} <= set(summary.estimators):
         return None
-    efficient, robust = (EstimatedParameters.of(summary, name) for name in ("gm", "ml"))
-    if robust.kinematic is None:
+    from_the_motion = summary.estimators["ml"].covariance_kinematics
+    if from_the_motion is None:
         return None
-    return hausman_test(efficient.values, robust.values, robust.kinematic)
+    efficient, robust = (estimated_values(summary, name) for name in ("gm", "ml"))
+    return hausman_test(efficient, robust, from_the_motion)
 
 
 def information_sentence(test: Differences) -> str:

@@ -14,16 +14,8 @@ from plotly.offline import get_plotlyjs
 
 from results.report.content import Page
 from results.report.table import cell_text, sort_key
-from results.symbols import symbol
+from results.symbols import GREEK, symbol_parts
 
-_GREEK = {
-    r"\alpha": "α",
-    r"\beta": "β",
-    r"\varphi": "φ",
-    r"\theta": "θ",
-    r"\psi": "ψ",
-}
-_FORMULA = re.compile(r"\$(\\?\w+?)(?:_\{(\\?\w+)\})?\$")
 _TEMPLATES = "templates"
 _POWER = re.compile(r"\^(-?\d+)")
 
@@ -52,10 +44,9 @@ def plotting_library() -> str:
 
 def symbol_html(name: str) -> Markup:
     """Return a parameter's name as HTML: ``r_alpha`` → r with the index α."""
-    found = _FORMULA.fullmatch(symbol(name))
-    if found is None:
+    letter, index = (GREEK.get(part, (part, part))[1] for part in symbol_parts(name))
+    if not letter:
         return escape(name)
-    letter, index = (_GREEK.get(part or "", part) for part in found.groups())
     if not index:
         return Markup("<i>{}</i>").format(letter)
     return Markup("<i>{}</i><sub>{}</sub>").format(letter, index)

@@ -12,8 +12,9 @@ from estimation.montecarlo.record import MonteCarloRecord
 from estimation.validation.record import ValidationRecord
 from expdesign.configuration import RunConfiguration
 from expdesign.experiment import DesignRecord
+from expdesign.export import ExportsRecord
 from expdesign.runfolder.atomic import write_text
-from results.design import design_figures
+from results.design import design_figures, motion_figure
 from results.estimation import estimate_figures, study_figures, validation_figures
 from results.report.content import FigureBlock, Level, Page, Section, StageReport, Verdict
 from results.report.folder import ReportedStage, RunFolder
@@ -121,7 +122,7 @@ def _with_failures(folder: RunFolder, reports: dict[str, StageReport]) -> list[V
 
 
 def _missing_figures(folder: RunFolder) -> list[Path]:
-    """Draw what can be drawn from the folder and is missing in a format that is wanted."""
+    """Draw what is missing in a format that is wanted, and the motion of controller tables."""
     formats = folder.configuration.run.report.figures
 
     def missing(stem: str) -> bool:
@@ -131,6 +132,10 @@ def _missing_figures(folder: RunFolder) -> list[Path]:
     drawn: list[Path] = []
     if folder.has("design") and missing("excitation"):
         drawn += design_figures(folder.record(DesignRecord), folder.path, formats)
+    if folder.has("design") and folder.has("export"):
+        # Always: a table that was exported by hand may be of another motion than the figure.
+        record, exports = folder.record(DesignRecord), folder.record(ExportsRecord)
+        drawn += motion_figure(record, exports, folder.path, formats)
     if folder.has("montecarlo") and missing("montecarlo_bias"):
         drawn += study_figures(folder.record(MonteCarloRecord), folder.path, formats)
     if folder.has("estimate") and missing("estimates"):

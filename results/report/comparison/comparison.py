@@ -8,13 +8,13 @@ import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from estimation.identification.record import EstimateRecord
 from expdesign.configuration import InputError, Problem
 from expdesign.experiment import DesignRecord
 from expdesign.experiment.sensitivity import LimitSensitivity, limit_sensitivity
 from expdesign.runfolder.atomic import write_text
 from results.figures.comparison import ESTIMATES, PRECISION, ParameterSeries
 from results.figures.drawing import FigureDefinition, save_figures
-from results.report.comparison.claims import claims_report
 from results.report.comparison.design_tables import (
     criteria_table,
     efficiencies,
@@ -30,7 +30,7 @@ from results.report.comparison.estimates import (
     estimates_series,
 )
 from results.report.comparison.sources import open_folders, sources_section
-from results.report.comparison.studies import achieved_report
+from results.report.comparison.studies import achieved_report, claims_report
 from results.report.content import (
     Block,
     Fact,
@@ -156,7 +156,8 @@ def _page(
             }
         reports.append(_designs_report(comparison, costs, figure))
     estimates = tuple(
-        ComparedEstimate.read(label, folder) for label, folder in holding("estimate").items()
+        ComparedEstimate(label, folder, folder.record(EstimateRecord).summary)
+        for label, folder in holding("estimate").items()
     )
     if estimates:
         reports.append(estimates_report(estimates, drawn(ESTIMATES, estimates_series(estimates))))

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from constraints.arrays import Array
-from estimation.identification.record import EstimateFile, EstimateRecord
+from estimation.identification.record import EstimateFile
 from estimation.twin.record import Truth
 from estimation.uncertainty.differences import Differences, difference_test
 from expdesign.mechanism.catalogue import parameter_unit
@@ -25,8 +25,8 @@ from results.report.content import (
     Verdict,
 )
 from results.report.estimates import (
-    EstimatedParameters,
     differences_table,
+    estimated_values,
     information_sentence,
     information_test,
 )
@@ -41,42 +41,38 @@ _TWO_SIDED = 1.959963984540054
 
 @dataclass(frozen=True, eq=False)
 class ComparedEstimate:
-    """The best estimate of one folder.
-
-    Attributes
-    ----------
-    label : str
-    folder : RunFolder
-    summary : EstimateFile
-    estimate : EstimatedParameters
-    """
+    """The best estimate of one folder."""
 
     label: str
     folder: RunFolder
     summary: EstimateFile
-    estimate: EstimatedParameters
 
-    @classmethod
-    def read(cls, label: str, folder: RunFolder) -> ComparedEstimate:
-        """Read the best estimate of a folder."""
-        summary = folder.record(EstimateRecord).summary
-        return cls(label, folder, summary, EstimatedParameters.of(summary, summary.best))
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The parameters."""
+        return self.summary.parameters
+
+    @property
+    def values(self) -> Array:
+        """Values, (m,), SI."""
+        return estimated_values(self.summary, self.summary.best)
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance, (m, m), SI."""
+        return self.summary.best_estimator.covariance
 
     @property
     def std(self) -> Array:
         """Standard deviations, (m,); NaN for fixed parameters."""
-        variance = np.diag(self.estimate.covariance)
+        variance = np.diag(self.covariance)
         return np.sqrt(np.where(variance > 0, variance, np.nan))
 
 
 def common_parameters(found: tuple[ComparedEstimate, ...]) -> tuple[str, ...]:
     """Return the parameters of all estimates, in the order of the first."""
     first, *others = found
-    return tuple(
-        name
-        for name in first.estimate.names
-        if all(name in other.estimate.names for other in others)
-    )
+    return tuple(name for name in first.names if all(name in other.names for other in others))
 
 
 def estimates_report(found: tuple[ComparedEstimate, ...], figure: FigureBlock) -> StageReport:
@@ -155,15 +151,11 @@ def _recordings(each: ComparedEstimate) -> set[str]:
 def _difference(
     one: ComparedEstimate, other: ComparedEstimate, names: tuple[str, ...]
 ) -> Differences:
-    places = [[each.estimate.names.index(name) for name in names] for each in (one, other)]
-    first, second = (
-        each.estimate.values[at] for each, at in zip((one, other), places, strict=True)
-    )
-    blocks = [
-        each.estimate.covariance[np.ix_(at, at)]
-        for each, at in zip((one, other), places, strict=True)
-    ]
-    return difference_test(first, second, blocks[0] + blocks[1])
+    covariance = np.zeros((len(names), len(names)))
+    for each in (one, other):
+        at = [each.names.index(name) for name in names]
+        covariance += each.covariance[np.ix_(at, at)]
+    return difference_test(_chosen(one, names)[0], _chosen(other, names)[0], covariance)
 
 
 def _sentence(title: str, test: Differences) -> str:
@@ -177,14 +169,14 @@ def _sentence(title: str, test: Differences) -> str:
 
 
 def _chosen(each: ComparedEstimate, names: tuple[str, ...]) -> tuple[Array, Array]:
-    at = [each.estimate.names.index(name) for name in names]
-    return each.estimate.values[at], each.std[at]
+    at = [each.names.index(name) for name in names]
+    return each.values[at], each.std[at]
 
 
 def _values_table(found: tuple[ComparedEstimate, ...], names: tuple[str, ...]) -> ReportTable:
     columns = [Column("parameter", kind="parameter"), Column("unit", kind="text")]
     for each in found:
-        estimator = NAMES.get(each.estimate.estimator, each.estimate.estimator)
+        estimator = NAMES.get(each.summary.best, each.summary.best)
         columns += [
             Column(f"{each.label}, {estimator}", digits=5),
             Column("from", digits=5),

@@ -24,7 +24,7 @@ from results.report.table import Column, ReportTable, Value
 
 def export_report(folder: RunFolder) -> StageReport:
     """Return what is to be said of the controller tables in a folder."""
-    record = ExportsRecord.read(folder.path)
+    record = folder.record(ExportsRecord)
     motion, files = record.motion, record.files
     place = folder.stage_file("export").parent
     missing = [name for name in files if not (place / name).is_file()]
@@ -64,6 +64,7 @@ def export_report(folder: RunFolder) -> StageReport:
     )
     blocks: list[Block] = [
         details,
+        *folder.figures("motion"),
         _files_table(files),
         _read_back_table(files),
         _axes_table(files),
