@@ -200,7 +200,7 @@ def _gains(sensitivity: LimitSensitivity | None) -> tuple[Block, ...]:
     if sensitivity.unexplained > EXPLAINED:
         text = (
             f"The limits leave {percent(sensitivity.unexplained)} of the cost's gradient: the "
-            "design is not near an optimum, and what each limit costs is not told."
+            "design is not near an optimum, and what each limit costs is not shown."
         )
         return (TextBlock(text),)
     return (gains_table({"gain": sensitivity}, "the design itself"),)
