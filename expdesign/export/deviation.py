@@ -64,14 +64,7 @@ def blocks(times: Array) -> Iterator[Array]:
 def deviation(table: ExecutedTable, times: Array, executed: Executed, *, forces: bool) -> Deviation:
     """Return the largest deviations from the design at the times (N,), s.
 
-    Parameters
-    ----------
-    table : ExecutedTable
-    times : (N,)
-    executed : Executed
-        The machine at these times.
-    forces : bool
-        Whether accelerations and forces are compared too.
+    `executed` is the machine then; `forces` compares accelerations and forces too.
     """
     robot = table.robot
     design = table.motion.sample(times)
@@ -148,7 +141,8 @@ def information_change(table: ExecutedTable, task: Task) -> InformationChange | 
     ForwardKinematicsError
         The struts' lengths belong to no pose.
     """
-    if task.force_covariance is None:
+    covariance = task.force_covariance
+    if covariance is None:
         return None
     first, last = task.motion.window
     count = max(1, int(np.floor((last - first) * task.sampling * (1 + 1e-12))))
@@ -163,13 +157,13 @@ def information_change(table: ExecutedTable, task: Task) -> InformationChange | 
 
     names = task.parameters
     try:
-        design = _information(task, times, designed)
+        design = _information(task, covariance, times, designed)
         reference = log_det(design, names)
         before = np.sqrt(np.diag(parameter_covariance(design, names)))
     except SingularInformationError:
         return None
     try:
-        found = _information(task, times, executed)
+        found = _information(task, covariance, times, executed)
         change = log_det(found, names) - reference
         after = np.sqrt(np.diag(parameter_covariance(found, names)))
     except SingularInformationError:
@@ -179,13 +173,13 @@ def information_change(table: ExecutedTable, task: Task) -> InformationChange | 
     return InformationChange(count, reference, change, float(relative[worst]), names[worst])
 
 
-def _information(task: Task, times: Array, states: Callable[[Array], Array]) -> Array:
+def _information(
+    task: Task, covariance: Array, times: Array, states: Callable[[Array], Array]
+) -> Array:
     every = task.robot.parameter_names
     columns = [every.index(name) for name in task.parameters]
     total = np.zeros((len(columns), len(columns)))
-    if task.force_covariance is None:
-        raise ValueError("no covariance of the forces")
     for part in blocks(times):
         regressors = task.robot.regressor(*np.split(states(part), 3, axis=1))
-        total += information_matrix(regressors[:, :, columns], task.force_covariance)
+        total += information_matrix(regressors[:, :, columns], covariance)
     return total

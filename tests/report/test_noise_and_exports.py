@@ -189,6 +189,20 @@ def test_a_table_that_was_changed_is_named(with_tables):
     assert "not checked as they are now: xps-pvt.trj." in found.sentence
 
 
+def test_a_limit_that_a_table_exceeds_within_its_tolerance_is_told(with_tables):
+    words = "strut acceleration of strut 1 is 30.0084 m/s^2, exceeded by 0.00014 of its range"
+
+    def edit(document):
+        check = document["files"]["xps-pvt.trj"]["read_back"]
+        check["limits"]["strut_acceleration"]["kept"] = False
+        check["limits_in_words"] = words
+
+    change(with_tables / "exports/exports.json", edit)
+    found = verdict(with_tables, "Controller tables").sentence
+    assert f"xps-pvt.trj: {words}." in found
+    assert "every limit" not in found
+
+
 def test_tables_without_noise_and_without_limits_of_force(with_tables):
     def edit(document):
         check = document["files"]["xps-pvt.trj"]["read_back"]

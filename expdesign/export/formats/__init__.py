@@ -16,7 +16,7 @@ def table_formats() -> Mapping[str, TableFormat]:
     """Return every format by its name, in alphabetical order of the modules.
 
     A file dropped into ``expdesign/export/formats``, and its name and options in
-    ``expdesign/configuration/export.py``, are all that a new format needs.
+    ``expdesign/configuration/sections/export.py``, are all that a new format needs.
     """
     found: dict[str, TableFormat] = {}
     for name, module in modules_of(sys.modules[__name__]).items():

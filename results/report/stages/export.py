@@ -37,8 +37,11 @@ def export_report(folder: RunFolder) -> StageReport:
     duration = f"{readable(motion.duration)} s"
     sentence = (
         f"{counted(len(files), 'table')} of a motion of {duration} from rest to rest. Each was "
-        "read again, executed as its controller would, and kept every limit and tolerance."
+        "read again, executed as its controller would, and kept every tolerance."
     )
+    for name, entry in files.items():
+        if any(limit.kept is False for limit in entry.read_back.limits.values()):
+            sentence += f" {name}: {entry.read_back.limits_in_words}."
     if missing:
         sentence += f" No longer in the folder: {', '.join(missing)}."
     if changed:
