@@ -11,6 +11,7 @@ from estimation.kinematics.fourier_fit import MotionFit
 from estimation.measurement_model import HarmonicMotion
 from estimation.montecarlo.repetition import Workbench
 from estimation.processing import NoiseModel, PeriodSource, make_record
+from expdesign.mechanism.hexapod import ACTUATORS
 
 
 def bound_at_truth(bench: Workbench) -> Array:
@@ -44,7 +45,7 @@ def bound_at_truth(bench: Workbench) -> Array:
     known = MotionFit(
         motion=motion,
         covariance=np.zeros((unknowns, unknowns)),
-        residuals=np.zeros((record.samples, 6)),
+        residuals=np.zeros((record.samples, ACTUATORS)),
         free_frequency=free_frequency,
     )
     noise = NoiseModel(truth.force_covariance, truth.length_covariance, "given", "given")

@@ -39,10 +39,10 @@ def design_sensitivity(record: DesignRecord) -> LimitSensitivity | None:
     ):
         return None
     try:
-        shop = design_task(record.configuration)
-        if not (_same_limits(record) and _same_criterion(record, shop.evaluator)):
+        task = design_task(record.configuration)
+        if not (_same_limits(record) and _same_criterion(record, task.evaluator)):
             return None
-        return sensitivity_at_design(shop, summary.trajectory)
+        return sensitivity_at_design(task, summary.trajectory)
     except (InputError, InfeasibleLimitsError, SingularInformationError):
         return None
 
