@@ -38,7 +38,7 @@ def refuse_few_rows(table: RawTable, parameters: int) -> None:
     if len(table) < parameters:
         rows = f"{len(table)} row{'' if len(table) == 1 else 's'}"
         message = f"{rows} of data, but the robot has {parameters} parameters"
-        raise InputError(Problem(message, table.file, allowed=f"at least {parameters} rows"))
+        raise InputError(message, table.file, allowed=f"at least {parameters} rows")
 
 
 def refuse_cells(table: RawTable, channels: Sequence[str], decimal: str) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 from constraints.modules import modules_of
 from estimation.data import readers
 from estimation.data.table import FileFormat, RawTable
-from expdesign.configuration import DataSection, InputError, Problem
+from expdesign.configuration import DataSection, InputError
 
 _LONGEST_REASON = 200
 
@@ -30,7 +30,7 @@ def format_of(path: Path) -> FileFormat:
         There is no such file, no format claims it, or its library is not installed.
     """
     if not path.exists():
-        raise InputError(Problem("there is no such file", path))
+        raise InputError("there is no such file", path)
     found = next((each for each in file_formats() if each.claims(path)), None)
     if found is None:
         known = ", ".join(sorted({suffix for each in file_formats() for suffix in each.extensions}))
@@ -38,11 +38,11 @@ def format_of(path: Path) -> FileFormat:
         if path.is_dir():
             message = "this folder is no rosbag2 recording"
         allowed = f"{known}, or the folder of a rosbag2 recording"
-        raise InputError(Problem(message, path, allowed=allowed))
+        raise InputError(message, path, allowed=allowed)
     if found.library is not None and not _installed(found.library):
         message = f"{found.title} is read with {found.library}, which is not installed"
         install = f"after: pip install expdesign[{found.extra}]"
-        raise InputError(Problem(message, path, allowed=install))
+        raise InputError(message, path, allowed=install)
     return found
 
 
@@ -68,9 +68,9 @@ def load_table(file_format: FileFormat, path: Path, section: DataSection) -> Raw
     except InputError:
         raise
     except FileNotFoundError:
-        raise InputError(Problem("there is no such file", path)) from None
+        raise InputError("there is no such file", path) from None
     except PermissionError:
-        raise InputError(Problem("there is no permission to read it", path)) from None
+        raise InputError("there is no permission to read it", path) from None
     except Exception as error:  # noqa: BLE001 - the libraries raise anything on damaged files
         said = " ".join(str(error).split())[:_LONGEST_REASON]
         reason = "".join(mark if mark.isprintable() else "?" for mark in said)
@@ -90,4 +90,4 @@ def load_table(file_format: FileFormat, path: Path, section: DataSection) -> Raw
 def damaged(file_format: FileFormat, path: Path, reason: str) -> InputError:
     """Return the error of a file that its library cannot read."""
     message = f"the file is damaged or not of the format {file_format.title}: {reason}"
-    return InputError(Problem(message, path))
+    return InputError(message, path)

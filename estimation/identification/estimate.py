@@ -26,7 +26,7 @@ from estimation.identification.noise_choice import residual_force_noise
 from estimation.identification.recording import prepare_recording
 from estimation.identification.result import EstimationResult, RecordSummary
 from estimation.uncertainty import identified_combinations, parameter_rows
-from expdesign.configuration import InputError, Problem, RunConfiguration, load_run
+from expdesign.configuration import InputError, RunConfiguration, load_run
 from expdesign.robot import Robot, robot_from
 from expdesign.trajectory import FourierTrajectory
 
@@ -190,11 +190,9 @@ def parameter_knowledge(configuration: RunConfiguration, robot: Robot) -> Knowle
     knowledge = Knowledge.of(robot, configuration.run.estimate)
     if not np.any(knowledge.free):
         raise InputError(
-            Problem(
-                "every parameter is fixed: there is nothing to estimate",
-                file=configuration.file,
-                key="estimate.fixed",
-            )
+            "every parameter is fixed: there is nothing to estimate",
+            file=configuration.file,
+            key="estimate.fixed",
         )
     return knowledge
 
@@ -212,13 +210,11 @@ def refuse_ml_without_fit(
     differentiation = configuration.run.estimate.differentiation
     if "ml" in estimators and differentiation != "fourier":
         raise InputError(
-            Problem(
-                "maximum likelihood estimates the motion as a Fourier series, "
-                f"'{differentiation}' differentiation gives it none",
-                file=configuration.file,
-                key=f"{section}.estimators",
-                allowed="[ls, gm], or estimate.differentiation: fourier",
-            )
+            "maximum likelihood estimates the motion as a Fourier series, "
+            f"'{differentiation}' differentiation gives it none",
+            file=configuration.file,
+            key=f"{section}.estimators",
+            allowed="[ls, gm], or estimate.differentiation: fourier",
         )
 
 

@@ -77,23 +77,19 @@ def _chosen(configuration: RunConfiguration, record: Record) -> NoiseModel:
     missing = [name for name, covariance in given.items() if covariance is None]
     if wanted == "given" and missing:
         raise InputError(
-            Problem(
-                "estimate.noise is 'given', but robot and run do not state the noise of "
-                f"the {missing[0]}",
-                file=configuration.file,
-                key="noise",
-                allowed="force_std and length_std, or force_covariance and length_covariance",
-            )
+            "estimate.noise is 'given', but robot and run do not state the noise of "
+            f"the {missing[0]}",
+            file=configuration.file,
+            key="noise",
+            allowed="force_std and length_std, or force_covariance and length_covariance",
         )
     if wanted == "estimated" and None in scatter.values():
         raise InputError(
-            Problem(
-                f"estimate.noise is 'estimated', but {record.periods:.3g} periods do not show the "
-                "scatter between periods",
-                file=configuration.file,
-                key="estimate.noise",
-                allowed="at least 2 periods (3 are better), or noise: given",
-            )
+            f"estimate.noise is 'estimated', but {record.periods:.3g} periods do not show the "
+            "scatter between periods",
+            file=configuration.file,
+            key="estimate.noise",
+            allowed="at least 2 periods (3 are better), or noise: given",
         )
     enough = wanted == "estimated" or (
         wanted == "auto" and record.periods >= FEWEST_PERIODS - _PART_OF_A_PERIOD

@@ -20,7 +20,7 @@ from estimation.diagnostics.record import RESIDUALS, DiagnosisKeys, ExperimentRe
 from estimation.estimators import Knowledge, ParameterEstimate
 from estimation.identification.result import EstimationResult, RecordSummary
 from estimation.uncertainty import Combination, ParameterRow, correlation
-from expdesign.configuration import EstimateSection, InputError, Problem
+from expdesign.configuration import EstimateSection, InputError
 from expdesign.robot import Robot
 from expdesign.runfolder import (
     ArrayTable,
@@ -480,12 +480,12 @@ def saved_estimate(
         ),
     ):
         if wrong:
-            raise InputError(Problem(message, file=path, key="--estimate", allowed=allowed))
+            raise InputError(message, file=path, key="--estimate", allowed=allowed)
     entry = found.estimators[key]
     missing = [name for name in names if name not in entry.values]
     if missing or entry.covariance.shape != (len(names), len(names)):
         message = f"values or covariance do not fit the {len(names)} parameters"
-        raise InputError(Problem(message, file=path, key=f"estimators.{key}"))
+        raise InputError(message, file=path, key=f"estimators.{key}")
     fixed: dict[str, float | None] = {name: entry.values[name] for name in found.fixed}
     return SavedEstimate(
         path,

@@ -92,13 +92,11 @@ def _cutoff(
     cutoff = section.cutoff or _CUTOFF * highest / record.period
     if cutoff >= 0.5 / record.step:
         raise InputError(
-            Problem(
-                f"a cutoff of {cutoff:.4g} Hz is not below half the sampling rate, "
-                f"{0.5 / record.step:.4g} Hz",
-                file=configuration.file,
-                key="estimate.cutoff",
-                allowed="a lower frequency, or faster sampling",
-            )
+            f"a cutoff of {cutoff:.4g} Hz is not below half the sampling rate, "
+            f"{0.5 / record.step:.4g} Hz",
+            file=configuration.file,
+            key="estimate.cutoff",
+            allowed="a lower frequency, or faster sampling",
         )
     return cutoff
 

@@ -14,7 +14,7 @@ import pandas as pd
 from estimation.montecarlo.repetition import Repetition
 from estimation.montecarlo.statistics import ParameterStatistics, PooledStatistics
 from estimation.montecarlo.study import Study
-from expdesign.configuration import InputError, Problem
+from expdesign.configuration import InputError
 from expdesign.mechanism.catalogue import parameter_unit
 from expdesign.runfolder import Column, JsonFile, Numbers, RowTable, Table, described
 
@@ -234,7 +234,7 @@ class MonteCarloRecord:
         """
         rows = STATISTICS.read(folder)
         if not rows:
-            raise InputError(Problem("the table has no rows", folder / STATISTICS.file))
+            raise InputError("the table has no rows", folder / STATISTICS.file)
         return cls(MonteCarloFile.read(folder), rows)
 
     def write(self, folder: Path) -> list[Path]:

@@ -14,7 +14,7 @@ from estimation.identification.estimate import parameter_knowledge
 from estimation.studies.study import study_section, unknown_parameters, with_section
 from estimation.twin import Twin
 from estimation.validation.motions import benchmark_motion
-from expdesign.configuration import InputError, Problem, RunConfiguration, ValidationMotion
+from expdesign.configuration import InputError, RunConfiguration, ValidationMotion
 from expdesign.experiment.design import controller_period
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.robot import Robot, robot_from
@@ -169,7 +169,7 @@ def _trajectory(
     configuration: RunConfiguration, robot: Robot, key: str, motion: ValidationMotion
 ) -> FourierTrajectory:
     def refused(message: str, key: str, allowed: str = "") -> InputError:
-        return InputError(Problem(message, file=configuration.file, key=key, allowed=allowed))
+        return InputError(message, file=configuration.file, key=key, allowed=allowed)
 
     if motion.periods < _FEWEST_PERIODS:
         message = "one period shows no scatter between periods to test against"

@@ -28,7 +28,7 @@ from estimation.twin.record import (
 from estimation.twin.sampling import SampleGrid
 from estimation.twin.streams import Repeated, Shared, experiment_stream, repetition_stream
 from estimation.twin.table_motion import TableMotion, refuse_short_window, window_error
-from expdesign.configuration import ExperimentSection, InputError, Problem, RunConfiguration
+from expdesign.configuration import ExperimentSection, InputError, RunConfiguration
 from expdesign.export import TableFile
 from expdesign.recheck import Motion
 from expdesign.robot import Robot, robot_from
@@ -111,13 +111,11 @@ class Twin:
             lengths, forces = _undisturbed(robot, motion, grid.times)
         if not (np.all(np.isfinite(lengths)) and np.all(np.isfinite(forces))):
             raise InputError(
-                Problem(
-                    f"the robot {robot.name} cannot make the motion of the design: it passes "
-                    "through a singularity",
-                    file=configuration.file,
-                    key="robot",
-                    allowed="a design that was made for this robot",
-                )
+                f"the robot {robot.name} cannot make the motion of the design: it passes "
+                "through a singularity",
+                file=configuration.file,
+                key="robot",
+                allowed="a design that was made for this robot",
             )
         if section.cogging is not None:
             forces = forces + cogging_force(lengths, section.cogging)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from constraints.arrays import Array
-from expdesign.configuration import ExperimentSection, InputError, Problem
+from expdesign.configuration import ExperimentSection, InputError
 
 _ROUNDING = 1e-12
 _WHOLE = 1e-6
@@ -59,13 +59,11 @@ class SampleGrid:
         exact = experiment.periods * (nearest if alike else steps)
         if not 1 <= exact * (1 + _ROUNDING) < MOST_SAMPLES + 1:
             raise InputError(
-                Problem(
-                    f"{experiment.periods} periods of {period:.6g} s at {experiment.sampling:g} Hz "
-                    f"are {exact:.4g} samples",
-                    file=file,
-                    key="experiment.sampling" if exact < 1 else "experiment.periods",
-                    allowed=f"1 to {MOST_SAMPLES} samples",
-                )
+                f"{experiment.periods} periods of {period:.6g} s at {experiment.sampling:g} Hz "
+                f"are {exact:.4g} samples",
+                file=file,
+                key="experiment.sampling" if exact < 1 else "experiment.periods",
+                allowed=f"1 to {MOST_SAMPLES} samples",
             )
         # Every sample before the end of the last period, the one at its beginning included.
         count = int(np.ceil(exact * (1 - _ROUNDING)))

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from constraints.arrays import Array
-from expdesign.configuration import InputError, Problem
+from expdesign.configuration import InputError
 from expdesign.export import TableFile
 from expdesign.export.definition import ON_THE_EDGE
 from expdesign.export.deviation import blocks
@@ -67,22 +67,18 @@ def refuse_short_window(table: TableFile, periods: int, configuration_file: Path
     """
     if periods > table.periods:
         raise InputError(
-            Problem(
-                f"{periods} periods are to be measured, and the table has {table.periods}",
-                file=configuration_file,
-                key="experiment.periods",
-                allowed=f"at most {table.periods}, or a table with more",
-            )
+            f"{periods} periods are to be measured, and the table has {table.periods}",
+            file=configuration_file,
+            key="experiment.periods",
+            allowed=f"at most {table.periods}, or a table with more",
         )
     end = table.executed.rows.times[-1]
     if end < table.window[1] - ON_THE_EDGE:
         raise InputError(
-            Problem(
-                f"the table ends at {end:.6f} s, inside the measurement window that lasts until "
-                f"{table.window[1]:.6f} s",
-                file=table.path,
-                allowed="the whole table as `expdesign export` wrote it",
-            )
+            f"the table ends at {end:.6f} s, inside the measurement window that lasts until "
+            f"{table.window[1]:.6f} s",
+            file=table.path,
+            allowed="the whole table as `expdesign export` wrote it",
         )
 
 
@@ -106,13 +102,11 @@ def window_error(table: TableFile, times: Array) -> float:
     if not off[worst] <= table.settings.tolerance * _ROUNDING:
         since = "; it was changed after it was exported" if table.changed else ""
         raise InputError(
-            Problem(
-                "the table does not hold the design that is to be executed: a strut is "
-                f"{1e6 * off[worst]:.4g} µm from it {times[worst]:.4f} s after the beginning of "
-                "the measurement window, and the table was written to within "
-                f"{1e6 * table.settings.tolerance:.4g} µm{since}",
-                file=table.path,
-                allowed="a table that `expdesign export` made of this design for this robot",
-            )
+            "the table does not hold the design that is to be executed: a strut is "
+            f"{1e6 * off[worst]:.4g} µm from it {times[worst]:.4f} s after the beginning of "
+            "the measurement window, and the table was written to within "
+            f"{1e6 * table.settings.tolerance:.4g} µm{since}",
+            file=table.path,
+            allowed="a table that `expdesign export` made of this design for this robot",
         )
     return float(off[worst])

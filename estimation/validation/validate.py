@@ -25,7 +25,7 @@ from estimation.validation.record import (
     ValidationFile,
     ValidationRecord,
 )
-from expdesign.configuration import InputError, Problem, RunConfiguration, ValidationMotion
+from expdesign.configuration import InputError, RunConfiguration, ValidationMotion
 from expdesign.experiment.design import controller_period
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.recheck import recheck
@@ -63,12 +63,10 @@ def validate(configuration: RunConfiguration, saved: SavedEstimate) -> Validatio
     began = time.perf_counter()
     if not configuration.run.validation:
         raise InputError(
-            Problem(
-                "the run names no motion to validate on",
-                file=configuration.file,
-                key="validate",
-                allowed="a list such as [{motion: circle}, {motion: circle, mirror: xz}]",
-            )
+            "the run names no motion to validate on",
+            file=configuration.file,
+            key="validate",
+            allowed="a list such as [{motion: circle}, {motion: circle, mirror: xz}]",
         )
     robot = robot_from(configuration.robot)
     with threadpool_limits(limits=1, user_api="blas"):
@@ -120,7 +118,7 @@ def _predicted(
             trajectory = benchmark_motion(motion, robot.home, controller_period(configuration))
         except ValueError as error:
             raise InputError(
-                Problem(str(error), file=configuration.file, key=f"validate[{number}]")
+                str(error), file=configuration.file, key=f"validate[{number}]"
             ) from error
         data = _simulated(configuration, trajectory, motion.periods, number)
     if motion.mirror != "none":

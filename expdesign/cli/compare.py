@@ -74,7 +74,7 @@ def precision_share(text: str) -> float:
     InputError
         It is no number above 0 and at most 1.
     """
-    from expdesign.configuration import InputError, Problem
+    from expdesign.configuration import InputError
 
     number = text.strip().removesuffix("%")
     try:
@@ -84,5 +84,5 @@ def precision_share(text: str) -> float:
     if not 0 < share <= 1:
         message = f"'{text}' is no relative precision"
         allowed = "above 0 and at most 100 %, e.g. 1% or 0.01"
-        raise InputError(Problem(message, key="--precision", allowed=allowed))
+        raise InputError(message, key="--precision", allowed=allowed)
     return share

@@ -115,7 +115,7 @@ def export(
     """
     from expdesign.cli import shown
     from expdesign.cli.terminal import Terminal
-    from expdesign.configuration import InputError, Problem
+    from expdesign.configuration import InputError
     from expdesign.export import table_formats
     from expdesign.stages.export import export_one
     from expdesign.stages.progress import short
@@ -125,12 +125,12 @@ def export(
         _list(as_json=as_json)
         return
     if folder is None:
-        raise InputError(Problem("no run folder is given", allowed="expdesign export DIR"))
+        raise InputError("no run folder is given", allowed="expdesign export DIR")
     folder = folder.absolute()
     configuration = _configuration(folder)
     if not name:
         allowed = " | ".join((*table_formats(), _LIST))
-        raise InputError(Problem("no format is given", key="--format", allowed=allowed))
+        raise InputError("no format is given", key="--format", allowed=allowed)
     given = {key: _OPTIONS[key].read(text) for key, text in options.items() if text is not None}
     section = _section(name, given, configuration)
     outcome = export_one(section, Workspace(configuration, folder, Terminal()), out)
@@ -173,13 +173,13 @@ def _list(*, as_json: bool) -> None:
 
 
 def _configuration(folder: Path) -> RunConfiguration:
-    from expdesign.configuration import InputError, Problem, load_run
+    from expdesign.configuration import InputError, load_run
 
     file = folder / "run.yaml"
     if not file.is_file():
         message = "this is no run folder: it has no run.yaml"
         allowed = "a folder that `expdesign design` or `expdesign run` wrote"
-        raise InputError(Problem(message, folder, key="DIR", allowed=allowed))
+        raise InputError(message, folder, key="DIR", allowed=allowed)
     return load_run(file)
 
 
@@ -218,7 +218,7 @@ def _section(name: str, given: dict[str, Any], configuration: RunConfiguration) 
 
 def _stated(name: str, file: str | None, configuration: RunConfiguration) -> ExportSection | None:
     """Return the table of this format that the run names; of several the one with this file."""
-    from expdesign.configuration import InputError, Problem
+    from expdesign.configuration import InputError
 
     named = [entry for entry in configuration.run.export if entry.format == name]
     if len(named) > 1:
@@ -226,13 +226,11 @@ def _stated(name: str, file: str | None, configuration: RunConfiguration) -> Exp
     if len(named) > 1:
         stems = [entry.stem for entry in named]
         raise InputError(
-            Problem(
-                f"the run has {len(named)} tables of {name}, each with options of its own"
-                + ("" if file is None else f", and none of them is '{file}'"),
-                file=configuration.file,
-                key="--file",
-                allowed=" | ".join(stems),
-            )
+            f"the run has {len(named)} tables of {name}, each with options of its own"
+            + ("" if file is None else f", and none of them is '{file}'"),
+            file=configuration.file,
+            key="--file",
+            allowed=" | ".join(stems),
         )
     return named[0] if named else None
 

@@ -116,9 +116,7 @@ class _Copier:
     def copy(self, value: Any, key: Key, depth: int) -> Any:
         self.count += 1
         if depth > _DEEPEST or self.count > LARGEST_MAPPING:
-            raise InputError(
-                Problem("the mapping is nested too deeply or too large", key=key_path(key[:4]))
-            )
+            raise InputError("the mapping is nested too deeply or too large", key=key_path(key[:4]))
         if isinstance(value, np.ndarray | np.generic):
             value = value.tolist()
         if isinstance(value, Mapping):
@@ -172,15 +170,13 @@ def read_yaml(path: Path) -> Document:
     text = read_text(path, LARGEST_FILE, "YAML in UTF-8")
     node = _compose(path, text)
     if node is None:
-        raise InputError(Problem("the file is empty", path))
+        raise InputError("the file is empty", path)
     converter = _Converter(path)
     data = converter.convert(node, (), ())
     if converter.problems:
         raise InputError(converter.problems)
     if not isinstance(data, dict):
-        raise InputError(
-            Problem(f"the file holds {shown(data)}", path, 1, allowed="a mapping of keys")
-        )
+        raise InputError(f"the file holds {shown(data)}", path, 1, allowed="a mapping of keys")
     return Document(data, path, converter.lines)
 
 
@@ -204,30 +200,30 @@ def read_text(path: Path, largest: int, allowed: str) -> str:
         with path.open("rb") as stream:
             raw = stream.read(largest + 1)
     except FileNotFoundError:
-        raise InputError(Problem("there is no such file", path)) from None
+        raise InputError("there is no such file", path) from None
     except IsADirectoryError:
-        raise InputError(Problem("this is a folder, not a file", path)) from None
+        raise InputError("this is a folder, not a file", path) from None
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
-        raise InputError(Problem(f"cannot be read: {reason}", path)) from None
+        raise InputError(f"cannot be read: {reason}", path) from None
     if b"\0" in raw:
-        raise InputError(Problem("the file is binary", path, allowed=allowed))
+        raise InputError("the file is binary", path, allowed=allowed)
     if len(raw) > largest:
         most = f"{largest // 1024} KiB"
-        raise InputError(Problem("the file is too large", path, allowed=most))
+        raise InputError("the file is too large", path, allowed=most)
     try:
         return raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = raw[: error.start].count(b"\n") + 1
         message = f"byte 0x{raw[error.start]:02x} is not UTF-8"
-        raise InputError(Problem(message, path, line, allowed=allowed)) from None
+        raise InputError(message, path, line, allowed=allowed) from None
 
 
 def _compose(path: Path, text: str) -> Node | None:
     try:
         node: Node | None = YAML(typ="safe", pure=True).compose(text)
     except RecursionError:
-        raise InputError(Problem("the values are nested too deeply", path)) from None
+        raise InputError("the values are nested too deeply", path) from None
     except _READER_FAILURES as error:
         line = None
         message = "not valid YAML"
@@ -235,7 +231,7 @@ def _compose(path: Path, text: str) -> Node | None:
             mark = error.problem_mark or error.context_mark
             line = None if mark is None else mark.line + 1
             message = f"not valid YAML: {error.problem or error.context}"
-        raise InputError(Problem(_printable(message), path, line)) from None
+        raise InputError(_printable(message), path, line) from None
     return node
 
 
@@ -345,7 +341,7 @@ class _Converter:
         self.problems.append(Problem(message, self.path, _line(node), key_path(key), allowed))
 
     def _stop(self, node: Node, key: Key, message: str) -> InputError:
-        return InputError(Problem(message, self.path, _line(node), key_path(key)))
+        return InputError(message, self.path, _line(node), key_path(key))
 
 
 def _line(node: Node) -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from os import PathLike
 from pathlib import Path
 
-from expdesign.configuration.problem import InputError, Problem, nearest, shown
+from expdesign.configuration.problem import InputError, nearest, shown
 
 _SUFFIXES = (".yaml", ".yml")
 
@@ -45,7 +45,7 @@ def find_file(
         return path
     message = f"no {kind} {shown(name_or_path)} ships, and there is no such file"
     allowed = f"{', '.join(shipped)}, or the path of a {kind} file"
-    raise InputError(Problem(message, allowed=allowed, nearest=nearest(name_or_path, shipped)))
+    raise InputError(message, allowed=allowed, nearest=nearest(name_or_path, shipped))
 
 
 def _is_file(path: Path) -> bool:

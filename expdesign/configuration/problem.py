@@ -62,9 +62,22 @@ class Problem:
 
 
 class InputError(Exception):
-    """Bad input: everything that is wrong with it, at least one problem."""
+    """Bad input: everything that is wrong with it, at least one problem.
 
-    def __init__(self, problems: Problem | Iterable[Problem]) -> None:
+    Of one problem the words are enough, with what `Problem` takes beside them.
+    """
+
+    def __init__(
+        self,
+        problems: str | Problem | Iterable[Problem],
+        file: Path | None = None,
+        line: int | None = None,
+        key: str = "",
+        allowed: str | None = None,
+        nearest: str | None = None,
+    ) -> None:
+        if isinstance(problems, str):
+            problems = Problem(problems, file, line, key, allowed, nearest)
         found = (problems,) if isinstance(problems, Problem) else tuple(problems)
         if not found:
             raise ValueError("an InputError needs a problem")

@@ -15,7 +15,6 @@ import numpy as np
 from constraints.arrays import Array
 from expdesign.configuration import (
     InputError,
-    Problem,
     RunConfiguration,
     load_run,
     smoothing_widths,
@@ -70,12 +69,10 @@ def design(config: ConfigurationLike, monitor: Monitor | None = None) -> DesignR
     began = time.perf_counter()
     if not configuration.robot.limits:
         raise InputError(
-            Problem(
-                "neither robot nor run limit anything: there is no best motion",
-                file=configuration.file,
-                key="limits",
-                allowed="at least limits of the strut's length, speed and force",
-            )
+            "neither robot nor run limit anything: there is no best motion",
+            file=configuration.file,
+            key="limits",
+            allowed="at least limits of the strut's length, speed and force",
         )
     watch = monitor or SilentMonitor()
     task = design_task(configuration)
@@ -191,12 +188,10 @@ def force_covariance(configuration: RunConfiguration) -> Array:
     noise = configuration.robot.noise
     if noise is None or noise.force_covariance is None:
         raise InputError(
-            Problem(
-                "the design needs the noise of the forces, and neither robot nor run state it",
-                file=configuration.file,
-                key="noise",
-                allowed="force_std (six values) or force_covariance (6 × 6)",
-            )
+            "the design needs the noise of the forces, and neither robot nor run state it",
+            file=configuration.file,
+            key="noise",
+            allowed="force_std (six values) or force_covariance (6 × 6)",
         )
     return noise.force_covariance
 

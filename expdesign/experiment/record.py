@@ -15,7 +15,6 @@ from constraints import Limit
 from constraints.arrays import Array
 from expdesign.configuration import (
     InputError,
-    Problem,
     RunConfiguration,
     load_run,
     resolved_yaml,
@@ -325,11 +324,11 @@ class DesignRecord:
         if not motion.increases:
             message, allowed = "the times do not increase", "at least two increasing times"
             path = folder / TRAJECTORY.file
-            raise InputError(Problem(message, path, key="column t", allowed=allowed))
+            raise InputError(message, path, key="column t", allowed=allowed)
         rows, names, information = INFORMATION.read(folder)
         if not tuple(row for (row,) in rows) == names == summary.parameters:
             message = f"rows and columns are not the parameters of {DesignFile.FILE}"
-            raise InputError(Problem(message, folder / INFORMATION.file))
+            raise InputError(message, folder / INFORMATION.file)
         return cls(
             configuration=configuration,
             robot=robot_from(configuration.robot),

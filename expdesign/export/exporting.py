@@ -10,7 +10,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from expdesign.configuration import ComputationError, ExportSection, InputError, Problem
+from expdesign.configuration import ComputationError, ExportSection, InputError
 from expdesign.export.definition import (
     ANGLE_UNITS,
     LENGTH_UNITS,
@@ -112,11 +112,9 @@ def refuse_unreadable_name(section: ExportSection, path: Path, key: str) -> None
     """
     if section.encoding == "mcap" and path.suffix != _BAG:
         raise InputError(
-            Problem(
-                f"'{path.name}' does not end in {_BAG}: ROS 2 would not know it for an MCAP bag",
-                key=key,
-                allowed=f"a file with the ending {_BAG}",
-            )
+            f"'{path.name}' does not end in {_BAG}: ROS 2 would not know it for an MCAP bag",
+            key=key,
+            allowed=f"a file with the ending {_BAG}",
         )
 
 
@@ -130,11 +128,9 @@ def refuse_missing_library(section: ExportSection, place: str = "") -> None:
     """
     if section.encoding == "mcap" and find_spec("rosbags") is None:
         raise InputError(
-            Problem(
-                "MCAP bags are written with the library rosbags, which is not installed",
-                key=f"{place}.encoding" if place else "encoding",
-                allowed="pip install expdesign[ros], or encoding: yaml",
-            )
+            "MCAP bags are written with the library rosbags, which is not installed",
+            key=f"{place}.encoding" if place else "encoding",
+            allowed="pip install expdesign[ros], or encoding: yaml",
         )
 
 

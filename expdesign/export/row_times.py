@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from constraints.arrays import Array
-from expdesign.configuration import InputError, Problem
+from expdesign.configuration import InputError
 from expdesign.export.definition import Rows, Settings, Task, in_window
 from expdesign.export.deviation import Deviation, blocks, deviation
 from expdesign.export.execution import ExecutedTable, refined
@@ -117,13 +117,11 @@ def _step(task: Task, settings: Settings, segment: int, place: str) -> float:
         if np.nanmax([*shares, found.force / SHARE]) <= _RESERVE:
             return step
     raise InputError(
-        Problem(
-            f"with rows {1e3 * STEPS[-1]:g} ms apart the controller's path is still "
-            f"{1e6 * found.position:.3g} µm from the design in the {motion.segments[segment].name},"
-            f" its accelerations {100 * found.acceleration:.2g} % of their limits' range",
-            key=f"{place}.tolerance" if place else "tolerance",
-            allowed="a larger tolerance, or a segment: of your own",
-        )
+        f"with rows {1e3 * STEPS[-1]:g} ms apart the controller's path is still "
+        f"{1e6 * found.position:.3g} µm from the design in the {motion.segments[segment].name},"
+        f" its accelerations {100 * found.acceleration:.2g} % of their limits' range",
+        key=f"{place}.tolerance" if place else "tolerance",
+        allowed="a larger tolerance, or a segment: of your own",
     )
 
 

@@ -108,7 +108,7 @@ def find_table_file(path: Path, robot: Robot, trajectory: FourierTrajectory) -> 
 
 
 def _refusal(message: str, path: Path, allowed: str = _AGAIN) -> InputError:
-    return InputError(Problem(message, path, allowed=allowed))
+    return InputError(message, path, allowed=allowed)
 
 
 def _record(path: Path) -> tuple[ExportsRecord, FileEntry]:

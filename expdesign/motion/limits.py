@@ -9,7 +9,7 @@ import numpy as np
 
 from constraints import Limit, plain_limit
 from constraints.arrays import Array
-from expdesign.configuration import InputError, Problem, RunConfiguration, row_labels
+from expdesign.configuration import InputError, RunConfiguration, row_labels
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
 from expdesign.motion.executable import PERIODS, ExecutableMotion, Periods, Segment
 from expdesign.recheck import LimitCheck, Recheck, grid_points, judge, states_at, worst_of_each
@@ -56,12 +56,10 @@ def jerk_limit(configuration: RunConfiguration, robot: Robot, orbit: Periods) ->
         if not check.kept:
             largest = f"{abs(check.value):.4g} m/s^3"
             raise InputError(
-                Problem(
-                    f"the designed motion itself has a strut jerk of {largest}",
-                    file=configuration.file,
-                    key="motion.jerk",
-                    allowed=f"at least {largest}, or a calmer design",
-                )
+                f"the designed motion itself has a strut jerk of {largest}",
+                file=configuration.file,
+                key="motion.jerk",
+                allowed=f"at least {largest}, or a calmer design",
             )
         return limit
     unbounded = _within(np.full(ACTUATORS, np.inf), "")

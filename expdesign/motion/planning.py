@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from constraints.arrays import Array
-from expdesign.configuration import InputError, Problem, RunConfiguration
+from expdesign.configuration import InputError, RunConfiguration
 from expdesign.motion.executable import WHOLE, ExecutableMotion, Periods
 from expdesign.motion.limits import jerk_limit, moving_states
 from expdesign.motion.ramp import NoRampError, find_ramp, shortest
@@ -178,13 +178,11 @@ def _refuse_broken_steps(
     steps = trajectory.period / step
     if abs(steps - round(steps)) > WHOLE:
         raise InputError(
-            Problem(
-                f"a period of {trajectory.period:.9g} s is {steps:.6f} controller steps: the "
-                "measurement window would not end on one",
-                file=configuration.file,
-                key="trajectory.controller_period",
-                allowed="a step of which the designed period is a whole number",
-            )
+            f"a period of {trajectory.period:.9g} s is {steps:.6f} controller steps: the "
+            "measurement window would not end on one",
+            file=configuration.file,
+            key="trajectory.controller_period",
+            allowed="a step of which the designed period is a whole number",
         )
 
 
@@ -196,12 +194,10 @@ def _refuse_broken_limits(
         return
     worst = max(check.limits, key=lambda item: item.violation)
     raise InputError(
-        Problem(
-            f"the designed motion itself breaks this limit: {worst}",
-            file=configuration.file,
-            key=f"limits.{worst.key}",
-            allowed="a design made for these limits",
-        )
+        f"the designed motion itself breaks this limit: {worst}",
+        file=configuration.file,
+        key=f"limits.{worst.key}",
+        allowed="a design made for these limits",
     )
 
 

@@ -149,13 +149,12 @@ def read_mapping(path: Path, allowed: str = "a JSON file that expdesign wrote") 
     try:
         data = json.loads(text)
     except json.JSONDecodeError as error:
-        problem = Problem(f"not JSON: {error.msg}", path, error.lineno, allowed=allowed)
-        raise InputError(problem) from error
+        raise InputError(f"not JSON: {error.msg}", path, error.lineno, allowed=allowed) from error
     except (ValueError, RecursionError) as error:
         # A number of very many digits, or brackets without end.
-        raise InputError(Problem("not JSON that can be read", path, allowed=allowed)) from error
+        raise InputError("not JSON that can be read", path, allowed=allowed) from error
     if not isinstance(data, dict):
-        raise InputError(Problem(f"holds {shown(data)}", path, 1, allowed=allowed))
+        raise InputError(f"holds {shown(data)}", path, 1, allowed=allowed)
     return data
 
 
@@ -171,8 +170,7 @@ def known_format(path: Path, found: object, newest: int) -> int:
         return format_number(found, newest)
     except PydanticCustomError as error:
         allowed = (error.context or {})["allowed"]
-        problem = Problem(error.message(), path, key=FORMAT, allowed=allowed)
-        raise InputError(problem) from None
+        raise InputError(error.message(), path, key=FORMAT, allowed=allowed) from None
 
 
 def _problems(path: Path, error: ValidationError) -> list[Problem]:

@@ -12,7 +12,7 @@ import pandas as pd
 from pydantic import ValidationError
 
 from constraints.arrays import Array
-from expdesign.configuration import InputError, Problem, shown
+from expdesign.configuration import InputError, shown
 from expdesign.runfolder.atomic import write_csv, write_json
 from expdesign.runfolder.described import Column, checker, field_columns
 from expdesign.runfolder.json_file import (
@@ -98,10 +98,10 @@ class Table:
         try:
             frame = pd.read_csv(path, dtype=str, keep_default_na=False, encoding="utf-8")
         except (OSError, ValueError) as error:
-            raise InputError(Problem(f"not a table that can be read: {error}", path)) from error
+            raise InputError(f"not a table that can be read: {error}", path) from error
         missing = [name for name in self.names if name not in frame.columns]
         if missing:
-            raise InputError(Problem(f"columns are missing: {', '.join(missing)}", path))
+            raise InputError(f"columns are missing: {', '.join(missing)}", path)
         return frame
 
 
@@ -143,13 +143,12 @@ class RowTable(Table, Generic[Row]):
             details = error.errors(include_url=False)[0]
             number, *place = details["loc"]
             column = names[attributes.index(str(place[0]))] if place else ""
-            problem = Problem(
+            raise InputError(
                 f"{shown(details['input'])}: {details['msg'].removeprefix('Value error, ')}",
                 folder / self.file,
                 int(number) + _FIRST_LINE,
                 f"column {column}",
-            )
-            raise InputError(problem) from error
+            ) from error
 
 
 @dataclass(frozen=True)
@@ -276,5 +275,5 @@ def _numbers(path: Path, frame: pd.DataFrame, name: str) -> Array:
     if wrong.size:
         row = int(wrong[0])
         message = f"{shown(cells.iloc[row])} is no finite number"
-        raise InputError(Problem(message, path, row + _FIRST_LINE, f"column {name}"))
+        raise InputError(message, path, row + _FIRST_LINE, f"column {name}")
     return values

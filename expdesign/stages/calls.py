@@ -7,7 +7,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from expdesign.configuration import InputError, Problem, RunConfiguration, load_run
+from expdesign.configuration import InputError, RunConfiguration, load_run
 from expdesign.trajectory import FourierTrajectory, TrajectoryFile
 
 if TYPE_CHECKING:
@@ -79,8 +79,7 @@ def estimate(
     section = configuration.run.data
     given = section.file if data is None else data
     if given is None:
-        problem = Problem("there is nothing to estimate from", configuration.file, key="data.file")
-        raise InputError(problem)
+        raise InputError("there is nothing to estimate from", configuration.file, key="data.file")
     recordings = [
         one if isinstance(one, Measurement) else read_measurement(one, section, configuration.robot)
         for one in ([given] if isinstance(given, str | PathLike | Measurement) else given)

@@ -12,7 +12,7 @@ from estimation.identification import EstimationResult
 from estimation.identification.period_choice import choose_omega
 from estimation.identification.record import EstimateRecord
 from estimation.processing import PeriodError, make_record
-from expdesign.configuration import InputError, Problem
+from expdesign.configuration import InputError
 from expdesign.stages.outcome import Outcome, StageFailed
 from expdesign.stages.workspace import Workspace
 from results import estimate_figures, noise_figures
@@ -81,8 +81,9 @@ def analyse_noise(work: Workspace) -> Outcome:
         samples = make_record(recording, omega, source)
         record = diagnostics.analyse_noise(samples, str(file))
     except (PeriodError, ValueError) as error:
-        problem = Problem(str(error), file=file, key="--data", allowed="two periods or more")
-        raise InputError(problem) from error
+        raise InputError(
+            str(error), file=file, key="--data", allowed="two periods or more"
+        ) from error
     figures = noise_figures(record, folder, configuration.run.report.figures)
     return Outcome(
         "noise",

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from constraints.arrays import Array
-from expdesign.configuration import ExportSection, InputError, Problem, RunConfiguration
+from expdesign.configuration import ExportSection, InputError, RunConfiguration
 from expdesign.experiment.design import judged_parameters
 from expdesign.export import (
     FOLDER,
@@ -134,7 +134,7 @@ def _refuse_taken_name(path: Path, key: str) -> None:
     if path.name.casefold() in {README.casefold(), RECORD.casefold()}:
         message = f"{path.name} is what describes the tables of this folder"
         allowed = f"another name than {README} and {RECORD}"
-        raise InputError(Problem(message, key=key, allowed=allowed))
+        raise InputError(message, key=key, allowed=allowed)
 
 
 def export_task(work: Workspace) -> Task:

@@ -13,7 +13,6 @@ from typing import Any
 from expdesign.configuration import (
     ComputationError,
     InputError,
-    Problem,
     RunConfiguration,
     load_run,
 )
@@ -147,7 +146,7 @@ def refuse_unwritable(folder: Path) -> None:
     except OSError as error:
         message = f"cannot write there: {error.strerror}"
         allowed = "a folder that is new, or may be written to"
-        raise InputError(Problem(message, folder, key="--out", allowed=allowed)) from error
+        raise InputError(message, folder, key="--out", allowed=allowed) from error
 
 
 def refuse_study(configuration: RunConfiguration) -> None:

@@ -13,7 +13,6 @@ from expdesign.configuration import (
     FORCE_CHANNELS,
     LENGTH_CHANNELS,
     InputError,
-    Problem,
     RunConfiguration,
 )
 from expdesign.runfolder.manifest import Manifest, file_hash
@@ -107,13 +106,11 @@ class Workspace:
             )
         if not self.design_file.exists():
             raise InputError(
-                Problem(
-                    f"there is no design to execute: the run folder has no {self.design_file.name}",
-                    file=self.folder,
-                    key="--design",
-                    allowed="a folder that `expdesign design` wrote, or `design:` in the run file "
-                    "for `expdesign run`",
-                )
+                f"there is no design to execute: the run folder has no {self.design_file.name}",
+                file=self.folder,
+                key="--design",
+                allowed="a folder that `expdesign design` wrote, or `design:` in the run file "
+                "for `expdesign run`",
             )
         return TrajectoryFile.read(self.folder)
 
@@ -147,14 +144,12 @@ class Workspace:
         if self.measurement_file.is_file():
             return [self.measurement_file]
         raise InputError(
-            Problem(
-                "there is nothing to estimate from: the run folder has no "
-                f"{self.measurement_file.name}",
-                file=self.folder,
-                key="--data",
-                allowed="a recording (--data FILE, or data.file in the run file), or a simulated "
-                "one (`expdesign simulate`)",
-            )
+            "there is nothing to estimate from: the run folder has no "
+            f"{self.measurement_file.name}",
+            file=self.folder,
+            key="--data",
+            allowed="a recording (--data FILE, or data.file in the run file), or a simulated "
+            "one (`expdesign simulate`)",
         )
 
     def recording(self, file: Path) -> Measurement:
@@ -187,11 +182,9 @@ class Workspace:
             return [self.design().trajectory if known else None] * recordings
         if len(given) not in (1, recordings):
             raise InputError(
-                Problem(
-                    f"{recordings} recordings, but {len(given)} designs",
-                    key="--design",
-                    allowed="one design for all recordings, or one each",
-                )
+                f"{recordings} recordings, but {len(given)} designs",
+                key="--design",
+                allowed="one design for all recordings, or one each",
             )
         named = [TrajectoryFile.read(path.absolute()).trajectory for path in given]
         return [*named] * (recordings if len(named) == 1 else 1)

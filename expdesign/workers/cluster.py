@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from itertools import islice
 from typing import Any
 
-from expdesign.configuration import ComputationError, InputError, Problem
+from expdesign.configuration import ComputationError, InputError
 from expdesign.workers.job import Job, SilentMonitor
 
 _CONNECT_SECONDS = 20
@@ -86,11 +86,9 @@ def _library() -> tuple[Any, Any, type[BaseException]]:
         from distributed import Client, KilledWorker, as_completed  # noqa: PLC0415 - optional
     except ImportError as error:
         raise InputError(
-            Problem(
-                "a Dask cluster is reached with distributed, which is not installed",
-                key="scheduler",
-                allowed="workers: …, or after: pip install expdesign[dask]",
-            )
+            "a Dask cluster is reached with distributed, which is not installed",
+            key="scheduler",
+            allowed="workers: …, or after: pip install expdesign[dask]",
         ) from error
     return Client, as_completed, KilledWorker
 

@@ -9,7 +9,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Any, Protocol, Self, TypeVar
 
-from expdesign.configuration import InputError, Problem, RunConfiguration, load_run
+from expdesign.configuration import InputError, RunConfiguration, load_run
 from expdesign.runfolder.manifest import Manifest, StageEntry
 from results.figures.design.catalogue import DESIGN_FIGURES
 from results.figures.drawing import FigureDefinition
@@ -157,7 +157,7 @@ class RunFolder:
         try:
             return path.read_text(encoding="utf-8")
         except ValueError as error:
-            raise InputError(Problem(f"no text: {error}", path)) from error
+            raise InputError(f"no text: {error}", path) from error
 
     def figures(self, *stems: str) -> tuple[FigureBlock, ...]:
         """Return the figures of these names that the folder has, numbered ones in their order."""
@@ -197,4 +197,4 @@ def _refused(path: Path, message: str) -> InputError:
         "a folder that `expdesign run`, design, export, simulate, noise, estimate, validate or "
         "montecarlo wrote"
     )
-    return InputError(Problem(message, file=path, allowed=allowed))
+    return InputError(message, file=path, allowed=allowed)

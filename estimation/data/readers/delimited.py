@@ -31,7 +31,7 @@ def read(path: Path, section: DataSection) -> RawTable:
     header, _, body = _decoded(path).partition("\n")
     if not header.strip():
         message = "the file is empty" if not body.strip() else "the first line names no columns"
-        raise InputError(Problem(message, path, HEADER_LINE))
+        raise InputError(message, path, HEADER_LINE)
     delimiter = _delimiter(path, section, header)
     names = next(csv.reader([header], delimiter=delimiter))
     columns = [header_column(name, position) for position, name in enumerate(names)]
@@ -66,7 +66,7 @@ def _decoded(path: Path) -> str:
         if "\0" not in text:
             return text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
         break
-    raise InputError(Problem("the file is no text", path, allowed="text in UTF-8"))
+    raise InputError("the file is no text", path, allowed="text in UTF-8")
 
 
 def _delimiter(path: Path, section: DataSection, header: str) -> str:
@@ -86,12 +86,10 @@ def _with_delimiter_hint(error: InputError, path: Path, header: str, delimiter: 
     if other is None:
         return error
     return InputError(
-        Problem(
-            f"the header has no delimiter '{delimiter}'",
-            path,
-            HEADER_LINE,
-            allowed=f"data.delimiter: the one of the file, perhaps {other}",
-        )
+        f"the header has no delimiter '{delimiter}'",
+        path,
+        HEADER_LINE,
+        allowed=f"data.delimiter: the one of the file, perhaps {other}",
     )
 
 

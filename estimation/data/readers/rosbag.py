@@ -51,7 +51,7 @@ def read(path: Path, section: DataSection) -> RawTable:
         columns = _columns(bag, topics)
         if not columns:
             raise InputError(
-                Problem(f"there are no messages {_MESSAGE} in it", path, allowed="a topic of them")
+                f"there are no messages {_MESSAGE} in it", path, allowed="a topic of them"
             )
         picked = pick(columns, _joint_names(section.columns, columns), path)
         topic = _one_topic(picked, path)
@@ -100,9 +100,7 @@ def _one_topic(picked: Mapping[str, Column], path: Path) -> str:
     topics = {column.place[0]: column for column in picked.values()}
     if len(topics) > 1:
         some = " and ".join(f"'{column.label}'" for column in topics.values())
-        raise InputError(
-            Problem(f"the columns are of several topics: {some}", path, allowed="one topic")
-        )
+        raise InputError(f"the columns are of several topics: {some}", path, allowed="one topic")
     return next(iter(topics))
 
 
@@ -136,7 +134,7 @@ def _table(bag: Any, connections: list[Any], picked: Mapping[str, Column], path:
     if len(stamps) > 1 and not by_log_time and len(set(stamps)) == 1:
         message = "all messages have the same header.stamp: it was not set"
         allowed = f"data.columns: {{t: {_LOG_TIME}}} takes the time at which they were recorded"
-        raise InputError(Problem(message, path, key=_STAMP, allowed=allowed))
+        raise InputError(message, path, key=_STAMP, allowed=allowed)
     table = np.array(rows, dtype=np.float64).reshape(-1, len(joints))
     values = {channel: table[:, k].copy() for k, channel in enumerate(joints)}
     values["t"] = np.array([stamp - stamps[0] for stamp in stamps]) * _NANOSECOND

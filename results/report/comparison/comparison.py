@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from estimation.identification.record import EstimateRecord
-from expdesign.configuration import InputError, Problem
+from expdesign.configuration import InputError
 from expdesign.experiment import DesignRecord
 from expdesign.experiment.sensitivity import LimitSensitivity, limit_sensitivity
 from expdesign.runfolder.atomic import write_text
@@ -90,12 +90,10 @@ def write_comparison(
     folders = open_folders(paths, stages)
     if out.resolve() in {path.resolve() for path in paths}:
         raise InputError(
-            Problem(
-                "the comparison would overwrite the report of a folder that it compares",
-                file=out,
-                key="--out",
-                allowed="another folder",
-            )
+            "the comparison would overwrite the report of a folder that it compares",
+            file=out,
+            key="--out",
+            allowed="another folder",
         )
     page, written = _page(folders, out, precision, with_sensitivity=with_sensitivity)
     for table in page.tables:
