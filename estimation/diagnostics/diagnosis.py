@@ -165,7 +165,7 @@ def _diagnosed(case: _Case, names: tuple[str, ...]) -> ExperimentDiagnosis:
             law,
             residuals=values,
             level=LACK_OF_FIT / case.shares,
-            includes_model_error=noise.forces_include_model_error,
+            includes_model_error=noise.forces.includes_model_error,
         )
         for law, values in both
     ]
@@ -174,8 +174,8 @@ def _diagnosed(case: _Case, names: tuple[str, ...]) -> ExperimentDiagnosis:
             values,
             part.counts,
             law,
-            noise.force_freedom,
-            includes_model_error=noise.forces_include_model_error,
+            noise.forces.freedom,
+            includes_model_error=noise.forces.includes_model_error,
         )
         for law, values in both
     ]
@@ -236,8 +236,8 @@ def _length_tests(case: _Case, level: float) -> tuple[ChiSquare | None, Whitenes
         part.lengths,
         part.length_counts,
         law,
-        experiment.noise.length_freedom,
-        includes_model_error=experiment.noise.lengths_include_model_error,
+        experiment.noise.lengths.freedom,
+        includes_model_error=experiment.noise.lengths.includes_model_error,
     )
     scaled = part.lengths * np.sqrt(part.length_counts)[:, None]
     return test, whiteness(scaled[None], law.lagged, level)

@@ -156,7 +156,7 @@ def joint_systems(
     count = len(known[1])
     lengths = [_length_equations(part, noise) for part, noise in zip(parts, noises, strict=True)]
     own = [
-        NormalEquations.of([(part.forces, part.columns, part.counts)], noise.force_covariance)
+        NormalEquations.of([(part.forces, part.columns, part.counts)], noise.forces.covariance)
         .with_motion(motion)
         .eliminated(count)
         for part, noise, motion in zip(parts, noises, lengths, strict=True)
@@ -167,7 +167,7 @@ def joint_systems(
         others = [each for other, each in enumerate(own) if other != number]
         known_here = known[0] + sum(each.information for each in others)
         gradient = known[1] + sum(each.gradient for each in others)
-        white = whitening(noise.force_covariance)
+        white = whitening(noise.forces.covariance)
         systems.append(
             JointSystem(
                 white=white,
@@ -176,7 +176,7 @@ def joint_systems(
                 columns=whitened(part.columns, white, part.counts),
                 information=np.asarray(sla.block_diag(known_here, motion.matrix)),
                 gradient=np.concatenate([gradient, motion.gradient]),
-                freedom=noise.force_freedom,
+                freedom=noise.forces.freedom,
             )
         )
     return systems
@@ -186,4 +186,4 @@ def _length_equations(part: Linearisation, noise: NoiseModel) -> NormalEquations
     if part.lengths is None:
         return NormalEquations(0.0, np.zeros((0, 0)), np.zeros(0))
     rows = (part.lengths, part.length_columns, part.length_counts)
-    return NormalEquations.of([rows], noise.length_covariance)
+    return NormalEquations.of([rows], noise.lengths.covariance)

@@ -34,14 +34,7 @@ def analyse_noise(record: Record, source: str = "") -> NoiseRecord:
             f"{record.periods:.3g} periods show no scatter between periods: the noise of a "
             "recording takes two periods or more"
         )
-    noise = NoiseModel(
-        forces.covariance,
-        lengths.covariance,
-        "estimated",
-        "estimated",
-        forces.freedom,
-        lengths.freedom,
-    )
+    noise = NoiseModel(forces, lengths)
     tests = noise_tests(
         record,
         _residuals(record, record.force_times, record.forces),
@@ -54,8 +47,8 @@ def analyse_noise(record: Record, source: str = "") -> NoiseRecord:
         periods=float(record.periods),
         period=float(record.period),
         averaged=record.averaged,
-        force_std=np.sqrt(np.diag(noise.force_covariance)),
-        length_std=np.sqrt(np.diag(noise.length_covariance)),
+        force_std=np.sqrt(np.diag(forces.covariance)),
+        length_std=np.sqrt(np.diag(lengths.covariance)),
         whiteness=tests.whiteness,
         normality=tests.normality,
         drift=tests.drift,

@@ -54,7 +54,14 @@ class NoiseKeys:
 
 def noise_keys(noise: NoiseModel) -> dict[str, Any]:
     """Return the values of `NoiseKeys`, for the types that have further ones."""
-    return {name: getattr(noise, name) for name in NoiseKeys.__dataclass_fields__}
+    forces, lengths = noise.forces, noise.lengths
+    return {
+        "source": noise.source,
+        "force_covariance": forces.covariance,
+        "length_covariance": lengths.covariance,
+        "force_freedom": forces.freedom,
+        "length_freedom": lengths.freedom,
+    }
 
 
 _HISTOGRAM_REACH = 4.2

@@ -112,7 +112,7 @@ def linear_laws(
 ) -> list[ResidualLaw]:
     """Return the laws of the residuals of LS or Gauss–Markov, experiment by experiment."""
     weightings = [
-        weighting_covariance(estimate.estimator, e.noise.force_covariance) for e in experiments
+        weighting_covariance(estimate.estimator, e.noise.forces.covariance) for e in experiments
     ]
     equations = [
         NormalEquations.of([(part.forces, part.columns, part.counts)], weighting)
@@ -137,7 +137,7 @@ def linear_laws(
         partner = columns
         if estimate.estimator == "ls":
             partner = np.zeros_like(columns)
-            mixed = np.linalg.solve(weighting, experiment.noise.force_covariance).T  # Σ W
+            mixed = np.linalg.solve(weighting, experiment.noise.forces.covariance).T  # Σ W
             partner[:, :, :k] = np.matmul(mixed, part.regressors[:, :, part.free]) * scale
         laws.append(_force_law(part, experiment, columns, cross, covariance, partner))
     return laws
@@ -149,7 +149,7 @@ def length_law(
     """Return the law of the length residuals; `motion_covariance` is Cov(ξ̂), (x, x)."""
     columns = part.length_columns * np.sqrt(part.length_counts)[:, None, None]
     return ResidualLaw(
-        noise=experiment.noise.length_covariance,
+        noise=experiment.noise.lengths.covariance,
         columns=columns,
         partner=columns,
         cross=motion_covariance,
@@ -167,7 +167,7 @@ def _force_law(
     partner: Array | None = None,
 ) -> ResidualLaw:
     return ResidualLaw(
-        noise=experiment.noise.force_covariance,
+        noise=experiment.noise.forces.covariance,
         columns=columns,
         partner=columns if partner is None else partner,
         cross=cross,

@@ -46,7 +46,7 @@ def force_residuals(experiment: Experiment, part: Linearisation) -> ForceResidua
 
 
 def _force_std(experiment: Experiment, part: Linearisation) -> Array:
-    return np.sqrt(np.diag(experiment.noise.force_covariance) / part.counts[:, None])
+    return np.sqrt(np.diag(experiment.noise.forces.covariance) / part.counts[:, None])
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +70,7 @@ def variance_comparison(experiment: Experiment, part: Linearisation) -> Variance
             periods = periods[:, experiment.pointwise.rows]
         single = (periods - (experiment.forces - part.force_rows)).reshape(-1, single.shape[1])
     return VarianceComparison(
-        np.mean(single**2, axis=0), np.diag(experiment.noise.force_covariance).copy()
+        np.mean(single**2, axis=0), np.diag(experiment.noise.forces.covariance).copy()
     )
 
 

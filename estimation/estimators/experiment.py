@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from constraints.arrays import Array
 from estimation.kinematics.fourier_fit import MotionFit
@@ -98,15 +98,9 @@ class Experiment:
             raise ValueError("pointwise kinematics have no spread of their rates")
         return expected_signs(robot, motion, self.record.force_times, self.spread)
 
-    def regressors(self, robot: Robot, motion: HarmonicMotion | None = None) -> Array:
-        """Return A at the samples, (R, 6, m), along the fitted or another motion."""
-        if motion is None:
-            return self.fitted_regressors
+    def regressors(self, robot: Robot, motion: HarmonicMotion) -> Array:
+        """Return A at the force samples along a motion, (S, 6, m)."""
         return regressors_along(robot, motion, self.record.force_times, self.signs(robot, motion))
-
-    def with_noise(self, noise: NoiseModel) -> Experiment:
-        """Return the experiment weighted by other covariances."""
-        return replace(self, noise=noise)
 
 
 def regressors_along(robot: Robot, motion: HarmonicMotion, times: Array, signs: Array) -> Array:

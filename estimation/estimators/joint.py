@@ -60,7 +60,7 @@ def force_equations(
         residuals = record.forces[part] - forces.regressors @ values
         return residuals, columns, record.force_counts[part]
 
-    weighted_by = experiment.noise.force_covariance if covariance is None else covariance
+    weighted_by = experiment.noise.forces.covariance if covariance is None else covariance
     return NormalEquations.of(map(rows, chunks(record.samples)), weighted_by)
 
 
@@ -75,7 +75,7 @@ def joint_equations(
     lengths = length_equations(
         robot,
         experiment.record,
-        experiment.noise.length_covariance,
+        experiment.noise.lengths.covariance,
         motion,
         free_frequency=experiment.free_frequency,
     )

@@ -57,7 +57,7 @@ def linear_estimate(
     information, spread = prior, prior
     gradient = prior @ (knowledge.prior_mean - start)[free]
     for experiment in experiments:
-        noise = experiment.noise.force_covariance
+        noise = experiment.noise.forces.covariance
         weighting = weighting_covariance(estimator, noise)
         rows = (
             experiment.forces - experiment.fitted_regressors @ start,
@@ -96,7 +96,7 @@ def linear_estimate(
 def _cost(experiment: Experiment, values: Array, estimator: str) -> float:
     """Return Σ c (q − A p)ᵀ W (q − A p)."""
     rest = experiment.forces - experiment.fitted_regressors @ values
-    weights = np.linalg.inv(weighting_covariance(estimator, experiment.noise.force_covariance))
+    weights = np.linalg.inv(weighting_covariance(estimator, experiment.noise.forces.covariance))
     return float(np.einsum("s,si,ij,sj->", experiment.counts, rest, weights, rest))
 
 
@@ -114,7 +114,7 @@ def _kinematic_share(
         fit = experiment.fit
         if fit is None:
             return None
-        weighting = weighting_covariance(estimator, experiment.noise.force_covariance)
+        weighting = weighting_covariance(estimator, experiment.noise.forces.covariance)
         equations = force_equations(
             robot, experiment, fit.motion, values, knowledge.free, weighting
         )

@@ -22,7 +22,7 @@ from estimation.estimators import (
     least_squares,
     maximum_likelihood,
 )
-from estimation.identification.noise_choice import residual_force_noise
+from estimation.identification.noise_choice import residual_noise
 from estimation.identification.recording import prepare_recording
 from estimation.identification.result import EstimationResult, RecordSummary
 from estimation.uncertainty import identified_combinations, parameter_rows
@@ -86,14 +86,14 @@ def _estimate(
         for recording, trajectory in zip(recordings, designs, strict=True)
     )
     experiments = [record.experiment for record in records]
-    if any(experiment.noise.forces_include_model_error for experiment in experiments):
-        experiments = _with_residual_force_noise(robot, experiments, knowledge)
+    if any(experiment.noise.forces.includes_model_error for experiment in experiments):
+        experiments = _with_residual_noise(robot, experiments, knowledge)
         records = tuple(
             replace(summary, experiment=experiment)
             for summary, experiment in zip(records, experiments, strict=True)
         )
     estimates = run_estimators(robot, experiments, knowledge, wanted)
-    freedom = min(experiment.noise.force_freedom for experiment in experiments)
+    freedom = min(experiment.noise.forces.freedom for experiment in experiments)
     rows = [
         row
         for result in estimates.values()
@@ -140,7 +140,7 @@ def run_estimators(
     return results
 
 
-def _with_residual_force_noise(
+def _with_residual_noise(
     robot: Robot, experiments: Sequence[Experiment], knowledge: Knowledge
 ) -> list[Experiment]:
     """Take Σ from the residuals of Gauss–Markov estimates, which are then made anew."""
@@ -148,19 +148,12 @@ def _with_residual_force_noise(
     used = int(np.count_nonzero(knowledge.free))
     for _ in range(_RESIDUAL_ROUNDS):
         values = gauss_markov(robot, present, knowledge).values
-        present = [
-            experiment.with_noise(
-                residual_force_noise(
-                    experiment.record,
-                    experiment.noise,
-                    experiment.forces - experiment.regressors(robot) @ values,
-                    used // len(present),
-                )
-            )
-            if experiment.noise.forces_include_model_error
-            else experiment
-            for experiment in present
-        ]
+        for number, experiment in enumerate(present):
+            if experiment.noise.forces.includes_model_error:
+                rest = experiment.forces - experiment.fitted_regressors @ values
+                own = residual_noise(rest, experiment.record.force_counts, used // len(present))
+                noise = replace(experiment.noise, forces=own)
+                present[number] = replace(experiment, noise=noise)
     return present
 
 
@@ -243,12 +236,12 @@ def _warnings(
         if dropped:
             found.append(f"{where}{dropped} rows of incomplete periods were left out")
         noise = record.experiment.noise
-        if noise.forces_include_model_error:
+        if noise.forces.includes_model_error:
             found.append(
                 f"{where}too few periods to tell noise from model error, and none is given: Σ "
                 "comes from the residuals and includes the model's error"
             )
-        if noise.lengths_include_model_error:
+        if noise.lengths.includes_model_error:
             found.append(
                 f"{where}too few periods to tell noise from model error, and none is given: Δ "
                 "comes from what the fitted motion leaves of the lengths"

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from constraints.arrays import Array
 from estimation.identification.period_choice import UnsuitableDataError
-from estimation.kinematics import MotionFit
 from estimation.processing import NoiseEstimate, NoiseModel, Record
 from estimation.processing.noise import scatter_about_series, series_harmonics
-from expdesign.configuration import InputError, Problem, RunConfiguration
+from estimation.uncertainty import correlation
+from expdesign.configuration import InputError, RunConfiguration
 
 _STILL = 1e-12
 """Smallest variance, relative to the largest, and eigenvalue of a correlation that is one."""
@@ -28,8 +27,7 @@ def choose_noise(configuration: RunConfiguration, record: Record, source: str = 
 
     The scatter between periods from three periods on; with fewer what robot or run give; else the
     residuals, in which case the covariances are first ones only and come anew from the residuals
-    of the fits (`residual_force_noise`, `residual_length_noise`). Forces and lengths are chosen
-    each for itself.
+    of the fits (`residual_noise`). Forces and lengths are chosen each for itself.
 
     Raises
     ------
@@ -38,35 +36,6 @@ def choose_noise(configuration: RunConfiguration, record: Record, source: str = 
     UnsuitableDataError
         A channel does not vary.
     """
-    noise = _chosen(configuration, record)
-    _refuse_singular(noise, source)
-    return noise
-
-
-def _refuse_singular(noise: NoiseModel, source: str) -> None:
-    """Refuse channels without noise, or whose noise is another channel's."""
-    for letter, covariance in (("q", noise.length_covariance), ("Q", noise.force_covariance)):
-        variances = np.diag(covariance)
-        largest = float(np.max(variances))
-        still = [f"{letter}{j + 1}" for j in np.flatnonzero(variances <= _STILL * largest)]
-        if not still:
-            std = np.sqrt(variances)
-            alike = np.linalg.eigvalsh(covariance / np.multiply.outer(std, std))[0]
-            if alike > _STILL:
-                continue
-            message = f"the noise of {letter}1 … {letter}6 is not that of six independent sensors"
-        else:
-            message = f"{', '.join(still)}: the recording shows no noise at all in this channel"
-        raise UnsuitableDataError(
-            Problem(
-                message,
-                file=Path(source) if source else None,
-                allowed="six channels that were measured, or noise: given",
-            )
-        )
-
-
-def _chosen(configuration: RunConfiguration, record: Record) -> NoiseModel:
     wanted = configuration.run.estimate.noise
     noise = configuration.robot.noise
     given = {
@@ -94,21 +63,36 @@ def _chosen(configuration: RunConfiguration, record: Record) -> NoiseModel:
     enough = wanted == "estimated" or (
         wanted == "auto" and record.periods >= FEWEST_PERIODS - _PART_OF_A_PERIOD
     )
-    found: dict[str, tuple[Array, str, float]] = {}
-    for name in ("forces", "lengths"):
+
+    def chosen(name: str) -> NoiseEstimate:
         repeated, stated = scatter[name], given[name]
         if enough and repeated is not None:
-            found[name] = (repeated.covariance, "estimated", repeated.freedom)
-        elif stated is not None:
-            found[name] = (stated, "given", np.inf)
-        else:
-            first = _first_noise(record, name)
-            found[name] = (first.covariance, "residuals", first.freedom)
-    (forces, force_source, force_freedom), (lengths, length_source, length_freedom) = (
-        found["forces"],
-        found["lengths"],
+            return repeated
+        if stated is not None:
+            return NoiseEstimate(stated, np.inf, "given")
+        return _first_noise(record, name)
+
+    found = NoiseModel(chosen("forces"), chosen("lengths"))
+    _refuse_singular("q", found.lengths, source)
+    _refuse_singular("Q", found.forces, source)
+    return found
+
+
+def _refuse_singular(letter: str, noise: NoiseEstimate, source: str) -> None:
+    """Refuse channels without noise, or whose noise is another channel's."""
+    variances = np.diag(noise.covariance)
+    still = [f"{letter}{j + 1}" for j in np.flatnonzero(variances <= _STILL * np.max(variances))]
+    if still:
+        message = f"{', '.join(still)}: the recording shows no noise at all in this channel"
+    elif np.linalg.eigvalsh(correlation(noise.covariance))[0] <= _STILL:
+        message = f"the noise of {letter}1 … {letter}6 is not that of six independent sensors"
+    else:
+        return
+    raise UnsuitableDataError(
+        message,
+        file=Path(source) if source else None,
+        allowed="six channels that were measured, or noise: given",
     )
-    return NoiseModel(forces, lengths, force_source, length_source, force_freedom, length_freedom)
 
 
 def _first_noise(record: Record, name: str) -> NoiseEstimate:
@@ -122,24 +106,15 @@ def _first_noise(record: Record, name: str) -> NoiseEstimate:
     )
     found, _ = scatter_about_series(times, values, record.omega, harmonics)
     # Means over periods scatter less than the single samples that a covariance is stated for.
-    return NoiseEstimate(found.covariance * float(np.mean(counts)), found.freedom)
+    return NoiseEstimate(found.covariance * float(np.mean(counts)), found.freedom, "residuals")
 
 
-def residual_force_noise(
-    record: Record, noise: NoiseModel, residuals: Array, used: int
-) -> NoiseModel:
-    """Return the noise with Σ from the residuals of a fit, (R, 6), that used so many parameters."""
-    found = _of_residuals(residuals, record.force_counts, used)
-    return replace(noise, force_covariance=found.covariance, force_freedom=found.freedom)
+def residual_noise(residuals: Array, counts: Array, used: int) -> NoiseEstimate:
+    """Return the covariance of a fit's residuals, (R, 6), that used so many parameters.
 
-
-def residual_length_noise(record: Record, noise: NoiseModel, fit: MotionFit) -> NoiseModel:
-    """Return the noise with Δ from what the fitted motion leaves of the lengths."""
-    found = _of_residuals(fit.residuals, record.length_counts, len(fit.covariance))
-    return replace(noise, length_covariance=found.covariance, length_freedom=found.freedom)
-
-
-def _of_residuals(residuals: Array, counts: Array, used: int) -> NoiseEstimate:
+    Each row stands for as many samples as `counts` says, (R,) or (S,) of the record.
+    """
     freedom = max(len(residuals) - used / residuals.shape[1], 1.0)
     weights = counts if len(counts) == len(residuals) else np.full(len(residuals), np.mean(counts))
-    return NoiseEstimate((residuals * weights[:, None]).T @ residuals / freedom, freedom)
+    covariance = (residuals * weights[:, None]).T @ residuals / freedom
+    return NoiseEstimate(covariance, freedom, "residuals")

@@ -99,9 +99,9 @@ class RecordingKeys:
             harmonics_of_the_design=summary.least_harmonics,
             noise=WeightingKeys(
                 **noise_keys(noise),
-                force_source=noise.force_source,
-                length_source=noise.length_source,
-                includes_model_error=noise.forces_include_model_error,
+                force_source=noise.forces.source,
+                length_source=noise.lengths.source,
+                includes_model_error=noise.forces.includes_model_error,
             ),
         )
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 from estimation.data.measurement import Measurement
 from estimation.estimators import Experiment
-from estimation.identification.noise_choice import choose_noise, residual_length_noise
+from estimation.identification.noise_choice import choose_noise, residual_noise
 from estimation.identification.period_choice import (
     UnsuitableDataError,
     choose_omega,
@@ -71,7 +72,7 @@ def prepare_recording(
     least = 1 if design is None else design.harmonics
     noise, fit = _fitted(configuration, robot, record, noise, design, least)
     warning = (
-        "" if free else period_warning(robot, data, record, fit.motion, noise.length_covariance)
+        "" if free else period_warning(robot, data, record, fit.motion, noise.lengths.covariance)
     )
     return RecordSummary(
         data.source,
@@ -113,23 +114,24 @@ def _fitted(
     free = section.frequency == "estimated"
     start = _start(robot, record, design)
     # A Δ that nobody knows comes from the fit that it weights: a few rounds settle both.
-    rounds = _RESIDUAL_ROUNDS if noise.lengths_include_model_error else 1
+    rounds = _RESIDUAL_ROUNDS if noise.lengths.includes_model_error else 1
     for remaining in reversed(range(rounds)):
         if section.harmonics is None:
             fit = choose_harmonics(
-                robot, record, noise.length_covariance, least, start=start, free_frequency=free
+                robot, record, noise.lengths.covariance, least, start=start, free_frequency=free
             )
         else:
             fit = fit_motion(
                 robot,
                 record,
-                noise.length_covariance,
+                noise.lengths.covariance,
                 section.harmonics,
                 start=start,
                 free_frequency=free,
             )
-        if noise.lengths_include_model_error:
-            noise = residual_length_noise(record, noise, fit)
+        if noise.lengths.includes_model_error:
+            found = residual_noise(fit.residuals, record.length_counts, len(fit.covariance))
+            noise = replace(noise, lengths=found)
         if remaining:
             start = fit.motion
     return noise, fit

@@ -80,7 +80,7 @@ class Workbench:
         return Repetition(
             number,
             None if experiment.fit is None else experiment.fit.motion.harmonics,
-            experiment.noise.force_freedom,
+            experiment.noise.forces.freedom,
             self._outcomes(experiment, wanted),
         )
 

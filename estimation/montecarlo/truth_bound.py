@@ -48,7 +48,7 @@ def bound_at_truth(bench: Workbench) -> Array:
         residuals=np.zeros((record.samples, ACTUATORS)),
         free_frequency=free_frequency,
     )
-    noise = NoiseModel(truth.force_covariance, truth.length_covariance, "given", "given")
+    noise = NoiseModel.given(truth.force_covariance, truth.length_covariance)
     spread = np.zeros((record.samples, bench.robot.graph.signs.numel()))
     experiment = Experiment.along(bench.robot, record, noise, known, spread)
     return cramer_rao_covariance(

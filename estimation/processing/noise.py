@@ -11,18 +11,27 @@ from constraints.arrays import Array
 
 @dataclass(frozen=True, eq=False)
 class NoiseEstimate:
-    """A covariance that was estimated from residuals.
+    """The covariance of one kind of channel.
 
     Attributes
     ----------
     covariance : (6, 6)
         Of one sample.
     freedom : float
-        Degrees of freedom that it rests on.
+        Degrees of freedom that it rests on; inf when it was given.
+    source : str
+        ``"estimated"`` (scatter between periods), ``"given"`` (robot or run file) or
+        ``"residuals"`` (of the fit itself: it includes the error of the model).
     """
 
     covariance: Array
     freedom: float
+    source: str = "estimated"
+
+    @property
+    def includes_model_error(self) -> bool:
+        """True when it comes from the residuals of the model of these channels itself."""
+        return self.source == "residuals"
 
     def std_error(self) -> Array:
         """Return the standard error of each element, (6, 6), for normal noise (Wishart)."""
@@ -33,42 +42,21 @@ class NoiseEstimate:
 
 @dataclass(frozen=True, eq=False)
 class NoiseModel:
-    """What the estimators weight with.
+    """What the estimators weight with: Σ of the forces, N², and Δ of the lengths, m²."""
 
-    Attributes
-    ----------
-    force_covariance, length_covariance : (6, 6)
-        Σ, N², and Δ, m², of one sample.
-    force_source, length_source : str
-        ``"estimated"`` (scatter between periods), ``"given"`` (robot or run file) or
-        ``"residuals"`` (of the fit itself: it includes the error of the model).
-    force_freedom, length_freedom : float
-        Degrees of freedom behind them; inf when given.
-    """
+    forces: NoiseEstimate
+    lengths: NoiseEstimate
 
-    force_covariance: Array
-    length_covariance: Array
-    force_source: str
-    length_source: str
-    force_freedom: float = np.inf
-    length_freedom: float = np.inf
+    @classmethod
+    def given(cls, forces: Array, lengths: Array) -> NoiseModel:
+        """Take covariances that are known."""
+        return cls(NoiseEstimate(forces, np.inf, "given"), NoiseEstimate(lengths, np.inf, "given"))
 
     @property
     def source(self) -> str:
         """Where both come from."""
-        if self.force_source == self.length_source:
-            return self.force_source
-        return f"forces {self.force_source}, lengths {self.length_source}"
-
-    @property
-    def forces_include_model_error(self) -> bool:
-        """True when Σ comes from the residuals of the model of the forces itself."""
-        return self.force_source == "residuals"
-
-    @property
-    def lengths_include_model_error(self) -> bool:
-        """True when Δ comes from the residuals of the fitted motion itself."""
-        return self.length_source == "residuals"
+        forces, lengths = self.forces.source, self.lengths.source
+        return forces if forces == lengths else f"forces {forces}, lengths {lengths}"
 
 
 def scatter_between_periods(values: Array, weights: Array | None = None) -> NoiseEstimate:

@@ -134,7 +134,7 @@ def _predicted(
     experiment = prepare_experiment(configuration, robot, data, trajectory)
     diagnosis = diagnose(robot, [experiment], saved.knowledge, saved.estimate, held_out=True)
     record = experiment.record
-    predicted = experiment.regressors(robot) @ saved.estimate.values
+    predicted = experiment.fitted_regressors @ saved.estimate.values
     return _Prediction(
         MotionKeys(
             name, motion.motion != "file", record.period, float(record.periods), diagnosis.keys

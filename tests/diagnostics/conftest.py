@@ -59,8 +59,8 @@ class Laboratory:
     @property
     def noise(self):
         given = self.robot.description.noise
-        return NoiseModel(
-            given.force_covariance, given.length_covariance * self.length_scale**2, "given", "given"
+        return NoiseModel.given(
+            given.force_covariance, given.length_covariance * self.length_scale**2
         )
 
     def measure(self, seed, *, cogging=None, delay=0.0, parameters=None, samples=None):
@@ -77,15 +77,15 @@ class Laboratory:
             amplitude, pitch, phase = (np.asarray(part, dtype=float) for part in cogging)
             late_lengths = self.robot.inverse_kinematics(late.pose)
             forces = forces + amplitude * np.sin(2 * np.pi * late_lengths / pitch + phase)
-        lengths = lengths + _normal(rng, self.noise.length_covariance, rows)
-        forces = forces + _normal(rng, self.noise.force_covariance, rows)
+        lengths = lengths + _normal(rng, self.noise.lengths.covariance, rows)
+        forces = forces + _normal(rng, self.noise.forces.covariance, rows)
         return Measurement(time, lengths, forces, step)
 
     def experiment(self, data, noise=None):
         record = make_record(data, self.trajectory.omega, PeriodSource.DESIGN)
         model = noise if noise is not None else estimated(record)
         start = HarmonicMotion.of(self.trajectory)
-        fit = fit_motion(self.robot, record, model.length_covariance, HARMONICS, start=start)
+        fit = fit_motion(self.robot, record, model.lengths.covariance, HARMONICS, start=start)
         return Experiment.from_fit(self.robot, record, model, fit)
 
     def pointwise(self, data):
@@ -103,15 +103,7 @@ class Laboratory:
 
 
 def estimated(record):
-    forces, lengths = record.force_scatter, record.length_scatter
-    return NoiseModel(
-        forces.covariance,
-        lengths.covariance,
-        "estimated",
-        "estimated",
-        forces.freedom,
-        lengths.freedom,
-    )
+    return NoiseModel(record.force_scatter, record.length_scatter)
 
 
 def _normal(rng, covariance, rows):
@@ -143,7 +135,8 @@ class LinearTwin:
         self.freedom = float((laboratory.periods - 1) * laboratory.samples)
 
     def system(self, part, *, known=None, held_out=False):
-        model = replace(self.lab.noise, force_freedom=self.freedom)
+        noise = self.lab.noise
+        model = replace(noise, forces=replace(noise.forces, freedom=self.freedom))
         information = self.zero if known is None else known
         return joint_systems([part], [model], information, held_out=held_out)[0]
 
@@ -159,9 +152,9 @@ class LinearTwin:
         """Return the linearisation with residuals that this kind of estimator leaves."""
         lab, part, noise = self.lab, self.part, self.lab.noise
         scale = np.sqrt(lab.periods)
-        forces = _normal(rng, noise.force_covariance, lab.samples) / scale
-        lengths = _normal(rng, noise.length_covariance, lab.samples) / scale
-        scatter = stats.wishart.rvs(self.freedom, noise.force_covariance, random_state=rng)
+        forces = _normal(rng, noise.forces.covariance, lab.samples) / scale
+        lengths = _normal(rng, noise.lengths.covariance, lab.samples) / scale
+        scatter = stats.wishart.rvs(self.freedom, noise.forces.covariance, random_state=rng)
         drawn = replace(
             part,
             forces=forces,
@@ -170,7 +163,7 @@ class LinearTwin:
         )
         if kind == "ml":
             return replace(drawn, forces=self.system(drawn).solved.force_residuals())
-        inverse = np.linalg.inv(noise.length_covariance)
+        inverse = np.linalg.inv(noise.lengths.covariance)
         columns = part.length_columns
         weighted = np.einsum("ij,rjx->rix", inverse, columns)
         normal = np.einsum("rix,riy->xy", weighted, columns)
@@ -181,7 +174,7 @@ class LinearTwin:
             covariance = self.estimates["gm"].covariance
             wrong = np.linalg.cholesky(covariance) @ rng.standard_normal(len(covariance))
         else:
-            inner = np.eye(6) if kind == "ls" else np.linalg.inv(noise.force_covariance)
+            inner = np.eye(6) if kind == "ls" else np.linalg.inv(noise.forces.covariance)
             weighted = np.einsum("ij,rjk->rik", inner, part.regressors)
             normal = np.einsum("rik,ril->kl", weighted, part.regressors)
             wrong = np.linalg.solve(normal, np.einsum("rik,ri->k", weighted, rest))

@@ -116,8 +116,9 @@ def test_two_experiments_share_the_levels_and_the_parameters(laboratory, estimat
 
 def test_noise_from_residuals_refuses_the_bias_test(laboratory, sound, tmp_path):
     experiment, estimate = sound
-    own = replace(experiment.noise, force_source="residuals")
-    result = _diagnose(laboratory, [experiment.with_noise(own)], estimate)
+    forces = replace(experiment.noise.forces, source="residuals")
+    own = replace(experiment.noise, forces=forces)
+    result = _diagnose(laboratory, [replace(experiment, noise=own)], estimate)
     assert _outcomes(result)["the model explains the forces"] is Outcome.NOT_TESTED
     refused = _written(result, tmp_path)["experiments"][0]["lack_of_fit"]
     assert "includes the error of the model" in refused["refused"]
@@ -143,13 +144,10 @@ def test_one_period_with_given_noise(laboratory, sound):
 def test_noise_that_was_given_too_large_or_too_small(laboratory, sound):
     experiment, estimate = sound
     for factor, word in ((1.5, "too small"), (0.7, "too large")):
-        noise = NoiseModel(
-            factor * laboratory.noise.force_covariance,
-            laboratory.noise.length_covariance,
-            "given",
-            "given",
+        noise = NoiseModel.given(
+            factor * laboratory.noise.forces.covariance, laboratory.noise.lengths.covariance
         )
-        result = _diagnose(laboratory, [experiment.with_noise(noise)], estimate)
+        result = _diagnose(laboratory, [replace(experiment, noise=noise)], estimate)
         sentences = [f.sentence for f in result.verdict.failed]
         assert any(f"force residuals are {word}" in sentence for sentence in sentences)
 
@@ -174,7 +172,7 @@ def test_motion_with_too_few_harmonics_is_noticed(laboratory):
 
     record = make_record(laboratory.measure(1), laboratory.trajectory.omega, PeriodSource.DESIGN)
     start = HarmonicMotion.of(laboratory.trajectory)
-    fit = fit_motion(laboratory.robot, record, laboratory.noise.length_covariance, 2, start=start)
+    fit = fit_motion(laboratory.robot, record, laboratory.noise.lengths.covariance, 2, start=start)
     experiment = Experiment.from_fit(laboratory.robot, record, laboratory.noise, fit)
     result = _diagnose(laboratory, [experiment], laboratory.estimate([experiment]))
     failed = [

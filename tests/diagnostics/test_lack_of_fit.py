@@ -21,7 +21,7 @@ def test_gauss_markov_shares_are_the_trace_of_the_hat_matrix(twin):
     covariance[:k, :k] = law.cross[:k, :k]
     still = replace(law, covariance=covariance)
     test = lack_of_fit(twin.draw(np.random.default_rng(0), "gm"), still)
-    sigma = twin.lab.noise.force_covariance
+    sigma = twin.lab.noise.forces.covariance
     columns = twin.part.regressors * 2.0  # the root of four periods
     rows = columns.reshape(-1, k)
     weights = np.kron(np.eye(len(columns)), np.linalg.inv(sigma))
@@ -55,7 +55,7 @@ def test_law_is_the_covariance_of_the_residuals(twin, kind):
     rng = np.random.default_rng(3)
     law = twin.law(kind)
     drawn = np.array([twin.draw(rng, kind).forces for _ in range(DRAWS)]) * 2.0
-    variance = np.diag(twin.lab.noise.force_covariance)
+    variance = np.diag(twin.lab.noise.forces.covariance)
     for j in range(6):
         weights = law.weights(j)
         trace, square = np.sum(weights), np.sum(weights**2)
@@ -147,5 +147,5 @@ def test_level_of_records_that_cannot_be_averaged(laboratory):
     assert not np.any(test.failed)
     assert test.pure_error_freedom == pytest.approx(len(data) - test.samples, abs=1)
     np.testing.assert_allclose(
-        test.pure_error, np.diag(laboratory.noise.force_covariance), rtol=0.25
+        test.pure_error, np.diag(laboratory.noise.forces.covariance), rtol=0.25
     )

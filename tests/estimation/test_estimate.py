@@ -184,9 +184,9 @@ def test_lengths_of_unknown_noise_have_the_covariance_of_what_the_motion_leaves(
         data = measured(motion, seed, periods=periods, step=1.0 / samples)
         result = estimate(config, data, motion)
         noise = result.records[0].experiment.noise
-        assert noise.lengths_include_model_error
+        assert noise.lengths.includes_model_error
         true = ROBOT.description.noise.length_covariance
-        ratios.append(np.diag(noise.length_covariance) / np.diag(true))
+        ratios.append(np.diag(noise.lengths.covariance) / np.diag(true))
         assert any("what the fitted motion leaves" in warning for warning in result.warnings)
     # 8 × (100 or more) samples less 5 coefficients each: 5 % of the variance is one sigma.
     assert np.all(np.abs(np.mean(ratios, axis=0) - 1) < 0.2)
@@ -195,9 +195,9 @@ def test_lengths_of_unknown_noise_have_the_covariance_of_what_the_motion_leaves(
 def test_the_noise_of_the_forces_alone_is_not_thrown_away():
     config = without_noise(force_std=["25 N"] * 6)
     noise = estimate(config, measured(MOTION, periods=1), MOTION).records[0].experiment.noise
-    assert (noise.force_source, noise.length_source) == ("given", "residuals")
+    assert (noise.forces.source, noise.lengths.source) == ("given", "residuals")
     assert noise.source == "forces given, lengths residuals"
-    np.testing.assert_allclose(noise.force_covariance, 625.0 * np.eye(6))
+    np.testing.assert_allclose(noise.forces.covariance, 625.0 * np.eye(6))
 
 
 def test_struts_in_another_order_give_the_same_estimate():
@@ -255,9 +255,9 @@ def test_one_period_of_few_samples_does_not_identify_p1():
 def test_without_periods_and_noise_the_residuals_serve_and_it_is_said():
     result = estimate(without_noise(), measured(MOTION, periods=2), MOTION)
     noise = result.records[0].experiment.noise
-    assert noise.forces_include_model_error
+    assert noise.forces.includes_model_error
     assert any("includes the model's error" in warning for warning in result.warnings)
-    ratio = np.diag(noise.force_covariance) / np.diag(ROBOT.description.noise.force_covariance)
+    ratio = np.diag(noise.forces.covariance) / np.diag(ROBOT.description.noise.force_covariance)
     assert np.all((ratio > 0.6) & (ratio < 1.5))
 
 

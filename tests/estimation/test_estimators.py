@@ -21,7 +21,7 @@ from expdesign.configuration import EstimateSection
 from tests.estimation.cases import ROBOT, measured, trajectory
 
 NOISE = ROBOT.description.noise
-GIVEN = NoiseModel(NOISE.force_covariance, NOISE.length_covariance, "given", "given")
+GIVEN = NoiseModel.given(NOISE.force_covariance, NOISE.length_covariance)
 MOTION = trajectory()
 
 
@@ -206,11 +206,9 @@ def test_estimates_spread_as_they_say_and_cover():
     pulls = {"ls": [], "gm": [], "ml": []}
     for seed in range(40):
         case = experiment(seed, length_scale=5)
-        case = case.with_noise(
-            NoiseModel(NOISE.force_covariance, 25 * NOISE.length_covariance, "given", "given")
-        )
+        noise = NoiseModel.given(NOISE.force_covariance, 25 * NOISE.length_covariance)
         fit = fit_motion(ROBOT, case.record, 25 * NOISE.length_covariance, 2, start=case.fit.motion)
-        case = Experiment.from_fit(ROBOT, case.record, case.noise, fit)
+        case = Experiment.from_fit(ROBOT, case.record, noise, fit)
         gm = gauss_markov(ROBOT, [case], known)
         results = (least_squares(ROBOT, [case], known), gm)
         for result in (*results, maximum_likelihood(ROBOT, [case], known, gm)):

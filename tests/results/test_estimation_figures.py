@@ -1,6 +1,7 @@
 """Figures of diagnostics, drawn from a small simulated experiment with cogging."""
 
 import xml.etree.ElementTree as ET
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -88,7 +89,7 @@ def test_dependence_has_a_row_for_each_strut(figures):
 
 def test_given_noise_and_pointwise_kinematics_can_be_drawn():
     lab = Laboratory(samples=120, periods=2)
-    experiment = lab.pointwise(lab.measure(1)).with_noise(lab.noise)
+    experiment = replace(lab.pointwise(lab.measure(1)), noise=lab.noise)
     estimate = lab.estimate([experiment])
     result = diagnose(lab.robot, [experiment], lab.knowledge, estimate).experiments[0]
     for key, figure in drawn(result).items():
