@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,32 +34,6 @@ from expdesign.trajectory import FourierTrajectory
 from expdesign.workers import Job, Monitor, cluster_jobs, run_jobs
 
 ConfigurationLike = str | PathLike[str] | Mapping[str, Any] | RunConfiguration
-
-
-class StudyMonitor(Protocol):
-    """Sees how far a study is; says when to stop."""
-
-    def advanced(self, done: int, total: int) -> None:
-        """Take the number of repetitions that are done, of all that are wanted."""
-        ...
-
-    def stop_requested(self) -> bool:
-        """Tell whether the study should end with what it has."""
-        ...
-
-
-@dataclass(frozen=True)
-class StopRequest:
-    """Carries the request to stop to the pool; jobs report nothing but their end."""
-
-    monitor: StudyMonitor | None
-
-    def report(self, event: Any) -> None:
-        """Ignore the event."""
-
-    def stop_requested(self) -> bool:
-        """Tell whether the study should end with what it has."""
-        return self.monitor is not None and self.monitor.stop_requested()
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,7 +128,7 @@ def run_study(
     config: ConfigurationLike,
     design: FourierTrajectory,
     journal: Path | None = None,
-    monitor: StudyMonitor | None = None,
+    monitor: Monitor | None = None,
 ) -> Study:
     """Repeat a simulated experiment K times and estimate each time.
 
@@ -171,7 +145,7 @@ def run_study(
     journal : path, optional
         File that keeps every repetition when it is done. Those of the same inputs that it holds
         already are not done again.
-    monitor : StudyMonitor, optional
+    monitor : Monitor, optional
 
     Raises
     ------
@@ -194,14 +168,13 @@ def run_study(
     if kept is not None:
         done = {number: r for number, r in kept.done.items() if number <= wanted}
     missing = [number for number in range(1, wanted + 1) if number not in done]
-    if monitor is not None:
-        monitor.advanced(len(done), wanted)
+    monitor = monitor or Monitor()
+    monitor.advanced(len(done), wanted)
     for repetition in _repetitions(configuration, recipe, missing, monitor):
         if kept is not None:
             kept.add(repetition)
         done[repetition.number] = repetition
-        if monitor is not None:
-            monitor.advanced(len(done), wanted)
+        monitor.advanced(len(done), wanted)
     return Study(
         configuration=configuration,
         robot=bench.robot,
@@ -232,16 +205,17 @@ def _repetitions(
     configuration: RunConfiguration,
     recipe: Recipe,
     numbers: Sequence[int],
-    monitor: StudyMonitor | None,
+    monitor: Monitor,
 ) -> Iterator[Repetition]:
-    stop = StopRequest(monitor)
     if not numbers:
         return
     jobs = [Job(_repetition, (number,)) for number in numbers]
     if configuration.run.scheduler is not None:
-        yield from cluster_jobs(configuration.run.scheduler, recipe, jobs, stop.stop_requested)
+        yield from cluster_jobs(configuration.run.scheduler, recipe, jobs, monitor.stop_requested)
         return
-    yield from run_jobs(recipe, jobs, configuration.run.workers or 1, stop)
+    yield from run_jobs(
+        recipe, jobs, configuration.run.workers or 1, Monitor(monitor.stop_requested)
+    )
 
 
 def _repetition(bench: Workbench, _monitor: Monitor, number: int) -> Repetition:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from estimation.identification.estimate import parameter_knowledge
-from estimation.montecarlo import StudyMonitor
 from estimation.studies.design_study import DesignStudy
 from estimation.studies.design_trials import refuse_unfit_design_study
 from estimation.studies.identification_study import IdentificationStudy
@@ -19,6 +18,7 @@ from estimation.studies.validation_study import ValidationStudy
 from expdesign.configuration import RunConfiguration
 from expdesign.robot import Robot
 from expdesign.trajectory import FourierTrajectory
+from expdesign.workers import Monitor
 
 __all__ = [
     "Claim",
@@ -38,7 +38,7 @@ __all__ = [
 def run_study(
     configuration: RunConfiguration,
     design: FourierTrajectory | None,
-    monitor: StudyMonitor | None = None,
+    monitor: Monitor | None = None,
 ) -> Study:
     """Do the study that a run names, with the errors of its kind's `run`.
 

@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 
 from constraints.arrays import Mask
-from estimation.montecarlo import StudyMonitor
 from estimation.studies.design_trials import (
     ESTIMATORS,
     Trial,
@@ -45,6 +44,7 @@ from expdesign.experiment import DesignRecord
 from expdesign.mechanism.catalogue import TERMS, parameter_unit
 from expdesign.robot import robot_from
 from expdesign.runfolder import RowTable
+from expdesign.workers import Monitor
 
 FOLDER = "designs"
 
@@ -69,9 +69,7 @@ class DesignStudy(Study):
     trials: tuple[Trial, ...]
 
     @classmethod
-    def run(
-        cls, configuration: RunConfiguration, monitor: StudyMonitor | None = None
-    ) -> DesignStudy:
+    def run(cls, configuration: RunConfiguration, monitor: Monitor | None = None) -> DesignStudy:
         """Design with both criteria from every set, and execute each design many times.
 
         Raises

@@ -8,7 +8,6 @@ from functools import partial
 import numpy as np
 
 from constraints.arrays import Array
-from estimation.montecarlo import StudyMonitor
 from estimation.montecarlo.repetition import Recipe
 from estimation.studies.records import AgreementRow
 from estimation.studies.study import (
@@ -75,7 +74,7 @@ class Trial:
 
 
 def run_trials(
-    configuration: RunConfiguration, robot: Robot, monitor: StudyMonitor | None
+    configuration: RunConfiguration, robot: Robot, monitor: Monitor | None
 ) -> tuple[Trial, ...]:
     """Design from every set of initial parameters, and execute; errors as `DesignStudy.run`."""
     section = study_section(configuration)

@@ -22,7 +22,6 @@ from estimation.data.measurement import Measurement
 from estimation.estimators import Experiment, Knowledge, ParameterEstimate
 from estimation.identification import prepare_experiment, run_estimators
 from estimation.identification.estimate import parameter_knowledge
-from estimation.montecarlo import StudyMonitor
 from estimation.montecarlo.repetition import FAILURES
 from estimation.studies.records import ESTIMATES, HAUSMAN, Claim, EstimateRow, HausmanRow
 from estimation.studies.study import (
@@ -40,6 +39,7 @@ from expdesign.mechanism.catalogue import parameter_unit
 from expdesign.robot import Robot, robot_from
 from expdesign.runfolder import RowTable
 from expdesign.trajectory import FourierTrajectory
+from expdesign.workers import Monitor
 
 _FEWEST = 3
 _RARE = 0.05
@@ -188,7 +188,7 @@ class IdentificationStudy(Study):
         cls,
         configuration: RunConfiguration,
         design: FourierTrajectory,
-        monitor: StudyMonitor | None = None,
+        monitor: Monitor | None = None,
     ) -> IdentificationStudy:
         """Identify many simulated experiments of every case.
 

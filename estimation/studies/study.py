@@ -9,9 +9,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from estimation.montecarlo import StudyMonitor
 from estimation.montecarlo.repetition import FAILURES
-from estimation.montecarlo.study import StopRequest
 from estimation.studies.records import Claim, StudyRecord, StudySummary
 from expdesign.configuration import (
     ComputationError,
@@ -145,7 +143,7 @@ def results_of(
     configuration: RunConfiguration,
     build: Callable[[], Any],
     jobs: Sequence[Job],
-    monitor: StudyMonitor | None,
+    monitor: Monitor | None,
     progress: tuple[int, int],
 ) -> Iterator[Any]:
     """Do jobs on the run's `workers`, not on a scheduler; yield their results in their order.
@@ -160,17 +158,18 @@ def results_of(
     """
     done, total = progress
     count = 0
-    for result in run_jobs(build, jobs, configuration.run.workers or 1, StopRequest(monitor)):
+    monitor = monitor or Monitor()
+    silent = Monitor(monitor.stop_requested)
+    for result in run_jobs(build, jobs, configuration.run.workers or 1, silent):
         count += 1
-        if monitor is not None:
-            monitor.advanced(done + count, total)
+        monitor.advanced(done + count, total)
         yield result
     if count < len(jobs):
         raise StudyInterruptedError(f"interrupted after {done + count} of {total} steps")
 
 
 def repeated(
-    configuration: RunConfiguration, build: Callable[[], Any], monitor: StudyMonitor | None
+    configuration: RunConfiguration, build: Callable[[], Any], monitor: Monitor | None
 ) -> list[Any]:
     """Return the results of `repeat(number)` of what `build` makes; None where noise let it fail.
 

@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 
 from constraints.arrays import Array, Mask
-from estimation.montecarlo import StudyMonitor
 from estimation.studies.records import (
     POWER,
     VARIANCES,
@@ -44,6 +43,7 @@ from expdesign.configuration import RunConfiguration, ValidationMotion
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.runfolder import RowTable
 from expdesign.trajectory import FourierTrajectory
+from expdesign.workers import Monitor
 
 _WANTED = 0.95
 """Share of the runs in which a verdict must be right: 38 of 40."""
@@ -68,7 +68,7 @@ class ValidationStudy(Study):
         cls,
         configuration: RunConfiguration,
         design: FourierTrajectory,
-        monitor: StudyMonitor | None = None,
+        monitor: Monitor | None = None,
     ) -> ValidationStudy:
         """Identify, predict and test many times.
 

@@ -36,7 +36,7 @@ from expdesign.solver.initial import InfeasibleLimitsError, random_start
 from expdesign.solver.jobs import DesignTask, SearchPlan
 from expdesign.solver.search import NoDesignError, search
 from expdesign.trajectory import FourierTrajectory
-from expdesign.workers import Monitor, SilentMonitor
+from expdesign.workers import Monitor
 
 ConfigurationLike = str | PathLike[str] | Mapping[str, Any] | RunConfiguration
 
@@ -74,7 +74,7 @@ def design(config: ConfigurationLike, monitor: Monitor | None = None) -> DesignR
             key="limits",
             allowed="at least limits of the strut's length, speed and force",
         )
-    watch = monitor or SilentMonitor()
+    watch = monitor or Monitor()
     task = design_task(configuration)
     _refuse_unexcitable(task)
     try:

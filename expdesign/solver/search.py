@@ -21,7 +21,6 @@ from expdesign.solver.jobs import (
     newcomer_job,
     random_job,
 )
-from expdesign.solver.stage import SearchEvent
 from expdesign.solver.start import Screening, StartResult
 from expdesign.workers import Job, Monitor, run_jobs
 
@@ -78,7 +77,12 @@ def search(build: Build, plan: SearchPlan, monitor: Monitor) -> SearchResult:
         No start reached a motion that keeps the limits.
     """
     began = time.perf_counter()
-    clock = _Deadline(monitor, began, plan.max_seconds)
+
+    def late_or_asked() -> bool:
+        late = plan.max_seconds is not None and time.perf_counter() - began > plan.max_seconds
+        return late or monitor.stop_requested()
+
+    clock = Monitor(late_or_asked, monitor.report)
     jobs = [Job(random_job, (index,)) for index in range(1, plan.starts + 1)]
     results: list[StartResult] = list(run_jobs(build, jobs, plan.workers, clock))
     ranked = sorted(results, key=lambda result: (-result.merit, result.index))
@@ -147,19 +151,3 @@ def _why_none(results: Sequence[StartResult]) -> str:
         f"none of {len(results)} starts reached a motion that keeps the limits and excites the "
         f"parameters ({'; '.join(states)})"
     )
-
-
-@dataclass(frozen=True)
-class _Deadline:
-    """A monitor that also stops when the time is over."""
-
-    monitor: Monitor
-    began: float
-    seconds: float | None
-
-    def report(self, event: SearchEvent) -> None:
-        self.monitor.report(event)
-
-    def stop_requested(self) -> bool:
-        late = self.seconds is not None and time.perf_counter() - self.began > self.seconds
-        return late or self.monitor.stop_requested()

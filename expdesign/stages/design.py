@@ -6,8 +6,9 @@ from expdesign.configuration import quantity_text
 from expdesign.experiment import DesignRecord, DesignResult, design
 from expdesign.information.fisher import SingularInformationError
 from expdesign.stages.outcome import Outcome, StageFailed
-from expdesign.stages.progress import ABANDONED, STOP_DESIGN, Monitor, interruptible, short
+from expdesign.stages.progress import ABANDONED, STOP_DESIGN, interruptible, short
 from expdesign.stages.workspace import Workspace
+from expdesign.workers import Monitor
 from results import design_figures
 
 

@@ -6,7 +6,6 @@ import signal
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING
@@ -46,15 +45,6 @@ class Progress:
         """Show how many of `what` (a plural) are done; give what takes that number and all."""
         del what
         yield lambda _done, _total: None
-
-
-@dataclass(frozen=True)
-class Monitor:
-    """What a search or a study reports to, and asks whether it should stop."""
-
-    stop_requested: Callable[[], bool]
-    report: Callable[[SearchEvent], None] = lambda _event: None
-    advanced: Callable[[int, int], None] = lambda _done, _total: None
 
 
 @contextmanager

@@ -12,10 +12,11 @@ from estimation.montecarlo.journal import NAME as JOURNAL
 from estimation.montecarlo.record import MonteCarloRecord
 from estimation.studies import Claim, run_study
 from expdesign.stages.outcome import Outcome, StageFailed
-from expdesign.stages.progress import Monitor, interruptible, short
+from expdesign.stages.progress import interruptible, short
 from expdesign.stages.record import clear_outdated
 from expdesign.stages.table import STAGES
 from expdesign.stages.workspace import Workspace
+from expdesign.workers import Monitor
 from results import comparison_study_figures, study_figures
 
 _MOST_REASONS = 3

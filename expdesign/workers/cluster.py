@@ -9,7 +9,7 @@ from itertools import islice
 from typing import Any
 
 from expdesign.configuration import ComputationError, InputError
-from expdesign.workers.job import Job, SilentMonitor
+from expdesign.workers.job import Job, Monitor
 
 _CONNECT_SECONDS = 20
 _WAITING = 2
@@ -98,4 +98,4 @@ _one_at_a_time = threading.Lock()
 
 def _in_cluster(recipe: bytes, job: Job) -> Any:
     with _one_at_a_time:
-        return job.run(recipe, SilentMonitor())
+        return job.run(recipe, Monitor())

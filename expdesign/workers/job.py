@@ -6,30 +6,24 @@ import hashlib
 import pickle
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 from threadpoolctl import threadpool_limits
 
 
-class Monitor(Protocol):
-    """Takes the events that jobs report; says when to stop."""
+@dataclass(frozen=True)
+class Monitor:
+    """What a search or a study reports to, and asks whether to stop; by default nobody.
 
-    def report(self, event: Any) -> None:
-        """Take one event, of whatever kind the jobs report."""
+    Anything with the functions that are called does as well.
+    """
 
-    def stop_requested(self) -> bool:
-        """Tell whether the work should end with what it has."""
-
-
-class SilentMonitor:
-    """Takes every event and never stops."""
-
-    def report(self, event: Any) -> None:
-        """Ignore the event."""
-
-    def stop_requested(self) -> bool:
-        """Never."""
-        return False
+    stop_requested: Callable[[], bool] = lambda: False
+    """Whether the work should end with what it has."""
+    report: Callable[[Any], None] = lambda _event: None
+    """Takes one event, of whatever kind the jobs report."""
+    advanced: Callable[[int, int], None] = lambda _done, _total: None
+    """Takes how many repetitions are done, of all that are wanted."""
 
 
 @dataclass(frozen=True)

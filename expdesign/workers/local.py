@@ -9,7 +9,6 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from dataclasses import dataclass
 from itertools import takewhile
 from multiprocessing import Manager
 from typing import Any
@@ -116,20 +115,6 @@ def _pump(events: Any, stop: Any, done: threading.Event, monitor: Monitor) -> No
                 return
 
 
-@dataclass(frozen=True)
-class _Remote:
-    """The monitor inside a worker."""
-
-    events: Any
-    stop: Any
-
-    def report(self, event: Any) -> None:
-        self.events.put(event)
-
-    def stop_requested(self) -> bool:
-        return bool(self.stop.is_set())
-
-
 def _in_worker(
     recipe: bytes, job: Job, events: Any, stop: Any, after_stop: bool
 ) -> tuple[bool, Any]:
@@ -137,4 +122,4 @@ def _in_worker(
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if stop.is_set() and not after_stop:
         return False, None
-    return True, job.run(recipe, _Remote(events, stop))
+    return True, job.run(recipe, Monitor(stop.is_set, events.put))

@@ -10,7 +10,7 @@ import pytest
 from expdesign.solver import NoDesignError, search
 from expdesign.solver.jobs import Candidate, hop_job, newcomer_job, random_job
 from expdesign.solver.start import GIVEN_UP, Screening
-from expdesign.workers import Job, SilentMonitor, run_jobs
+from expdesign.workers import Job, Monitor, run_jobs
 
 QUICK = {"max_iterations": 4}
 
@@ -35,7 +35,7 @@ def run(build, task, cheaper):
     def searched(monitor=None, **changes):
         plan = dataclasses.replace(task.plan, iterations=4, **changes)
         with cheaper():
-            return search(build(design=QUICK), plan, monitor or SilentMonitor())
+            return search(build(design=QUICK), plan, monitor or Monitor())
 
     return searched
 
@@ -82,7 +82,7 @@ def test_seeds_differ(task):
     reached = []
     for seed in (1, 2):
         plan = dataclasses.replace(task.plan, seed=seed, iterations=2)
-        reached.append(random_job(dataclasses.replace(task, plan=plan), SilentMonitor(), 1))
+        reached.append(random_job(dataclasses.replace(task, plan=plan), Monitor(), 1))
     assert np.max(np.abs(reached[0].variables - reached[1].variables)) > 1e-2
 
 
@@ -163,20 +163,20 @@ def test_a_newcomer_and_a_hop_know_their_descent_and_are_given_up(task, one_star
     start = one_start.starts[0]
     quick = dataclasses.replace(task, plan=dataclasses.replace(task.plan, iterations=4))
     out_of_reach = tuple(dataclasses.replace(one, objective=-1e9) for one in start.stages)
-    result, newcomer = newcomer_job(quick, SilentMonitor(), 5, Screening(()))
+    result, newcomer = newcomer_job(quick, Monitor(), 5, Screening(()))
     assert (newcomer.lineage, newcomer.start.index) == (5, 5)
     assert newcomer.merit == merit(newcomer, quick)
-    given_up, nobody = newcomer_job(quick, SilentMonitor(), 5, Screening(out_of_reach[-1:]))
+    given_up, nobody = newcomer_job(quick, Monitor(), 5, Screening(out_of_reach[-1:]))
     assert nobody is None
     assert given_up.merit == -np.inf
     assert given_up.status == GIVEN_UP
     assert len(given_up.stages) == len(result.stages)
 
     lax = dataclasses.replace(newcomer, start=dataclasses.replace(result, stages=()))
-    _, descendant = hop_job(quick, SilentMonitor(), 6, lax)
+    _, descendant = hop_job(quick, Monitor(), 6, lax)
     assert (descendant.lineage, descendant.start.index) == (5, 6)
     far = dataclasses.replace(newcomer, start=dataclasses.replace(result, stages=out_of_reach))
-    given_up, nobody = hop_job(quick, SilentMonitor(), 6, far)
+    given_up, nobody = hop_job(quick, Monitor(), 6, far)
     assert nobody is None
     assert given_up.status == GIVEN_UP
 
@@ -188,7 +188,7 @@ def test_hops_and_newcomers_in_other_processes_are_the_same(build, tiny_result):
     origin = Candidate(0.0, found.finished, start, lineage=1)
     jobs = [Job(hop_job, (6, origin)), Job(newcomer_job, (7, Screening(out_of_reach[-1:])))]
     make = build(design={"max_iterations": 2})
-    one, two = (list(run_jobs(make, jobs, workers, SilentMonitor())) for workers in (1, 2))
+    one, two = (list(run_jobs(make, jobs, workers, Monitor())) for workers in (1, 2))
     for (a, nobody), (b, no_other) in zip(one, two, strict=True):
         assert nobody is no_other is None
         np.testing.assert_array_equal(a.variables, b.variables)
@@ -200,7 +200,7 @@ def test_hops_and_newcomers_in_other_processes_are_the_same(build, tiny_result):
 def test_the_number_of_workers_changes_nothing(build):
     make = build(design={"max_iterations": 2})
     jobs = [Job(random_job, (index,)) for index in (1, 2)]
-    one, two = (list(run_jobs(make, jobs, workers, SilentMonitor())) for workers in (1, 2))
+    one, two = (list(run_jobs(make, jobs, workers, Monitor())) for workers in (1, 2))
     for a, b in zip(one, two, strict=True):
         np.testing.assert_array_equal(a.variables, b.variables)
         assert (a.index, a.merit, a.iterations, a.trace) == (
