@@ -22,56 +22,39 @@ def _identity(bound: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @dataclass(frozen=True)
 class LimitDefinition:
-    """A kind of limit: what is bounded and how the user states the bound.
-
-    Attributes
-    ----------
-    key : str
-        Key under ``limits:`` in the YAML, and the limit's name in every report.
-    title : str
-        The limit in words, for figures and messages.
-    unit : str
-        SI unit of bound and quantity (``"m"``, ``"rad"``, ``"N"``, ``"1"`` …).
-    kind : {"interval", "symmetric", "upper", "lower"}
-        ``interval``: the user gives ``[min, max]``; ``symmetric``: one value b, −b ≤ q ≤ b;
-        ``upper``: q ≤ b; ``lower``: b ≤ q.
-    components : tuple of str
-        Names of the rows when the user bounds them by name (``("x", "y", "z")``), else empty.
-    per_actuator : bool
-        True when there is one row per actuator, whose bounds may then differ.
-    natural : callable
-        Quantities → column of rows in `unit`, as the user reads it. Reports and rechecks use it.
-    smooth : callable or None
-        Quantities → column of the same rows in an equivalent form that an optimiser
-        can differentiate (tan α for α). None: `natural` is smooth.
-    transform : callable
-        Maps bounds on `natural` to bounds on `smooth`; strictly monotone.
-    decreasing : bool
-        True when `transform` is decreasing (tilt → cosine), so that the bounds swap.
-    conservative : bool
-        True when `smooth` is an inner approximation: it never admits what `natural` forbids, and
-        may forbid a little more.
-    requires : tuple of str
-        Names of the quantities that are read; a mechanism that does not offer them refuses the
-        limit.
-    pairs : bool
-        True when a row stands for a pair of actuators, in the order of
-        ``itertools.combinations``; pairs that share a joint are then left out.
-    """
+    """A kind of limit: what is bounded and how the user states the bound."""
 
     key: str
+    """Key under ``limits:`` in the YAML, and the limit's name in every report."""
     title: str
+    """The limit in words, for figures and messages."""
     unit: str
+    """SI unit of bound and quantity (``"m"``, ``"rad"``, ``"N"``, ``"1"`` …)."""
     kind: BoundKind
+    """``interval``: the user gives ``[min, max]``; ``symmetric``: one value b, −b ≤ q ≤ b;
+    ``upper``: q ≤ b; ``lower``: b ≤ q."""
     natural: Callable[[Quantities], ca.SX]
+    """Quantities → column of rows in `unit`, as the user reads it. Reports and rechecks use it."""
     requires: tuple[str, ...]
+    """Names of the quantities that are read; a mechanism that does not offer them refuses the
+    limit."""
     components: tuple[str, ...] = ()
+    """Names of the rows when the user bounds them by name (``("x", "y", "z")``), else empty."""
     per_actuator: bool = False
+    """True when there is one row per actuator, whose bounds may then differ."""
     pairs: bool = False
+    """True when a row stands for a pair of actuators, in the order of
+    ``itertools.combinations``; pairs that share a joint are then left out."""
     smooth: Callable[[Quantities], ca.SX] | None = None
+    """Quantities → column of the same rows in an equivalent form that an optimiser can
+    differentiate (tan α for α). None: `natural` is smooth."""
     transform: Callable[[NDArray[np.float64]], NDArray[np.float64]] = field(default=_identity)
+    """Maps bounds on `natural` to bounds on `smooth`; strictly monotone."""
     decreasing: bool = False
+    """True when `transform` is decreasing (tilt → cosine), so that the bounds swap."""
     conservative: bool = False
+    """True when `smooth` is an inner approximation: it never admits what `natural` forbids, and
+    may forbid a little more."""
 
     def rows(self, quantities: Quantities) -> ca.SX:
         """Return the rows in the form that an optimiser can differentiate."""

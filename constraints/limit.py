@@ -14,27 +14,19 @@ from constraints.definition import LimitDefinition
 
 @dataclass(frozen=True, eq=False)
 class Limit:
-    """Bounds on the rows of one `LimitDefinition`: from the configuration to the report.
-
-    Attributes
-    ----------
-    lower, upper : (k,)
-        Bounds on the natural expression, SI; ±inf where a row is not bounded on that side.
-    labels : tuple of str
-        What each row stands for: ``"x"``, ``"strut 3"``, ``"struts 1-4"`` or ``""``.
-    origin : str
-        Where the bounds were given, e.g. ``"palida.yaml: limits.strut_speed"``.
-    file, line : Path, int
-        That file and the line there; None for a mapping.
-    """
+    """Bounds on the rows of one `LimitDefinition`: from the configuration to the report."""
 
     definition: LimitDefinition
     lower: Array
     upper: Array
+    """(k,) Bounds on the natural expression, SI; ±inf where a row is not bounded on that side."""
     labels: tuple[str, ...]
+    """What each row stands for: ``"x"``, ``"strut 3"``, ``"struts 1-4"`` or ``""``."""
     origin: str
+    """Where the bounds were given, e.g. ``"palida.yaml: limits.strut_speed"``."""
     file: Path | None = None
     line: int | None = None
+    """That file and the line there; None for a mapping."""
 
     @property
     def key(self) -> str:

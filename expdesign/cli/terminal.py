@@ -88,21 +88,14 @@ class Terminal(Progress):
 
 @dataclass(frozen=True)
 class Objective:
-    """What the numbers of a search are.
-
-    Attributes
-    ----------
-    title : str
-        The criterion in words.
-    blunt_title : str
-        What the blunt stage optimises, in words; the same or another criterion.
-    larger_is_better : bool
-        Of the criterion.
-    """
+    """What the numbers of a search are."""
 
     title: str
+    """The criterion in words."""
     blunt_title: str
+    """What the blunt stage optimises, in words; the same or another criterion."""
     larger_is_better: bool
+    """Of the criterion."""
 
     @classmethod
     def of(cls, configuration: RunConfiguration) -> Objective:

@@ -30,19 +30,20 @@ from expdesign.configuration.sections.data import (
     FORCE_CHANNELS,
     LENGTH_CHANNELS,
     DataSection,
+    EstimateSection,
+    MonteCarloSection,
 )
-from expdesign.configuration.sections.design import DesignSection
-from expdesign.configuration.sections.estimate import EstimateSection, MonteCarloSection
+from expdesign.configuration.sections.design import DesignSection, MotionSection, TrajectorySection
 from expdesign.configuration.sections.experiment import (
     Cogging,
     ExperimentSection,
+    Kinematics,
     Outliers,
+    StudySection,
     TrackingError,
+    ValidationMotion,
 )
 from expdesign.configuration.sections.export import OFFERS, STRUT_ONLY, ExportSection, Space
-from expdesign.configuration.sections.study import Kinematics, StudySection
-from expdesign.configuration.sections.trajectory import MotionSection, TrajectorySection
-from expdesign.configuration.sections.validation import ValidationMotion
 from expdesign.configuration.values.quantity import (
     CURRENT,
     DURATION,

@@ -17,9 +17,8 @@ from pydantic_core import PydanticCustomError
 from constraints import Limit, LimitDefinition, limit_definitions
 from expdesign.configuration.document import Placed
 from expdesign.configuration.problem import key_path, nearest, refusal, shown
-from expdesign.configuration.values.lists import read_only
 from expdesign.configuration.values.quantity import dimension_of
-from expdesign.configuration.values.scalars import by_key
+from expdesign.configuration.values.scalars import by_key, read_only
 from expdesign.mechanism.hexapod import ACTUATORS, numbered
 
 CHARACTERISTIC_LENGTH = "characteristic_length"

@@ -23,7 +23,7 @@ from expdesign.configuration.robot import (
 from expdesign.configuration.run import RUN_FORMAT, RunConfiguration, RunDescription
 from expdesign.configuration.section import Section, validate
 from expdesign.configuration.sections.data import DataSection
-from expdesign.configuration.sections.validation import ValidationMotion
+from expdesign.configuration.sections.experiment import ValidationMotion
 from expdesign.library import robot_files, run_files
 
 S = TypeVar("S", bound=Section)

@@ -13,7 +13,6 @@ from constraints.arrays import Array
 from expdesign.configuration.document import Placed
 from expdesign.configuration.problem import Problem, refusal
 from expdesign.configuration.section import Section
-from expdesign.configuration.values.lists import exactly, read_only
 from expdesign.configuration.values.quantity import (
     Force,
     ForceVariance,
@@ -22,6 +21,7 @@ from expdesign.configuration.values.quantity import (
     Number,
     Positive,
 )
+from expdesign.configuration.values.scalars import exactly, read_only
 from expdesign.mechanism.hexapod import ACTUATORS
 
 _FAMILIES = ("force", "length")

@@ -32,9 +32,17 @@ from expdesign.configuration.parameters import (
 )
 from expdesign.configuration.problem import InputError, Problem
 from expdesign.configuration.section import Section, validate
-from expdesign.configuration.values.lists import Direction, Point, Pose, exactly, read_only
 from expdesign.configuration.values.quantity import Acceleration
-from expdesign.configuration.values.scalars import Name, Text, one_of
+from expdesign.configuration.values.scalars import (
+    Direction,
+    Name,
+    Point,
+    Pose,
+    Text,
+    exactly,
+    one_of,
+    read_only,
+)
 from expdesign.library import robot_files
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.term import Term

@@ -14,19 +14,20 @@ from expdesign.configuration.noise import NoiseDescription
 from expdesign.configuration.problem import format_number, refusal, shown
 from expdesign.configuration.robot import ResolvedRobot, RobotDescription
 from expdesign.configuration.section import Section
-from expdesign.configuration.sections.data import DataSection
-from expdesign.configuration.sections.design import DesignSection
-from expdesign.configuration.sections.estimate import EstimateSection, MonteCarloSection
-from expdesign.configuration.sections.experiment import ExperimentSection
+from expdesign.configuration.sections.data import DataSection, EstimateSection, MonteCarloSection
+from expdesign.configuration.sections.design import DesignSection, MotionSection, TrajectorySection
+from expdesign.configuration.sections.experiment import (
+    ExperimentSection,
+    StudySection,
+    ValidationMotion,
+)
 from expdesign.configuration.sections.export import ExportSections
-from expdesign.configuration.sections.study import StudySection
-from expdesign.configuration.sections.trajectory import MotionSection, TrajectorySection
-from expdesign.configuration.sections.validation import ValidationMotion
-from expdesign.configuration.values.lists import Distinct, at_least
 from expdesign.configuration.values.scalars import (
+    Distinct,
     FilledText,
     Name,
     Text,
+    at_least,
     one_of,
     whole,
 )

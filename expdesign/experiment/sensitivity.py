@@ -45,21 +45,15 @@ _RADIUS = 0.3
 
 @dataclass(frozen=True)
 class LimitSensitivity:
-    """What the limits of a design cost.
-
-    Attributes
-    ----------
-    gains : dict of str to float
-        By limit: share by which the design's criterion would improve, to first order, if the limit
-        alone were 10 % wider: of the D-efficiency for log det F, of the criterion's value
-        otherwise. Zero for a limit that does not hold the motion.
-    unexplained : float
-        What the limits' gradients leave of the cost's, as a share of its norm; 0 at an exact
-        optimum, 1 where no limit holds the motion back.
-    """
+    """What the limits of a design cost."""
 
     gains: dict[str, float]
+    """By limit: share by which the design's criterion would improve, to first order, if the
+    limit alone were 10 % wider: of the D-efficiency for log det F, of the criterion's value
+    otherwise. Zero for a limit that does not hold the motion."""
     unexplained: float
+    """What the limits' gradients leave of the cost's, as a share of its norm; 0 at an exact
+    optimum, 1 where no limit holds the motion back."""
 
 
 def limit_sensitivity(

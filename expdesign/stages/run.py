@@ -27,20 +27,13 @@ ConfigurationLike = str | PathLike[str] | Mapping[str, Any] | RunConfiguration
 
 @dataclass(frozen=True, eq=False)
 class RunResult:
-    """What a run has made.
-
-    Attributes
-    ----------
-    configuration : RunConfiguration
-    folder : Path
-        The run folder.
-    stages : dict
-        The outcome of every stage that was done or kept, by name, in their order.
-    """
+    """What a run has made."""
 
     configuration: RunConfiguration
     folder: Path
+    """The run folder."""
     stages: dict[str, Outcome]
+    """The outcome of every stage that was done or kept, by name, in their order."""
 
 
 def run(

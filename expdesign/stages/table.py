@@ -34,49 +34,34 @@ def _sections(*names: str, **keys: set[str]) -> Mapping[str, Keys]:
 
 @dataclass(frozen=True)
 class Stage:
-    """A stage: what it needs, what it does and what becomes of it.
-
-    Attributes
-    ----------
-    does : str
-        In words.
-    record : str
-        The file without which a run folder does not hold the stage.
-    perform : str
-        Function ``(Workspace) -> Outcome`` that does it, as ``module:function``: its imports take
-        seconds, and are only made when it is done.
-    needs : tuple of str
-        What it is made from beside the run file: ``"design"``, ``"recording"`` (with the design
-        that was executed, if there is one), ``"estimate"``, or ``"folder"``, all other stages. It
-        comes from the options of the command, from memory when the same run has just made it, or
-        from the run folder.
-    sections : mapping or None
-        Sections of the run file, or keys of them, that the result depends on; None: on all.
-    writes : tuple of str
-        Further files that it writes in any case, and patterns of those that depend on the run.
-    result : str
-        The file without which it is done again; `record` when it is not given.
-    report : str or None
-        Function that makes its section of the report, as ``module:function``.
-    reported_after : str
-        Stage after which that section stands; where the stage stands in this table by default.
-    needs_nothing : callable
-        Whether it makes what it needs itself in this run.
-    left_out : tuple of callable
-        Reasons why a run does not do it although it names it; empty texts are none.
-    """
+    """A stage: what it needs, what it does and what becomes of it."""
 
     does: str
+    """In words."""
     record: str
+    """The file without which a run folder does not hold the stage."""
     perform: str
+    """Function ``(Workspace) -> Outcome`` that does it, as ``module:function``: its imports take
+    seconds, and are only made when it is done."""
     sections: Mapping[str, Keys] | None
+    """Sections of the run file, or keys of them, that the result depends on; None: on all."""
     needs: tuple[str, ...] = ()
+    """What it is made from beside the run file: ``"design"``, ``"recording"`` (with the design
+    that was executed, if there is one), ``"estimate"``, or ``"folder"``, all other stages. It
+    comes from the options of the command, from memory when the same run has just made it, or
+    from the run folder."""
     writes: tuple[str, ...] = ()
+    """Further files that it writes in any case, and patterns of those that depend on the run."""
     result: str = ""
+    """The file without which it is done again; `record` when it is not given."""
     report: str | None = None
+    """Function that makes its section of the report, as ``module:function``."""
     reported_after: str = ""
+    """Stage after which that section stands; where the stage stands in this table by default."""
     needs_nothing: Callable[[RunConfiguration], bool] = lambda _configuration: False
+    """Whether it makes what it needs itself in this run."""
     left_out: tuple[Callable[[RunConfiguration], str], ...] = ()
+    """Reasons why a run does not do it although it names it; empty texts are none."""
 
     def needed(self, configuration: RunConfiguration) -> tuple[str, ...]:
         """Return what it needs in this run."""

@@ -32,52 +32,33 @@ _DESIGN, _EXPERIMENT, _ESTIMATE = "design", "experiment", "estimate"
 
 @dataclass(frozen=True)
 class Sources:
-    """What the options of a command say, in place of what is in the run folder.
-
-    Attributes
-    ----------
-    designs : tuple of Path
-        ``--design``: run folders or files.
-    data : tuple of Path
-        ``--data``: recordings.
-    estimate : Path or None
-        ``--estimate``: a run folder or file.
-    table : Path or None
-        ``--table``: the controller table that is executed.
-    repetitions : int
-        ``--repetitions`` of an experiment.
-    """
+    """What the options of a command say, in place of what is in the run folder."""
 
     designs: tuple[Path, ...] = ()
+    """``--design``: run folders or files."""
     data: tuple[Path, ...] = ()
+    """``--data``: recordings."""
     estimate: Path | None = None
+    """``--estimate``: a run folder or file."""
     table: Path | None = None
+    """``--table``: the controller table that is executed."""
     repetitions: int = 1
+    """``--repetitions`` of an experiment."""
 
 
 @dataclass(frozen=True, eq=False)
 class Workspace:
-    """What a stage works with.
-
-    Attributes
-    ----------
-    configuration : RunConfiguration
-    folder : Path
-        The run folder, absolute.
-    progress : Progress
-    sources : Sources
-    made : dict
-        Outcomes of the stages that were done or kept so far, by name.
-    inputs : dict
-        Hash of what each stage that was begun is made from, by name.
-    """
+    """What a stage works with."""
 
     configuration: RunConfiguration
     folder: Path
+    """The run folder, absolute."""
     progress: Progress = field(default_factory=Progress)
     sources: Sources = Sources()
     made: dict[str, Outcome] = field(default_factory=dict)
+    """Outcomes of the stages that were done or kept so far, by name."""
     inputs: dict[str, str] = field(default_factory=dict)
+    """Hash of what each stage that was begun is made from, by name."""
 
     @property
     def measurement_file(self) -> Path:

@@ -36,11 +36,11 @@ from expdesign.configuration.sections.experiment import (
     Cogging,
     Outliers,
     Quantisation,
+    StudySection,
     TrackingError,
+    ValidationMotion,
 )
 from expdesign.configuration.sections.export import OFFERS
-from expdesign.configuration.sections.study import StudySection
-from expdesign.configuration.sections.validation import ValidationMotion
 from expdesign.configuration.values.quantity import unit_dimension, unit_symbols
 from expdesign.experiment.record import TABLES, TRAJECTORY, DesignFile
 from expdesign.export import ExportsRecord, table_formats

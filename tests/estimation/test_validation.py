@@ -7,7 +7,7 @@ from estimation.identification import estimate
 from estimation.identification.record import EstimateRecord
 from estimation.validation import benchmark_motion, read_estimate, validate
 from expdesign.configuration import InputError, load_run
-from expdesign.configuration.sections.validation import ValidationMotion
+from expdesign.configuration.sections.experiment import ValidationMotion
 from tests.estimation.cases import ROBOT, STEP, measured, run, trajectory
 
 MOTION = trajectory(seed=2)

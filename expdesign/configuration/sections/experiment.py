@@ -1,14 +1,16 @@
-"""`experiment:`, how the trajectory is executed and measured, and what disturbs it."""
+"""`experiment:`, `validate:` and `study:`: what is executed, on the machine or on its twin."""
 
 from __future__ import annotations
 
-from typing import Annotated
+import math
+from typing import Annotated, Literal
 
-from pydantic import AfterValidator
+from pydantic import AfterValidator, Field, model_validator
 
+from expdesign.configuration.parameters import ParameterName
 from expdesign.configuration.problem import refusal
 from expdesign.configuration.section import Section
-from expdesign.configuration.values.lists import Ascending, Pair, per_strut
+from expdesign.configuration.sections.design import CRITERIA
 from expdesign.configuration.values.quantity import (
     Angle,
     Force,
@@ -17,9 +19,26 @@ from expdesign.configuration.values.quantity import (
     NotNegative,
     Number,
     Positive,
+    Speed,
 )
-from expdesign.configuration.values.scalars import Count, Seed, whole
+from expdesign.configuration.values.scalars import (
+    Ascending,
+    Count,
+    Direction,
+    Distinct,
+    FilledText,
+    Pair,
+    Pose,
+    Seed,
+    at_least,
+    exactly,
+    one_of,
+    per_strut,
+    whole,
+)
 from expdesign.mechanism.hexapod import ACTUATORS
+from expdesign.mechanism.terms import actuator_friction
+from expdesign.mechanism.terms.rigid_platform import MASS
 
 _Harmonic = Annotated[int, whole(1, 1000)]
 
@@ -87,3 +106,115 @@ class ExperimentSection(Section):
     def step(self) -> float:
         """Time between two samples, s."""
         return 1 / self.sampling
+
+
+Motion = Literal["circle", "line", "spline", "file"]
+Mirror = Literal["none", "xz", "yz"]
+
+
+class ValidationMotion(Section):
+    """One motion for the comparison of measured and predicted forces."""
+
+    motion: Annotated[Motion, one_of(Motion)]
+    mirror: Annotated[Mirror, one_of(Mirror)] = "none"
+    """Plane in which the motion is mirrored."""
+    periods: Count = 10
+    radius: Annotated[Length, Positive] = 0.15
+    """Of the circle, m."""
+    speed: Annotated[Speed, Positive] = 1.0
+    """Of the TCP, m/s: on the circle, the largest on line and spline."""
+    normal: Direction = (0.0, -0.5, 0.8660254037844386)
+    """Of the circle's plane, base frame."""
+    poses: Annotated[tuple[Pose, ...], at_least(2, "poses")] | None = None
+    """Ends of the line, or points of the spline."""
+    file: FilledText | None = None
+    """A recorded motion, relative to the run file."""
+
+    @model_validator(mode="after")
+    def _motion_is_complete(self) -> ValidationMotion:
+        if self.motion == "file" and self.file is None:
+            raise refusal("motion 'file' names no file", "file: the recorded motion", key="file")
+        if self.motion in ("line", "spline") and self.poses is None:
+            raise refusal(
+                f"motion '{self.motion}' has no poses",
+                "poses: a list of 2 or more poses",
+                key="poses",
+            )
+        return self
+
+
+StudyKind = Literal["design", "identification", "validation"]
+Kinematics = Literal["exact", "fourier", "central"]
+
+_KEYS: dict[str, tuple[str, ...]] = {
+    "design": ("sets", "criteria", "kinematics", "shown"),
+    "identification": ("tracking_error",),
+    "validation": ("cogging", "motions", "wrong"),
+}
+"""Of each kind alone; `kind` and `repetitions` are of all."""
+
+_MOST_SETS = 1000
+_FEWEST = 3
+_FRICTION = tuple(p.name for p in actuator_friction.TERM.parameters)
+
+
+def _factor(value: float) -> float:
+    if not 0 <= value < math.inf or value == 1:
+        raise refusal(f"{value:g} makes no wrong parameter", "a factor other than 1, at least 0")
+    return value
+
+
+class StudySection(Section):
+    """A comparison on the digital twin; each kind takes the keys named for it."""
+
+    kind: Annotated[StudyKind, one_of(StudyKind)]
+    repetitions: Annotated[int, whole(_FEWEST)] = 100
+    """Simulated experiments: of every design, of every estimator, or identifications with the
+    validation that follows."""
+    sets: Annotated[int, whole(1, _MOST_SETS)] = 5
+    """Kind design: sets of initial parameters; set k searches from `design.seed` + k − 1."""
+    criteria: Annotated[
+        tuple[Annotated[str, one_of(CRITERIA)], ...], exactly(2, "criteria"), Distinct
+    ] = ("d", "condition")
+    """Kind design: the criteria that are compared."""
+    kinematics: Annotated[
+        tuple[Annotated[Kinematics, one_of(Kinematics)], ...], at_least(1, "kinds"), Distinct
+    ] = ("exact", "fourier", "central")
+    """Kind design: without noise of the lengths, or with it and one of the differentiations."""
+    shown: Annotated[tuple[ParameterName, ...], at_least(1, "parameters"), Distinct] = (
+        "p10",
+        "r1",
+        "v1",
+    )
+    """Kind design: parameters whose distributions are drawn."""
+    tracking_error: TrackingError = TrackingError(position=0.001, angle=math.radians(0.1))
+    """Kind identification: of the disturbed experiments."""
+    cogging: Cogging = Cogging(
+        amplitude=(0.0, 0.0, 14.8, 21.1, 0.0, 0.0),
+        pitch=(0.03,) * ACTUATORS,
+        phase=(0.0, 0.0, 0.3, 1.1, 0.0, 0.0),
+    )
+    """Kind validation: what the model does not know."""
+    motions: Annotated[tuple[ValidationMotion, ...], at_least(1, "motions")] = (
+        ValidationMotion(motion="circle"),
+        ValidationMotion(motion="circle", mirror="xz"),
+    )
+    """Kind validation: motions that are predicted."""
+    wrong: dict[ParameterName, Annotated[Number, AfterValidator(_factor)]] = Field(
+        default_factory=lambda: {MASS: 1.2} | dict.fromkeys(_FRICTION, 0.5)
+    )
+    """Kind validation: factors of parameters, each wrong in turn."""
+
+    @model_validator(mode="after")
+    def _keys_are_of_this_kind(self) -> StudySection:
+        # With their defaults they stand in every resolved run file, and say nothing.
+        others = {key for kind, keys in _KEYS.items() if kind != self.kind for key in keys}
+        for key in sorted(others & self.model_fields_set):
+            default = type(self).model_fields[key].get_default(call_default_factory=True)
+            if getattr(self, key) != default:
+                raise refusal(
+                    f"a study of kind {self.kind} has no '{key}'",
+                    ", ".join(("kind", "repetitions", *_KEYS[self.kind])),
+                    key=key,
+                )
+        return self

@@ -8,9 +8,17 @@ from pydantic import AfterValidator, BeforeValidator, Discriminator, Tag, model_
 
 from expdesign.configuration.problem import refusal, shown
 from expdesign.configuration.section import Section
-from expdesign.configuration.values.lists import Distinct, at_least, exactly, per_strut
 from expdesign.configuration.values.quantity import Duration, Length, Number, Positive
-from expdesign.configuration.values.scalars import Name, known, one_of, whole
+from expdesign.configuration.values.scalars import (
+    Distinct,
+    Name,
+    at_least,
+    exactly,
+    known,
+    one_of,
+    per_strut,
+    whole,
+)
 from expdesign.mechanism.hexapod import ACTUATORS
 
 Space = Literal["strut", "pose"]
