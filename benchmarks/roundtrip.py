@@ -21,9 +21,11 @@ from estimation.identification.estimate import parameter_knowledge, run_estimato
 from estimation.identification.recording import prepare_experiment
 from estimation.twin import Twin
 from expdesign.configuration import ExportSection, RunConfiguration, load_run
-from expdesign.export import Task, export_table, read_table_file
+from expdesign.export.definition import Task
+from expdesign.export.exporting import export_table
+from expdesign.export.table_file import read_table_file
 from expdesign.information.fisher import information_matrix, parameter_covariance
-from expdesign.motion import executable_motion
+from expdesign.motion.planning import executable_motion
 from expdesign.robot import Robot, robot_from
 from expdesign.trajectory import FourierTrajectory, TrajectoryFile
 

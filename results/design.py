@@ -6,7 +6,7 @@ from collections.abc import Collection
 from pathlib import Path
 
 from expdesign.experiment import DesignRecord
-from expdesign.export import ExportsRecord
+from expdesign.export.record import ExportsRecord
 from results.executed import MotionRecord
 from results.figures.design.catalogue import DESIGN_FIGURES
 from results.figures.drawing import save_figures

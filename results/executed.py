@@ -10,7 +10,7 @@ from constraints import Limit
 from constraints.arrays import Array
 from expdesign.configuration import RunConfiguration
 from expdesign.experiment.design import controller_period
-from expdesign.motion import ExecutableMotion
+from expdesign.motion.executable import ExecutableMotion
 from expdesign.motion.sampled import SampledMotion
 from expdesign.robot import robot_from
 

@@ -29,8 +29,8 @@ from estimation.twin.sampling import SampleGrid
 from estimation.twin.streams import Repeated, Shared, experiment_stream, repetition_stream
 from estimation.twin.table_motion import TableMotion, refuse_short_window, window_error
 from expdesign.configuration import ExperimentSection, InputError, RunConfiguration
-from expdesign.export import TableFile
-from expdesign.recheck import Motion
+from expdesign.export.table_file import TableFile
+from expdesign.recheck.judge import Motion
 from expdesign.robot import Robot, robot_from
 from expdesign.trajectory import FourierTrajectory
 

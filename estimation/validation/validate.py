@@ -28,7 +28,7 @@ from estimation.validation.record import (
 from expdesign.configuration import InputError, RunConfiguration, ValidationMotion
 from expdesign.experiment.design import controller_period
 from expdesign.mechanism.hexapod import ACTUATORS
-from expdesign.recheck import recheck
+from expdesign.recheck.judge import recheck
 from expdesign.robot import LimitModel, Robot, robot_from
 from expdesign.trajectory import FourierTrajectory
 

@@ -116,7 +116,7 @@ def export(
     from expdesign.cli import shown
     from expdesign.cli.terminal import Terminal
     from expdesign.configuration import InputError
-    from expdesign.export import table_formats
+    from expdesign.export.formats import table_formats
     from expdesign.stages.export import export_one
     from expdesign.stages.progress import short
     from expdesign.stages.workspace import Workspace
@@ -145,7 +145,7 @@ def _list(*, as_json: bool) -> None:
     from rich.table import Table
 
     from expdesign.configuration import OFFERS
-    from expdesign.export import table_formats
+    from expdesign.export.formats import table_formats
 
     formats = table_formats()
     if as_json:

@@ -23,7 +23,7 @@ from expdesign.stages.progress import Progress
 
 if TYPE_CHECKING:
     from expdesign.configuration import RunConfiguration
-    from expdesign.solver import SearchEvent
+    from expdesign.solver.stage import SearchEvent
 
 _HEARTBEAT = 5.0
 """Seconds between two lines, at least, where nothing can be redrawn in place."""
@@ -137,7 +137,7 @@ class SearchDisplay:
 
     def report(self, event: SearchEvent) -> None:
         """Show one event."""
-        from expdesign.recheck import TOLERANCE
+        from expdesign.recheck.judge import TOLERANCE
 
         if not self._built:
             self._built = True

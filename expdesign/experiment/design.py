@@ -28,8 +28,8 @@ from expdesign.information.fisher import (
     information_matrix,
     parameter_covariance,
 )
-from expdesign.problem import DesignProblem, build_problem
-from expdesign.recheck import Evaluator
+from expdesign.problem.design_problem import DesignProblem, build_problem
+from expdesign.recheck.information import Evaluator
 from expdesign.robot import Robot, robot_from
 from expdesign.solver.continuation import coarse_points
 from expdesign.solver.initial import InfeasibleLimitsError, random_start

@@ -24,7 +24,7 @@ from expdesign.information.criteria import CRITERIA
 from expdesign.information.fisher import ScaledInformation
 from expdesign.mechanism.catalogue import parameter_unit
 from expdesign.motion.sampled import SampledMotion
-from expdesign.recheck import LimitCheck
+from expdesign.recheck.judge import LimitCheck
 from expdesign.robot import Robot, robot_from
 from expdesign.runfolder import (
     ArrayTable,

@@ -8,7 +8,7 @@ import numpy as np
 
 from constraints.arrays import Array
 from expdesign.configuration import RunConfiguration
-from expdesign.recheck import Recheck
+from expdesign.recheck.judge import Recheck
 from expdesign.robot import Robot
 from expdesign.solver.search import SearchResult
 from expdesign.solver.start import status_text

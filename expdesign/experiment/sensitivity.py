@@ -21,8 +21,8 @@ from scipy.optimize import nnls
 from constraints.arrays import Array
 from expdesign.configuration import RunConfiguration
 from expdesign.experiment.design import design_task
-from expdesign.problem import DesignProblem
-from expdesign.recheck import local_worst
+from expdesign.problem.design_problem import DesignProblem
+from expdesign.recheck.judge import local_worst
 from expdesign.solver.continuation import finish_stage
 from expdesign.solver.jobs import DesignTask
 from expdesign.solver.stage import run_stage

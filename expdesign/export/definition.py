@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from constraints.arrays import Array
 from expdesign.configuration import ExportSection, Space
 from expdesign.export.rotation import from_roll_pitch_yaw, roll_pitch_yaw
-from expdesign.motion import ExecutableMotion
+from expdesign.motion.executable import ExecutableMotion
 from expdesign.robot import Robot
 
 POSE_AXES = ("X", "Y", "Z", "U", "V", "W")

@@ -10,7 +10,7 @@ from scipy.interpolate import PPoly
 
 from constraints.arrays import Array
 from expdesign.export.definition import Axes, Interpolation, Rows
-from expdesign.motion import ExecutableMotion
+from expdesign.motion.executable import ExecutableMotion
 from expdesign.robot import Robot
 
 

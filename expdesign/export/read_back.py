@@ -18,7 +18,7 @@ from expdesign.export.deviation import (
 )
 from expdesign.export.execution import ExecutedTable, refined
 from expdesign.export.row_times import SHARE, ideal_rows, whole_motion
-from expdesign.recheck import LimitCheck, judge, worst_of_each
+from expdesign.recheck.judge import LimitCheck, judge, worst_of_each
 from expdesign.robot import ForwardKinematicsError, LimitModel
 
 LIMIT_SHARE = 1e-3

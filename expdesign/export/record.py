@@ -15,7 +15,7 @@ from expdesign.export.exporting import Export
 from expdesign.export.read_back import LIMIT_SHARE, LOG_DET_CHANGE, STD_SHARE, limits_in_words
 from expdesign.export.row_times import SHARE
 from expdesign.mechanism.hexapod import COORDINATE_NAMES, numbered
-from expdesign.motion import RecordedMotion
+from expdesign.motion.record import RecordedMotion
 from expdesign.runfolder import JsonFile, OpenNumber, described
 
 FOLDER, RECORD = "exports", "exports.json"

@@ -12,7 +12,7 @@ from expdesign.configuration import InputError
 from expdesign.export.definition import Rows, Settings, Task, in_window
 from expdesign.export.deviation import Deviation, blocks, deviation
 from expdesign.export.execution import ExecutedTable, refined
-from expdesign.motion import ExecutableMotion
+from expdesign.motion.executable import ExecutableMotion
 from expdesign.motion.sampled import SampledMotion
 from expdesign.robot import Robot
 from expdesign.runfolder.described import Column, field_columns

@@ -12,7 +12,14 @@ from constraints.arrays import Array
 from expdesign.configuration import InputError, RunConfiguration, row_labels
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
 from expdesign.motion.executable import PERIODS, ExecutableMotion, Periods, Segment
-from expdesign.recheck import LimitCheck, Recheck, grid_points, judge, states_at, worst_of_each
+from expdesign.recheck.judge import (
+    LimitCheck,
+    Recheck,
+    grid_points,
+    judge,
+    states_at,
+    worst_of_each,
+)
 from expdesign.robot import LimitModel, Robot, robot_from
 
 STRUT_JERK = plain_limit("strut_jerk", "strut jerk", "m/s^3", "symmetric")

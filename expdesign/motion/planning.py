@@ -17,8 +17,8 @@ from expdesign.motion.limits import jerk_limit, moving_states
 from expdesign.motion.ramp import NoRampError, find_ramp, shortest
 from expdesign.motion.ramp_problem import RampProblem
 from expdesign.motion.spline import FIXED, MotionState, SplineRamp, derivatives
-from expdesign.problem import coordinate_reach
-from expdesign.recheck import Motion, recheck
+from expdesign.problem.variables import coordinate_reach
+from expdesign.recheck.judge import Motion, recheck
 from expdesign.robot import LimitModel, Robot, robot_from
 from expdesign.trajectory import FourierTrajectory
 

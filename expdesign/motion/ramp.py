@@ -14,8 +14,8 @@ from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.motion.limits import moving_states
 from expdesign.motion.ramp_problem import RampProblem, RampProgram
 from expdesign.motion.spline import SplineRamp
-from expdesign.problem import hidden_by_smoothing
-from expdesign.recheck import LimitCheck, judge, local_worst
+from expdesign.problem.design_problem import hidden_by_smoothing
+from expdesign.recheck.judge import LimitCheck, judge, local_worst
 from expdesign.solver.ipopt import COMMON_OPTIONS, solve_with_ipopt
 
 RESERVE = 2e-3

@@ -17,7 +17,7 @@ from expdesign.motion.spline import (
     end_coefficients,
     reversed_in_time,
 )
-from expdesign.problem import LimitedProgram
+from expdesign.problem.design_problem import LimitedProgram
 from expdesign.robot import LimitModel
 
 _SHORTEST, _LONGEST = 0.02, 10.0

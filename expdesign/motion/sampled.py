@@ -8,7 +8,7 @@ from typing import Annotated
 import numpy as np
 
 from constraints.arrays import Array
-from expdesign.recheck import Motion
+from expdesign.recheck.judge import Motion
 from expdesign.robot import Robot
 from expdesign.runfolder import array_columns
 from expdesign.runfolder.columns import (

@@ -1,16 +1,5 @@
 """Solving the design problem: Ipopt, continuation, many starts, and the finish."""
 
-from expdesign.solver.initial import InfeasibleLimitsError
-from expdesign.solver.jobs import DesignTask, SearchPlan
-from expdesign.solver.search import NoDesignError, SearchResult, search
-from expdesign.solver.stage import SearchEvent
+from expdesign.solver.search import NoDesignError
 
-__all__ = [
-    "DesignTask",
-    "InfeasibleLimitsError",
-    "NoDesignError",
-    "SearchEvent",
-    "SearchPlan",
-    "SearchResult",
-    "search",
-]
+__all__ = ["NoDesignError"]

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from expdesign.information.criteria import CRITERIA
-from expdesign.problem import DesignProblem
+from expdesign.problem.design_problem import DesignProblem
 from expdesign.solver.stage import Stage
 
 MOST_BLUNT_HARMONICS = 5

@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from constraints.arrays import Array
-from expdesign.problem import DesignProblem, hidden_by_smoothing
-from expdesign.recheck import Evaluator, Recheck, grid_points, local_worst, recheck, states_at
+from expdesign.problem.design_problem import DesignProblem, hidden_by_smoothing
+from expdesign.recheck.information import Evaluator
+from expdesign.recheck.judge import Recheck, grid_points, local_worst, recheck, states_at
 from expdesign.solver.initial import largest
 from expdesign.solver.stage import Report, Stage, StageRecord, Tally, TracePoint, solve_rows
 from expdesign.trajectory import FourierTrajectory

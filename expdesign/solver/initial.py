@@ -10,7 +10,7 @@ import numpy as np
 from constraints.arrays import Array
 from expdesign.configuration import ComputationError
 from expdesign.mechanism.hexapod import COORDINATES
-from expdesign.problem import DesignProblem
+from expdesign.problem.design_problem import DesignProblem
 from expdesign.solver.continuation import coarse_points
 
 _DECAY = 0.7

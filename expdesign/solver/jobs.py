@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from constraints.arrays import Array
-from expdesign.problem import DesignProblem
-from expdesign.recheck import Evaluator
+from expdesign.problem.design_problem import DesignProblem
+from expdesign.recheck.information import Evaluator
 from expdesign.solver.continuation import (
     coarse_points,
     continuation_stages,

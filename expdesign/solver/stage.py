@@ -9,7 +9,7 @@ import numpy as np
 
 from constraints.arrays import Array, Mask
 from expdesign.information.spectral import Criterion
-from expdesign.problem import DesignProblem
+from expdesign.problem.design_problem import DesignProblem
 from expdesign.solver.ipopt import (
     COMMON_OPTIONS,
     Curvature,

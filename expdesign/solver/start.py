@@ -9,8 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from constraints.arrays import Array
-from expdesign.problem import DesignProblem
-from expdesign.recheck import Evaluator, recheck
+from expdesign.problem.design_problem import DesignProblem
+from expdesign.recheck.information import Evaluator
+from expdesign.recheck.judge import recheck
 from expdesign.solver.finish import Shrunk, shrink_to_limits
 from expdesign.solver.stage import SearchEvent, Stage, StageRecord, TracePoint, run_stage
 from expdesign.workers import Monitor

@@ -9,7 +9,7 @@ from estimation.twin.record import (
     write_measurement,
     write_truth,
 )
-from expdesign.export import find_table_file
+from expdesign.export.table_file import find_table_file
 from expdesign.robot import robot_from
 from expdesign.runfolder.manifest import text_hash
 from expdesign.stages.outcome import Outcome

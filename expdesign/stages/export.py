@@ -9,25 +9,25 @@ from typing import Any
 from constraints.arrays import Array
 from expdesign.configuration import ExportSection, InputError, RunConfiguration
 from expdesign.experiment.design import judged_parameters
-from expdesign.export import (
-    FOLDER,
-    RECORD,
+from expdesign.export.definition import Task
+from expdesign.export.exporting import (
     Export,
-    ExportsRecord,
-    FileEntry,
-    MotionEntry,
-    Task,
     export_table,
     file_name,
-    readme,
-    record_of_one,
     refuse_missing_library,
     refuse_unreadable_name,
 )
-from expdesign.motion import (
-    ExecutableMotion,
-    executable_motion,
+from expdesign.export.readme import readme
+from expdesign.export.record import (
+    FOLDER,
+    RECORD,
+    ExportsRecord,
+    FileEntry,
+    MotionEntry,
+    record_of_one,
 )
+from expdesign.motion.executable import ExecutableMotion
+from expdesign.motion.planning import executable_motion
 from expdesign.robot import robot_from
 from expdesign.runfolder.atomic import write_text
 from expdesign.runfolder.manifest import package_versions, text_hash

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from expdesign.configuration import RunConfiguration
-    from expdesign.solver import SearchEvent
+    from expdesign.solver.stage import SearchEvent
     from expdesign.stages.outcome import Outcome
 
 STOP_DESIGN = (

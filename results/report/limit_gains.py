@@ -13,7 +13,7 @@ from expdesign.experiment.design import design_task
 from expdesign.experiment.sensitivity import FREQUENCY, LimitSensitivity, sensitivity_at_design
 from expdesign.information.fisher import SingularInformationError
 from expdesign.recheck.information import Evaluator
-from expdesign.solver import InfeasibleLimitsError
+from expdesign.solver.initial import InfeasibleLimitsError
 from results.report.content import Fact
 from results.report.numerals import readable
 from results.report.table import Column, ReportTable, Value

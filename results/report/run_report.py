@@ -12,7 +12,7 @@ from estimation.montecarlo.record import MonteCarloRecord
 from estimation.validation.record import ValidationRecord
 from expdesign.configuration import RunConfiguration
 from expdesign.experiment import DesignRecord
-from expdesign.export import ExportsRecord
+from expdesign.export.record import ExportsRecord
 from expdesign.runfolder.atomic import write_text
 from results.design import design_figures, motion_figure
 from results.estimation import estimate_figures, study_figures, validation_figures

@@ -6,8 +6,8 @@ import shutil
 import pytest
 
 from expdesign.configuration import load_run, resolved_yaml
-from expdesign.export import table_formats
-from expdesign.motion import NoRampError
+from expdesign.export.formats import table_formats
+from expdesign.motion.ramp import NoRampError
 from expdesign.runfolder.manifest import file_hash
 from expdesign.trajectory import FourierTrajectory
 from tests.export.motions import motion_of, task

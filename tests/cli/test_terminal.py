@@ -6,7 +6,7 @@ import pytest
 from rich.console import Console
 
 from expdesign.cli.terminal import Objective, SearchDisplay
-from expdesign.solver import SearchEvent
+from expdesign.solver.stage import SearchEvent
 
 CONDITION = Objective("condition number of F", "log det F", larger_is_better=False)
 

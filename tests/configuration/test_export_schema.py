@@ -4,7 +4,7 @@ import pytest
 
 from expdesign.configuration import ExportSection, InputError, load_run, resolved_yaml
 from expdesign.configuration.sections.export import OFFERS
-from expdesign.export import table_formats
+from expdesign.export.formats import table_formats
 
 
 def run(*export):

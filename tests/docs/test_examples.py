@@ -22,7 +22,7 @@ from expdesign.configuration.sections import design as design_section
 from expdesign.information.criteria import CRITERIA
 from expdesign.information.spectral import spectral_cost
 from expdesign.robot import LimitModel, robot_from
-from expdesign.solver import SearchEvent
+from expdesign.solver.stage import SearchEvent
 from tests.docs.pages import ROOT, blocks, parse
 
 YAML_BLOCKS = blocks("yaml")

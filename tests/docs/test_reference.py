@@ -43,13 +43,14 @@ from expdesign.configuration.sections.experiment import (
 from expdesign.configuration.sections.export import OFFERS
 from expdesign.configuration.values.quantity import unit_dimension, unit_symbols
 from expdesign.experiment.record import TABLES, TRAJECTORY, DesignFile
-from expdesign.export import ExportsRecord, table_formats
+from expdesign.export.formats import table_formats
+from expdesign.export.record import ExportsRecord
 from expdesign.information.criteria import CRITERIA
 from expdesign.library import robot_files, run_files
 from expdesign.mechanism.catalogue import DEFAULT, TERMS, terms_named
 from expdesign.mechanism.graph import HexapodGraph
 from expdesign.mechanism.term import ALPHA_RATE, BETA_RATE, STRUT_SPEED, parameters_of
-from expdesign.recheck import TOLERANCE, grid_points
+from expdesign.recheck.judge import TOLERANCE, grid_points
 from expdesign.trajectory import FourierTrajectory
 from results.figures.design.catalogue import DESIGN_FIGURES
 from results.figures.montecarlo import STUDY_FIGURES

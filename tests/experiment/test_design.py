@@ -10,8 +10,8 @@ from expdesign.configuration import load_run
 from expdesign.experiment import DesignRecord
 from expdesign.experiment.design import design_task
 from expdesign.information.fisher import SingularInformationError
-from expdesign.solver import InfeasibleLimitsError, NoDesignError
-from expdesign.solver.initial import random_start
+from expdesign.solver.initial import InfeasibleLimitsError, random_start
+from expdesign.solver.search import NoDesignError
 from tests.experiment.off_the_grids import TOLERANCE, assert_limits_kept, worst_excess
 
 

@@ -9,8 +9,9 @@ import numpy as np
 from pydantic import TypeAdapter
 
 from expdesign.export.definition import Task
-from expdesign.motion import ExecutableMotion, RecordedMotion
+from expdesign.motion.executable import ExecutableMotion
 from expdesign.motion.executable import Periods as RealPeriods
+from expdesign.motion.record import RecordedMotion
 from expdesign.motion.spline import MotionState, SplineRamp, end_coefficients, reversed_in_time
 from expdesign.robot import LimitModel, load_robot
 from expdesign.trajectory import FourierTrajectory, PoseSamples, TrajectoryFile

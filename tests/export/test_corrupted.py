@@ -5,14 +5,10 @@ import pytest
 from scipy.io import loadmat, savemat
 
 from expdesign.configuration import ExportSection
-from expdesign.export import (
-    ExportError,
-    TableError,
-    export_table,
-    file_name,
-    read_back,
-    table_formats,
-)
+from expdesign.export.definition import TableError
+from expdesign.export.exporting import ExportError, export_table, file_name
+from expdesign.export.formats import table_formats
+from expdesign.export.read_back import read_back
 from tests.export.motions import task
 from tests.export.test_formats import EXPORTS, section
 

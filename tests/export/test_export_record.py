@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from expdesign.configuration import InputError
-from expdesign.export import ExportsRecord
 from expdesign.export.readme import readme
+from expdesign.export.record import ExportsRecord
 
 OLD = Path(__file__).parents[1] / "report" / "format_0" / "exports" / "exports.json"
 

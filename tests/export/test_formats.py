@@ -9,8 +9,8 @@ from ruamel.yaml import YAML
 from scipy.spatial.transform import Rotation
 
 from expdesign.configuration import ExportSection
-from expdesign.export import export_table, file_name, table_formats
-from expdesign.export.exporting import ExportError
+from expdesign.export.exporting import ExportError, export_table, file_name
+from expdesign.export.formats import table_formats
 from expdesign.mechanism.rotation import rotation_matrix
 from tests.export import reading
 from tests.export.motions import CASES, task

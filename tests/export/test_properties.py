@@ -9,9 +9,9 @@ from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
 from expdesign.configuration import ExportSection
-from expdesign.export import table_formats
 from expdesign.export.definition import Axes, Interpolation, Rows, Settings, TableError
 from expdesign.export.execution import differences, interpolated, refined
+from expdesign.export.formats import table_formats
 from expdesign.export.rotation import (
     angle_derivatives,
     angular_motion,

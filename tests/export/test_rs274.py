@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from expdesign.configuration import ExportSection
-from expdesign.export import export_table
+from expdesign.export.exporting import export_table
 from tests.export.motions import CASES, task
 from tests.export.test_formats import fixed_axes
 

@@ -3,7 +3,9 @@
 from functools import cache
 
 from expdesign.configuration import ExportSection
-from expdesign.export import Task, export_table, read_table_file
+from expdesign.export.definition import Task
+from expdesign.export.exporting import export_table
+from expdesign.export.table_file import read_table_file
 from tests.estimation.cases import PERIODS, ROBOT, trajectory
 from tests.export.motions import motion_of
 

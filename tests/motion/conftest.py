@@ -8,8 +8,8 @@ import pytest
 
 from expdesign.configuration import load_run
 from expdesign.experiment.design import design_task
-from expdesign.motion import executable_motion
-from expdesign.recheck import recheck
+from expdesign.motion.planning import executable_motion
+from expdesign.recheck.judge import recheck
 from expdesign.solver.finish import GRID_MARGIN, shrink_to_limits
 from expdesign.solver.initial import random_start
 from expdesign.trajectory import FourierTrajectory

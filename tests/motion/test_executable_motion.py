@@ -7,8 +7,10 @@ import pytest
 
 from expdesign.configuration import InputError, load_run
 from expdesign.experiment.design import design_task
-from expdesign.motion import NoRampError, check_motion, executable_motion
 from expdesign.motion import ramp as ramp_module
+from expdesign.motion.limits import check_motion
+from expdesign.motion.planning import executable_motion
+from expdesign.motion.ramp import NoRampError
 from expdesign.robot import robot_from
 from expdesign.solver.initial import random_start
 from expdesign.trajectory import FourierTrajectory

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from expdesign.configuration import load_run
-from expdesign.motion import ExecutableMotion, RecordedMotion, check_motion
-from expdesign.motion.executable import Periods
+from expdesign.motion.executable import ExecutableMotion, Periods
+from expdesign.motion.limits import check_motion
 from expdesign.motion.planning import PIECES
+from expdesign.motion.record import RecordedMotion
 from expdesign.motion.spline import MotionState, SplineRamp, end_coefficients, reversed_in_time
 from tests.estimation.cases import ROBOT, trajectory
 from tests.export.motions import DESIGNED, motion_of, recorded, spline_motion_of, task

@@ -9,8 +9,9 @@ from constraints import Limit, limit_definitions
 from expdesign.configuration import load_robot_description, row_labels
 from expdesign.information.criteria import CRITERIA
 from expdesign.information.fisher import information_matrix
-from expdesign.problem import DesignVariables, build_problem
-from expdesign.recheck import Evaluator
+from expdesign.problem.design_problem import build_problem
+from expdesign.problem.variables import DesignVariables
+from expdesign.recheck.information import Evaluator
 from expdesign.robot import load_robot, robot_from
 from expdesign.trajectory import FourierTrajectory, PhaseBasis
 

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from expdesign.problem import DesignVariables
+from expdesign.problem.variables import DesignVariables
 from expdesign.trajectory import PhaseBasis
 
 

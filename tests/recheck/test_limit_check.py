@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from expdesign.export.read_back import limits_in_words
-from expdesign.recheck import TOLERANCE, LimitCheck
+from expdesign.recheck.judge import TOLERANCE, LimitCheck
 from expdesign.runfolder import RowTable
 
 LIMITS = RowTable("tables/limits.csv", "`expdesign design`", LimitCheck)

@@ -7,7 +7,7 @@ from scipy.optimize import brentq, minimize_scalar
 
 from constraints import Limit, limit_definitions
 from expdesign.configuration import row_labels
-from expdesign.recheck import TOLERANCE, grid_points, judge, recheck, states_at
+from expdesign.recheck.judge import TOLERANCE, grid_points, judge, recheck, states_at
 from expdesign.robot import LimitModel, Robot, load_robot
 from expdesign.trajectory import FourierTrajectory, PoseSamples
 

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from expdesign.configuration import ExportSection, InputError
-from expdesign.export import ExportsRecord, FileEntry, MotionEntry, export_table
+from expdesign.export.exporting import export_table
 from expdesign.export.readme import readme
+from expdesign.export.record import ExportsRecord, FileEntry, MotionEntry
 from expdesign.runfolder.atomic import write_text
 from expdesign.stages.report import reported_stages
 from results.report.folder import RunFolder

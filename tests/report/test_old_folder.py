@@ -15,8 +15,8 @@ from expdesign.cli.app import app
 from expdesign.cli.errors import run
 from expdesign.configuration import load_run
 from expdesign.experiment import DesignRecord
-from expdesign.export import ExportsRecord
-from expdesign.motion import RecordedMotion
+from expdesign.export.record import ExportsRecord
+from expdesign.motion.record import RecordedMotion
 from expdesign.runfolder.manifest import Manifest
 from expdesign.stages.export import export_task
 from expdesign.stages.record import stage_inputs

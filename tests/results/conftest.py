@@ -18,7 +18,7 @@ from expdesign.experiment.record import (
     SolverRecord,
 )
 from expdesign.motion.sampled import SampledMotion
-from expdesign.recheck import LimitCheck
+from expdesign.recheck.judge import LimitCheck
 from expdesign.robot import robot_from
 from expdesign.trajectory import FourierTrajectory, fourier_keys
 

@@ -11,7 +11,7 @@ import pytest
 
 import results
 from expdesign.experiment import DesignRecord
-from expdesign.recheck import LimitCheck
+from expdesign.recheck.judge import LimitCheck
 from expdesign.trajectory import FourierTrajectory
 from results import design_figures
 from results.figures.design import excitation

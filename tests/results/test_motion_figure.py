@@ -3,8 +3,7 @@ import pytest
 
 from constraints import limit_definitions
 from expdesign.configuration import load_run
-from expdesign.motion import ExecutableMotion
-from expdesign.motion.executable import Periods
+from expdesign.motion.executable import ExecutableMotion, Periods
 from expdesign.motion.spline import (
     MotionState,
     SplineRamp,

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from expdesign.recheck import recheck
+from expdesign.recheck.judge import recheck
 from expdesign.solver.continuation import finish_stage
 from expdesign.solver.finish import controller_omega, finish
 from expdesign.solver.initial import random_start

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from expdesign.robot import LimitModel
-from expdesign.solver import InfeasibleLimitsError
-from expdesign.solver.initial import random_start
+from expdesign.solver.initial import InfeasibleLimitsError, random_start
 
 POINTS = 40
 WIDTH = 0.4

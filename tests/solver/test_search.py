@@ -7,8 +7,8 @@ import pickle
 import numpy as np
 import pytest
 
-from expdesign.solver import NoDesignError, search
 from expdesign.solver.jobs import Candidate, hop_job, newcomer_job, random_job
+from expdesign.solver.search import NoDesignError, search
 from expdesign.solver.start import GIVEN_UP, Screening
 from expdesign.workers import Job, Monitor, run_jobs
 

@@ -6,7 +6,7 @@ import time
 import pytest
 from threadpoolctl import threadpool_info
 
-from expdesign.solver import SearchEvent
+from expdesign.solver.stage import SearchEvent
 from expdesign.workers import Job, run_jobs
 
 WORKERS = (1, 2)

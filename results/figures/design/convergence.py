@@ -17,7 +17,7 @@ from constraints.arrays import Array
 from expdesign.experiment import DesignRecord
 from expdesign.experiment.record import Iteration
 from expdesign.information.criteria import CRITERIA
-from expdesign.recheck import TOLERANCE
+from expdesign.recheck.judge import TOLERANCE
 from results.figures.drawing import FigureDefinition
 from results.style import EMPHASIS, GREY, INK, ORANGE, new_figure
 from results.units import plain_number

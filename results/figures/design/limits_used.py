@@ -10,7 +10,7 @@ from matplotlib.container import Container
 from matplotlib.figure import Figure
 
 from expdesign.experiment import DesignRecord
-from expdesign.recheck import LimitCheck
+from expdesign.recheck.judge import LimitCheck
 from results.figures.drawing import FigureDefinition, legend_above
 from results.style import ALERT, EMPHASIS, INK, MUTED, SECOND, new_figure
 from results.symbols import symbol

@@ -8,7 +8,7 @@ from expdesign.experiment import DesignRecord
 from expdesign.experiment.result import IDENTIFIABLE
 from expdesign.experiment.sensitivity import LimitSensitivity
 from expdesign.information.criteria import CRITERIA
-from expdesign.recheck import LimitCheck
+from expdesign.recheck.judge import LimitCheck
 from results.report.content import (
     Block,
     Fact,

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from constraints import limit_definitions
-from expdesign.export import ExportsRecord, FileEntry
-from expdesign.export.record import CheckEntry
+from expdesign.export.record import CheckEntry, ExportsRecord, FileEntry
 from expdesign.runfolder.manifest import file_hash
 from results.report.content import (
     Block,
