@@ -230,7 +230,7 @@ class DesignStudy(Study):
         for trial in self.trials:
             design, period = trial.design, trial.design.trajectory.period
             states = design.trajectory.sample(np.arange(_GRID) * period / _GRID)
-            motion = self.robot.strut_motion(states.pose, states.rate, states.acceleration)
+            motion = self.robot.strut_motion(*states)
             yield DesignRow(
                 trial.number,
                 trial.criterion,

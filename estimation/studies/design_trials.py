@@ -202,7 +202,7 @@ def linear_covariances(robot: Robot, twin: Twin) -> dict[str, Array]:
     (ΨᵀΨ)⁻¹ ΨᵀΣΨ (ΨᵀΨ)⁻¹ and F⁻¹ = (Ψᵀ Σ⁻¹ Ψ)⁻¹.
     """
     states = twin.truth.executed.sample(twin.grid.distinct_times)
-    regressors = robot.regressor(states.pose, states.rate, states.acceleration)
+    regressors = robot.regressor(*states)
     repeats = twin.grid.count / len(twin.grid.distinct_times)
     covariance = twin.truth.force_covariance
     flat = regressors.reshape(-1, regressors.shape[2])

@@ -194,5 +194,5 @@ def _undisturbed(robot: Robot, motion: Motion, times: Array) -> tuple[Array, Arr
         with np.errstate(all="ignore"):
             samples = motion.sample(times[start : start + _BLOCK])
             lengths.append(robot.inverse_kinematics(samples.pose))
-            forces.append(robot.actuator_forces(samples.pose, samples.rate, samples.acceleration))
+            forces.append(robot.actuator_forces(*samples))
     return np.concatenate(lengths), np.concatenate(forces)

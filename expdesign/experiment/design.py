@@ -253,7 +253,7 @@ def _experiment_precision(
         information = evaluator.information(trajectory, count) * experiment.periods
     else:
         motion = trajectory.sample(np.arange(total) / experiment.sampling)
-        regressors = evaluator.robot.regressor(motion.pose, motion.rate, motion.acceleration)
+        regressors = evaluator.robot.regressor(*motion)
         information = information_matrix(regressors[:, :, evaluator.columns], evaluator.covariance)
     return _precision(evaluator, information, total, experiment.periods)
 

@@ -42,8 +42,8 @@ def ideal_rows(task: Task, settings: Settings, times: Array) -> Rows:
     robot, axes = task.robot, settings.axes
     states = task.motion.sample(times)
     if axes.space == "pose":
-        return axes.rows(times, states.pose, states.rate, states.acceleration)
-    struts = robot.strut_motion(states.pose, states.rate, states.acceleration)
+        return axes.rows(times, *states)
+    struts = robot.strut_motion(*states)
     return axes.rows(times, struts.length, struts.length_rate, struts.length_acceleration)
 
 

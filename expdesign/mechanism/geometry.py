@@ -49,28 +49,21 @@ def cardan_frames(base_joints: Array, alpha_axes: Array, home_joints: Array) -> 
     return np.stack([alpha_axes, np.cross(z, alpha_axes), z], axis=2)
 
 
-@dataclass(frozen=True)
 class GeometrySymbols:
-    """The same geometry as symbols: one graph serves every robot."""
+    """The same geometry as symbols, one column per strut: one graph serves every robot."""
 
-    vector: ca.SX
-    base_joints: ca.SX
-    """(3, 6): one column per strut."""
-    platform_joints: ca.SX
-    cardan_frames: tuple[ca.SX, ...]
-    platform_joint_axes: ca.SX
-    gravity: ca.SX
-
-
-def geometry_symbols() -> GeometrySymbols:
-    """Create the graph's geometry input, laid out as `Geometry.vector`."""
-    base = ca.SX.sym("A", 3, ACTUATORS)
-    joints = ca.SX.sym("b", 3, ACTUATORS)
-    frames = tuple(ca.SX.sym(f"C{j + 1}", 3, 3) for j in range(ACTUATORS))
-    axes = ca.SX.sym("c", 3, ACTUATORS)
-    gravity = ca.SX.sym("g", 3)
-    # CasADi stores by columns, NumPy by rows: the frames are transposed to match `vector`.
-    vector = ca.vertcat(
-        ca.vec(base), ca.vec(joints), *(ca.vec(c.T) for c in frames), ca.vec(axes), gravity
-    )
-    return GeometrySymbols(vector, base, joints, frames, axes, gravity)
+    def __init__(self) -> None:
+        self.base_joints = ca.SX.sym("A", 3, ACTUATORS)
+        self.platform_joints = ca.SX.sym("b", 3, ACTUATORS)
+        self.cardan_frames = tuple(ca.SX.sym(f"C{j + 1}", 3, 3) for j in range(ACTUATORS))
+        self.platform_joint_axes = ca.SX.sym("c", 3, ACTUATORS)
+        self.gravity = ca.SX.sym("g", 3)
+        # CasADi stores by columns, NumPy by rows: the frames are transposed to match
+        # `Geometry.vector`.
+        self.vector = ca.vertcat(
+            ca.vec(self.base_joints),
+            ca.vec(self.platform_joints),
+            *(ca.vec(frame.T) for frame in self.cardan_frames),
+            ca.vec(self.platform_joint_axes),
+            self.gravity,
+        )

@@ -8,18 +8,18 @@ take their functions from here; only the friction signs differ between them (`Fr
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from enum import Enum
 from functools import cache, cached_property
 from types import MappingProxyType
 
 import casadi as ca
 
-from expdesign.mechanism.geometry import GeometrySymbols, geometry_symbols
+from expdesign.mechanism.geometry import GeometrySymbols
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
 from expdesign.mechanism.rotation import angular_acceleration, angular_velocity, rotation_matrix
-from expdesign.mechanism.strut import StrutKinematics, strut_kinematics
-from expdesign.mechanism.term import Instant, SlidingRate, Term, parameters_of
+from expdesign.mechanism.strut import StrutKinematics
+from expdesign.mechanism.term import Instant, Term, parameters_of
 
 
 class Friction(Enum):
@@ -33,32 +33,110 @@ class Friction(Enum):
     """The signs are an input: fixed while something else is differentiated."""
 
 
-@dataclass(frozen=True)
 class HexapodGraph:
     """Symbols and expressions of one instant, columns but the regressor. SI units and radians."""
 
-    pose: ca.SX
-    rate: ca.SX
-    acceleration: ca.SX
-    geometry: GeometrySymbols
-    constants: ca.SX
-    """(c, 1), of the terms in their order."""
-    nominal: ca.SX
-    """(m, 1), nominal parameters: from them a term may know the load of the actuators."""
-    rates: tuple[SlidingRate, ...]
-    """Those whose signs the terms use."""
-    signs: ca.SX
-    """(s, 1), six of each rate."""
-    width: ca.SX
-    """Of the smoothed signs, m/s."""
-    parameters: ca.SX
-    """(m, 1)."""
-    length_scale: ca.SX
-    """Characteristic length that makes rotations comparable with translations, m."""
-    regressor: ca.SX
-    """(6, m), A with `signs` in place of the sign functions."""
-    kinematic: Mapping[str, ca.SX]
-    """Quantities that depend on no parameter, by name (see `quantities`)."""
+    def __init__(self, terms: tuple[Term, ...]) -> None:
+        self.pose, self.rate, self.acceleration = (
+            ca.SX.sym(name, COORDINATES) for name in ("pose", "rate", "acceleration")
+        )
+        self.geometry = GeometrySymbols()
+        count = len(parameters_of(terms))
+        # (c, 1), of the terms in their order
+        self.constants = ca.SX.sym("constant", sum(len(term.constants) for term in terms))
+        # (m, 1), nominal parameters: from them a term may know the load of the actuators
+        self.nominal = ca.SX.sym("nominal", count)
+        self.parameters = ca.SX.sym("p", count)
+        # Those rates whose signs the terms use; (s, 1) signs, six of each
+        self.rates = tuple(dict.fromkeys(rate for term in terms for rate in term.rates))
+        self.signs = ca.SX.sym("sign", ACTUATORS * len(self.rates))
+        # Of the smoothed signs, m/s
+        self.width = ca.SX.sym("width")
+        # Characteristic length that makes rotations comparable with translations, m
+        self.length_scale = ca.SX.sym("characteristic_length")
+
+        angles, angle_rates = self.pose[3:], self.rate[3:]
+        rotation = rotation_matrix(angles)
+        omega = angular_velocity(angles, angle_rates)
+        domega = angular_acceleration(angles, angle_rates, self.acceleration[3:])
+        arms = rotation @ self.geometry.platform_joints
+        struts = []
+        for j in range(ACTUATORS):
+            arm = arms[:, j]
+            turning = ca.cross(omega, arm)
+            struts.append(
+                StrutKinematics(
+                    self.geometry.base_joints[:, j],
+                    self.geometry.cardan_frames[j],
+                    self.pose[:3] + arm,
+                    self.rate[:3] + turning,
+                    self.acceleration[:3] + ca.cross(domega, arm) + ca.cross(omega, turning),
+                )
+            )
+        # Columns of Gᵀ: the wrench of a unit force along each strut (l̇ = G V).
+        transposed = ca.horzcat(
+            *(
+                ca.vertcat(strut.direction, ca.cross(arms[:, j], strut.direction))
+                for j, strut in enumerate(struts)
+            )
+        )
+        scale = ca.vertcat(ca.SX.ones(3), ca.repmat(1 / self.length_scale, 3, 1))
+        # Quantities that depend on no parameter, by name (see `quantities`)
+        self.kinematic = MappingProxyType(
+            {
+                "position": self.pose[:3],
+                "rotation_angles": angles,
+                "rotation_matrix": rotation,
+                "strut_length": _column(struts, "length"),
+                "strut_speed": _column(struts, "length_rate"),
+                "strut_acceleration": _column(struts, "length_acceleration"),
+                **{
+                    name: _column(struts, name)
+                    for name in ("alpha", "beta", "sin_beta", "alpha_rate", "beta_rate")
+                },
+                "strut_direction": ca.horzcat(*(strut.direction for strut in struts)),
+                "base_joints": self.geometry.base_joints,
+                "platform_joints": ca.repmat(self.pose[:3], 1, ACTUATORS) + arms,
+                "platform_joint_axes": rotation @ self.geometry.platform_joint_axes,
+                "inverse_jacobian": (ca.diag(scale) @ transposed).T,
+            }
+        )
+        signs = ca.vertsplit(self.signs, ACTUATORS) if self.rates else []
+        instant = Instant(
+            kinematic=self.kinematic,
+            struts=tuple(struts),
+            arms=arms,
+            acceleration=self.acceleration[:3],
+            angular_velocity=omega,
+            angular_acceleration=domega,
+            gravity=self.geometry.gravity,
+            signs=dict(zip(self.rates, signs, strict=True)),
+            constants={},
+            load=ca.SX.zeros(ACTUATORS),
+        )
+        # (6, m), A with `signs` in place of the sign functions. ca.inv on SX is a QR
+        # factorisation: as accurate as the Jacobian's condition allows.
+        self.regressor = ca.cse(self._regressor(terms, instant, ca.inv(transposed)))
+
+    def _regressor(self, terms: tuple[Term, ...], instant: Instant, carried: ca.SX) -> ca.SX:
+        """Return A, (6, m); `carried` is G⁻ᵀ, which takes wrenches to the actuators."""
+        regressor = ca.SX(ACTUATORS, 0)
+        load = ca.SX.zeros(ACTUATORS)
+        values = iter(ca.vertsplit(self.constants))
+        for term in terms:
+            own = {constant.name: next(values) for constant in term.constants}
+            signs = {rate: instant.signs[rate] for rate in term.rates}
+            columns = term.columns(replace(instant, signs=signs, constants=own, load=load))
+            part = ca.SX(ACTUATORS, len(term.parameters))
+            if columns.wrench is not None:
+                part += carried @ columns.wrench
+            if columns.along is not None:
+                part += columns.along
+            if not term.rates:
+                first = regressor.shape[1]
+                load += part @ self.nominal[first : first + part.shape[1]]
+            regressor = ca.horzcat(regressor, part)
+        return ca.densify(regressor)
 
     @property
     def state(self) -> ca.SX:
@@ -119,111 +197,7 @@ class HexapodGraph:
 @cache
 def hexapod_graph(terms: tuple[Term, ...] = ()) -> HexapodGraph:
     """Build the graph of these terms, without any that of the kinematics alone; cached."""
-    pose, rate, acceleration = (
-        ca.SX.sym(name, COORDINATES) for name in ("pose", "rate", "acceleration")
-    )
-    geometry = geometry_symbols()
-    length_scale = ca.SX.sym("characteristic_length")
-    rotation = rotation_matrix(pose[3:])
-    omega = angular_velocity(pose[3:], rate[3:])
-    domega = angular_acceleration(pose[3:], rate[3:], acceleration[3:])
-    arms = rotation @ geometry.platform_joints
-    struts = []
-    for j in range(ACTUATORS):
-        arm = arms[:, j]
-        turning = ca.cross(omega, arm)
-        struts.append(
-            strut_kinematics(
-                geometry.base_joints[:, j],
-                geometry.cardan_frames[j],
-                pose[:3] + arm,
-                rate[:3] + turning,
-                acceleration[:3] + ca.cross(domega, arm) + ca.cross(omega, turning),
-            )
-        )
-    # Columns of Gᵀ: the wrench of a unit force along each strut (l̇ = G V).
-    transposed = ca.horzcat(
-        *(
-            ca.vertcat(strut.direction, ca.cross(arms[:, j], strut.direction))
-            for j, strut in enumerate(struts)
-        )
-    )
-    scale = ca.vertcat(ca.SX.ones(3), ca.repmat(1 / length_scale, 3, 1))
-    kinematic = MappingProxyType(
-        {
-            "position": pose[:3],
-            "rotation_angles": pose[3:],
-            "rotation_matrix": rotation,
-            "strut_length": _column(struts, "length"),
-            "strut_speed": _column(struts, "length_rate"),
-            "strut_acceleration": _column(struts, "length_acceleration"),
-            **{
-                name: _column(struts, name)
-                for name in ("alpha", "beta", "sin_beta", "alpha_rate", "beta_rate")
-            },
-            "strut_direction": ca.horzcat(*(strut.direction for strut in struts)),
-            "base_joints": geometry.base_joints,
-            "platform_joints": ca.repmat(pose[:3], 1, ACTUATORS) + arms,
-            "platform_joint_axes": rotation @ geometry.platform_joint_axes,
-            "inverse_jacobian": (ca.diag(scale) @ transposed).T,
-        }
-    )
-    rates = tuple(dict.fromkeys(rate for term in terms for rate in term.rates))
-    signs = ca.SX.sym("sign", ACTUATORS * len(rates))
-    count = len(parameters_of(terms))
-    constants = ca.SX.sym("constant", sum(len(term.constants) for term in terms))
-    nominal = ca.SX.sym("nominal", count)
-    instant = Instant(
-        kinematic=kinematic,
-        struts=tuple(struts),
-        arms=arms,
-        acceleration=acceleration[:3],
-        angular_velocity=omega,
-        angular_acceleration=domega,
-        gravity=geometry.gravity,
-        signs=dict(zip(rates, ca.vertsplit(signs, ACTUATORS), strict=True)) if rates else {},
-        constants={},
-        load=ca.SX.zeros(ACTUATORS),
-    )
-    return HexapodGraph(
-        pose=pose,
-        rate=rate,
-        acceleration=acceleration,
-        geometry=geometry,
-        constants=constants,
-        nominal=nominal,
-        rates=rates,
-        signs=signs,
-        width=ca.SX.sym("width"),
-        parameters=ca.SX.sym("p", count),
-        length_scale=length_scale,
-        # ca.inv on SX is a QR factorisation: as accurate as the Jacobian's condition allows.
-        regressor=ca.cse(_regressor(terms, instant, constants, nominal, ca.inv(transposed))),
-        kinematic=kinematic,
-    )
-
-
-def _regressor(
-    terms: tuple[Term, ...], instant: Instant, constants: ca.SX, nominal: ca.SX, carried: ca.SX
-) -> ca.SX:
-    """Return A, (6, m); `carried` is G⁻ᵀ, which takes wrenches to the actuators."""
-    regressor = ca.SX(ACTUATORS, 0)
-    load = ca.SX.zeros(ACTUATORS)
-    values = iter(ca.vertsplit(constants))
-    for term in terms:
-        own = {constant.name: next(values) for constant in term.constants}
-        signs = {rate: instant.signs[rate] for rate in term.rates}
-        columns = term.columns(replace(instant, signs=signs, constants=own, load=load))
-        part = ca.SX(ACTUATORS, len(term.parameters))
-        if columns.wrench is not None:
-            part += carried @ columns.wrench
-        if columns.along is not None:
-            part += columns.along
-        if not term.rates:
-            first = regressor.shape[1]
-            load += part @ nominal[first : first + part.shape[1]]
-        regressor = ca.horzcat(regressor, part)
-    return ca.densify(regressor)
+    return HexapodGraph(terms)
 
 
 def _column(struts: list[StrutKinematics], name: str) -> ca.SX:

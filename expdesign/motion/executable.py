@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from constraints.arrays import Array
 from expdesign.mechanism.hexapod import COORDINATES
+from expdesign.motion.spline import SplineRamp
 from expdesign.trajectory import FourierTrajectory, PoseSamples
 
 PERIODS = "periods"
@@ -49,38 +48,20 @@ class Periods:
         return self.trajectory.sample(self._on_orbit(times))
 
     def jerk(self, times: Array) -> Array:
-        """Return the third derivative of the pose, (N, 6)."""
-        return pose_jerk(self.trajectory, self._on_orbit(times))
+        """Return the third derivative of the pose, (N, 6): m/s³, rad/s³."""
+        series = self.trajectory
+        orders = series.omega * np.arange(1, series.harmonics + 1)
+        angles = np.multiply.outer(self._on_orbit(times), orders)
+        mu, nu = series.mu * orders**2, series.nu * orders**2
+        return -np.cos(angles) @ mu.T - np.sin(angles) @ nu.T
 
     def _on_orbit(self, times: Array) -> Array:
         # Within one period: later ones have exactly the same values.
         return np.mod(np.asarray(times, dtype=float) + self.phase, self.trajectory.period)
 
 
-def pose_jerk(trajectory: FourierTrajectory, times: Array) -> Array:
-    """Return the third derivative of the pose, (N, 6): m/s³, rad/s³."""
-    orders = trajectory.omega * np.arange(1, trajectory.harmonics + 1)
-    angles = np.multiply.outer(np.asarray(times, dtype=float), orders)
-    mu, nu = trajectory.mu * orders**2, trajectory.nu * orders**2
-    return -np.cos(angles) @ mu.T - np.sin(angles) @ nu.T
-
-
-class Segment(Protocol):
-    """A part of the motion."""
-
-    @property
-    def name(self) -> str:
-        """``"ramp in"``, ``"periods"`` or ``"ramp out"``."""
-
-    @property
-    def duration(self) -> float:
-        """How long it takes, s."""
-
-    def sample(self, times: Array) -> PoseSamples:
-        """Return pose, rate and acceleration at times from the segment's own start, s."""
-
-    def jerk(self, times: Array) -> Array:
-        """Return the third derivative of the pose, (N, 6), at such times: m/s³, rad/s³."""
+Segment = Periods | SplineRamp
+"""A part of the motion: ``"ramp in"``, ``"periods"`` or ``"ramp out"``, in its own time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,19 +97,11 @@ class ExecutableMotion:
     @property
     def window(self) -> tuple[float, float]:
         """When the measurement window begins and ends, s: the M periods."""
-        starts = self.starts
-        for k, segment in enumerate(self.segments):
-            if segment.name == PERIODS:
-                return float(starts[k]), float(starts[k + 1])
-        raise ValueError("the motion has no periods")
+        k = [segment.name for segment in self.segments].index(PERIODS)
+        return float(self.starts[k]), float(self.starts[k + 1])
 
     def steps(self, step: float) -> tuple[int, ...]:
-        """Return how many controller steps each segment takes.
-
-        Parameters
-        ----------
-        step : float
-            Of the controller, s.
+        """Return how many controller steps, s, each segment takes.
 
         Raises
         ------
@@ -144,35 +117,17 @@ class ExecutableMotion:
     def sample(self, times: ArrayLike) -> PoseSamples:
         """Return pose, rate and acceleration at any times, s; before and after it is at rest."""
         t = np.atleast_1d(np.asarray(times, dtype=float))
-        pose, rate, acceleration = (np.empty((len(t), COORDINATES)) for _ in range(3))
-        for segment, rows, local in self._places(t):
-            states = segment.sample(local)
-            pose[rows], rate[rows] = states.pose, states.rate
-            acceleration[rows] = states.acceleration
-        resting = (t < 0) | (t > self.duration)
-        rate[resting] = acceleration[resting] = 0.0
-        return PoseSamples(pose, rate, acceleration)
-
-    def jerk(self, times: ArrayLike) -> Array:
-        """Return the third derivative of the pose, (N, 6), at any times, s: m/s³, rad/s³.
-
-        It is bounded but jumps from one segment to the next, where the later one counts.
-        """
-        t = np.atleast_1d(np.asarray(times, dtype=float))
-        third = np.empty((len(t), COORDINATES))
-        for segment, rows, local in self._places(t):
-            third[rows] = segment.jerk(local)
-        third[(t < 0) | (t > self.duration)] = 0.0
-        return third
-
-    def _places(self, times: Array) -> Iterator[tuple[Segment, NDArray[np.bool_], Array]]:
-        """Yield each segment with the rows that fall into it and their times in it."""
         starts = self.starts
-        inside = np.clip(times, 0.0, starts[-1])
-        place = np.clip(
-            np.searchsorted(starts, inside, side="right") - 1, 0, len(self.segments) - 1
-        )
+        inside = np.clip(t, 0.0, starts[-1])
+        last = len(self.segments) - 1
+        place = np.clip(np.searchsorted(starts, inside, side="right") - 1, 0, last)
+        found = PoseSamples(*(np.empty((len(t), COORDINATES)) for _ in PoseSamples._fields))
         for k, segment in enumerate(self.segments):
             rows = place == k
             if np.any(rows):
-                yield segment, rows, inside[rows] - starts[k]
+                states = segment.sample(inside[rows] - starts[k])
+                for part, values in zip(found, states, strict=True):
+                    part[rows] = values
+        resting = (t < 0) | (t > self.duration)
+        found.rate[resting] = found.acceleration[resting] = 0.0
+        return found

@@ -143,7 +143,7 @@ def _plan(configuration: RunConfiguration, trajectory: FourierTrajectory) -> _Pl
 def _strut_speed(robot: Robot, trajectory: FourierTrajectory) -> float:
     """Return the rms strut speed of the periodic motion, m/s."""
     motion = trajectory.sample(trajectory.sample_times(_SAMPLES))
-    speed = robot.strut_motion(motion.pose, motion.rate, motion.acceleration).length_rate
+    speed = robot.strut_motion(*motion).length_rate
     return float(np.sqrt(np.mean(speed**2)))
 
 

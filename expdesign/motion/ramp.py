@@ -77,7 +77,6 @@ class RampAttempt:
     problem: RampProblem
     violation: float
     limit: str
-    iterations: int
 
     @property
     def duration(self) -> float:
@@ -105,33 +104,30 @@ def shortest(
     mask: Mask = np.zeros((len(shares), len(problem.limits.keys)), dtype=bool)
     lower, upper = problem.limits.smooth_bounds()
     bounded = np.isfinite(lower) | np.isfinite(upper)
-    iterations = 0
-    for _ in range(_ROUNDS_PER_DURATION):
+    for attempt in range(_ROUNDS_PER_DURATION):
         margins = _capped(problem, shares, width, np.full(mask.shape, RESERVE))
         violations = problem.limits.smooth_violations(problem.states(x, shares), width)
         broken = (violations > _FEASIBLE - margins) & inside & ~mask
-        if iterations and not np.any(broken):
+        if attempt and not np.any(broken):
             break
         # A shorter motion changes every row that moves, not only those near their bounds.
         near = (violations > -_NEAR) | (problem.limits.moving & bounded)
         mask = mask | broken | (near & inside)
         program = RampProgram(problem, shares, mask, margins, width, _TIME_SMOOTHNESS)
         result = solve_with_ipopt(program, x, options=_OPTIONS)
-        found, used = result.x, result.iterations
+        found = result.x
         if program.excess(found) > _LOST:
             # Large rotations: the curvature of the limits matters, which Gauss–Newton leaves out.
             result = solve_with_ipopt(program, x, options=_OPTIONS, curvature="limited-memory")
-            used += result.iterations
             if program.excess(result.x) < program.excess(found):
                 found = result.x
-        iterations += used
         if program.excess(found) > _LOST:
             break
         x = found
     violations = problem.limits.smooth_violations(problem.states(x, fine), width)
     _, row = np.unravel_index(int(np.argmax(violations)), violations.shape)
     worst = float(np.max(violations))
-    return RampAttempt(x, problem, worst, problem.limits.keys[row], iterations)
+    return RampAttempt(x, problem, worst, problem.limits.keys[row])
 
 
 def find_ramp(
@@ -233,7 +229,7 @@ def _settled(
         x, since = result.x, since + 1
         ramp = replace(problem.ramp(x, name), duration=steps * step)
         worst = worst_limit(problem, ramp)
-        attempt = RampAttempt(x, problem, worst.violation, worst.key, result.iterations)
+        attempt = RampAttempt(x, problem, worst.violation, worst.key)
         if worst.kept:
             return ramp, attempt
         if not possible or since == _ROUNDS_PER_DURATION:
@@ -290,7 +286,7 @@ def _capped(problem: RampProblem, shares: Array, width: float, margins: Array) -
     """
     given = ~problem.limits.of_jerk
     for end, distance in ((problem.start, shares), (problem.end, 1 - shares)):
-        state = np.concatenate([end.pose, end.rate, end.acceleration, np.zeros(COORDINATES)])
+        state = np.concatenate([*end, np.zeros(COORDINATES)])
         room = -problem.limits.smooth_violations(state[None, :], width)[0]
         grown = _LARGEST_MARGIN * (distance / _END_SHARE) ** 3
         capped = np.minimum(margins, room + grown[:, None])

@@ -16,6 +16,7 @@ from expdesign.motion.spline import (
     derivatives,
     end_coefficients,
     reversed_in_time,
+    spline_derivatives,
 )
 from expdesign.problem.design_problem import LimitedProgram
 from expdesign.robot import LimitModel
@@ -92,9 +93,7 @@ class RampProblem:
     def states(self, x: Array, points: Array) -> Array:
         """Return states with jerk, (K, 24), at shares (K,) of the duration."""
         coefficients, _ = self.coefficients(x)
-        powers = self.duration(x) ** -np.arange(4.0)
-        parts = (derivatives(self.intervals, points) @ coefficients) * powers[:, None, None]
-        return np.concatenate(list(parts), axis=1)
+        return np.hstack(list(spline_derivatives(coefficients, self.duration(x), points)))
 
     def to_variables(self, x: Array, points: Array, slopes: Array) -> Array:
         """Carry slopes (K, r, 24) to pose, rate, acceleration and jerk over to the variables."""
@@ -114,7 +113,7 @@ class RampProblem:
 
 
 class RampProgram(LimitedProgram):
-    """One nonlinear program of a ramp: `expdesign.solver.ipopt.NonlinearProgram`.
+    """One nonlinear program of a ramp.
 
     Minimised is the duration plus a little of the squared third derivative over the spline's own
     parameter, which chooses among motions of the same duration; with the duration fixed it is the

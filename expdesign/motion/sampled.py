@@ -55,8 +55,7 @@ class SampledMotion:
     @classmethod
     def of(cls, robot: Robot, motion: Motion, times: Array) -> SampledMotion:
         """Sample a motion of a robot at the times (N,), s."""
-        states = motion.sample(times)
-        state = (states.pose, states.rate, states.acceleration)
+        state = motion.sample(times)
         struts = robot.strut_motion(*state)
         return cls(
             times,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import BSpline
@@ -17,8 +18,7 @@ FIXED = 3
 """Coefficients at each end that pose, rate and acceleration there determine."""
 
 
-@dataclass(frozen=True)
-class MotionState:
+class MotionState(NamedTuple):
     """Pose, rate and acceleration of one instant: (6,) each; m, rad, s."""
 
     pose: Array
@@ -33,7 +33,7 @@ class MotionState:
     @classmethod
     def of(cls, samples: PoseSamples) -> MotionState:
         """Return the first of the samples."""
-        return cls(samples.pose[0], samples.rate[0], samples.acceleration[0])
+        return cls(*(part[0] for part in samples))
 
 
 def derivatives(intervals: int, shares: Array) -> Array:
@@ -41,11 +41,15 @@ def derivatives(intervals: int, shares: Array) -> Array:
 
     The knots are equidistant on [0, 1] and clamped at both ends.
     """
-    matrices = []
-    for order, basis in enumerate(_bases(intervals)):
-        value = basis(np.clip(shares, 0.0, 1.0)) @ _reduction(intervals, order)
-        matrices.append(value)
-    return np.stack(matrices)
+    inside = np.clip(shares, 0.0, 1.0)
+    bases = enumerate(_bases(intervals))
+    return np.stack([basis(inside) @ _reduction(intervals, order) for order, basis in bases])
+
+
+def spline_derivatives(coefficients: Array, duration: float, shares: Array) -> Array:
+    """Return pose, rate, acceleration and jerk, (4, K, 6), at shares (K,) of the duration, s."""
+    powers = duration ** -np.arange(4.0)
+    return (derivatives(len(coefficients) - DEGREE, shares) @ coefficients) * powers[:, None, None]
 
 
 def end_coefficients(intervals: int, duration: float, state: MotionState) -> tuple[Array, Array]:
@@ -65,13 +69,15 @@ def reversed_in_time(state: MotionState) -> MotionState:
 @cache
 def _bases(intervals: int) -> tuple[BSpline, ...]:
     """Return splines of degree 5, 4, 3 and 2 whose values are all their basis functions."""
-    found = []
-    for lower in range(4):
-        degree = DEGREE - lower
-        inner = np.linspace(0.0, 1.0, intervals + 1)
-        knots = np.concatenate([np.zeros(degree), inner, np.ones(degree)])
-        found.append(BSpline(knots, np.eye(intervals + degree), degree))
-    return tuple(found)
+    return tuple(
+        BSpline(_knots(intervals, degree), np.eye(intervals + degree), degree)
+        for degree in range(DEGREE, DEGREE - 4, -1)
+    )
+
+
+def _knots(intervals: int, degree: int) -> Array:
+    inner = np.linspace(0.0, 1.0, intervals + 1)
+    return np.concatenate([np.zeros(degree), inner, np.ones(degree)])
 
 
 @cache
@@ -80,9 +86,7 @@ def _reduction(intervals: int, order: int) -> Array:
     matrix = np.eye(intervals + DEGREE)
     for step in range(order):
         degree = DEGREE - step
-        inner = np.linspace(0.0, 1.0, intervals + 1)
-        knots = np.concatenate([np.zeros(degree), inner, np.ones(degree)])
-        count = intervals + degree
+        knots, count = _knots(intervals, degree), intervals + degree
         spans = knots[degree + 1 : degree + count] - knots[1:count]
         matrix = (degree / spans)[:, None] * np.diff(matrix, axis=0)
     return matrix
@@ -108,15 +112,9 @@ class SplineRamp:
         values.setflags(write=False)
         object.__setattr__(self, "coefficients", values)
 
-    @property
-    def intervals(self) -> int:
-        """Number of polynomial pieces."""
-        return len(self.coefficients) - DEGREE
-
     def sample(self, times: Array) -> PoseSamples:
         """Return pose, rate and acceleration at times from the ramp's start, s."""
-        value, first, second, _ = self._derivatives(times)
-        return PoseSamples(value, first, second)
+        return PoseSamples(*self._derivatives(times)[:3])
 
     def jerk(self, times: Array) -> Array:
         """Return the third derivative of the pose, (N, 6), at times from the ramp's start, s."""
@@ -124,6 +122,4 @@ class SplineRamp:
 
     def _derivatives(self, times: Array) -> Array:
         shares = np.asarray(times, dtype=float) / self.duration
-        basis = derivatives(self.intervals, shares)
-        powers = self.duration ** -np.arange(4.0)
-        return (basis @ self.coefficients) * powers[:, None, None]
+        return spline_derivatives(self.coefficients, self.duration, shares)

@@ -5,7 +5,9 @@ The rows of limits are the same for every program along a motion: ramps have the
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, Protocol, Self
 
 import numpy as np
@@ -85,7 +87,7 @@ class DesignProblem:
         level: float,
         samples: int,
         margins: Array | None = None,
-    ) -> DesignProgram:
+    ) -> LimitedProgram:
         """Return the nonlinear program with the rows of a mask.
 
         Parameters
@@ -106,9 +108,15 @@ class DesignProblem:
         used = np.any(mask, axis=1)
         basis = PhaseBasis.at(phases[used], self.variables.harmonics)
         margins = None if margins is None else margins[used]
-        return DesignProgram(
-            self, basis, mask[used], margins, replace(self.cost, samples=samples), width, level
+        bounds = self.variables.bounds()
+        program = LimitedProgram(
+            self.limits, self.variables, basis, mask[used], width, bounds, margins
         )
+        cost = replace(self.cost, samples=samples)
+        program.cost = partial(cost.value, width=width, level=level)
+        program.cost_gradient = partial(cost.gradient, width=width, level=level)
+        program.cost_derivatives = partial(cost.derivatives, width=width, level=level)
+        return program
 
     def cost_value(self, x: Array, width: float, level: float, samples: int) -> float:
         """Return the smoothed criterion over a number of samples of the period."""
@@ -126,7 +134,12 @@ class Path(Protocol):
 
 
 class LimitedProgram:
-    """The rows and bounds of `expdesign.solver.ipopt.NonlinearProgram`; who inherits adds a cost.
+    """Minimise f(x) subject to lower ≤ x ≤ upper and row_lower ≤ g(x) ≤ row_upper, g the limits.
+
+    Attributes
+    ----------
+    cost, cost_gradient, cost_derivatives : callable
+        x (z,) → f; f and its gradient (z,); both and a positive semidefinite Hessian (z, z).
 
     Parameters
     ----------
@@ -141,6 +154,10 @@ class LimitedProgram:
     margins : (K, R), optional
         How far the natural bounds are drawn in, as shares of their ranges.
     """
+
+    cost: Callable[[Array], float]
+    cost_gradient: Callable[[Array], tuple[float, Array]]
+    cost_derivatives: Callable[[Array], tuple[float, Array, Array]]
 
     def __init__(
         self,
@@ -203,36 +220,6 @@ def hidden_by_smoothing(
     mode = "wrap" if periodic else "nearest"
     hidden = maximum_filter1d(np.maximum(excess, 0.0), 2 * reach + 1, axis=0, mode=mode)
     return exact, hidden
-
-
-class DesignProgram(LimitedProgram):
-    """One nonlinear program of a design: `expdesign.solver.ipopt.NonlinearProgram`."""
-
-    def __init__(
-        self,
-        problem: DesignProblem,
-        basis: PhaseBasis,
-        mask: Mask,
-        margins: Array | None,
-        cost: InformationCost,
-        width: float,
-        level: float,
-    ) -> None:
-        variables = problem.variables
-        super().__init__(problem.limits, variables, basis, mask, width, variables.bounds(), margins)
-        self._cost, self._level = cost, level
-
-    def cost(self, x: Array) -> float:
-        """Return the smoothed criterion."""
-        return self._cost.value(x, self._width, self._level)
-
-    def cost_derivatives(self, x: Array) -> tuple[float, Array, Array]:
-        """Return the smoothed criterion, its gradient and Gauss–Newton Hessian."""
-        return self._cost.derivatives(x, self._width, self._level)
-
-    def cost_gradient(self, x: Array) -> tuple[float, Array]:
-        """Return the smoothed criterion and its gradient."""
-        return self._cost.gradient(x, self._width, self._level)
 
 
 def build_problem(

@@ -41,7 +41,7 @@ class Evaluator:
     def information(self, trajectory: FourierTrajectory, samples: int) -> Array:
         """Return F of the judged parameters over one period of `samples` samples, SI, (k, k)."""
         motion = trajectory.sample(trajectory.sample_times(samples))
-        regressors = self.robot.regressor(motion.pose, motion.rate, motion.acceleration)
+        regressors = self.robot.regressor(*motion)
         return information_matrix(regressors[:, :, self.columns], self.covariance)
 
     @property

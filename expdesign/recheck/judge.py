@@ -92,8 +92,7 @@ class Motion(Protocol):
 
 def states_at(motion: Motion, times: Array) -> Array:
     """Return pose, rate and acceleration side by side, (N, 18)."""
-    samples = motion.sample(times)
-    return np.concatenate([samples.pose, samples.rate, samples.acceleration], axis=1)
+    return np.concatenate(motion.sample(times), axis=1)
 
 
 def judge(

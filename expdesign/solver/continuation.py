@@ -72,6 +72,7 @@ def continuation_stages(
             near=_EVERYTHING,
             radius=None,
             iterations=iterations,
+            curvature="gauss-newton",
             criterion=CRITERIA["d"] if flat else None,
             harmonics=few if few < n else None,
         )
@@ -93,7 +94,6 @@ def continuation_stages(
                 near=near,
                 radius=_RADIUS,
                 iterations=iterations,
-                curvature="limited-memory",
             )
         )
     return stages
@@ -117,7 +117,6 @@ def hop_stages(problem: DesignProblem, widths: Sequence[float], iterations: int)
         near=_EVERYTHING,
         radius=_HOP_RADIUS,
         iterations=max(10, 3 * iterations // 4),
-        curvature="limited-memory",
     )
     settled = replace(
         thrown,
@@ -143,5 +142,4 @@ def finish_stage(problem: DesignProblem, widths: Sequence[float], iterations: in
         near=_FINISH_NEAR,
         radius=_FINISH_RADIUS,
         iterations=max(10, iterations // 2),
-        curvature="limited-memory",
     )

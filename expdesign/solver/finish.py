@@ -19,7 +19,7 @@ from expdesign.problem.design_problem import DesignProblem, hidden_by_smoothing
 from expdesign.recheck.information import Evaluator
 from expdesign.recheck.judge import Recheck, grid_points, local_worst, recheck, states_at
 from expdesign.solver.initial import largest
-from expdesign.solver.stage import Report, Stage, StageRecord, Tally, TracePoint, solve_rows
+from expdesign.solver.stage import Report, Stage, StageRecord, TracePoint, solve_rows
 from expdesign.trajectory import FourierTrajectory
 
 _CHECKS = 4
@@ -98,7 +98,7 @@ def finish(
     x[-1] = problem.variables.bounds()[0][-1]
     best, kept = _checked(problem, x), x
     best_merit = evaluator.merit(best.trajectory, problem.cost.samples)
-    tally, last_merit = Tally(), best_merit
+    record, last_merit = StageRecord.of(stage), best_merit
     for _ in range(rounds):
         # Each round has all of the stage's iterations: the rows and their margins are new.
         x, status = solve_rows(
@@ -106,7 +106,7 @@ def finish(
             stage,
             _critical_rows(problem, x, stage),
             (x, stage.radius),
-            tally,
+            record,
             report,
             most=stage.iterations,
         )
@@ -121,10 +121,11 @@ def finish(
         if best.check.passed and abs(evaluator.gain(merit, last_merit)) < _WORTHWHILE:
             break
         last_merit = merit
-    if tally.rounds == 0:
+    if record.rounds == 0:
         return best
-    cost = problem.cost_value(kept, stage.width, stage.level, stage.samples)
-    return replace(best, record=tally.record(stage, cost, best.check.worst))
+    record.objective = problem.cost_value(kept, stage.width, stage.level, stage.samples)
+    record.violation = best.check.worst
+    return replace(best, record=record)
 
 
 def _critical_rows(

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import itertools
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any, Literal, Protocol
+from dataclasses import dataclass
+from typing import Any, Literal
 
 import casadi as ca
 import numpy as np
 
 from constraints.arrays import Array
+from expdesign.problem.design_problem import LimitedProgram
 
 Curvature = Literal["gauss-newton", "limited-memory"]
 
@@ -30,30 +32,6 @@ COMMON_OPTIONS = {
     "acceptable_obj_change_tol": 2e-4,
 }
 """Ipopt's options of every solve; who solves adds how exactly the rows are to be kept."""
-
-
-class NonlinearProgram(Protocol):
-    """minimise f(x) subject to lower ≤ x ≤ upper and row_lower ≤ g(x) ≤ row_upper."""
-
-    lower: Array
-    upper: Array
-    row_lower: Array
-    row_upper: Array
-
-    def cost(self, x: Array) -> float:
-        """Return f."""
-
-    def cost_derivatives(self, x: Array) -> tuple[float, Array, Array]:
-        """Return f, its gradient (z,) and a positive semidefinite Hessian (z, z)."""
-
-    def cost_gradient(self, x: Array) -> tuple[float, Array]:
-        """Return f and its gradient (z,)."""
-
-    def rows(self, x: Array) -> Array:
-        """Return g, (r,)."""
-
-    def rows_jacobian(self, x: Array) -> tuple[Array, Array]:
-        """Return g and its Jacobian, (r, z)."""
 
 
 @dataclass(frozen=True)
@@ -91,35 +69,15 @@ class IpoptResult:
     seconds: float
 
 
-@dataclass
-class _Evaluations:
-    """Remembers the last point, and counts how often each part was really evaluated."""
-
-    program: NonlinearProgram
-    counts: dict[str, int] = field(
-        default_factory=lambda: {"f": 0, "grad_f": 0, "g": 0, "jac_g": 0}
-    )
-    _memory: dict[str, tuple[bytes, Any]] = field(default_factory=dict)
-
-    def at(self, part: str, x: Array, evaluate: Callable[[Array], Any]) -> Any:
-        key = x.tobytes()
-        known = self._memory.get(part)
-        if known is None or known[0] != key:
-            self.counts[part] += 1
-            known = (key, evaluate(x))
-            self._memory[part] = known
-        return known[1]
-
-
-class _Part(ca.Callback):
-    """One function that Ipopt calls, computed by NumPy."""
+class _Function(ca.Callback):
+    """A function that Ipopt calls, computed by NumPy from its inputs as vectors."""
 
     def __init__(
         self,
         name: str,
-        inputs: list[tuple[int, int]],
-        outputs: list[ca.Sparsity],
-        compute: Callable[..., list[Any]],
+        inputs: Sequence[tuple[int, int]],
+        outputs: Sequence[ca.Sparsity],
+        compute: Callable[..., Sequence[Any]],
     ) -> None:
         ca.Callback.__init__(self)
         self._inputs, self._outputs, self._compute = inputs, outputs, compute
@@ -137,42 +95,12 @@ class _Part(ca.Callback):
     def get_sparsity_out(self, i: int) -> ca.Sparsity:
         return self._outputs[i]
 
-    def eval(self, arg: Sequence[ca.DM]) -> list[Any]:
+    def eval(self, arg: Sequence[ca.DM]) -> Sequence[Any]:
         return self._compute(*(value.full().ravel() for value in arg))
 
 
-class _Watch(ca.Callback):
-    """Ipopt's iteration callback: reports, and stops when asked to."""
-
-    def __init__(self, size: int, rows: int, report: Callable[[Iteration, Array], bool]) -> None:
-        ca.Callback.__init__(self)
-        self._shape = {"x": size, "f": 1, "g": rows, "lam_x": size, "lam_g": rows, "lam_p": 0}
-        self._report = report
-        self.bounds: tuple[Array, Array] = (np.empty(0), np.empty(0))
-        self._count = 0
-        self.construct("watch", {})
-
-    def get_n_in(self) -> int:
-        return ca.nlpsol_n_out()
-
-    def get_n_out(self) -> int:
-        return 1
-
-    def get_sparsity_in(self, i: int) -> ca.Sparsity:
-        return ca.Sparsity.dense(self._shape[ca.nlpsol_out(i)], 1)
-
-    def eval(self, arg: Sequence[ca.DM]) -> list[Any]:
-        x = arg[0].full().ravel()
-        objective, rows = float(arg[1]), arg[2].full().ravel()
-        lower, upper = self.bounds
-        violation = float(np.max(np.maximum(lower - rows, rows - upper), initial=0.0))
-        self._count += 1
-        go_on = self._report(Iteration(self._count, objective, violation), x)
-        return [0 if go_on else 1]
-
-
 def solve_with_ipopt(
-    program: NonlinearProgram,
+    program: LimitedProgram,
     start: Array,
     *,
     options: Mapping[str, Any],
@@ -193,66 +121,62 @@ def solve_with_ipopt(
     report : callable, optional
         Called once per iteration with the iterate; False stops the solver.
     """
-    memory = _Evaluations(program)
-    size, count = start.size, program.row_lower.size
-    dense, column = ca.Sparsity.dense, (size, 1)
+    counts = {"f": 0, "grad_f": 0, "g": 0, "jac_g": 0}
+    memory: dict[str, tuple[bytes, Any]] = {}
 
-    def cost(x: Array, _p: Array) -> list[Any]:
-        return [memory.at("f", x, program.cost)]
+    def at(part: str, x: Array, evaluate: Callable[[Array], Any]) -> Any:
+        """Evaluate a part unless it is known at this point from the call before."""
+        key = x.tobytes()
+        if part not in memory or memory[part][0] != key:
+            counts[part] += 1
+            memory[part] = key, evaluate(x)
+        return memory[part][1]
 
-    def gradient(x: Array, _p: Array) -> list[Any]:
-        if curvature == "limited-memory":
-            value, slope = memory.at("grad_f", x, program.cost_gradient)
-        else:
-            value, slope, _ = memory.at("grad_f", x, program.cost_derivatives)
-        return [value, slope]
+    quasi_newton = curvature == "limited-memory"
+    slopes = program.cost_gradient if quasi_newton else program.cost_derivatives
 
-    def rows(x: Array, _p: Array) -> list[Any]:
-        return [memory.at("g", x, program.rows)]
-
-    def jacobian(x: Array, _p: Array) -> list[Any]:
-        values, matrix = memory.at("jac_g", x, program.rows_jacobian)
+    def rows_jacobian(x: Array, _p: Array) -> list[Any]:
+        values, matrix = at("jac_g", x, program.rows_jacobian)
         return [values, ca.DM(matrix)]
 
     def hessian(x: Array, _p: Array, weight: Array, _rows: Array) -> list[Any]:
-        _, _, matrix = memory.at("grad_f", x, program.cost_derivatives)
+        _, _, matrix = at("grad_f", x, program.cost_derivatives)
         return [ca.triu(ca.DM(weight[0] * matrix))]
 
-    none = (0, 0)
-    parts = [
-        _Part("nlp_f", [column, none], [dense(1, 1)], cost),
-        _Part("nlp_grad_f", [column, none], [dense(1, 1), dense(size, 1)], gradient),
-        _Part("nlp_g", [column, none], [dense(count, 1)], rows),
-        _Part("nlp_jac_g", [column, none], [dense(count, 1), dense(count, size)], jacobian),
-        _Part(
-            "nlp_hess_l",
-            [column, none, (1, 1), (count, 1)],
-            [ca.Sparsity.upper(size)],
-            hessian,
+    iterations = itertools.count(1)
+
+    def watch(x: Array, objective: Array, rows: Array, *_multipliers: Array) -> list[int]:
+        beyond = np.maximum(program.row_lower - rows, rows - program.row_upper)
+        violation = float(np.max(beyond, initial=0.0))
+        now = Iteration(next(iterations), float(objective[0]), violation)
+        return [0 if report is None or report(now, x) else 1]
+
+    size, count = start.size, program.row_lower.size
+    dense, point = ca.Sparsity.dense, [(size, 1), (0, 0)]
+    one, slope, column = dense(1, 1), dense(size, 1), dense(count, 1)
+    cost = _Function("nlp_f", point, [one], lambda x, _: [at("f", x, program.cost)])
+    rows = _Function("nlp_g", point, [column], lambda x, _: [at("g", x, program.rows)])
+    sizes = {"x": size, "f": 1, "g": count, "lam_x": size, "lam_g": count, "lam_p": 0}
+    outputs = [(sizes[ca.nlpsol_out(k)], 1) for k in range(ca.nlpsol_n_out())]
+    functions = {
+        "grad_f": _Function(
+            "nlp_grad_f", point, [one, slope], lambda x, _: list(at("grad_f", x, slopes)[:2])
         ),
-    ]
-    x = ca.MX.sym("x", size)
-    p = ca.MX.sym("p", 0, 0)
-    nlp = {"x": x, "f": parts[0](x, p), "g": parts[2](x, p)}
-    watch = _Watch(size, count, report or (lambda _iteration, _x: True))
-    watch.bounds = (program.row_lower, program.row_upper)
+        "jac_g": _Function("nlp_jac_g", point, [column, dense(count, size)], rows_jacobian),
+        "hess_lag": _Function(
+            "nlp_hess_l", [*point, (1, 1), (count, 1)], [ca.Sparsity.upper(size)], hessian
+        ),
+        "iteration_callback": _Function("watch", outputs, [one], watch),
+    }
+    x, p = ca.MX.sym("x", size), ca.MX.sym("p", 0, 0)
     settings = {f"ipopt.{key}": value for key, value in options.items()}
-    if curvature == "limited-memory":
+    if quasi_newton:
         settings["ipopt.hessian_approximation"] = "limited-memory"
     solver = ca.nlpsol(
         "design",
         "ipopt",
-        nlp,
-        {
-            **settings,
-            "grad_f": parts[1],
-            "jac_g": parts[3],
-            "hess_lag": parts[4],
-            "iteration_callback": watch,
-            "print_time": False,
-            "error_on_fail": False,
-            "no_nlp_grad": True,
-        },
+        {"x": x, "f": cost(x, p), "g": rows(x, p)},
+        {**settings, **functions, "print_time": False, "error_on_fail": False, "no_nlp_grad": True},
     )
     began = time.perf_counter()
     solution = solver(
@@ -272,6 +196,6 @@ def solve_with_ipopt(
         status=status,
         converged=status in {"Solve_Succeeded", "Solved_To_Acceptable_Level"},
         iterations=int(statistics.get("iter_count", 0)),
-        evaluations=dict(memory.counts),
+        evaluations=counts,
         seconds=seconds,
     )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
@@ -19,7 +18,7 @@ from expdesign.solver.continuation import (
 )
 from expdesign.solver.finish import Finished, controller_omega, finish
 from expdesign.solver.initial import InfeasibleLimitsError, perturbed, random_start
-from expdesign.solver.stage import SearchEvent, TracePoint
+from expdesign.solver.stage import Watch
 from expdesign.solver.start import Screening, StartResult, infeasible_start, run_start
 from expdesign.workers import Monitor
 
@@ -188,39 +187,21 @@ def finish_job(
 ) -> tuple[float, Finished]:
     """Finish what a start reached; return what it is worth, too."""
     problem, plan = task.problem, task.plan
-    began = time.perf_counter()
+    watch = Watch(monitor, index)
     omega = problem.variables.trajectory(variables).omega
     bounds = problem.variables.omega_bounds
     if bounds[0] < bounds[1]:
         omega, _ = controller_omega(omega, bounds, plan.controller_period)
     fixed = problem.with_variables(omega_bounds=(omega, omega))
-
-    trace: list[TracePoint] = []
-
-    def report(iteration: int, cost: float, violation: float) -> bool:
-        trace.append(
-            TracePoint("finish", iteration, problem.cost.readable(cost), max(violation, 0.0))
-        )
-        value, seconds = problem.cost.readable(cost), time.perf_counter() - began
-        monitor.report(SearchEvent(index, "finish", iteration, value, violation, seconds))
-        return not monitor.stop_requested()
-
     stage = finish_stage(problem, plan.widths, plan.iterations)
+    report = watch.of_stage(stage, problem)
     rounds = 0 if monitor.stop_requested() else _FINISH_ROUNDS
     finished = finish(fixed, task.evaluator, variables, stage, rounds=rounds, report=report)
     merit = task.evaluator.merit(finished.trajectory, problem.cost.samples)
-    monitor.report(
-        SearchEvent(
-            index,
-            "finished",
-            len(trace),
-            merit if task.evaluator.criterion.larger_is_better else -merit,
-            finished.check.worst,
-            time.perf_counter() - began,
-            "every limit kept" if finished.check.passed else "a limit is broken",
-        )
-    )
-    return merit, replace(finished, trace=tuple(trace))
+    value = merit if task.evaluator.criterion.larger_is_better else -merit
+    status = "every limit kept" if finished.check.passed else "a limit is broken"
+    watch.tell("finished", len(watch.trace), value, finished.check.worst, status)
+    return merit, replace(finished, trace=tuple(watch.trace))
 
 
 def _finished(

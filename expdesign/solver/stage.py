@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from expdesign.solver.ipopt import (
     Iteration,
     solve_with_ipopt,
 )
+from expdesign.workers import Monitor
 
 FEASIBLE = 1e-3
 """Violation, as a share of a limit's range, below which an iterate counts as kept here; what is
@@ -29,6 +31,13 @@ IPOPT_OPTIONS = {
     "tol": 1e-4,
     "acceptable_constr_viol_tol": 1e-3,
 }
+
+
+_ROUNDS = 5
+_FAR = 0.05
+
+Report = Callable[[int, float, float], bool]
+"""(iterations so far in this stage, cost, violation) → go on?"""
 
 
 @dataclass(frozen=True)
@@ -63,28 +72,43 @@ class Stage:
     near: float
     radius: float | None
     iterations: int
-    curvature: Curvature = "gauss-newton"
+    curvature: Curvature = "limited-memory"
     criterion: Criterion | None = None
     harmonics: int | None = None
 
 
-@dataclass(frozen=True)
+@dataclass
 class StageRecord:
-    """What one stage did: settings, statistics and how Ipopt ended."""
+    """What one stage did: settings, statistics of its solves and how Ipopt ended the last."""
 
     name: str
     width: float
     level: float
     samples: int
-    rows: int
-    rounds: int
-    iterations: int
-    evaluations: dict[str, int]
-    seconds: float
-    status: str
-    converged: bool
-    objective: float
-    violation: float
+    rows: int = 0
+    rounds: int = 0
+    iterations: int = 0
+    evaluations: dict[str, int] = field(default_factory=dict)
+    seconds: float = 0.0
+    status: str = ""
+    converged: bool = False
+    objective: float = np.nan
+    violation: float = np.nan
+
+    @classmethod
+    def of(cls, stage: Stage) -> StageRecord:
+        """Return the record of a stage that has not begun."""
+        return cls(stage.name, stage.width, stage.level, stage.samples)
+
+    def add(self, result: IpoptResult, rows: int) -> None:
+        """Count one solve."""
+        self.rounds += 1
+        self.rows = rows
+        self.iterations += result.iterations
+        self.seconds += result.seconds
+        self.status, self.converged = result.status, result.converged
+        for key, value in result.evaluations.items():
+            self.evaluations[key] = self.evaluations.get(key, 0) + value
 
 
 @dataclass(frozen=True)
@@ -127,6 +151,45 @@ class SearchEvent:
 
 
 @dataclass
+class Watch:
+    """Reports the iterations of one start, and keeps them for the convergence figure."""
+
+    monitor: Monitor
+    start: int
+    trace: list[TracePoint] = field(default_factory=list)
+    began: float = field(default_factory=time.perf_counter)
+
+    @property
+    def seconds(self) -> float:
+        """Time since it began, s."""
+        return time.perf_counter() - self.began
+
+    def tell(
+        self, phase: str, iteration: int, objective: float, violation: float, status: str = ""
+    ) -> None:
+        """Report one iteration, or the end."""
+        self.monitor.report(
+            SearchEvent(self.start, phase, iteration, objective, violation, self.seconds, status)
+        )
+
+    def of_stage(self, stage: Stage, problem: DesignProblem, before: int = 0) -> Report:
+        """Return what reports the iterations of a stage, after those that were `before` it."""
+        cost = problem.cost
+        if stage.criterion is not None:
+            cost = problem.with_criterion(stage.criterion).cost
+
+        def report(iteration: int, value: float, violation: float) -> bool:
+            point = TracePoint(stage.name, before + iteration, cost.readable(value), violation)
+            if stage.criterion is None:
+                # Another criterion's numbers are shown while it runs, and kept out of the trace.
+                self.trace.append(point)
+            self.tell(point.stage, point.iteration, point.objective, violation)
+            return not self.monitor.stop_requested()
+
+        return report
+
+
+@dataclass
 class _Best:
     """The best iterate of one Ipopt run: the lowest cost among those that keep the rows."""
 
@@ -141,13 +204,6 @@ class _Best:
         better = cost < self.cost if kept and was_kept else violation < self.violation
         if (kept and not was_kept) or better:
             self.x, self.cost, self.violation = x.copy(), cost, violation
-
-
-_ROUNDS = 5
-_FAR = 0.05
-
-Report = Callable[[int, float, float], bool]
-"""(iterations so far in this stage, cost, violation) → go on?"""
 
 
 def run_stage(
@@ -166,11 +222,11 @@ def run_stage(
     violations = problem.smooth_violations(start, phases, stage.width)
     mask: Mask = violations > -stage.near
     x, radius = start, stage.radius
-    tally = Tally()
-    while tally.rounds < _ROUNDS and tally.iterations < stage.iterations:
-        most = max(stage.iterations - tally.iterations, stage.iterations // 4)
+    record = StageRecord.of(stage)
+    while record.rounds < _ROUNDS and record.iterations < stage.iterations:
+        most = max(stage.iterations - record.iterations, stage.iterations // 4)
         reached, status = solve_rows(
-            problem, stage, (phases, mask, None), (x, radius), tally, report, most=most
+            problem, stage, (phases, mask, None), (x, radius), record, report, most=most
         )
         violations = problem.smooth_violations(reached, phases, stage.width)
         broken = (violations > FEASIBLE) & ~mask
@@ -183,8 +239,9 @@ def run_stage(
         if far:
             radius = (stage.radius or 1.0) / 2 if radius is None else radius / 2
     violations = problem.smooth_violations(x, phases, stage.width)
-    cost = problem.cost_value(x, stage.width, stage.level, stage.samples)
-    return x, tally.record(stage, cost, float(np.max(violations, initial=-np.inf)))
+    record.objective = problem.cost_value(x, stage.width, stage.level, stage.samples)
+    record.violation = float(np.max(violations, initial=-np.inf))
+    return x, record
 
 
 def solve_rows(
@@ -192,7 +249,7 @@ def solve_rows(
     stage: Stage,
     rows: tuple[Array, Mask, Array | None],
     start: tuple[Array, float | None],
-    tally: Tally,
+    record: StageRecord,
     report: Report,
     *,
     most: int,
@@ -205,7 +262,7 @@ def solve_rows(
         Phases, which limit holds at which of them, and margins.
     start : ((z,), float or None)
         Where to begin, and the half-width of the box about it.
-    tally : Tally
+    record : StageRecord
         The solve is added to it.
     most : int
         Most iterations.
@@ -224,7 +281,7 @@ def solve_rows(
         samples=stage.samples,
         margins=margins,
     ).within(x, radius)
-    best, done = _Best(x), tally.iterations
+    best, done = _Best(x), record.iterations
 
     def watch(iteration: Iteration, at: Array) -> bool:
         best.offer(at, iteration.objective, iteration.violation)
@@ -232,40 +289,5 @@ def solve_rows(
 
     options = {**IPOPT_OPTIONS, "max_iter": most}
     result = solve_with_ipopt(program, x, options=options, curvature=stage.curvature, report=watch)
-    tally.add(result, int(np.count_nonzero(mask)))
+    record.add(result, int(np.count_nonzero(mask)))
     return (result.x if result.converged else best.x), result.status
-
-
-@dataclass
-class Tally:
-    """Statistics of a stage's rounds."""
-
-    rounds: int = 0
-    rows: int = 0
-    iterations: int = 0
-    seconds: float = 0.0
-    status: str = ""
-    converged: bool = False
-    evaluations: dict[str, int] = field(default_factory=dict)
-
-    def add(self, result: IpoptResult, rows: int) -> None:
-        """Count one solve."""
-        self.rounds += 1
-        self.rows = rows
-        self.iterations += result.iterations
-        self.seconds += result.seconds
-        self.status, self.converged = result.status, result.converged
-        for key, value in result.evaluations.items():
-            self.evaluations[key] = self.evaluations.get(key, 0) + value
-
-    def record(self, stage: Stage, objective: float, violation: float) -> StageRecord:
-        """Return the stage's record, ended at the objective and violation given."""
-        return StageRecord(
-            name=stage.name,
-            width=stage.width,
-            level=stage.level,
-            samples=stage.samples,
-            objective=objective,
-            violation=violation,
-            **asdict(self),
-        )

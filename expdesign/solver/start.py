@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -13,7 +12,7 @@ from expdesign.problem.design_problem import DesignProblem
 from expdesign.recheck.information import Evaluator
 from expdesign.recheck.judge import recheck
 from expdesign.solver.finish import Shrunk, shrink_to_limits
-from expdesign.solver.stage import SearchEvent, Stage, StageRecord, TracePoint, run_stage
+from expdesign.solver.stage import SearchEvent, Stage, StageRecord, TracePoint, Watch, run_stage
 from expdesign.workers import Monitor
 
 _BEHIND = {"hop": 0.03, "sharp": 0.01}
@@ -140,40 +139,16 @@ def run_start(
     `start` has the harmonics of the first stage. With a `screening` a motion that is given up
     has no merit (−inf).
     """
-    began = time.perf_counter()
-    trace: list[TracePoint] = []
+    watch = Watch(monitor, index)
     records: list[StageRecord] = []
-    x = start
-    done, hopeless = 0, False
+    x, done, hopeless = start, 0, False
     harmonics = problem.variables.harmonics
     present = problem.with_variables(harmonics=stages[0].harmonics or harmonics)
     for stage in stages:
         wanted = stage.harmonics or harmonics
         x = present.variables.extended(x, wanted)
         present = problem.with_variables(harmonics=wanted)
-
-        def report(
-            iteration: int, cost: float, violation: float, stage: Stage = stage, base: int = done
-        ) -> bool:
-            if stage.criterion is None:
-                value = problem.cost.readable(cost)
-                trace.append(TracePoint(stage.name, base + iteration, value, violation))
-            else:
-                # Another criterion's numbers are shown while it runs, and kept out of the trace.
-                value = problem.with_criterion(stage.criterion).cost.readable(cost)
-            monitor.report(
-                SearchEvent(
-                    index,
-                    stage.name,
-                    base + iteration,
-                    value,
-                    violation,
-                    time.perf_counter() - began,
-                )
-            )
-            return not monitor.stop_requested()
-
-        x, record = run_stage(present, stage, x, report)
+        x, record = run_stage(present, stage, x, watch.of_stage(stage, problem, done))
         records.append(record)
         done += record.iterations
         hopeless = screening is not None and screening.hopeless(record)
@@ -189,18 +164,9 @@ def run_start(
         merit = evaluator.merit(shrunk.trajectory, problem.cost.samples) if shrunk.kept else -np.inf
         if not np.isfinite(merit):
             status += f"; {_why_useless(problem, shrunk)}"
-    seconds = time.perf_counter() - began
-    monitor.report(
-        SearchEvent(
-            index,
-            "done",
-            done,
-            merit if evaluator.criterion.larger_is_better else -merit,
-            max(last.violation, 0.0),
-            seconds,
-            status,
-        )
-    )
+    value = merit if evaluator.criterion.larger_is_better else -merit
+    seconds = watch.seconds
+    watch.tell("done", done, value, max(last.violation, 0.0), status)
     return StartResult(
-        index, kind, x, merit, status, last.converged, tuple(records), tuple(trace), seconds
+        index, kind, x, merit, status, last.converged, tuple(records), tuple(watch.trace), seconds
     )

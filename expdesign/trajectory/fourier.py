@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,8 +12,7 @@ from constraints.arrays import Array
 from expdesign.mechanism.hexapod import COORDINATES
 
 
-@dataclass(frozen=True)
-class PoseSamples:
+class PoseSamples(NamedTuple):
     """Pose and its time derivatives at N instants; m, rad, s. All (N, 6)."""
 
     pose: Array
