@@ -6,7 +6,7 @@ Every study keeps its repetitions in `runs/benchmark-…`: one that is stopped g
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -14,20 +14,21 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from matplotlib.figure import Figure
 
 from estimation.identification.estimate import parameter_knowledge, run_estimators
 from estimation.identification.recording import prepare_experiment
 from estimation.montecarlo import Study, run_study
 from estimation.montecarlo.journal import NAME as JOURNAL
-from estimation.montecarlo.record import MonteCarloRecord
+from estimation.montecarlo.record import MonteCarloRecord, StatisticsRow
 from estimation.montecarlo.statistics import ParameterStatistics, PooledStatistics
 from estimation.twin import Twin
 from expdesign.configuration import load_run
 from expdesign.robot import robot_from
 from expdesign.trajectory import FourierTrajectory, TrajectoryFile
-from results import study_figures
+from results import record_figures
 from results.figures.drawing import save_figures
-from results.figures.montecarlo import BIAS, study_series
+from results.figures.montecarlo import bias_figure
 
 TITLE = "Monte-Carlo study"
 
@@ -116,14 +117,18 @@ def central(repetitions: int) -> Iterator[Row]:
         yield _row(f"{name}, central: 95 % intervals cover", _coverage(pooled))
     yield _unbiased(fourier, "ml")
     yield _row("ml beside it: RMSE / bound", _ratio(_pooled(fourier, "ml")))
-    labels = {"ls": "LS, central", "gm": "GM, central", "ml": "ML, Fourier"}
-    record = tuple(
-        replace(series, label=labels[series.estimator])
-        for study in ("central", "central-ml")
-        for series in study_series(MonteCarloRecord.read(_folder(study)).rows)
-    )
-    figure = replace(BIAS, key="montecarlo_central")
-    for path in save_figures([figure], record, _ROOT / "docs" / "figures"):
+    labels = {"LS": "LS, central", "GM": "GM, central", "ML": "ML, Fourier"}
+
+    def labelled(figure: Figure, statistics: Sequence[StatisticsRow]) -> None:
+        bias_figure.fill(figure, statistics)
+        for text in figure.axes[0].get_legend().texts:
+            name, _, count = text.get_text().partition(" ")
+            text.set_text(f"{labels[name]} {count}")
+
+    studies = (MonteCarloRecord.read(_folder(name)) for name in ("central", "central-ml"))
+    statistics = [row for study in studies for row in study.rows]
+    figure = replace(bias_figure, key="montecarlo_central", fill=labelled)
+    for path in save_figures([figure], statistics, _ROOT / "docs" / "figures"):
         if path.suffix != ".png":
             path.unlink()
 
@@ -262,7 +267,7 @@ def _study(
     study = run_study(run, _design(), folder / JOURNAL)
     record = MonteCarloRecord.of(study)
     record.write(folder)
-    study_figures(record, folder)
+    record_figures(record, folder)
     return study
 
 

@@ -24,17 +24,19 @@ PURPLE = "#cc79a7"
 ORANGE = "#e69f00"
 SKY = "#56b4e9"
 
-STRUT_COLOURS = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY)
+PALETTE = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY)
+STRUT_COLOURS = PALETTE
 """Strut 1 … 6, in every figure."""
 
 AXIS_COLOURS = ("#004488", "#bb5566", "#ddaa33")
 """x, y, z and φ, θ, ψ: Tol's high-contrast scheme, which keeps its order in grey."""
 AXIS_DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (4, 1.2, 1, 1.2)))
 
+_POINTS = {"linestyle": "none", "markersize": 3.2, "elinewidth": 0.9, "zorder": 3}
 ESTIMATOR_LOOKS: dict[str, dict[str, Any]] = {
-    "ls": {"color": VERMILLION, "marker": "s"},
-    "gm": {"color": GREEN, "marker": "^"},
-    "ml": {"color": BLUE, "marker": "o"},
+    "ls": {"color": VERMILLION, "marker": "s", **_POINTS},
+    "gm": {"color": GREEN, "marker": "^", **_POINTS},
+    "ml": {"color": BLUE, "marker": "o", **_POINTS},
 }
 """Points of each estimator, in every figure: to be handed on to `errorbar`."""
 

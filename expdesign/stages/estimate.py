@@ -15,7 +15,7 @@ from estimation.processing import PeriodError, make_record
 from expdesign.configuration import InputError
 from expdesign.stages.outcome import Outcome, StageFailed
 from expdesign.stages.workspace import Workspace
-from results import estimate_figures, noise_figures
+from results import record_figures
 
 
 def perform(work: Workspace) -> Outcome:
@@ -53,7 +53,7 @@ def perform(work: Workspace) -> Outcome:
         "estimate",
         folder,
         (result, diagnosis),
-        (*record.write(folder), *estimate_figures(record, folder, figures)),
+        (*record.write(folder), *record_figures(record, folder, figures)),
         summary=summary,
         record=record,
         message="; ".join(f"{name}: {e.status}" for name, e in result.estimates.items()),
@@ -84,7 +84,7 @@ def analyse_noise(work: Workspace) -> Outcome:
         raise InputError(
             str(error), file=file, key="--data", allowed="two periods or more"
         ) from error
-    figures = noise_figures(record, folder, configuration.run.report.figures)
+    figures = record_figures(record, folder, configuration.run.report.figures)
     return Outcome(
         "noise",
         folder,

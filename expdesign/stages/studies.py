@@ -17,7 +17,7 @@ from expdesign.stages.record import clear_outdated
 from expdesign.stages.table import STAGES
 from expdesign.stages.workspace import Workspace
 from expdesign.workers import Monitor
-from results import comparison_study_figures, study_figures
+from results import record_figures
 
 _MOST_REASONS = 3
 
@@ -44,7 +44,7 @@ def montecarlo(work: Workspace) -> Outcome:
     record = MonteCarloRecord.of(study)
     files = [
         *record.write(folder),
-        *study_figures(record, folder, configuration.run.report.figures),
+        *record_figures(record, folder, configuration.run.report.figures),
     ]
     count = f"{len(study.repetitions)} of {study.wanted} repetitions"
     message = f"interrupted after {count}" if study.interrupted else count
@@ -99,7 +99,7 @@ def study(work: Workspace) -> Outcome:
     clear_outdated("study", work)
     files = [
         *found.write(folder),
-        *comparison_study_figures(found, folder, configuration.run.report.figures),
+        *record_figures(found, folder, configuration.run.report.figures),
     ]
     claims = found.record.summary.claims
     return Outcome(

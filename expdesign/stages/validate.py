@@ -6,7 +6,7 @@ from estimation.validation import validate
 from expdesign.robot import robot_from
 from expdesign.stages.outcome import Outcome
 from expdesign.stages.workspace import Workspace
-from results import validation_figures
+from results import record_figures
 
 
 def perform(work: Workspace) -> Outcome:
@@ -22,7 +22,7 @@ def perform(work: Workspace) -> Outcome:
     configuration, folder = work.configuration, work.folder
     record = validate(configuration, work.estimate(robot_from(configuration.robot)))
     summary, warnings = record.summary, record.summary.warnings
-    figures = validation_figures(record, folder, configuration.run.report.figures)
+    figures = record_figures(record, folder, configuration.run.report.figures)
     return Outcome(
         "validate",
         folder,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -18,7 +18,15 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from constraints.arrays import Array
 from expdesign.runfolder.atomic import written_beside
-from results.style import ALERT, MUTED, RESOLUTION, STRUT_COLOURS, house_style
+from results.style import (
+    ALERT,
+    MUTED,
+    PAGE_WIDTH,
+    RESOLUTION,
+    STRUT_COLOURS,
+    house_style,
+    new_figure,
+)
 from results.symbols import symbol
 
 Record = TypeVar("Record", contravariant=True)  # noqa: PLC0105 - the word is the reader's
@@ -28,12 +36,32 @@ Record = TypeVar("Record", contravariant=True)  # noqa: PLC0105 - the word is th
 class FigureDefinition(Generic[Record]):
     """A figure of a kind of record: name of its files without the ending, caption for reports.
 
-    `draw` computes nothing but what is shown, and saves nothing.
+    `fill` draws a record into an empty figure of this size, in inches; it computes nothing but what
+    is shown, and saves nothing.
     """
 
     key: str
     caption: str
-    draw: Callable[[Record], Figure]
+    fill: Callable[[Figure, Record], None]
+    height: float
+    width: float = PAGE_WIDTH
+
+    def draw(self, record: Record) -> Figure:
+        """Return the figure of a record."""
+        figure = new_figure(self.height, self.width)
+        self.fill(figure, record)
+        return figure
+
+    def ending(self, text: str) -> FigureDefinition[Record]:
+        """Return the same figure for another file, whose name has this ending."""
+        return replace(self, key=self.key + text)
+
+
+def figure_definition(
+    key: str, caption: str, *, height: float, width: float = PAGE_WIDTH
+) -> Callable[[Callable[[Figure, Record], None]], FigureDefinition[Record]]:
+    """Make a figure of the function that stands below: it is what fills it."""
+    return lambda fill: FigureDefinition(key, caption, fill, height, width)
 
 
 # Neither dates nor versions: a figure changes when what it shows does.
@@ -113,14 +141,7 @@ def strut_legend(figure: Figure) -> None:
 
 
 def legend_above(axes: Axes, handles: Sequence[Artist | Container]) -> None:
-    """Put a panel's legend on its upper edge, at the right end of the title's line.
-
-    Parameters
-    ----------
-    axes : Axes
-    handles : sequence of Artist or Container
-        With their labels.
-    """
+    """Put a panel's legend on its upper edge, at the right end of the title's line."""
     axes.legend(
         handles=list(handles),
         loc="lower right",
@@ -155,11 +176,16 @@ def corner_text(axes: Axes, text: str) -> None:
     )
 
 
-def parameter_axis(axes: Axes, names: Sequence[str], *, parted: bool = False) -> None:
-    """Put parameters on the horizontal axis, from 0; `parted`: a faint line between each two."""
-    axes.set_xticks(np.arange(len(names)), [symbol(name) for name in names])
+def named_places(axes: Axes, names: Sequence[str]) -> None:
+    """Name the places 0, 1, … of the horizontal axis."""
+    axes.set_xticks(np.arange(len(names)), names)
     axes.tick_params(axis="x", which="both", length=0)
     axes.grid(visible=False, axis="x")
+
+
+def parameter_axis(axes: Axes, names: Sequence[str], *, parted: bool = False) -> None:
+    """Put parameters on the horizontal axis, from 0; `parted`: a faint line between each two."""
+    named_places(axes, [symbol(name) for name in names])
     if parted:
         axes.set_xticks(np.arange(len(names) - 1) + 0.5, minor=True)
         axes.grid(visible=True, axis="x", which="minor")
@@ -178,13 +204,18 @@ def plain_ticks() -> FuncFormatter:
     return FuncFormatter(lambda value, _: f"{value:g}".replace("-", "−"))
 
 
-def margin_text(axes: Axes, y: float, text: str, colour: str) -> None:
-    """Write small text to the right of the axes, at a height in the units of the data."""
+def centred_text(axes: Axes, text: str, height: float = 0.5, **look: Any) -> None:
+    """Write text into the middle of axes that have nothing to show."""
+    axes.text(0.5, height, text, transform=axes.transAxes, ha="center", **look)
+
+
+def margin_text(axes: Axes, y: float, text: str, colour: str, offset: float = 4) -> None:
+    """Write small text right of the axes: `offset` points from them, y in units of the data."""
     axes.annotate(
         text,
         (1.0, y),
         xycoords=("axes fraction", "data"),
-        xytext=(4, 0),
+        xytext=(offset, 0),
         textcoords="offset points",
         va="center",
         color=colour,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,106 +12,49 @@ from matplotlib.figure import Figure
 from constraints.arrays import Array
 from estimation.montecarlo.record import StatisticsRow
 from results.figures.drawing import (
-    FigureDefinition,
+    figure_definition,
     legend_above,
     margin_text,
     parameter_axis,
     plain_decades,
     plain_ticks,
 )
-from results.style import BLACK, ESTIMATOR_LOOKS, FAINT, MUTED, new_figure
+from results.style import BLACK, ESTIMATOR_LOOKS, FAINT, MUTED
 
+Rows = Sequence[StatisticsRow]
 
-@dataclass(frozen=True, eq=False)
-class EstimatorSeries:
-    """One estimator over all repetitions.
-
-    Attributes
-    ----------
-    estimator : str
-        ``"ls"``, ``"gm"`` or ``"ml"``.
-    label : str
-        Its name in legends.
-    estimates : int
-        Repetitions that it is judged by.
-    parameters : tuple of str
-    bias, bias_std_error : (m,)
-        In units of the Cramér–Rao bound.
-    rmse, coverage : (m, 3)
-        RMSE in units of the bound; share of the intervals that hold the truth. Value, lower and
-        upper end of its 95 % interval.
-    """
-
-    estimator: str
-    label: str
-    estimates: int
-    parameters: tuple[str, ...]
-    bias: Array
-    bias_std_error: Array
-    rmse: Array
-    coverage: Array
-
-
-Series = Sequence[EstimatorSeries]
-
-
-def study_series(rows: Sequence[StatisticsRow]) -> tuple[EstimatorSeries, ...]:
-    """Return the estimators of a study in their order."""
-    found = []
-    for estimator in dict.fromkeys(row.estimator for row in rows):
-        own = [row for row in rows if row.estimator == estimator]
-        ratio = [(r.rmse_over_bound, r.rmse_over_bound_low, r.rmse_over_bound_high) for r in own]
-        found.append(
-            EstimatorSeries(
-                estimator,
-                estimator.upper(),
-                own[0].estimates,
-                tuple(row.parameter for row in own),
-                np.array([row.bias / row.bound for row in own]),
-                np.array([row.bias_std_error / row.bound for row in own]),
-                np.array(ratio),
-                np.array([(r.coverage, r.coverage_low, r.coverage_high) for r in own]),
-            )
-        )
-    return tuple(found)
-
-
-_OTHER_LOOK = {"color": BLACK, "marker": "D"}
+_OTHER_LOOK = ESTIMATOR_LOOKS["ml"] | {"color": BLACK, "marker": "D"}
 _WIDTH = 0.56
 
 
-def all_parameters(series: Series) -> tuple[str, ...]:
-    """Return the parameters of all estimators in their order."""
-    return tuple(dict.fromkeys(name for one in series for name in one.parameters))
+def _by_estimator(rows: Rows) -> dict[str, list[StatisticsRow]]:
+    found: dict[str, list[StatisticsRow]] = {}
+    for row in rows:
+        found.setdefault(row.estimator, []).append(row)
+    return found
 
 
-def points(axes: Axes, series: Series, number: int, values: Array, bars: Array) -> Any:
-    """Draw one estimator's points with their bars; return them for the legend.
+def _parameters(rows: Rows) -> list[str]:
+    return list(dict.fromkeys(row.parameter for row in rows))
 
-    Parameters
-    ----------
-    number : int
-        Place of the estimator in `series`.
-    values : (m,)
-    bars : (2, m)
-        Lengths below and above; NaN where there is none.
+
+def _points(axes: Axes, rows: Rows, estimator: str, values: Array, bars: Array) -> Any:
+    """Draw one estimator's points, (m,), with their bars; return them for the legend.
+
+    The bars are lengths below and above, (2, m), NaN where there is none.
     """
-    one = series[number]
-    names = all_parameters(series)
-    place = np.array([names.index(name) for name in one.parameters], dtype=float)
-    step = _WIDTH / max(len(series) - 1, 1)
-    shift = step * (number - (len(series) - 1) / 2)
+    groups, names = _by_estimator(rows), _parameters(rows)
+    own = groups[estimator]
+    place = np.array([names.index(row.parameter) for row in own], dtype=float)
+    step = _WIDTH / max(len(groups) - 1, 1)
+    shift = step * (list(groups).index(estimator) - (len(groups) - 1) / 2)
     return axes.errorbar(
         place + shift,
         values,
         yerr=np.nan_to_num(np.maximum(bars, 0.0)),
-        **ESTIMATOR_LOOKS.get(one.estimator, _OTHER_LOOK),
-        linestyle="none",
-        markersize=3.2,
-        elinewidth=0.9,
         capsize=0,
-        label=f"{one.label} ({one.estimates})",
-        zorder=3,
+        label=f"{estimator.upper()} ({own[0].estimates})",
+        **ESTIMATOR_LOOKS.get(estimator, _OTHER_LOOK),
     )
 
 
@@ -122,20 +64,27 @@ CLEAR = 3.5
 _LINEAR_BIAS = 12.0
 
 
-def draw_bias(series: Series) -> Figure:
+@figure_definition(
+    "montecarlo_bias",
+    "Mean error of every parameter over all repetitions with its standard error, in units "
+    "of the Cramér–Rao bound; in brackets the number of estimates. Within the band, of 3.5 "
+    "standard errors of an estimator that reaches the bound, a bias cannot be told from chance.",
+    height=3.3,
+)
+def bias_figure(figure: Figure, rows: Rows) -> None:
     """Draw the bias with its standard error, and the band in which chance leaves it.
 
     The axis is linear near zero and logarithmic further out when biases are large.
     """
-    band = CLEAR / np.sqrt(min(one.estimates for one in series))
-    figure = new_figure(3.3)
+    band = CLEAR / np.sqrt(min(row.estimates for row in rows))
     axes = figure.subplots()
     handles = []
     largest = band
-    for number, one in enumerate(series):
-        bias, error = one.bias, one.bias_std_error
+    for estimator, own in _by_estimator(rows).items():
+        bias = np.array([row.bias / row.bound for row in own])
+        error = np.array([row.bias_std_error / row.bound for row in own])
         largest = max(largest, float(np.nanmax(np.abs(bias) + np.nan_to_num(error))))
-        handles.append(points(axes, series, number, bias, np.stack([error, error])))
+        handles.append(_points(axes, rows, estimator, bias, np.stack([error, error])))
     axes.axhspan(-band, band, color=FAINT, alpha=0.35, linewidth=0, zorder=1)
     axes.axhline(0.0, color=MUTED, linewidth=0.8, zorder=2)
     room = 1.25
@@ -147,21 +96,11 @@ def draw_bias(series: Series) -> Figure:
         axes.set_yticks([*-decades[::-1], 0.0, *decades])
     axes.set_ylim(-room * largest, room * largest)
     margin_text(axes, 0.0, f"±{CLEAR:g} standard\nerrors at\nthe bound", MUTED)
-    parameter_axis(axes, all_parameters(series), parted=True)
+    parameter_axis(axes, _parameters(rows), parted=True)
     axes.set_xlabel("Parameter")
     axes.set_ylabel("Bias / Cramér–Rao bound")
     axes.set_title("Bias")
     legend_above(axes, handles)
-    return figure
-
-
-BIAS = FigureDefinition(
-    key="montecarlo_bias",
-    caption="Mean error of every parameter over all repetitions with its standard error, in units "
-    "of the Cramér–Rao bound; in brackets the number of estimates. Within the band, of 3.5 "
-    "standard errors of an estimator that reaches the bound, a bias cannot be told from chance.",
-    draw=draw_bias,
-)
 
 
 NOMINAL = 95.0
@@ -170,19 +109,25 @@ NOMINAL = 95.0
 _LINEAR_RATIO = 3.0
 
 
-def draw_efficiency(series: Series) -> Figure:
+@figure_definition(
+    "montecarlo_efficiency",
+    "Above: root mean square error of every parameter relative to the Cramér–Rao bound; 1 "
+    "cannot be improved. Below: how often the estimators' 95 % intervals hold the truth. Bars are "
+    "95 % intervals of the numbers themselves; in brackets the number of estimates.",
+    height=4.6,
+)
+def efficiency_figure(figure: Figure, rows: Rows) -> None:
     """Draw two panels over the parameters, every point with its 95 % interval."""
-    figure = new_figure(4.6)
     above, below = figure.subplots(2, 1, sharex=True)
     handles = []
-    for number, one in enumerate(series):
-        ratio, cover = one.rmse, 100 * one.coverage
-        handles.append(points(above, series, number, ratio[:, 0], _bars(ratio)))
-        points(below, series, number, cover[:, 0], _bars(cover))
+    for estimator, own in _by_estimator(rows).items():
+        ratio, cover = _interval(own, "rmse_over_bound"), 100 * _interval(own, "coverage")
+        handles.append(_points(above, rows, estimator, ratio[:, 0], _bars(ratio)))
+        _points(below, rows, estimator, cover[:, 0], _bars(cover))
     for axes, target in ((above, 1.0), (below, NOMINAL)):
         axes.axhline(target, color=MUTED, linewidth=1.0, zorder=2)
-        parameter_axis(axes, all_parameters(series), parted=True)
-    _ratio_scale(above, np.concatenate([one.rmse.ravel() for one in series]))
+        parameter_axis(axes, _parameters(rows), parted=True)
+    _ratio_scale(above, _interval(rows, "rmse_over_bound"))
     above.set_ylabel("RMSE / Cramér–Rao bound")
     above.set_title("Efficiency")
     legend_above(above, handles)
@@ -190,7 +135,11 @@ def draw_efficiency(series: Series) -> Figure:
     below.set_ylabel("Intervals that hold the truth (%)")
     below.set_title(f"Coverage of the {NOMINAL:g} % intervals")
     below.set_xlabel("Parameter")
-    return figure
+
+
+def _interval(rows: Rows, key: str) -> Array:
+    """Return a number with the lower and upper end of its 95 % interval, (m, 3)."""
+    return np.array([[getattr(row, key + end) for end in ("", "_low", "_high")] for row in rows])
 
 
 def _bars(values: Array) -> Array:
@@ -206,13 +155,5 @@ def _ratio_scale(axes: Axes, ratios: Array) -> None:
     plain_decades(axes.yaxis)
 
 
-EFFICIENCY = FigureDefinition(
-    key="montecarlo_efficiency",
-    caption="Above: root mean square error of every parameter relative to the Cramér–Rao bound; 1 "
-    "cannot be improved. Below: how often the estimators' 95 % intervals hold the truth. Bars are "
-    "95 % intervals of the numbers themselves; in brackets the number of estimates.",
-    draw=draw_efficiency,
-)
-
-STUDY_FIGURES: tuple[FigureDefinition[Series], ...] = (BIAS, EFFICIENCY)
+STUDY_FIGURES = (bias_figure, efficiency_figure)
 """In the order of a report."""

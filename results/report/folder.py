@@ -5,34 +5,15 @@ from __future__ import annotations
 import base64
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from itertools import chain
 from pathlib import Path
 from typing import Any, Protocol, Self, TypeVar
 
 from expdesign.configuration import InputError, RunConfiguration, load_run
 from expdesign.runfolder.manifest import Manifest, StageEntry
-from results.figures.design.catalogue import DESIGN_FIGURES
-from results.figures.drawing import FigureDefinition
-from results.figures.estimation.noise import NOISE_FIGURES
-from results.figures.estimation.parameters import ESTIMATE_FIGURES
-from results.figures.estimation.residuals import DIAGNOSTIC_FIGURES, PREDICTION_FIGURE
-from results.figures.montecarlo import STUDY_FIGURES
-from results.figures.struts import MOTION
-from results.figures.studies.catalogue import RECORD_FIGURES, REPETITIONS_FIGURE
 from results.report.content import FigureBlock, StageReport
+from results.saving import ALL_FIGURES
 
-_FIGURES: tuple[FigureDefinition[Any], ...] = (
-    *DESIGN_FIGURES,
-    MOTION,
-    *ESTIMATE_FIGURES,
-    *DIAGNOSTIC_FIGURES,
-    *NOISE_FIGURES,
-    PREDICTION_FIGURE,
-    *STUDY_FIGURES,
-    REPETITIONS_FIGURE,
-    *chain.from_iterable(RECORD_FIGURES.values()),
-)
-_CAPTIONS = {figure.key: figure.caption for figure in _FIGURES}
+_CAPTIONS = {figure.key: figure.caption for figure in ALL_FIGURES}
 
 
 @dataclass(frozen=True)

@@ -14,14 +14,13 @@ from expdesign.configuration import RunConfiguration
 from expdesign.experiment import DesignRecord
 from expdesign.export.record import ExportsRecord
 from expdesign.runfolder.atomic import write_text
-from results.design import design_figures, motion_figure
-from results.estimation import estimate_figures, study_figures, validation_figures
 from results.report.content import FigureBlock, Level, Page, Section, StageReport, Verdict
 from results.report.folder import ReportedStage, RunFolder
 from results.report.latex import latex_table
 from results.report.provenance import OWN_STAGE, provenance
 from results.report.rendering import rendered
 from results.report.view import robot_view
+from results.saving import record_figures, whole_motion_figure
 
 NAME = "report.html"
 
@@ -35,6 +34,14 @@ LATEX_TABLES = (
     "study_claims",
 )
 """Tables that are written as LaTeX too."""
+
+_DRAWN: dict[str, tuple[type[Any], str]] = {
+    "design": (DesignRecord, "excitation"),
+    "montecarlo": (MonteCarloRecord, "montecarlo_bias"),
+    "estimate": (EstimateRecord, "estimates"),
+    "validate": (ValidationRecord, "prediction_1"),
+}
+"""What a stage leaves, and a figure of it: where that is missing, all of them are drawn."""
 
 
 def write_report(
@@ -130,16 +137,11 @@ def _missing_figures(folder: RunFolder) -> list[Path]:
         return any(not (place / f"{stem}.{ending}").is_file() for ending in {*formats, "svg"})
 
     drawn: list[Path] = []
-    if folder.has("design") and missing("excitation"):
-        drawn += design_figures(folder.record(DesignRecord), folder.path, formats)
+    for stage, (kind, figure) in _DRAWN.items():
+        if folder.has(stage) and missing(figure):
+            drawn += record_figures(folder.record(kind), folder.path, formats)
     if folder.has("design") and folder.has("export"):
         # Always: a table that was exported by hand may be of another motion than the figure.
         record, exports = folder.record(DesignRecord), folder.record(ExportsRecord)
-        drawn += motion_figure(record, exports, folder.path, formats)
-    if folder.has("montecarlo") and missing("montecarlo_bias"):
-        drawn += study_figures(folder.record(MonteCarloRecord), folder.path, formats)
-    if folder.has("estimate") and missing("estimates"):
-        drawn += estimate_figures(folder.record(EstimateRecord), folder.path, formats)
-    if folder.has("validate") and missing("prediction_1"):
-        drawn += validation_figures(folder.record(ValidationRecord), folder.path, formats)
+        drawn += whole_motion_figure(record, exports, folder.path, formats)
     return drawn

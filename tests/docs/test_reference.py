@@ -52,7 +52,7 @@ from expdesign.mechanism.graph import HexapodGraph
 from expdesign.mechanism.term import ALPHA_RATE, BETA_RATE, STRUT_SPEED, parameters_of
 from expdesign.recheck.judge import TOLERANCE, grid_points
 from expdesign.trajectory import FourierTrajectory
-from results.figures.design.catalogue import DESIGN_FIGURES
+from results.figures.design import DESIGN_FIGURES
 from results.figures.montecarlo import STUDY_FIGURES
 from tests.docs.pages import ROOT, codes, parse, table
 

@@ -5,7 +5,7 @@ import pytest
 from estimation.diagnostics import diagnose
 from estimation.identification import estimate
 from estimation.identification.record import EstimateRecord
-from results import estimate_figures
+from results import record_figures
 from tests.estimation.cases import measured, run, trajectory
 
 MOTION = trajectory()
@@ -28,8 +28,8 @@ def test_what_is_read_is_written_the_same(record, tmp_path):
 
 def test_figures_of_the_folder_are_those_of_the_result(record, tmp_path):
     record.write(tmp_path)
-    drawn = estimate_figures(record, tmp_path / "memory", ("svg",))
-    anew = estimate_figures(EstimateRecord.read(tmp_path), tmp_path, ("svg",))
+    drawn = record_figures(record, tmp_path / "memory", ("svg",))
+    anew = record_figures(EstimateRecord.read(tmp_path), tmp_path, ("svg",))
     assert len(drawn) == 8
     for one, other in zip(drawn, anew, strict=True):
         assert one.read_bytes() == other.read_bytes(), one.name

@@ -2,6 +2,7 @@ import json
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
+from dataclasses import replace
 from pathlib import Path
 
 import matplotlib as mpl
@@ -14,11 +15,11 @@ from expdesign.experiment import DesignRecord
 from expdesign.recheck.judge import LimitCheck
 from expdesign.trajectory import FourierTrajectory
 from results import design_figures
-from results.figures.design import excitation
-from results.figures.design.catalogue import DESIGN_FIGURES
-from results.figures.design.convergence import FLOOR
-from results.figures.design.path import _extent as extent
-from results.figures.drawing import FigureDefinition, save_figures
+from results.figures.convergence import FLOOR
+from results.figures.design import DESIGN_FIGURES
+from results.figures.drawing import save_figures
+from results.figures.motion import excitation_figure
+from results.figures.path import _extent as extent
 from results.style import PAGE_WIDTH, RESOLUTION, STRUT_COLOURS, house_style
 
 KEYS = {definition.key for definition in DESIGN_FIGURES}
@@ -351,12 +352,11 @@ def test_figures_of_a_design_without_a_good_end_say_so(run, monkeypatch, status,
     (run.folder / "design.json").write_text(json.dumps(design | {"status": status}))
     drawn = []
 
-    def draw_excitation(record):
-        drawn.append(excitation.draw(record))
-        return drawn[-1]
+    def fill(figure, record):
+        excitation_figure.fill(figure, record)
+        drawn.append(figure)
 
-    only = FigureDefinition("excitation", "", draw_excitation)
-    monkeypatch.setattr("results.design.DESIGN_FIGURES", (only,))
+    monkeypatch.setattr("results.saving.DESIGN_FIGURES", (replace(excitation_figure, fill=fill),))
     design_figures(DesignRecord.read(run.folder), run.folder)
     assert says in drawn[0].get_supxlabel()
     with house_style():

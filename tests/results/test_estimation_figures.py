@@ -8,8 +8,8 @@ import pytest
 
 from estimation.diagnostics import diagnose
 from results.figures.drawing import save_figures
-from results.figures.estimation.noise import NOISE_FIGURES
-from results.figures.estimation.residuals import DIAGNOSTIC_FIGURES
+from results.figures.noise import NOISE_FIGURES
+from results.figures.residuals import DIAGNOSTIC_FIGURES
 from results.style import PAGE_WIDTH, RESOLUTION, house_style
 from tests.diagnostics.conftest import Laboratory
 

@@ -12,9 +12,8 @@ from expdesign.motion.spline import (
 )
 from expdesign.robot import load_robot
 from expdesign.trajectory import FourierTrajectory
-from results.executed import MotionRecord
 from results.figures.drawing import save_figures
-from results.figures.struts import MOTION
+from results.figures.motion import WholeMotion, motion_figure
 from results.style import house_style
 
 STEP = 0.01
@@ -37,7 +36,7 @@ def record():
     segments = (ramp("ramp in", rest, moving), Periods(orbit, 3), ramp("ramp out", moving, rest))
     motion = ExecutableMotion(segments, orbit, 3)
     run = {"name": "n", "robot": "palida", "trajectory": {"controller_period": STEP}}
-    return MotionRecord.of(load_run(run), motion)
+    return WholeMotion.of(load_run(run), motion)
 
 
 def test_the_record_is_at_the_controllers_steps(record):
@@ -53,7 +52,7 @@ def test_the_record_is_at_the_controllers_steps(record):
 
 def test_the_figure_marks_the_segments(record, tmp_path):
     with house_style():
-        figure = MOTION.draw(record)
+        figure = motion_figure.draw(record)
     panels = np.array(figure.axes).reshape(3, 3)
     for axes in panels.flat:
         marks = [line for line in axes.lines if len(line.get_xdata()) == 2]
@@ -62,6 +61,6 @@ def test_the_figure_marks_the_segments(record, tmp_path):
     texts = [text.get_text() for text in panels[0, 0].texts]
     assert texts[-2:] == ["ramp in", "periods"]
     np.testing.assert_allclose(panels[0, 1].get_xlim(), (0, record.starts[-1]))
-    paths = save_figures((MOTION,), record, tmp_path)
+    paths = save_figures((motion_figure,), record, tmp_path)
     assert [path.name for path in paths] == ["motion.png", "motion.svg"]
     assert all(path.stat().st_size > 1000 for path in paths)

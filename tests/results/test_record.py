@@ -7,7 +7,7 @@ from expdesign.configuration import InputError
 from expdesign.experiment import DesignRecord
 from expdesign.experiment.record import Iteration
 from expdesign.runfolder import MissingFileError
-from results.figures.design.convergence import traces
+from results.figures.convergence import traces
 
 FILES = [
     "run.yaml",

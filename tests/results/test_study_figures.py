@@ -7,7 +7,7 @@ import pytest
 
 from estimation.montecarlo.record import STATISTICS, StatisticsRow
 from results.figures.drawing import save_figures
-from results.figures.montecarlo import STUDY_FIGURES, draw_bias, draw_efficiency, study_series
+from results.figures.montecarlo import STUDY_FIGURES, bias_figure, efficiency_figure
 
 NAMES = ["p1", "p2", "r_alpha", "r1", "v6"]
 
@@ -49,10 +49,10 @@ def test_the_files(tmp_path):
     """The table of a folder gives the same bytes as what it was written from."""
     rows = statistics()
     STATISTICS.write(tmp_path, rows)
-    paths = save_figures(STUDY_FIGURES, study_series(rows), tmp_path / "memory")
+    paths = save_figures(STUDY_FIGURES, rows, tmp_path / "memory")
     names = {f"{d.key}.{ending}" for d in STUDY_FIGURES for ending in ("png", "svg")}
     assert {path.name for path in paths} == names
-    found = study_series(STATISTICS.read(tmp_path))
+    found = STATISTICS.read(tmp_path)
     for one, other in zip(paths, save_figures(STUDY_FIGURES, found, tmp_path), strict=True):
         assert one.read_bytes() == other.read_bytes()
 
@@ -62,7 +62,7 @@ def test_the_bias_is_drawn_in_units_of_the_bound():
         replace(row, bias=3 * row.bias, bias_std_error=3 * row.bias_std_error, bound=3.0)
         for row in statistics()
     ]
-    figure = draw_bias(study_series(rows))
+    figure = bias_figure.draw(rows)
     ls, ml = points(figure)
     np.testing.assert_allclose(ls[:, 1], [row.bias / 3 for row in rows[:5]])
     np.testing.assert_allclose(ml[:, 1], [row.bias / 3 for row in rows[5:]])
@@ -73,15 +73,15 @@ def test_the_bias_is_drawn_in_units_of_the_bound():
 
 
 def test_a_large_bias_needs_another_scale():
-    series = study_series(statistics(shift=30.0))
-    axes = draw_bias(series).axes[0]
+    rows = statistics(shift=30.0)
+    axes = bias_figure.draw(rows).axes[0]
     assert axes.get_yscale() == "symlog"
     assert axes.get_ylim()[1] > 30
-    assert draw_efficiency(series).axes[0].get_yscale() == "log"
+    assert efficiency_figure.draw(rows).axes[0].get_yscale() == "log"
 
 
 def test_efficiency_and_coverage():
-    figure = draw_efficiency(study_series(statistics()))
+    figure = efficiency_figure.draw(statistics())
     np.testing.assert_allclose(points(figure)[0][:, 1], 1.05)
     np.testing.assert_allclose(points(figure, 1)[1][:, 1], 95.0)
     assert figure.axes[1].get_ylim()[1] > 100
@@ -93,4 +93,4 @@ def test_efficiency_and_coverage():
 
 def test_one_repetition_has_no_standard_error(tmp_path):
     rows = statistics(estimators=("gm",), count=1, bias_std_error=np.nan)
-    assert len(save_figures(STUDY_FIGURES, study_series(rows), tmp_path)) == 4
+    assert len(save_figures(STUDY_FIGURES, rows, tmp_path)) == 4

@@ -13,8 +13,12 @@ from expdesign.configuration import InputError
 from expdesign.experiment import DesignRecord
 from expdesign.experiment.sensitivity import LimitSensitivity, limit_sensitivity
 from expdesign.runfolder.atomic import write_text
-from results.figures.comparison import ESTIMATES, PRECISION, ParameterSeries
 from results.figures.drawing import FigureDefinition, save_figures
+from results.figures.parameters import (
+    ParameterSeries,
+    compared_estimates_figure,
+    compared_precision_figure,
+)
 from results.report.comparison.design_tables import (
     criteria_table,
     efficiencies,
@@ -143,7 +147,7 @@ def _page(
         comparison = DesignComparison(designs, precision)
         figure = None
         if comparison.comparable:
-            figure = drawn(PRECISION, precision_series(comparison))
+            figure = drawn(compared_precision_figure, precision_series(comparison))
         costs = {}
         if with_sensitivity:
             costs = {
@@ -158,7 +162,8 @@ def _page(
         for label, folder in holding("estimate").items()
     )
     if estimates:
-        reports.append(estimates_report(estimates, drawn(ESTIMATES, estimates_series(estimates))))
+        figure = drawn(compared_estimates_figure, estimates_series(estimates))
+        reports.append(estimates_report(estimates, figure))
     if studies := holding("montecarlo"):
         reports.append(achieved_report(studies))
     page = Page(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from constraints.arrays import Array
-from results.figures.comparison import ParameterSeries, Series
+from results.figures.parameters import ParameterSeries, Series
 from results.report.comparison.designs import COUNTED, ComparedDesign, DesignComparison
 from results.report.table import Column, ReportTable, Value
 

@@ -14,7 +14,7 @@ from estimation.twin.record import Truth
 from estimation.uncertainty.differences import Differences, difference_test
 from expdesign.mechanism.catalogue import parameter_unit
 from expdesign.runfolder.manifest import file_hash
-from results.figures.comparison import ParameterSeries, Series
+from results.figures.parameters import ParameterSeries, Series
 from results.report.content import (
     Block,
     Fact,

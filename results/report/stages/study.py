@@ -16,7 +16,7 @@ from estimation.studies.records import (
     VARIANCES,
 )
 from expdesign.runfolder import RowTable
-from results.figures.estimation.residuals import PREDICTION_FIGURE
+from results.figures.residuals import prediction_figure
 from results.report.content import (
     Block,
     Fact,
@@ -187,7 +187,7 @@ def claim_row(claim: Claim) -> tuple[Value, ...]:
 def _predictions(folder: RunFolder, record: StudyRecord) -> tuple[str, ...]:
     """Return the figures of the first run: three situations of every motion."""
     motions = len(record.summary.settings["motions"])
-    stems = [f"{PREDICTION_FIGURE.key}_study_{k}" for k in range(1, 3 * motions + 1)]
+    stems = [f"{prediction_figure.key}_study_{k}" for k in range(1, 3 * motions + 1)]
     return tuple(stem for stem in stems if (folder.path / "figures" / f"{stem}.svg").is_file())
 
 

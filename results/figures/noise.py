@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
@@ -11,15 +10,26 @@ from scipy import stats
 
 from constraints.arrays import Array
 from estimation.diagnostics.noise_record import NoisePictures
-from results.figures.drawing import FigureDefinition, corner_text, correlation_image, strut_panels
-from results.style import BLUE, INK, STRUT_COLOURS, VERMILLION, new_figure
+from results.figures.drawing import (
+    corner_text,
+    correlation_image,
+    figure_definition,
+    named_places,
+    strut_panels,
+)
+from results.style import BLUE, INK, STRUT_COLOURS, VERMILLION
 from results.units import handy_unit, plain_number
 
 
-def draw_distribution(pictures: NoisePictures) -> Figure:
+@figure_definition(
+    "noise_distribution",
+    "Distribution of the force noise of each actuator and the normal curve with the same "
+    "mean and standard deviation; skewness, excess kurtosis and the p-value of normality.",
+    height=4.3,
+)
+def noise_distribution_figure(figure: Figure, pictures: NoisePictures) -> None:
     """Draw a histogram per actuator; what lies beyond the axis is counted in its outer bins."""
     bins, test = pictures.histogram, pictures.normality
-    figure = new_figure(4.3)
     reach = float(bins.high[-1])
     for j, axes in enumerate(strut_panels(figure, "Actuator", share=True)):
         axes.hist(
@@ -43,25 +53,21 @@ def draw_distribution(pictures: NoisePictures) -> Figure:
         )
     figure.supxlabel("Noise of one force sample (N)", fontsize="medium")
     figure.supylabel("Probability density (1/N)", fontsize="medium")
-    return figure
 
 
 def _signed(value: float) -> str:
     return f"{value:+.2f}".replace("-", "−")
 
 
-DISTRIBUTION = FigureDefinition(
-    key="noise_distribution",
-    caption="Distribution of the force noise of each actuator and the normal curve with the same "
-    "mean and standard deviation; skewness, excess kurtosis and the p-value of normality.",
-    draw=draw_distribution,
+@figure_definition(
+    "noise_quantiles",
+    "Quantiles of the force noise of each actuator against those of the normal "
+    "distribution. Grey: where each point lies with a probability of 95 % if the noise is normal.",
+    height=4.6,
 )
-
-
-def draw_quantiles(pictures: NoisePictures) -> Figure:
+def noise_quantiles_figure(figure: Figure, pictures: NoisePictures) -> None:
     """Draw quantiles in standard deviations, dense in the tails, with their 95 % band."""
     found = pictures.quantiles
-    figure = new_figure(4.6)
     for j, axes in enumerate(strut_panels(figure, "Actuator", share=True)):
         axes.fill_between(
             found.normal, found.low, found.high, color="#e4e4e4", linewidth=0, zorder=1
@@ -72,15 +78,6 @@ def draw_quantiles(pictures: NoisePictures) -> Figure:
         )
     figure.supxlabel("Quantile of the normal distribution (standard deviations)", fontsize="medium")
     figure.supylabel("Quantile of the noise (standard deviations)", fontsize="medium")
-    return figure
-
-
-QUANTILES = FigureDefinition(
-    key="noise_quantiles",
-    caption="Quantiles of the force noise of each actuator against those of the normal "
-    "distribution. Grey: where each point lies with a probability of 95 % if the noise is normal.",
-    draw=draw_quantiles,
-)
 
 
 _COLOURS = LinearSegmentedColormap.from_list("correlation", [BLUE, "#ffffff", VERMILLION])
@@ -88,34 +85,46 @@ _DARK = 0.6
 """Correlation from which on text is white."""
 
 
-def draw_covariance(pictures: NoisePictures) -> Figure:
+@figure_definition(
+    "noise_covariance",
+    "Covariances of the noise: correlations (left) and standard deviations with their 95 % "
+    "intervals (right) of forces (above) and strut lengths (below).",
+    height=5.6,
+)
+def noise_covariance_figure(figure: Figure, pictures: NoisePictures) -> None:
     """Draw the forces above and the lengths below."""
     noise = pictures.noise
-    figure = new_figure(5.6)
     panels = figure.subplots(2, 2, gridspec_kw={"width_ratios": [1.15, 1.0]})
-    _pair(
-        panels[0],
-        noise.force_covariance,
-        noise.force_freedom,
+    forces, lengths = (
         ("N", r"forces, $\Sigma$", "$Q_{%d}$"),
-    )
-    _pair(
-        panels[1],
-        noise.length_covariance,
-        noise.length_freedom,
         ("m", r"lengths, $\Delta$", "$q_{%d}$"),
     )
-    return figure
+    _pair(panels[0], noise.force_covariance, noise.force_freedom, *forces)
+    _pair(panels[1], noise.length_covariance, noise.length_freedom, *lengths)
 
 
 def _pair(
-    panels: NDArray[np.object_], covariance: Array, freedom: float, words: tuple[str, str, str]
+    panels: NDArray[np.object_],
+    covariance: Array,
+    freedom: float,
+    unit: str,
+    title: str,
+    channel: str,
 ) -> None:
-    unit, title, channel = words
     std = np.sqrt(np.diag(covariance))
     correlation = covariance / np.multiply.outer(std, std)
     names = [channel % j for j in range(1, len(std) + 1)]
-    _matrix(panels[0], correlation, names)
+    correlation_image(panels[0], correlation, names, _COLOURS)
+    for (i, j), value in np.ndenumerate(correlation):
+        panels[0].text(
+            j,
+            i,
+            "1" if i == j else f"{value:.2f}".replace("-", "−"),
+            ha="center",
+            va="center",
+            fontsize="small",
+            color="white" if abs(value) > _DARK else INK,
+        )
     panels[0].set_title(f"Correlation of the {title}")
     shown = handy_unit(unit, std)
     axes = panels[1]
@@ -129,34 +138,10 @@ def _pair(
         error_kw={"ecolor": INK, "elinewidth": 0.9, "capsize": 2.5},
         zorder=2,
     )
-    axes.set_xticks(np.arange(len(std)), names)
-    axes.tick_params(axis="x", length=0)
-    axes.grid(visible=False, axis="x")
+    named_places(axes, names)
     axes.set_ylabel(shown.label("Standard deviation"))
     axes.set_title(f"Standard deviation of the {title.split(',', maxsplit=1)[0]}")
 
 
-def _matrix(axes: Axes, correlation: Array, names: list[str]) -> None:
-    correlation_image(axes, correlation, names, _COLOURS)
-    for i, row in enumerate(correlation):
-        for j, value in enumerate(row):
-            axes.text(
-                j,
-                i,
-                "1" if i == j else f"{value:.2f}".replace("-", "−"),
-                ha="center",
-                va="center",
-                fontsize="small",
-                color="white" if abs(value) > _DARK else INK,
-            )
-
-
-COVARIANCE = FigureDefinition(
-    key="noise_covariance",
-    caption="Covariances of the noise: correlations (left) and standard deviations with their 95 % "
-    "intervals (right) of forces (above) and strut lengths (below).",
-    draw=draw_covariance,
-)
-
-NOISE_FIGURES: tuple[FigureDefinition[NoisePictures], ...] = (DISTRIBUTION, QUANTILES, COVARIANCE)
+NOISE_FIGURES = (noise_distribution_figure, noise_quantiles_figure, noise_covariance_figure)
 """What is shown of noise alone, in the order of a report."""

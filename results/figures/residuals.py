@@ -11,8 +11,14 @@ from estimation.diagnostics.record import ExperimentRecord
 from estimation.diagnostics.residuals import ForceResiduals
 from estimation.validation.record import MotionRecord
 from expdesign.mechanism.hexapod import ACTUATORS
-from results.figures.drawing import FigureDefinition, corner_text, plain_decades, strut_panels
-from results.style import ALERT, FAINT, MUTED, STRUT_COLOURS, new_figure
+from results.figures.drawing import (
+    centred_text,
+    corner_text,
+    figure_definition,
+    plain_decades,
+    strut_panels,
+)
+from results.style import ALERT, FAINT, MUTED, STRUT_COLOURS
 from results.units import handy_unit
 
 _BAND = 1.96
@@ -20,21 +26,31 @@ _REACH = 0.9995
 """Share of the residuals that the panels show: one outlier shall not flatten all six."""
 
 
-def draw_residuals(record: ExperimentRecord) -> Figure:
+@figure_definition(
+    "residuals",
+    "Residual force of each actuator over one period, mean over the periods. Dashed: where "
+    "the noise alone leaves 95 % of it. F: bias against the scatter between the periods.",
+    height=5.4,
+)
+def residuals_figure(figure: Figure, record: ExperimentRecord) -> None:
     """Draw the residuals of an estimate over one period."""
-    figure, panels = _residual_panels(record.residuals, record.residuals.time, room=1.25)
-    test = record.tests.lack_of_fit
-    for j, axes in enumerate(panels):
+    rest, test = record.residuals, record.tests.lack_of_fit
+    for j, axes in enumerate(_residual_panels(figure, rest, rest.time, room=1.25)):
         if not test.refused:
             words = "bias" if test.failed[j] else "no bias"
             corner_text(axes, f"{words}: F = {test.statistic[j]:.2f}")
-    return figure
 
 
-def draw_prediction(motion: MotionRecord) -> Figure:
+@figure_definition(
+    "prediction",
+    "Error of the predicted force of each actuator on a motion that was not used for the "
+    "estimate. Dashed: where the noise alone leaves 95 % of it.",
+    height=5.4,
+)
+def prediction_figure(figure: Figure, motion: MotionRecord) -> None:
     """Draw the error of the prediction of a motion."""
     rest, test = motion.residuals, motion.tests.lack_of_fit
-    figure, panels = _residual_panels(rest, rest.time - rest.time[0], room=1.3)
+    panels = _residual_panels(figure, rest, rest.time - rest.time[0], room=1.3)
     for j, axes in enumerate(panels):
         if test.refused:
             corner_text(axes, "not tested")
@@ -44,14 +60,12 @@ def draw_prediction(motion: MotionRecord) -> Figure:
         if test.failed[j]:
             axes.texts[-1].set_color(ALERT)
     figure.suptitle(motion.name, fontsize="medium")
-    return figure
 
 
 def _residual_panels(
-    rest: ForceResiduals, time: Array, *, room: float
-) -> tuple[Figure, tuple[Axes, ...]]:
+    figure: Figure, rest: ForceResiduals, time: Array, *, room: float
+) -> tuple[Axes, ...]:
     """Draw the residuals with the band in which noise alone leaves 95 % of them."""
-    figure = new_figure(5.4)
     height = 1.1 * float(np.max(np.quantile(np.abs(rest.forces), _REACH, axis=0)))
     height = max(height, 1.3 * _BAND * float(np.max(rest.std)))
     panels = strut_panels(figure, "Actuator", (3, 2), share=True)
@@ -66,27 +80,17 @@ def _residual_panels(
         axes.set_xlim(time[0], time[-1])
     figure.supxlabel("Time (s)", fontsize="medium")
     figure.supylabel("Measured − predicted force, mean over the periods (N)", fontsize="medium")
-    return figure, panels
+    return panels
 
 
-RESIDUALS = FigureDefinition(
-    key="residuals",
-    caption="Residual force of each actuator over one period, mean over the periods. Dashed: where "
-    "the noise alone leaves 95 % of it. F: bias against the scatter between the periods.",
-    draw=draw_residuals,
+@figure_definition(
+    "residual_dependence",
+    "Residual force of each actuator, averaged in bins of its strut's length (left) and "
+    "speed (right), with 95 % intervals from the noise.",
+    height=7.8,
 )
-
-PREDICTION_FIGURE = FigureDefinition(
-    key="prediction",
-    caption="Error of the predicted force of each actuator on a motion that was not used for the "
-    "estimate. Dashed: where the noise alone leaves 95 % of it.",
-    draw=draw_prediction,
-)
-
-
-def draw_dependence(record: ExperimentRecord) -> Figure:
+def residual_dependence_figure(figure: Figure, record: ExperimentRecord) -> None:
     """Draw one row per strut: means in bins with their 95 % intervals."""
-    figure = new_figure(7.8)
     panels = figure.subplots(ACTUATORS, 2, sharex="col", sharey=True)
     columns = (("length", "m"), ("speed", "m/s"))
     for column, (over, si) in enumerate(columns):
@@ -113,27 +117,24 @@ def draw_dependence(record: ExperimentRecord) -> Figure:
         panels[-1, column].set_xlabel(unit.label(f"Strut {over}"))
         panels[0, column].set_title(f"Over the {over}")
     figure.supylabel("Strut: mean residual force (N)", fontsize="medium")
-    return figure
 
 
-DEPENDENCE = FigureDefinition(
-    key="residual_dependence",
-    caption="Residual force of each actuator, averaged in bins of its strut's length (left) and "
-    "speed (right), with 95 % intervals from the noise.",
-    draw=draw_dependence,
+@figure_definition(
+    "position_periodic",
+    "Search for forces that are periodic in each strut's length (cogging): statistic over "
+    "the pitch, grey in the residuals, coloured with the effects that were found taken out. "
+    "Dashed: significant over all struts and pitches (family level 0.1 %).",
+    height=5.4,
 )
-
-
-def draw_pitches(record: ExperimentRecord) -> Figure:
+def position_periodic_figure(figure: Figure, record: ExperimentRecord) -> None:
     """Draw the statistic over the pitch: of the residuals, and with what was found taken out."""
     tests = record.tests
     forces = {e.strut: e.force for e in tests.effects if e.force is not None}
-    figure = new_figure(5.4)
     panels = strut_panels(figure, "Strut", (3, 2), share=True)
     for strut, (axes, scan) in enumerate(zip(panels, tests.position_periodic, strict=True)):
         rows = [row for row in record.pitches if row.strut == strut + 1]
         if not rows:
-            axes.text(0.5, 0.5, "not scanned", transform=axes.transAxes, ha="center", color=MUTED)
+            centred_text(axes, "not scanned", color=MUTED)
             continue
         pitch = [1e3 * row.pitch for row in rows]
         if tests.effects:
@@ -152,7 +153,6 @@ def draw_pitches(record: ExperimentRecord) -> Figure:
     _scales(panels[0], tests.position_periodic[0].critical)
     figure.supxlabel("Pitch (mm)", fontsize="medium")
     figure.supylabel("Statistic (χ² of sine and cosine)", fontsize="medium")
-    return figure
 
 
 def _scales(axes: Axes, critical: float) -> None:
@@ -164,17 +164,5 @@ def _scales(axes: Axes, critical: float) -> None:
     axes.set_ylim(bottom=0)
 
 
-PITCHES = FigureDefinition(
-    key="position_periodic",
-    caption="Search for forces that are periodic in each strut's length (cogging): statistic over "
-    "the pitch, grey in the residuals, coloured with the effects that were found taken out. "
-    "Dashed: significant over all struts and pitches (family level 0.1 %).",
-    draw=draw_pitches,
-)
-
-DIAGNOSTIC_FIGURES: tuple[FigureDefinition[ExperimentRecord], ...] = (
-    RESIDUALS,
-    DEPENDENCE,
-    PITCHES,
-)
+DIAGNOSTIC_FIGURES = (residuals_figure, residual_dependence_figure, position_periodic_figure)
 """What is shown of the residuals, in the order of a report."""

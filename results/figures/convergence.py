@@ -18,8 +18,8 @@ from expdesign.experiment import DesignRecord
 from expdesign.experiment.record import Iteration
 from expdesign.information.criteria import CRITERIA
 from expdesign.recheck.judge import TOLERANCE
-from results.figures.drawing import FigureDefinition
-from results.style import EMPHASIS, GREY, INK, ORANGE, new_figure
+from results.figures.drawing import centred_text, figure_definition
+from results.style import EMPHASIS, GREY, INK, ORANGE
 from results.units import plain_number
 
 FLOOR = TOLERANCE
@@ -64,10 +64,15 @@ def traces(iterations: Sequence[Iteration]) -> tuple[Trace, ...]:
     return tuple(found)
 
 
-def draw(record: DesignRecord) -> Figure:
+@figure_definition(
+    "convergence",
+    "Objective (smoothed friction, as the optimiser sees it) and largest violation of a "
+    "limit over the iterations of all starts.",
+    height=4.4,
+)
+def convergence_figure(figure: Figure, record: DesignRecord) -> None:
     """Draw all starts, the one that the design came from in front."""
     found = traces(record.iterations)
-    figure = new_figure(4.4)
     objective, violation = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
     roles = [_role(trace, record.summary.solver.best_start) for trace in found]
     longest = max((float(trace.iteration[-1]) for trace in found), default=1.0)
@@ -83,9 +88,7 @@ def draw(record: DesignRecord) -> Figure:
     violation.set_ylabel("Share of its range (1)")
     violation.set_xlabel(_iteration_label(record, found))
     if not found:
-        objective.text(
-            0.5, 0.7, "no iterations were recorded", transform=objective.transAxes, ha="center"
-        )
+        centred_text(objective, "no iterations were recorded", height=0.7)
     first = min((float(trace.iteration[0]) for trace in found), default=0.0)
     violation.set_xlim(first - 0.02 * (longest - first) if first > 1 else 0, 1.02 * longest)
     handles = [
@@ -94,7 +97,6 @@ def draw(record: DesignRecord) -> Figure:
     if handles:
         figure.legend(handles=handles, loc="outside upper center", ncols=len(handles))
     figure.align_ylabels()
-    return figure
 
 
 def _iteration_label(record: DesignRecord, found: Sequence[Trace]) -> str:
@@ -168,11 +170,3 @@ def _settled(found: Sequence[Trace]) -> Array:
     parts = [trace.objective[int(_SETTLED * trace.objective.size) :] for trace in found]
     values = np.concatenate(parts) if parts else np.array([])
     return values[np.isfinite(values)]
-
-
-FIGURE = FigureDefinition(
-    key="convergence",
-    caption="Objective (smoothed friction, as the optimiser sees it) and largest violation of a "
-    "limit over the iterations of all starts.",
-    draw=draw,
-)

@@ -1,4 +1,4 @@
-"""What the struts do, against their limits: over one period, and from rest to rest."""
+"""The motion over one period and from rest to rest, and the struts against their limits."""
 
 from __future__ import annotations
 
@@ -12,11 +12,51 @@ from matplotlib.figure import Figure
 
 from constraints import Limit
 from constraints.arrays import Array
+from expdesign.configuration import RunConfiguration
 from expdesign.experiment import DesignRecord
-from results.executed import MotionRecord
-from results.figures.drawing import FigureDefinition, strut_legend
-from results.style import FAINT, FORBIDDEN, INK, MUTED, STRUT_COLOURS, new_figure
+from expdesign.experiment.design import controller_period
+from expdesign.mechanism.hexapod import COORDINATE_NAMES
+from expdesign.motion.executable import ExecutableMotion
+from expdesign.motion.sampled import SampledMotion
+from expdesign.robot import robot_from
+from results.figures.drawing import figure_definition, legend_above, strut_legend
+from results.style import AXIS_COLOURS, AXIS_DASHES, FAINT, FORBIDDEN, INK, MUTED, STRUT_COLOURS
+from results.symbols import symbol
 from results.units import DisplayUnit, handy_unit
+
+
+@dataclass(frozen=True, eq=False)
+class WholeMotion:
+    """The motion from rest to rest at the controller's steps, both ends included.
+
+    Attributes
+    ----------
+    motion : SampledMotion
+    names : tuple of str
+        Of the segments.
+    starts : (K + 1,)
+        When each segment begins, and the end of the last, s.
+    limits : tuple of Limit
+    """
+
+    motion: SampledMotion
+    names: tuple[str, ...]
+    starts: Array
+    limits: tuple[Limit, ...]
+
+    @classmethod
+    def of(cls, configuration: RunConfiguration, motion: ExecutableMotion) -> WholeMotion:
+        """Sample a motion of a run."""
+        step = controller_period(configuration)
+        robot = robot_from(configuration.robot)
+        time = np.minimum(step * np.arange(sum(motion.steps(step)) + 1.0), motion.duration)
+        names = tuple(segment.name for segment in motion.segments)
+        return cls(SampledMotion.of(robot, motion, time), names, motion.starts, robot.limits)
+
+    def limit(self, key: str) -> Limit | None:
+        """Return a limit of the run by its key, None when there is none."""
+        return next((limit for limit in self.limits if limit.key == key), None)
+
 
 _SHARE = 6.0
 """Limits are in view when their range is at most this many spans of the curves …"""
@@ -25,7 +65,6 @@ _NEAR = 1.0
 _BAND = 0.11
 """Height of the forbidden area in view, as a share of what lies between."""
 _AIR = 0.06
-
 
 _BEYOND = 0.35
 """How far the close-up of a ramp reaches into the periods, as a share of the ramp."""
@@ -57,50 +96,54 @@ ALPHA = StrutQuantity("First cardan angle", r"Cardan angle $\alpha$", "rad", "al
 BETA = StrutQuantity("Second cardan angle", r"Cardan angle $\beta$", "rad", "beta", "beta")
 
 
-def draw_struts(record: DesignRecord) -> Figure:
+@figure_definition(
+    "struts",
+    "Lengths, speeds, accelerations and actuator forces (nominal parameters) of the six "
+    "struts over one period. What the limits forbid is hatched.",
+    height=5.4,
+)
+def struts_figure(figure: Figure, record: DesignRecord) -> None:
     """Draw four panels over one period; the forces are those of the nominal parameters."""
-    figure = new_figure(5.4)
     panels = figure.subplots(2, 2, sharex=True)
     _draw_period(record, panels, (LENGTH, SPEED, ACCELERATION, FORCE))
     figure.align_ylabels()
-    return figure
 
 
-def draw_cardan_angles(record: DesignRecord) -> Figure:
+@figure_definition(
+    "cardan_angles",
+    "Cardan angles of the six struts over one period. What the limits forbid is hatched.",
+    height=2.9,
+)
+def cardan_angles_figure(figure: Figure, record: DesignRecord) -> None:
     """Draw α and β of all struts over one period."""
-    figure = new_figure(2.9)
     _draw_period(record, figure.subplots(1, 2, sharex=True, squeeze=False), (ALPHA, BETA))
-    return figure
 
 
 def _draw_period(record: DesignRecord, panels: Any, quantities: Sequence[StrutQuantity]) -> None:
     """Draw one quantity into each panel over one period; name the struts above all."""
-    motion = record.motion
     for axes, quantity in zip(panels.flat, quantities, strict=True):
-        values = getattr(motion, quantity.attribute)
-        limited_panel(axes, quantity, motion.time, values, record.limit(quantity.limit))
-        axes.set_xlim(0, motion.period)
+        _limited_panel(axes, quantity, record)
+        axes.set_xlim(0, record.motion.period)
     for axes in panels[-1]:
         axes.set_xlabel("Time (s)")
     strut_legend(panels.flat[0].figure)
 
 
-def draw_motion(record: MotionRecord) -> Figure:
+@figure_definition(
+    "motion",
+    "Lengths, speeds and actuator forces (nominal parameters) of the six struts from rest "
+    "to rest. Left and right the ramps, close up; what the limits forbid is hatched.",
+    height=6.2,
+)
+def motion_figure(figure: Figure, record: WholeMotion) -> None:
     """Draw lengths, speeds and forces: the whole motion, and its two ramps close up."""
-    figure = new_figure(6.2)
     panels = figure.subplots(3, 3, sharex="col", sharey="row", width_ratios=_WIDTHS)
     end = float(record.starts[-1])
     begin, leave = float(record.starts[1]), float(record.starts[-2])
-    views = (
-        (0.0, begin * (1 + _BEYOND)),
-        (0.0, end),
-        (leave - (end - leave) * _BEYOND, end),
-    )
-    motion = record.motion
+    views = ((0, begin * (1 + _BEYOND)), (0, end), (leave - (end - leave) * _BEYOND, end))
     for row, quantity in zip(panels, (LENGTH, SPEED, FORCE), strict=True):
-        values = getattr(motion, quantity.attribute)
         for axes, view in zip(row, views, strict=True):
-            limited_panel(axes, quantity, motion.time, values, record.limit(quantity.limit))
+            _limited_panel(axes, quantity, record)
             for text in axes.texts[:] if axes is not row[1] else ():
                 text.remove()
             axes.set_title("")
@@ -116,10 +159,9 @@ def draw_motion(record: MotionRecord) -> Figure:
     panels[0, 1].set_title("whole motion")
     figure.align_ylabels()
     strut_legend(figure)
-    return figure
 
 
-def _name_segments(axes: Axes, record: MotionRecord, names: tuple[str, ...]) -> None:
+def _name_segments(axes: Axes, record: WholeMotion, names: tuple[str, ...]) -> None:
     """Write each segment's name above the middle of what is in view of it."""
     low, high = axes.get_xlim()
     for name in names:
@@ -137,32 +179,21 @@ def _name_segments(axes: Axes, record: MotionRecord, names: tuple[str, ...]) -> 
         )
 
 
-def limited_panel(
-    axes: Axes, quantity: StrutQuantity, time: Array, values: Array, limit: Limit | None
-) -> None:
+def _limited_panel(axes: Axes, quantity: StrutQuantity, record: DesignRecord | WholeMotion) -> None:
     """Draw the curves, shade what the limit forbids and write the bounds into the shade.
 
     Where bounds differ from strut to strut, the shade begins at the widest, and each strut's own
     bound is a dashed line in its colour.
-
-    Parameters
-    ----------
-    axes : Axes
-    quantity : StrutQuantity
-    time : (N,)
-        s.
-    values : (N, 6)
-        SI.
-    limit : Limit or None
-        None when the quantity is not limited.
     """
+    motion, limit = record.motion, record.limit(quantity.limit)
+    values: Array = getattr(motion, quantity.attribute)
     nothing = np.full(values.shape[1], np.inf)
     lower = -nothing if limit is None else limit.lower
     upper = nothing if limit is None else limit.upper
     finite = np.concatenate([values.ravel(), lower, upper])
     unit = handy_unit(quantity.unit, finite[np.isfinite(finite)])
     for j, colour in enumerate(STRUT_COLOURS):
-        axes.plot(time, unit.shown(values[:, j]), color=colour, label=f"strut {j + 1}")
+        axes.plot(motion.time, unit.shown(values[:, j]), color=colour, label=f"strut {j + 1}")
     axes.set_title(quantity.title)
     axes.set_ylabel(unit.label(quantity.label))
     _show_bounds(axes, unit, values, lower, upper)
@@ -229,20 +260,37 @@ def _bounds_text(unit: DisplayUnit, bounds: Array) -> str:
     return f"limits by strut {unit.number(smallest)} … {unit.quantity(largest)}"
 
 
-STRUTS = FigureDefinition(
-    key="struts",
-    caption="Lengths, speeds, accelerations and actuator forces (nominal parameters) of the six "
-    "struts over one period. What the limits forbid is hatched.",
-    draw=draw_struts,
+_PANELS = (
+    ("Displacements of the TCP from home", "Displacement", "m", slice(0, 3)),
+    ("Rotation angles", "Angle", "rad", slice(3, 6)),
 )
-CARDAN_ANGLES = FigureDefinition(
-    key="cardan_angles",
-    caption="Cardan angles of the six struts over one period. What the limits forbid is hatched.",
-    draw=draw_cardan_angles,
+
+
+@figure_definition(
+    "excitation",
+    "One period of the excitation trajectory: displacements of the tool centre point from "
+    "the home pose (above) and rotation angles of the platform (below).",
+    height=4.4,
 )
-MOTION = FigureDefinition(
-    key="motion",
-    caption="Lengths, speeds and actuator forces (nominal parameters) of the six struts from rest "
-    "to rest. Left and right the ramps, close up; what the limits forbid is hatched.",
-    draw=draw_motion,
-)
+def excitation_figure(figure: Figure, record: DesignRecord) -> None:
+    """Draw x, y, z from home and φ, θ, ψ, as Fig. 2 of the paper does."""
+    panels = figure.subplots(2, 1, sharex=True)
+    time = record.motion.time
+    # Where home is belongs to the place of the robot; angles are shown as they are limited.
+    origin = record.robot.home * [1, 1, 1, 0, 0, 0]
+    values = record.motion.pose - origin
+    for axes, (title, label, si, part) in zip(panels, _PANELS, strict=True):
+        unit = handy_unit(si, values[:, part])
+        axes.axhline(0, color=MUTED, linewidth=0.7, zorder=1)
+        names = COORDINATE_NAMES[part]
+        for k, (name, colour, dashes) in enumerate(
+            zip(names, AXIS_COLOURS, AXIS_DASHES, strict=True)
+        ):
+            shown = unit.shown(values[:, part][:, k])
+            axes.plot(time, shown, color=colour, linestyle=dashes, label=symbol(name))
+        axes.set_title(title)
+        axes.set_ylabel(unit.label(label))
+        axes.set_xlim(0, record.motion.period)
+        legend_above(axes, axes.get_lines()[1:])
+    panels[-1].set_xlabel("Time (s)")
+    figure.align_ylabels()

@@ -13,8 +13,8 @@ from matplotlib.transforms import Bbox
 
 from constraints.arrays import Array
 from expdesign.experiment import DesignRecord
-from results.figures.drawing import FigureDefinition
-from results.style import EMPHASIS, FAINT, INK, MUTED, STRUT_COLOURS, new_figure
+from results.figures.drawing import figure_definition
+from results.style import EMPHASIS, FAINT, INK, MUTED, STRUT_COLOURS
 from results.units import DisplayUnit, handy_unit
 
 _ELEVATION, _AZIMUTH = 20.0, -62.0
@@ -33,9 +33,15 @@ _VIEWS = ((0.01, 0.01, 0.47, 0.86), (0.52, 0.01, 0.47, 0.86))
 """Left, bottom, width and height of the views, as shares of the figure."""
 
 
-def draw(record: DesignRecord) -> Figure:
+@figure_definition(
+    "path",
+    "Path of the tool centre point over one period: with base joints, struts and platform "
+    "joints at the home pose (left), and within the limits of its position, or from home where "
+    "these are far (right). Scales are equal within each view.",
+    height=3.9,
+)
+def path_figure(figure: Figure, record: DesignRecord) -> None:
     """Draw both views, each with one scale for its three axes."""
-    figure = new_figure(3.9)
     # The layout engine does not know how far the labels of three-dimensional axes reach out.
     figure.set_layout_engine("none")
     # Matplotlib has no types for three dimensions.
@@ -60,7 +66,6 @@ def draw(record: DesignRecord) -> Figure:
     if bounded:
         handles.append(Line2D([], [], color=MUTED, dashes=(3, 2), linewidth=0.8, label="limits"))
     figure.legend(handles=handles, loc="upper center", ncols=len(handles))
-    return figure
 
 
 def _draw_robot(axes: Any, record: DesignRecord) -> None:
@@ -186,12 +191,3 @@ def _polygon(points: Array) -> Array:
 
 def _closed(points: Array) -> Array:
     return np.concatenate([points, points[:1]])
-
-
-FIGURE = FigureDefinition(
-    key="path",
-    caption="Path of the tool centre point over one period: with base joints, struts and platform "
-    "joints at the home pose (left), and within the limits of its position, or from home where "
-    "these are far (right). Scales are equal within each view.",
-    draw=draw,
-)

@@ -1,1 +1,0 @@
-"""The figures of a design: every module declares one as ``FIGURE``."""

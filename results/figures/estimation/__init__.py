@@ -1,1 +1,0 @@
-"""Figures of an estimate's diagnostics; each is drawn from an `ExperimentDiagnosis`."""

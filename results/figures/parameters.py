@@ -1,0 +1,224 @@
+"""What is known of every parameter: predicted precision, estimates, several folders."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.container import Container
+from matplotlib.figure import Figure
+
+from constraints.arrays import Array
+from estimation.identification.record import EstimateRecord
+from estimation.uncertainty import correlation
+from expdesign.experiment import DesignRecord
+from expdesign.experiment.result import IDENTIFIABLE
+from results.figures.drawing import (
+    correlation_image,
+    figure_definition,
+    legend_above,
+    margin_text,
+    parameter_axis,
+    plain_ticks,
+    standing_text,
+)
+from results.style import ALERT, EMPHASIS, ESTIMATOR_LOOKS, MUTED, PALETTE, SECOND
+from results.symbols import symbol
+
+_IDENTIFIABLE = 100 * IDENTIFIABLE
+_WIDTH = 0.38
+
+
+@figure_definition(
+    "precision",
+    "Predicted standard deviation of every parameter relative to its nominal value, over "
+    "one period of the design and over the whole experiment.",
+    height=3.3,
+)
+def precision_figure(figure: Figure, record: DesignRecord) -> None:
+    """Draw two bars per parameter, one period and the whole experiment, on a logarithmic axis."""
+    parameters, summary = record.parameters, record.summary
+    experiment = summary.predicted_std.experiment
+    periods = experiment.periods
+    whole = f"experiment ({periods:g} period{'s' * (periods != 1)}"
+    percents = np.array(
+        [(p.rel_std_percent_per_period, p.rel_std_percent_experiment) for p in parameters]
+    )
+    series = (
+        (f"one period ({_count(summary.samples)} samples)", SECOND, -_WIDTH / 2),
+        (f"{whole}, {_count(experiment.samples)} samples)", EMPHASIS, _WIDTH / 2),
+    )
+    axes = figure.subplots()
+    position = np.arange(len(parameters), dtype=float)
+    floor = _scale(axes, percents)
+    handles: list[Container] = []
+    for percent, (label, colour, shift) in zip(percents.T, series, strict=True):
+        known = np.isfinite(percent) & (percent > 0)
+        handles.append(
+            axes.bar(
+                position[known] + shift,
+                percent[known] - floor,
+                width=_WIDTH,
+                bottom=floor,
+                color=colour,
+                label=label,
+                zorder=2,
+            )
+        )
+    unknown = ~np.any(np.isfinite(percents), axis=1)
+    standing_text(axes, position[unknown], "nominal value 0")
+    axes.axhline(_IDENTIFIABLE, color=ALERT, linewidth=1.0, zorder=3)
+    margin_text(axes, _IDENTIFIABLE, f"{_IDENTIFIABLE:g} %\nidentifiable\nbelow", ALERT)
+    parameter_axis(axes, [parameter.name for parameter in parameters])
+    axes.set_xlabel("Parameter")
+    axes.set_ylabel("Standard deviation / |nominal| (%)")
+    axes.set_title("Predicted precision")
+    legend_above(axes, handles)
+
+
+def _scale(axes: Axes, percent: Array) -> float:
+    """Set the logarithmic axis; return where the bars begin."""
+    shown = np.append(percent[np.isfinite(percent) & (percent > 0)], _IDENTIFIABLE)
+    floor = 10.0 ** np.floor(np.log10(np.min(shown) / 1.5))
+    axes.set_yscale("log")
+    axes.yaxis.set_major_formatter(plain_ticks())
+    axes.set_ylim(floor, 2.0 * np.max(shown))
+    return float(floor)
+
+
+def _count(number: int) -> str:
+    return f"{number:,}".replace(",", "\u202f")
+
+
+_SPREAD = 0.5
+
+
+@figure_definition(
+    "estimates",
+    "Deviation of every estimate from the a-priori value, in units of the best estimator's "
+    "standard deviation, with 95 % intervals. The a-priori values do not enter the estimates.",
+    height=3.4,
+)
+def estimates_figure(figure: Figure, record: EstimateRecord) -> None:
+    """Draw deviations in units of the best estimator's standard deviation."""
+    axes = figure.subplots()
+    tables = record.by_estimator()
+    best = record.summary.best
+    names = record.summary.parameters
+    position = np.arange(len(names), dtype=float)
+    unit = np.array([row.std for row in tables[best]])
+    free = np.isfinite(unit)
+    handles: list[Container] = []
+    for place, (name, rows) in enumerate(tables.items()):
+        shift = _SPREAD * ((place + 0.5) / len(tables) - 0.5)
+        numbers = np.array([(row.value, row.a_priori, row.ci_high) for row in rows])[free]
+        handles.append(
+            axes.errorbar(
+                position[free] + shift,
+                (numbers[:, 0] - numbers[:, 1]) / unit[free],
+                yerr=(numbers[:, 2] - numbers[:, 0]) / unit[free],
+                capsize=1.5,
+                label=name.upper(),
+                **ESTIMATOR_LOOKS[name] | {"markersize": 3.0, "elinewidth": 1.0, "zorder": 2},
+            )
+        )
+    standing_text(axes, position[~free], "fixed")
+    axes.axhline(0.0, color=MUTED, linewidth=0.8, zorder=1)
+    parameter_axis(axes, names)
+    axes.set_xlabel("Parameter")
+    axes.set_ylabel(f"(Estimate − a priori) / std of {best.upper()}")
+    axes.set_title("Estimates against the a-priori values, 95 % intervals")
+    legend_above(axes, handles)
+
+
+@figure_definition(
+    "correlation",
+    "Correlation between the estimates of the parameters, best estimator.",
+    height=4.6,
+    width=5.2,
+)
+def correlation_figure(figure: Figure, record: EstimateRecord) -> None:
+    """Draw the best estimator's correlation matrix."""
+    summary = record.summary
+    free = [k for k, name in enumerate(summary.parameters) if name not in summary.fixed]
+    matrix = correlation(summary.best_estimator.covariance)[np.ix_(free, free)]
+    axes = figure.subplots()
+    correlation_image(axes, matrix, [symbol(summary.parameters[k]) for k in free], "RdBu_r")
+    axes.set_title(f"Correlation of the {summary.best.upper()} estimates")
+
+
+ESTIMATE_FIGURES = (estimates_figure, correlation_figure)
+"""What is shown of the parameters, in the order of a report."""
+
+
+MARKERS = ("o", "s", "^", "D", "v", "P")
+
+
+@dataclass(frozen=True, eq=False)
+class Series:
+    """Values of one folder, (m,), NaN where there is none; `error`: half-widths of intervals."""
+
+    label: str
+    values: Array
+    error: Array | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class ParameterSeries:
+    """Several folders side by side; `names` are the parameters."""
+
+    names: tuple[str, ...]
+    series: tuple[Series, ...]
+
+
+def draw_series(axes: Axes, record: ParameterSeries) -> None:
+    """Draw a mark for each folder beside each other over every parameter."""
+    count = len(record.series)
+    step = min(0.18, 0.7 / max(count, 1))
+    places = np.arange(len(record.names))
+    for number, series in enumerate(record.series):
+        axes.errorbar(
+            places + step * (number - (count - 1) / 2),
+            series.values,
+            yerr=series.error,
+            color=PALETTE[number % len(PALETTE)],
+            marker=MARKERS[number // len(PALETTE) % len(MARKERS)],
+            markersize=3.6,
+            linestyle="none",
+            elinewidth=1.0,
+            # A name that begins with an underscore would be left out of the legend.
+            label=f"\u200b{series.label}",
+        )
+    parameter_axis(axes, record.names)
+    axes.set_xlabel("Parameter")
+
+
+@figure_definition(
+    "compared_precision",
+    "Predicted standard deviation of every parameter relative to its nominal value, for "
+    "the same measuring time and sampling rate.",
+    height=2.9,
+)
+def compared_precision_figure(figure: Figure, record: ParameterSeries) -> None:
+    """Draw one mark per design over every parameter, logarithmic."""
+    axes = figure.add_subplot()
+    draw_series(axes, record)
+    axes.set_yscale("log")
+    axes.set_ylabel("Predicted σ / nominal value (%)")
+    figure.legend(loc="outside upper right", ncols=4)
+
+
+@figure_definition(
+    "compared_estimates",
+    "Deviation of every estimate from that of the first folder, in units of the first's "
+    "standard deviation, with 95 % intervals.",
+    height=2.9,
+)
+def compared_estimates_figure(figure: Figure, record: ParameterSeries) -> None:
+    """Draw the deviation of every estimate from the first folder's, in units of its σ."""
+    axes = figure.add_subplot()
+    axes.axhline(0.0, color=MUTED, linewidth=0.8)
+    draw_series(axes, record)
+    axes.set_ylabel("Deviation from the first (σ)")
+    figure.legend(loc="outside upper right", ncols=4)

@@ -1,1 +1,0 @@
-"""Figures of comparisons on the digital twin: designs, estimators, validations."""

@@ -1,0 +1,120 @@
+"""The figures of every record, written into its run folder."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+from estimation.diagnostics.noise_record import NoiseRecord
+from estimation.identification.record import EstimateRecord
+from estimation.montecarlo.record import MonteCarloRecord
+from estimation.studies import DesignStudy, Study, ValidationStudy
+from estimation.studies.validation_runs import SITUATIONS
+from estimation.validation.record import MotionRecord, ValidationRecord
+from expdesign.experiment import DesignRecord
+from expdesign.export.record import ExportsRecord
+from results.figures.design import DESIGN_FIGURES
+from results.figures.drawing import FORMATS, FigureDefinition, save_figures
+from results.figures.montecarlo import STUDY_FIGURES
+from results.figures.motion import WholeMotion, motion_figure
+from results.figures.noise import NOISE_FIGURES
+from results.figures.parameters import ESTIMATE_FIGURES
+from results.figures.residuals import DIAGNOSTIC_FIGURES, prediction_figure
+from results.figures.studies import RECORD_FIGURES, distributions_figure
+
+Drawn = DesignRecord | NoiseRecord | EstimateRecord | ValidationRecord | MonteCarloRecord | Study
+
+_NOTES = {
+    "interrupted": "interrupted: the best found until then",
+    "limits broken": "this design breaks a limit",
+}
+"""What the figures of a design say that did not come to a good end, by its status."""
+
+ALL_FIGURES: tuple[FigureDefinition[Any], ...] = (
+    *DESIGN_FIGURES,
+    motion_figure,
+    *ESTIMATE_FIGURES,
+    *DIAGNOSTIC_FIGURES,
+    *NOISE_FIGURES,
+    prediction_figure,
+    *STUDY_FIGURES,
+    distributions_figure,
+    *(figure for figures in RECORD_FIGURES.values() for figure in figures),
+)
+"""Those of a run folder."""
+
+
+def record_figures(
+    record: Drawn, folder: Path, formats: Collection[str] = FORMATS
+) -> tuple[Path, ...]:
+    """Draw the figures of a stage's record into ``figures/`` of its run folder; return the files.
+
+    Those of the diagnostics are numbered when there are several recordings; without diagnostics
+    only the parameters of an estimate are shown. Those of a design that was interrupted or breaks
+    a limit say so. The same record gives the same bytes.
+    """
+    note = _NOTES.get(record.summary.status, "") if isinstance(record, DesignRecord) else ""
+    return tuple(
+        path
+        for figures, drawn in _parts(record)
+        for path in save_figures(figures, drawn, folder / "figures", note, formats)
+    )
+
+
+def design_figures(
+    record: DesignRecord, folder: Path, formats: Collection[str] | None = None
+) -> tuple[Path, ...]:
+    """Draw those of a design, by default in the formats that `report.figures` of its run names."""
+    wanted = record.configuration.run.report.figures if formats is None else formats
+    return record_figures(record, folder, wanted)
+
+
+def whole_motion_figure(
+    record: DesignRecord, exports: ExportsRecord, folder: Path, formats: Collection[str]
+) -> tuple[Path, ...]:
+    """Draw the motion of the controller tables, from rest to rest, into ``figures/``.
+
+    Return the files: none where its ramps are not recorded or the tables are not of this design.
+    """
+    ways = exports.motion.ways
+    if ways is None:
+        return ()
+    try:
+        motion = ways.motion(record.summary.trajectory, record.robot.home)
+    except ValueError:
+        return ()
+    whole = WholeMotion.of(record.configuration, motion)
+    return save_figures((motion_figure,), whole, folder / "figures", formats=formats)
+
+
+def _parts(record: Drawn) -> Iterator[tuple[Iterable[FigureDefinition[Any]], Any]]:
+    """Yield the figures of a record, each lot with what it is drawn from."""
+    match record:
+        case DesignRecord():
+            yield DESIGN_FIGURES, record
+        case NoiseRecord():
+            yield NOISE_FIGURES, record.pictures
+        case EstimateRecord():
+            yield ESTIMATE_FIGURES, record
+            for number, experiment in enumerate(record.experiments, start=1):
+                ending = f"_{number}" if len(record.experiments) > 1 else ""
+                yield [figure.ending(ending) for figure in DIAGNOSTIC_FIGURES], experiment
+                yield [figure.ending(ending) for figure in NOISE_FIGURES], experiment.pictures
+        case ValidationRecord():
+            for number, motion in enumerate(record.motions, start=1):
+                yield [prediction_figure.ending(f"_{number}")], motion
+        case MonteCarloRecord():
+            yield STUDY_FIGURES, record.rows
+        case _:
+            if isinstance(record, DesignStudy):
+                yield [distributions_figure], record
+            yield RECORD_FIGURES[record.section.kind], record.record
+            if isinstance(record, ValidationStudy):
+                predictions = [
+                    MotionRecord.of(f"{motion}: {SITUATIONS[situation]}", diagnosis)
+                    for situation, motions in record.first.items()
+                    for motion, (_, diagnosis) in zip(record.motions, motions, strict=True)
+                ]
+                for number, prediction in enumerate(predictions, start=1):
+                    yield [prediction_figure.ending(f"_study_{number}")], prediction
