@@ -94,13 +94,13 @@ def _parts(record: Drawn) -> Iterator[tuple[Iterable[FigureDefinition[Any]], Any
         case DesignRecord():
             yield DESIGN_FIGURES, record
         case NoiseRecord():
-            yield NOISE_FIGURES, record.pictures
+            yield NOISE_FIGURES, record
         case EstimateRecord():
             yield ESTIMATE_FIGURES, record
             for number, experiment in enumerate(record.experiments, start=1):
                 ending = f"_{number}" if len(record.experiments) > 1 else ""
                 yield [figure.ending(ending) for figure in DIAGNOSTIC_FIGURES], experiment
-                yield [figure.ending(ending) for figure in NOISE_FIGURES], experiment.pictures
+                yield [figure.ending(ending) for figure in NOISE_FIGURES], experiment
         case ValidationRecord():
             for number, motion in enumerate(record.motions, start=1):
                 yield [prediction_figure.ending(f"_{number}")], motion

@@ -217,7 +217,7 @@ def _diagnosed(case: _Case, names: tuple[str, ...]) -> ExperimentDiagnosis:
             for first, last in scans
             for numbers in np.stack([first.pitches, first.statistic, last.statistic], 1).tolist()
         ),
-        pictures=NoisePictures.of(noise, noises),
+        **NoisePictures.parts(noise, noises),
         pointwise=experiment.fit is None,
         attribution=attribution,
     )

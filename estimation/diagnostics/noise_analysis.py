@@ -11,7 +11,6 @@ from constraints.arrays import Array
 from estimation.diagnostics.findings import noise_findings
 from estimation.diagnostics.noise_record import (
     NoiseFile,
-    NoisePictures,
     NoiseRecord,
     noise_keys,
 )
@@ -54,7 +53,7 @@ def analyse_noise(record: Record, source: str = "") -> NoiseRecord:
         drift=tests.drift,
         findings=noise_findings(tests.whiteness, tests.normality, tests.drift),
     )
-    return NoiseRecord(summary, NoisePictures.of(noise, tests))
+    return NoiseRecord(summary=summary, **NoiseRecord.parts(noise, tests))
 
 
 def _residuals(record: Record, times: Array, values: Array) -> Array:

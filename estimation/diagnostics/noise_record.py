@@ -24,6 +24,7 @@ from estimation.processing.noise import NoiseEstimate
 from expdesign.runfolder import (
     ArrayTable,
     Column,
+    FolderRecord,
     JsonFile,
     Numbers,
     RowTable,
@@ -124,8 +125,8 @@ class Quantiles:
         )
 
 
-@dataclass(frozen=True, eq=False)
-class NoisePictures:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class NoisePictures(FolderRecord):
     """What the figures of the noise are drawn from."""
 
     noise: NoiseKeys
@@ -133,16 +134,16 @@ class NoisePictures:
     histogram: Histogram
     quantiles: Quantiles
 
-    @classmethod
-    def of(cls, noise: NoiseModel, tests: NoiseTests) -> Self:
+    @staticmethod
+    def parts(noise: NoiseModel, tests: NoiseTests) -> dict[str, Any]:
         """Take them from the tests of the noise."""
         normality = tests.normality.forces
-        return cls(
-            NoiseKeys(**noise_keys(noise)),
-            normality,
-            Histogram.of(tests.samples, normality.std),
-            Quantiles.of(tests.samples),
-        )
+        return {
+            "noise": NoiseKeys(**noise_keys(noise)),
+            "normality": normality,
+            "histogram": Histogram.of(tests.samples, normality.std),
+            "quantiles": Quantiles.of(tests.samples),
+        }
 
 
 @dataclass(frozen=True)
@@ -200,37 +201,25 @@ class NoiseFile(NoiseKeys, JsonFile):
     findings: Annotated[tuple[Finding, ...], described("", "what holds and what does not")]
 
 
-_NOISE = NoiseFile.WRITTEN_BY
-NOISE_COVARIANCE = RowTable("tables/noise_covariance.csv", _NOISE, CovarianceRow)
-NOISE_HISTOGRAM = ArrayTable("tables/noise_histogram.csv", _NOISE, Histogram)
-NOISE_QUANTILES = ArrayTable("tables/noise_quantiles.csv", _NOISE, Quantiles)
-
-
-@dataclass(frozen=True, eq=False)
-class NoiseRecord:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class NoiseRecord(NoisePictures):
     """An analysis of the noise of one recording, from memory or from its run folder."""
 
+    TABLES: ClassVar = {
+        "covariance": RowTable("tables/noise_covariance.csv", NoiseFile.WRITTEN_BY, CovarianceRow),
+        "histogram": ArrayTable("tables/noise_histogram.csv", NoiseFile.WRITTEN_BY, Histogram),
+        "quantiles": ArrayTable("tables/noise_quantiles.csv", NoiseFile.WRITTEN_BY, Quantiles),
+    }
     summary: NoiseFile
-    pictures: NoisePictures
 
     @classmethod
-    def read(cls, folder: Path) -> Self:
-        """Read it from a run folder.
+    def fields_in(cls, folder: Path, number: int | None = None) -> dict[str, Any]:
+        """Read the fields; noise and normality stand in `noise.json`."""
+        found = super().fields_in(folder, number)
+        summary: NoiseFile = found["summary"]
+        return {**found, "noise": summary, "normality": summary.normality.forces}
 
-        Raises
-        ------
-        InputError
-            A file is missing or not what it should be.
-        """
-        summary = NoiseFile.read(folder)
-        histogram, quantiles = NOISE_HISTOGRAM.read(folder), NOISE_QUANTILES.read(folder)
-        return cls(summary, NoisePictures(summary, summary.normality.forces, histogram, quantiles))
-
-    def write(self, folder: Path) -> list[Path]:
-        """Write `noise.json` and the tables; return the files."""
-        return [
-            *NOISE_COVARIANCE.write(folder, covariance_rows(self.summary)),
-            *NOISE_HISTOGRAM.write(folder, self.pictures.histogram),
-            *NOISE_QUANTILES.write(folder, self.pictures.quantiles),
-            self.summary.write(folder),
-        ]
+    @property
+    def covariance(self) -> tuple[CovarianceRow, ...]:
+        """Σ and Δ element by element."""
+        return covariance_rows(self.summary)

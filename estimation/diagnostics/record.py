@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Annotated, Self
+from typing import Annotated, ClassVar, Self
 
 import numpy as np
 
@@ -13,7 +12,7 @@ from estimation.diagnostics.channel_test import Strut
 from estimation.diagnostics.column_test import POWER, ColumnTest, DelayTest
 from estimation.diagnostics.finding import Verdict
 from estimation.diagnostics.lack_of_fit import ChiSquare, LackOfFit
-from estimation.diagnostics.noise_record import Histogram, NoiseKeys, NoisePictures, Quantiles
+from estimation.diagnostics.noise_record import Histogram, NoisePictures, Quantiles
 from estimation.diagnostics.noise_tests import Drifts, Normalities, Whitenesses
 from estimation.diagnostics.position_periodic import PeriodicForce
 from estimation.diagnostics.residuals import BinRow, ForceResiduals, VarianceComparison
@@ -135,65 +134,26 @@ class PitchRow:
 
 
 _ESTIMATE = "`expdesign estimate`"
-RESIDUALS = ArrayTable("tables/residuals.csv", _ESTIMATE, ForceResiduals)
-DEPENDENCE = RowTable("tables/residual_dependence.csv", _ESTIMATE, BinRow)
-PITCHES = RowTable("tables/position_periodic.csv", _ESTIMATE, PitchRow)
-HISTOGRAM = ArrayTable("tables/estimate_noise_histogram.csv", _ESTIMATE, Histogram)
-QUANTILES = ArrayTable("tables/estimate_noise_quantiles.csv", _ESTIMATE, Quantiles)
-"""Tables of a diagnosis; they are numbered when there are several recordings."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class ExperimentRecord:
-    """One experiment of a diagnosis: what its figures are drawn from."""
+class ExperimentRecord(NoisePictures):
+    """One experiment of a diagnosis: what its figures are drawn from.
 
+    Its tables are numbered when there are several recordings.
+    """
+
+    TABLES: ClassVar = {
+        "residuals": ArrayTable("tables/residuals.csv", _ESTIMATE, ForceResiduals),
+        "dependence": RowTable("tables/residual_dependence.csv", _ESTIMATE, BinRow),
+        "pitches": RowTable("tables/position_periodic.csv", _ESTIMATE, PitchRow),
+        "histogram": ArrayTable("tables/estimate_noise_histogram.csv", _ESTIMATE, Histogram),
+        "quantiles": ArrayTable("tables/estimate_noise_quantiles.csv", _ESTIMATE, Quantiles),
+    }
     tests: ExperimentTests
     residuals: ForceResiduals
     dependence: tuple[BinRow, ...]
     pitches: tuple[PitchRow, ...]
-    pictures: NoisePictures
-
-    @classmethod
-    def read(
-        cls, folder: Path, tests: ExperimentTests, noise: NoiseKeys, number: int | None
-    ) -> Self:
-        """Read the tables of a run folder.
-
-        Parameters
-        ----------
-        tests, noise
-            What `estimate.json` says of the experiment.
-        number : int or None
-            Of the recording; None when it is the only one.
-
-        Raises
-        ------
-        InputError
-            A table is missing or not what it should be.
-        """
-        pictures = NoisePictures(
-            noise,
-            tests.normality.forces,
-            HISTOGRAM.numbered(number).read(folder),
-            QUANTILES.numbered(number).read(folder),
-        )
-        return cls(
-            tests=tests,
-            residuals=RESIDUALS.numbered(number).read(folder),
-            dependence=DEPENDENCE.numbered(number).read(folder),
-            pitches=PITCHES.numbered(number).read(folder),
-            pictures=pictures,
-        )
-
-    def write(self, folder: Path, number: int | None) -> list[Path]:
-        """Write the tables; return the files."""
-        return [
-            *RESIDUALS.numbered(number).write(folder, self.residuals),
-            *DEPENDENCE.numbered(number).write(folder, self.dependence),
-            *PITCHES.numbered(number).write(folder, self.pitches),
-            *HISTOGRAM.numbered(number).write(folder, self.pictures.histogram),
-            *QUANTILES.numbered(number).write(folder, self.pictures.quantiles),
-        ]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

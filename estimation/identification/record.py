@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import astuple, dataclass
 from pathlib import Path
-from typing import Annotated, ClassVar, Self
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 
@@ -16,21 +17,22 @@ from estimation.diagnostics.noise_record import (
     covariance_rows,
     noise_keys,
 )
-from estimation.diagnostics.record import RESIDUALS, DiagnosisKeys, ExperimentRecord
-from estimation.estimators import Knowledge, ParameterEstimate
+from estimation.diagnostics.record import DiagnosisKeys, ExperimentRecord
+from estimation.estimators import ParameterEstimate
 from estimation.identification.result import EstimationResult, RecordSummary
 from estimation.uncertainty import Combination, ParameterRow, correlation
-from expdesign.configuration import EstimateSection, InputError
-from expdesign.robot import Robot
 from expdesign.runfolder import (
     ArrayTable,
     Column,
-    JsonFile,
+    FolderRecord,
     MatrixTable,
     Numbers,
     OpenNumber,
     RowTable,
+    RunFile,
+    Table,
     array_columns,
+    copied,
     described,
 )
 from expdesign.runfolder.columns import (
@@ -40,7 +42,8 @@ from expdesign.runfolder.columns import (
     TIME,
     strutwise,
 )
-from expdesign.trajectory import FourierKeys, fourier_keys
+from expdesign.runfolder.table import Matrices
+from expdesign.trajectory import FourierKeys
 
 _WRITTEN_BY = "`expdesign estimate`"
 
@@ -149,20 +152,16 @@ class EstimatorKeys:
             covariance_forces=estimate.force_share,
             covariance_kinematics=estimate.kinematic_share,
             combinations=result.combinations[estimate.estimator],
-            motions=tuple(FourierKeys(**fourier_keys(motion)) for motion in motions),
+            motions=tuple(copied(FourierKeys, motion) for motion in motions),
         )
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class EstimateFile(JsonFile):
+class EstimateFile(RunFile):
     """`estimate.json`."""
 
     FILE: ClassVar[str] = "estimate.json"
     WRITTEN_BY: ClassVar[str] = _WRITTEN_BY
-
-    units: Annotated[str, described("", "of all values")] = "SI and radians"
-    name: Annotated[str, described("", "name of the run")]
-    robot: Annotated[str, described("", "name of the robot")]
     parameters: Annotated[tuple[str, ...], described("", "order of rows and columns")]
     fixed: Annotated[tuple[str, ...], described("", "parameters that were not estimated")]
     best: Annotated[str, described("", "the estimator to use")]
@@ -178,6 +177,12 @@ class EstimateFile(JsonFile):
     ]
     seconds: Annotated[float, described("s", "how long it took")]
     warnings: Annotated[tuple[str, ...], described("", "in words")]
+
+    @property
+    def numbers(self) -> tuple[int | None, ...]:
+        """What is appended to the tables of each recording; nothing when there is one."""
+        count = len(self.recordings)
+        return tuple(range(1, count + 1)) if count > 1 else (None,)
 
     @property
     def best_estimator(self) -> EstimatorKeys:
@@ -275,19 +280,11 @@ class EstimatedMotion:
 _MATRIX_KEYS = (Column("estimator", "", "ls, gm or ml"), Column("parameter", "", "name of the row"))
 
 ESTIMATES = RowTable("estimates.csv", _WRITTEN_BY, ParameterRow)
-PRECISION = RowTable("tables/precision.csv", _WRITTEN_BY, PrecisionRow)
-NOISE = RowTable("tables/noise.csv", _WRITTEN_BY, NoiseRow)
-COVARIANCE = MatrixTable(
-    "tables/covariance.csv", _WRITTEN_BY, _MATRIX_KEYS, Column("<parameter>", "SI", "covariance")
-)
-CORRELATION = MatrixTable(
-    "tables/correlation.csv", _WRITTEN_BY, _MATRIX_KEYS, Column("<parameter>", "1", "correlation")
-)
 MOTION = ArrayTable("tables/estimated_motion.csv", _WRITTEN_BY, EstimatedMotion)
 
 
 @dataclass(frozen=True, eq=False)
-class EstimateRecord:
+class EstimateRecord(FolderRecord):
     """An estimate, from memory or from its run folder: what figures and reports are made from.
 
     Attributes
@@ -302,6 +299,22 @@ class EstimateRecord:
         By the recording's number, from 1; none after pointwise differentiation.
     """
 
+    TABLES: ClassVar = {
+        "correlations": MatrixTable(
+            "tables/correlation.csv",
+            _WRITTEN_BY,
+            _MATRIX_KEYS,
+            Column("<parameter>", "1", "correlation"),
+        ),
+        "covariances": MatrixTable(
+            "tables/covariance.csv",
+            _WRITTEN_BY,
+            _MATRIX_KEYS,
+            Column("<parameter>", "SI", "covariance"),
+        ),
+        "precision": RowTable("tables/precision.csv", _WRITTEN_BY, PrecisionRow),
+        "noise": RowTable("tables/noise.csv", _WRITTEN_BY, NoiseRow),
+    }
     summary: EstimateFile
     rows: tuple[ParameterRow, ...]
     experiments: tuple[ExperimentRecord, ...]
@@ -322,30 +335,37 @@ class EstimateRecord:
         )
 
     @classmethod
-    def read(cls, folder: Path) -> Self:
-        """Read it from a run folder.
-
-        Raises
-        ------
-        InputError
-            A file is missing or not what it should be.
-        """
-        summary = EstimateFile.read(folder)
-        found = () if summary.diagnostics is None else summary.diagnostics.experiments
-        several = len(summary.recordings) > 1
+    def fields_in(cls, folder: Path, number: int | None = None) -> dict[str, Any]:
+        """Read the fields."""
+        found = super().fields_in(folder, number)
+        summary: EstimateFile = found["summary"]
+        tested = () if summary.diagnostics is None else summary.diagnostics.experiments
         experiments = tuple(
-            ExperimentRecord.read(folder, tests, recording.noise, number if several else None)
-            for number, (tests, recording) in enumerate(
-                zip(found, summary.recordings, strict=False), start=1
+            ExperimentRecord(
+                tests=tests,
+                noise=recording.noise,
+                normality=tests.normality.forces,
+                **ExperimentRecord.fields_in(folder, n),
             )
-            if RESIDUALS.numbered(number if several else None).is_in(folder)
+            for tests, recording, n in zip(
+                tested, summary.recordings, summary.numbers, strict=False
+            )
+            if ExperimentRecord.TABLES["residuals"].numbered(n).is_in(folder)
         )
-        tables = {
-            number: MOTION.numbered(number if several else None)
-            for number in range(1, len(summary.recordings) + 1)
-        }
-        motions = {n: table.read(folder) for n, table in tables.items() if table.is_in(folder)}
-        return cls(summary, ESTIMATES.read(folder), experiments, motions)
+        tables = enumerate(map(MOTION.numbered, summary.numbers), start=1)
+        motions = {n: table.read(folder) for n, table in tables if table.is_in(folder)}
+        rows = ESTIMATES.read(folder)
+        return {**found, "rows": rows, "experiments": experiments, "motions": motions}
+
+    def contents(self, number: int | None = None) -> Iterator[tuple[Table[Any, Any], Any]]:
+        """Yield the tables, with those of each recording before the estimates themselves."""
+        yield from super().contents(number)
+        numbers = self.summary.numbers
+        for n, motion in self.motions.items():
+            yield MOTION.numbered(numbers[n - 1]), motion
+        for experiment, place in zip(self.experiments, numbers, strict=False):
+            yield from experiment.contents(place)
+        yield ESTIMATES, self.rows
 
     def by_estimator(self) -> dict[str, tuple[ParameterRow, ...]]:
         """Return the rows of each estimator, in the order of the parameters."""
@@ -354,36 +374,23 @@ class EstimateRecord:
             for name in dict.fromkeys(row.estimator for row in self.rows)
         }
 
-    def write(self, folder: Path) -> list[Path]:
-        """Write `estimates.csv`, `estimate.json` and the tables; return the files."""
-        several = len(self.summary.recordings) > 1
-        written = [
-            *CORRELATION.write(folder, self._matrices(correlated=True)),
-            *COVARIANCE.write(folder, self._matrices(correlated=False)),
-            *PRECISION.write(folder, self._precision()),
-            *NOISE.write(folder, self._noise()),
-        ]
-        for number, motion in self.motions.items():
-            written += MOTION.numbered(number if several else None).write(folder, motion)
-        for number, experiment in enumerate(self.experiments, start=1):
-            written += experiment.write(folder, number if several else None)
-        written += ESTIMATES.write(folder, self.rows)
-        return [*dict.fromkeys(written), self.summary.write(folder)]
-
-    def _matrices(
-        self, *, correlated: bool
-    ) -> list[tuple[list[tuple[str, str]], tuple[str, ...], Array]]:
+    @property
+    def covariances(self) -> Matrices:
+        """The covariance of every estimator, with the names of its rows and columns."""
         names = self.summary.parameters
         return [
-            (
-                [(estimator, name) for name in names],
-                names,
-                correlation(entry.covariance) if correlated else entry.covariance,
-            )
+            ([(estimator, name) for name in names], names, entry.covariance)
             for estimator, entry in self.summary.estimators.items()
         ]
 
-    def _precision(self) -> list[PrecisionRow]:
+    @property
+    def correlations(self) -> Matrices:
+        """The same as correlations."""
+        return [(keys, names, correlation(matrix)) for keys, names, matrix in self.covariances]
+
+    @property
+    def precision(self) -> list[PrecisionRow]:
+        """The shares of every standard deviation."""
         unknown = np.full(len(self.summary.parameters), np.nan)
         bound = self.summary.cramer_rao_covariance
         rows = []
@@ -403,104 +410,11 @@ class EstimateRecord:
             ]
         return rows
 
-    def _noise(self) -> list[NoiseRow]:
+    @property
+    def noise(self) -> list[NoiseRow]:
+        """Σ and Δ of every recording, element by element."""
         return [
             NoiseRow(number, *astuple(row))
             for number, recording in enumerate(self.summary.recordings, start=1)
             for row in covariance_rows(recording.noise)
         ]
-
-
-@dataclass(frozen=True, eq=False)
-class SavedEstimate:
-    """Parameters and their covariance, ready to predict other motions with.
-
-    Attributes
-    ----------
-    path : Path
-        Of the `estimate.json`.
-    estimate : ParameterEstimate
-        Without motions.
-    knowledge : Knowledge
-        Which parameters were free.
-    """
-
-    path: Path
-    estimate: ParameterEstimate
-    knowledge: Knowledge
-
-
-def read_estimate(source: Path, robot: Robot, estimator: str | None = None) -> SavedEstimate:
-    """Read an estimate to predict with.
-
-    Parameters
-    ----------
-    source : Path
-        A run folder, or its `estimate.json`.
-    robot : Robot
-        Whose parameters they are.
-    estimator : str, optional
-        The best one by default.
-
-    Raises
-    ------
-    InputError
-        There is none, or it is not this robot's.
-    """
-    path = source / EstimateFile.FILE if source.is_dir() else source
-    return saved_estimate(EstimateFile.read(source), path, robot, estimator)
-
-
-def saved_estimate(
-    found: EstimateFile, path: Path, robot: Robot, estimator: str | None = None
-) -> SavedEstimate:
-    """Return an estimate to predict with; `path` is the place of its file, for messages.
-
-    Raises
-    ------
-    InputError
-        It is not this robot's.
-    """
-    names, key = found.parameters, found.best if estimator is None else estimator
-    for wrong, message, allowed in (
-        (
-            names != robot.parameter_names,
-            f"its parameters are not those of the robot {robot.name}",
-            ", ".join(robot.parameter_names),
-        ),
-        (
-            found.robot != robot.name,
-            f"it is an estimate of the robot {found.robot!r}, not of {robot.name!r}",
-            robot.name,
-        ),
-        (
-            key not in found.estimators,
-            f"it has no estimator '{key}'",
-            ", ".join(found.estimators),
-        ),
-    ):
-        if wrong:
-            raise InputError(message, file=path, key="--estimate", allowed=allowed)
-    entry = found.estimators[key]
-    missing = [name for name in names if name not in entry.values]
-    if missing or entry.covariance.shape != (len(names), len(names)):
-        message = f"values or covariance do not fit the {len(names)} parameters"
-        raise InputError(message, file=path, key=f"estimators.{key}")
-    fixed: dict[str, float | None] = {name: entry.values[name] for name in found.fixed}
-    return SavedEstimate(
-        path,
-        ParameterEstimate(
-            estimator=key,
-            values=np.array([entry.values[name] for name in names]),
-            covariance=entry.covariance,
-            force_share=entry.covariance_forces,
-            kinematic_share=entry.covariance_kinematics,
-            motions=(),
-            cost=entry.cost,
-            iterations=entry.iterations,
-            converged=entry.converged,
-            status=entry.status,
-            seconds=entry.seconds,
-        ),
-        Knowledge.of(robot, EstimateSection(fixed=fixed)),
-    )

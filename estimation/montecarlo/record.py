@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Self
@@ -14,9 +14,8 @@ import pandas as pd
 from estimation.montecarlo.repetition import Repetition
 from estimation.montecarlo.statistics import ParameterStatistics, PooledStatistics
 from estimation.montecarlo.study import Study
-from expdesign.configuration import InputError
 from expdesign.mechanism.catalogue import parameter_unit
-from expdesign.runfolder import Column, JsonFile, Numbers, RowTable, Table, described
+from expdesign.runfolder import Column, FolderRecord, Numbers, RowTable, RunFile, Table, described
 
 _WRITTEN_BY = "`expdesign montecarlo`"
 
@@ -61,15 +60,11 @@ class CountKeys:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class MonteCarloFile(JsonFile):
+class MonteCarloFile(RunFile):
     """`montecarlo.json`."""
 
     FILE: ClassVar[str] = "montecarlo.json"
     WRITTEN_BY: ClassVar[str] = _WRITTEN_BY
-
-    units: Annotated[str, described("", "of all values")] = "SI and radians"
-    name: Annotated[str, described("", "name of the run")]
-    robot: Annotated[str, described("", "name of the robot")]
     repetitions: Annotated[CountKeys, described("1", "wanted and done")]
     interrupted: Annotated[bool, described("", "some are missing")]
     estimators: Annotated[dict[str, EstimatorKeys], described("", "of each estimator")]
@@ -128,11 +123,8 @@ class StatisticsRow(ParameterStatistics, _Subject):
     """One parameter of one estimator over all repetitions: a row of `tables/montecarlo.csv`."""
 
 
-STATISTICS = RowTable("tables/montecarlo.csv", _WRITTEN_BY, StatisticsRow)
-
-
 @dataclass(frozen=True)
-class RepetitionTable(Table):
+class RepetitionTable(Table[Iterable[Repetition], None]):
     """One row per repetition and estimator, those that failed included.
 
     Attributes
@@ -161,6 +153,10 @@ class RepetitionTable(Table):
             ),
         )
 
+    def write(self, folder: Path, content: Iterable[Repetition]) -> list[Path]:
+        """Write the rows."""
+        return self.write_frame(folder, self.frame(content))
+
     def frame(self, repetitions: Iterable[Repetition]) -> pd.DataFrame:
         """Return the rows."""
         blank = np.full(len(self.parameters), np.nan)
@@ -188,7 +184,7 @@ def repetition_table(parameters: Iterable[str]) -> RepetitionTable:
 
 
 @dataclass(frozen=True, eq=False)
-class MonteCarloRecord:
+class MonteCarloRecord(FolderRecord):
     """A study, from memory or from its run folder: what figures and reports are made from.
 
     Attributes
@@ -200,6 +196,9 @@ class MonteCarloRecord:
         Empty when read from a folder.
     """
 
+    TABLES: ClassVar = {
+        "rows": RowTable("tables/montecarlo.csv", _WRITTEN_BY, StatisticsRow, some=True)
+    }
     summary: MonteCarloFile
     rows: tuple[StatisticsRow, ...]
     repetitions: tuple[Repetition, ...] = ()
@@ -223,26 +222,10 @@ class MonteCarloRecord:
         )
         return cls(summary, rows, study.repetitions)
 
-    @classmethod
-    def read(cls, folder: Path) -> Self:
-        """Read it from a run folder.
-
-        Raises
-        ------
-        InputError
-            A file is missing or not what it should be.
-        """
-        rows = STATISTICS.read(folder)
-        if not rows:
-            raise InputError("the table has no rows", folder / STATISTICS.file)
-        return cls(MonteCarloFile.read(folder), rows)
-
-    def write(self, folder: Path) -> list[Path]:
-        """Write `montecarlo.json` and the tables; return the files."""
-        table = repetition_table(self.summary.truth)
-        written = table.write_frame(folder, table.frame(self.repetitions))
-        written += STATISTICS.write(folder, self.rows)
-        return [*dict.fromkeys(written), self.summary.write(folder)]
+    def contents(self, number: int | None = None) -> Iterator[tuple[Table[Any, Any], Any]]:
+        """Yield the tables, the repetitions first."""
+        yield repetition_table(self.summary.truth), self.repetitions
+        yield from super().contents(number)
 
 
 def _counts(values: Iterable[int | None]) -> dict[str, int]:

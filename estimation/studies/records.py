@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, make_dataclass
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, TypeVar
 
 from expdesign.mechanism.hexapod import numbered
-from expdesign.runfolder import JsonFile, OpenNumber, RowTable, described
+from expdesign.runfolder import FolderRecord, OpenNumber, RowTable, RunFile, Table, described
 
 _WRITTEN_BY = "`expdesign run` of a run with `study:`"
 
@@ -253,15 +253,12 @@ TABLES: dict[str, tuple[RowTable[Any], ...]] = {
 """The tables of every kind of study."""
 
 
-@dataclass(frozen=True, eq=False)
-class StudySummary(JsonFile):
+@dataclass(frozen=True, eq=False, kw_only=True)
+class StudySummary(RunFile):
     """`study.json`: what was asked for, and the claims."""
 
     FILE: ClassVar[str] = "study.json"
     WRITTEN_BY: ClassVar[str] = _WRITTEN_BY
-    units: Annotated[str, described("", "of all values")]
-    name: Annotated[str, described("", "of the run")]
-    robot: Annotated[str, described("", "name")]
     simulated: Annotated[bool, described("", "true: everything comes from the digital twin")]
     kind: Annotated[
         Literal["design", "identification", "validation"], described("", "what is compared")
@@ -274,28 +271,22 @@ class StudySummary(JsonFile):
 
 
 @dataclass(frozen=True, eq=False)
-class StudyRecord:
+class StudyRecord(FolderRecord):
     """What a run folder holds of a study: all that reports and most figures are made of."""
 
     summary: StudySummary
     tables: Mapping[RowTable[Any], tuple[Any, ...]]
 
     @classmethod
-    def read(cls, folder: Path) -> StudyRecord:
-        """Read a run folder.
+    def fields_in(cls, folder: Path, number: int | None = None) -> dict[str, Any]:
+        """Read the fields."""
+        found = super().fields_in(folder, number)
+        return {**found, "tables": {t: t.read(folder) for t in TABLES[found["summary"].kind]}}
 
-        Raises
-        ------
-        InputError
-            A file is missing, or not what it should be.
-        """
-        summary = StudySummary.read(folder)
-        return cls(summary, {table: table.read(folder) for table in TABLES[summary.kind]})
-
-    def write(self, folder: Path) -> list[Path]:
-        """Write `study.json` and the tables; return all files."""
-        paths = [path for table, rows in self.tables.items() for path in table.write(folder, rows)]
-        return [*dict.fromkeys(paths), self.summary.write(folder)]
+    def contents(self, number: int | None = None) -> Iterator[tuple[Table[Any, Any], Any]]:
+        """Yield the tables of its kind."""
+        del number
+        yield from self.tables.items()
 
     def rows(self, table: RowTable[Row]) -> tuple[Row, ...]:
         """Return the rows of one of the study's tables."""

@@ -65,7 +65,6 @@ class Study(ABC):
         """What its run folder holds."""
         run, section = self.configuration.run, self.section
         summary = StudySummary(
-            units="SI and radians",
             name=run.name,
             robot=self.robot.name,
             simulated=True,

@@ -16,8 +16,8 @@ from expdesign.mechanism.hexapod import numbered
 from expdesign.runfolder import (
     ArrayTable,
     Column,
-    JsonFile,
     Numbers,
+    RunFile,
     array_columns,
     describe_tables,
     described,
@@ -133,7 +133,7 @@ class SeedKeys:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Truth(JsonFile):
+class Truth(RunFile):
     """What is true of a simulated experiment, against which estimates are judged: `truth.json`.
 
     The motions begin at the first sample; `executed` is the design itself without tracking error.
@@ -141,10 +141,6 @@ class Truth(JsonFile):
 
     FILE: ClassVar[str] = "truth.json"
     WRITTEN_BY: ClassVar[str] = _WRITTEN_BY
-
-    units: Annotated[str, described("", "of all values")] = "SI and radians"
-    name: Annotated[str, described("", "name of the run")]
-    robot: Annotated[str, described("", "name of the robot")]
     parameters: Annotated[
         dict[str, float], described("SI", "true values by name, in the order of the regressor")
     ]

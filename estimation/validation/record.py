@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, ClassVar, Self
+from typing import Annotated, Any, ClassVar, Self
 
 from constraints.arrays import Array
 from estimation.diagnostics import Diagnosis
@@ -13,9 +14,11 @@ from estimation.diagnostics.residuals import ForceResiduals
 from expdesign.runfolder import (
     ArrayTable,
     Column,
-    JsonFile,
+    FolderRecord,
     OpenNumber,
     RowTable,
+    RunFile,
+    Table,
     array_columns,
     described,
 )
@@ -36,15 +39,11 @@ class MotionKeys:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class ValidationFile(JsonFile):
+class ValidationFile(RunFile):
     """`validation.json`."""
 
     FILE: ClassVar[str] = "validation.json"
     WRITTEN_BY: ClassVar[str] = _WRITTEN_BY
-
-    units: Annotated[str, described("", "of all values")] = "SI and radians"
-    name: Annotated[str, described("", "name of the run")]
-    robot: Annotated[str, described("", "name of the robot")]
     estimate: Annotated[str, described("", "the `estimate.json` that predicted")]
     estimator: Annotated[str, described("", "ls, gm or ml")]
     accepted: Annotated[bool, described("", "no motion speaks against the model")]
@@ -90,7 +89,6 @@ class PredictedForces:
     ]
 
 
-VALIDATION = RowTable("tables/validation.csv", _WRITTEN_BY, ActuatorRow)
 FORCES = ArrayTable("tables/validation_forces.csv", _WRITTEN_BY, PredictedForces)
 RESIDUALS = ArrayTable("tables/validation_residuals.csv", _WRITTEN_BY, ForceResiduals)
 
@@ -111,7 +109,7 @@ class MotionRecord:
 
 
 @dataclass(frozen=True, eq=False)
-class ValidationRecord:
+class ValidationRecord(FolderRecord):
     """A validation, from memory or from its run folder: what figures and reports are made from.
 
     Attributes
@@ -124,38 +122,27 @@ class ValidationRecord:
         Of every motion; empty when read from a folder.
     """
 
+    TABLES: ClassVar = {"rows": RowTable("tables/validation.csv", _WRITTEN_BY, ActuatorRow)}
     summary: ValidationFile
     rows: tuple[ActuatorRow, ...]
     motions: tuple[MotionRecord, ...]
     forces: tuple[PredictedForces, ...]
 
     @classmethod
-    def read(cls, folder: Path) -> Self:
-        """Read it from a run folder.
+    def fields_in(cls, folder: Path, number: int | None = None) -> dict[str, Any]:
+        """Read the fields."""
+        found = super().fields_in(folder, number)
+        summary: ValidationFile = found["summary"]
+        motions = [
+            MotionRecord(motion.name, motion.diagnostics.experiments[0], table.read(folder))
+            for n, motion in enumerate(summary.motions, start=1)
+            if (table := RESIDUALS.numbered(n)).is_in(folder)
+        ]
+        return {**found, "motions": tuple(motions), "forces": ()}
 
-        Raises
-        ------
-        InputError
-            A file is missing or not what it should be.
-        """
-        summary = ValidationFile.read(folder)
-        motions = tuple(
-            MotionRecord(
-                motion.name,
-                motion.diagnostics.experiments[0],
-                RESIDUALS.numbered(number).read(folder),
-            )
-            for number, motion in enumerate(summary.motions, start=1)
-            if RESIDUALS.numbered(number).is_in(folder)
-        )
-        return cls(summary, VALIDATION.read(folder), motions, ())
-
-    def write(self, folder: Path) -> list[Path]:
-        """Write `validation.json` and the tables; return the files."""
-        written = VALIDATION.write(folder, self.rows)
-        for number, (motion, forces) in enumerate(
-            zip(self.motions, self.forces, strict=True), start=1
-        ):
-            written += FORCES.numbered(number).write(folder, forces)
-            written += RESIDUALS.numbered(number).write(folder, motion.residuals)
-        return [*dict.fromkeys(written), self.summary.write(folder)]
+    def contents(self, number: int | None = None) -> Iterator[tuple[Table[Any, Any], Any]]:
+        """Yield the tables, those of each motion after the others."""
+        yield from super().contents(number)
+        for n, (motion, forces) in enumerate(zip(self.motions, self.forces, strict=True), start=1):
+            yield FORCES.numbered(n), forces
+            yield RESIDUALS.numbered(n), motion.residuals

@@ -14,7 +14,7 @@ from estimation.data.reading import read_measurement
 from estimation.diagnostics import Diagnosis, Status, diagnose
 from estimation.estimators import Experiment
 from estimation.identification import prepare_experiment
-from estimation.identification.record import SavedEstimate
+from estimation.identification.saved import SavedEstimate
 from estimation.twin import Twin
 from estimation.validation.motions import benchmark_motion
 from estimation.validation.record import (

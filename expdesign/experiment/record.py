@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from pydantic import BeforeValidator, PlainSerializer
@@ -29,6 +29,7 @@ from expdesign.robot import Robot, robot_from
 from expdesign.runfolder import (
     ArrayTable,
     Column,
+    FolderRecord,
     MatrixTable,
     MissingFileError,
     OpenNumber,
@@ -36,6 +37,7 @@ from expdesign.runfolder import (
     described,
 )
 from expdesign.runfolder.atomic import write_text
+from expdesign.runfolder.table import Matrices
 from expdesign.solver.search import SearchResult
 from expdesign.trajectory import TrajectoryFile, fourier_keys
 
@@ -118,22 +120,6 @@ class Eigenvalue:
     ]
 
 
-TRAJECTORY = ArrayTable("trajectory.csv", _WRITER, SampledMotion)
-LIMITS = RowTable("tables/limits.csv", _WRITER, LimitCheck)
-PARAMETERS = RowTable("tables/parameters.csv", _WRITER, ParameterPrecision)
-STARTS = RowTable("tables/starts.csv", _WRITER, Start)
-CONVERGENCE = RowTable("tables/convergence.csv", _WRITER, Iteration)
-EIGENVALUES = RowTable("tables/eigenvalues.csv", _WRITER, Eigenvalue)
-INFORMATION = MatrixTable(
-    "tables/information.csv",
-    _WRITER,
-    (Column("parameter", "", "row of F; the other columns are its columns, SI units"),),
-    Column("<parameter>", "SI", "F of one period: column of this parameter"),
-)
-TABLES = (LIMITS, PARAMETERS, STARTS, CONVERGENCE, EIGENVALUES, INFORMATION)
-"""Those under ``tables/``."""
-
-
 @dataclass(frozen=True)
 class TimedStart(Start):
     """A start in `design.json`: with its time, and what each of its stages did."""
@@ -153,22 +139,6 @@ class SolverRecord:
     best_start: int
     finish: dict[str, Any]
     starts: tuple[TimedStart, ...]
-
-
-@dataclass(frozen=True)
-class WorstMoment:
-    """The worst moment of a limit in `design.json`; see `LimitCheck`."""
-
-    value: OpenNumber
-    bound: OpenNumber
-    unit: str
-    row: str
-    strut: int | None
-    time: OpenNumber
-    violation: OpenNumber
-    origin: str
-    certified: bool
-    method: str
 
 
 def _written(precision: PredictedPrecision) -> dict[str, float]:
@@ -240,7 +210,7 @@ class DesignFile(TrajectoryFile):
         ),
     ]
     limits: Annotated[
-        dict[str, WorstMoment],
+        dict[str, dict[str, Any]],
         described(
             "",
             "for each limit: worst value, bound, unit, row, strut, time, violation, origin, "
@@ -265,7 +235,7 @@ class DesignFile(TrajectoryFile):
 
 
 @dataclass(frozen=True, eq=False)
-class DesignRecord:
+class DesignRecord(FolderRecord):
     """A design with all that its run folder says of it: what figures and reports are made from.
 
     Attributes
@@ -282,6 +252,20 @@ class DesignRecord:
         F of one period, SI.
     """
 
+    TABLES: ClassVar = {
+        "motion": ArrayTable("trajectory.csv", _WRITER, SampledMotion),
+        "checks": RowTable("tables/limits.csv", _WRITER, LimitCheck),
+        "parameters": RowTable("tables/parameters.csv", _WRITER, ParameterPrecision),
+        "starts": RowTable("tables/starts.csv", _WRITER, Start),
+        "iterations": RowTable("tables/convergence.csv", _WRITER, Iteration),
+        "eigenvalues": RowTable("tables/eigenvalues.csv", _WRITER, Eigenvalue),
+        "matrices": MatrixTable(
+            "tables/information.csv",
+            _WRITER,
+            (Column("parameter", "", "row of F; the other columns are its columns, SI units"),),
+            Column("<parameter>", "SI", "F of one period: column of this parameter"),
+        ),
+    }
     configuration: RunConfiguration
     robot: Robot
     summary: DesignFile
@@ -309,54 +293,44 @@ class DesignRecord:
         )
 
     @classmethod
-    def read(cls, folder: Path) -> DesignRecord:
-        """Read the record from a run folder; nothing is computed.
-
-        Raises
-        ------
-        InputError
-            A file is missing (`MissingFileError`) or does not hold what it should.
-        """
+    def fields_in(cls, folder: Path, number: int | None = None) -> dict[str, Any]:
+        """Read the fields."""
         if not (folder / RUN_FILE).is_file():
             raise MissingFileError(folder / RUN_FILE, _WRITER)
         configuration = load_run(folder / RUN_FILE)
-        summary, motion = DesignFile.read(folder), TRAJECTORY.read(folder)
-        if not motion.increases:
+        found = super().fields_in(folder, number)
+        if not found["motion"].increases:
             message, allowed = "the times do not increase", "at least two increasing times"
-            path = folder / TRAJECTORY.file
+            path = folder / cls.TABLES["motion"].file
             raise InputError(message, path, key="column t", allowed=allowed)
-        rows, names, information = INFORMATION.read(folder)
-        if not tuple(row for (row,) in rows) == names == summary.parameters:
+        table = cls.TABLES["matrices"]
+        rows, names, information = table.read(folder)
+        if not tuple(row for (row,) in rows) == names == found["summary"].parameters:
             message = f"rows and columns are not the parameters of {DesignFile.FILE}"
-            raise InputError(message, folder / INFORMATION.file)
-        return cls(
-            configuration=configuration,
-            robot=robot_from(configuration.robot),
-            summary=summary,
-            motion=motion,
-            checks=LIMITS.read(folder),
-            parameters=PARAMETERS.read(folder),
-            iterations=CONVERGENCE.read(folder),
-            eigenvalues=EIGENVALUES.read(folder),
-            information=information,
-        )
+            raise InputError(message, folder / table.file)
+        return {
+            **found,
+            "configuration": configuration,
+            "robot": robot_from(configuration.robot),
+            "information": information,
+        }
 
     def write(self, folder: Path) -> list[Path]:
         """Write the files of the run folder; return them."""
-        names = self.summary.parameters
-        written = [
-            *TRAJECTORY.write(folder, self.motion),
-            *LIMITS.write(folder, self.checks),
-            *PARAMETERS.write(folder, self.parameters),
-            *STARTS.write(folder, self.summary.solver.starts),
-            *CONVERGENCE.write(folder, self.iterations),
-            *EIGENVALUES.write(folder, self.eigenvalues),
-            *INFORMATION.write(folder, [([(name,) for name in names], names, self.information)]),
-            self.summary.write(folder),
-            folder / RUN_FILE,
-        ]
+        written = [*super().write(folder), folder / RUN_FILE]
         write_text(folder / RUN_FILE, resolved_yaml(self.configuration))
-        return list(dict.fromkeys(written))
+        return written
+
+    @property
+    def starts(self) -> tuple[Start, ...]:
+        """The starts and hops of the search, in their order."""
+        return self.summary.solver.starts
+
+    @property
+    def matrices(self) -> Matrices:
+        """The information with the names of its rows and columns."""
+        names = self.summary.parameters
+        return [([(name,) for name in names], names, self.information)]
 
     def limit(self, key: str) -> Limit | None:
         """Return a limit of the run by its key, None when it does not limit."""
@@ -385,21 +359,19 @@ def _summary(result: DesignResult) -> DesignFile:
         status_text=result.status_text,
         solver=_solver(result),
         limits={
-            check.key: WorstMoment(
-                **{key: value for key, value in asdict(check).items() if key in _SHARED},
-                strut=check.strut,
-                certified=False,
-                method=result.check.method,
-            )
+            check.key: {
+                **{name: getattr(check, name) for name in _WORST},
+                "certified": False,
+                "method": result.check.method,
+            }
             for check in result.check.limits
         },
         warnings=result.warnings,
     )
 
 
-_SHARED = {field.name for field in fields(LimitCheck)} & {
-    field.name for field in fields(WorstMoment)
-}
+_WORST = ("value", "bound", "unit", "row", "strut", "time", "violation", "origin")
+"""What `design.json` says of the worst moment of a limit; see `LimitCheck`."""
 
 
 def _solver(result: DesignResult) -> SolverRecord:

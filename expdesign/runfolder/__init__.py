@@ -7,15 +7,18 @@ from expdesign.runfolder.described import (
     OpenNumber,
     OpenNumbers,
     array_columns,
+    copied,
     described,
 )
-from expdesign.runfolder.json_file import JsonFile, MissingFileError
+from expdesign.runfolder.folder_record import FolderRecord
+from expdesign.runfolder.json_file import JsonFile, MissingFileError, RunFile
 from expdesign.runfolder.table import ArrayTable, MatrixTable, RowTable, Table, describe_tables
 
 __all__ = [
     "MAY_BE_EMPTY",
     "ArrayTable",
     "Column",
+    "FolderRecord",
     "JsonFile",
     "MatrixTable",
     "MissingFileError",
@@ -23,8 +26,10 @@ __all__ = [
     "OpenNumber",
     "OpenNumbers",
     "RowTable",
+    "RunFile",
     "Table",
     "array_columns",
+    "copied",
     "describe_tables",
     "described",
 ]

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from functools import cache
-from typing import Annotated, Any, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, TypeVar, get_args, get_origin, get_type_hints
 
 import numpy as np
 from pydantic import BeforeValidator, TypeAdapter
 
 from constraints.arrays import Array
+
+Record = TypeVar("Record")
 
 
 @dataclass(frozen=True)
@@ -69,6 +71,12 @@ def _columns(record: type[Any], name: str, hint: Any) -> tuple[Column, ...]:
         if isinstance(entry, Column):
             return (Column(entry.name or name, entry.unit, entry.meaning),)
     raise TypeError(f"{record.__name__}.{name}: neither unit nor meaning is given")
+
+
+def copied(kind: type[Record], source: object, **others: Any) -> Record:
+    """Make a record of what `source` has under the names of its fields, and of `others`."""
+    names = [field.name for field in fields(kind) if field.name not in others]  # type: ignore[arg-type]
+    return kind(**{name: getattr(source, name) for name in names}, **others)
 
 
 def checker(kind: Any) -> TypeAdapter[Any]:

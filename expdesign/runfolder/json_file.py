@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar, Self
+from typing import Annotated, Any, ClassVar, Self
 
 from pydantic import ConfigDict, ValidationError
 from pydantic_core import PydanticCustomError
 
 from expdesign.configuration import InputError, Problem, format_number, key_path, read_text, shown
 from expdesign.runfolder.atomic import write_json
-from expdesign.runfolder.described import Column, checker, field_columns
+from expdesign.runfolder.described import Column, checker, described, field_columns
 
 LARGEST_FILE = 64 * 1024 * 1024
 """Bytes that are read of a file at most."""
@@ -135,6 +136,15 @@ class JsonFile:
     def described_keys(cls) -> tuple[Column, ...]:
         """Return name, unit and meaning of every key."""
         return tuple(column for _, columns in field_columns(cls) for column in columns)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class RunFile(JsonFile):
+    """Base of those that say what a stage found, and of what."""
+
+    units: Annotated[str, described("", "of all values")] = "SI and radians"
+    name: Annotated[str, described("", "name of the run")]
+    robot: Annotated[str, described("", "name of the robot")]
 
 
 def read_mapping(path: Path, allowed: str = "a JSON file that expdesign wrote") -> dict[str, Any]:

@@ -32,10 +32,13 @@ _FIRST_LINE = 2
 
 Row = TypeVar("Row")
 Block = TypeVar("Block")
+Written = TypeVar("Written")
+Found = TypeVar("Found")
+Matrices = Iterable[tuple[Sequence[Sequence[str]], Sequence[str], Array]]
 
 
 @dataclass(frozen=True)
-class Table:
+class Table(Generic[Written, Found]):
     """A CSV file: its place, its columns and its format.
 
     Attributes
@@ -61,6 +64,20 @@ class Table:
     def names(self) -> tuple[str, ...]:
         """The names of the columns."""
         return tuple(column.name for column in self.columns)
+
+    def write(self, folder: Path, content: Written) -> list[Path]:
+        """Write the table into a run folder; return its path and that of `columns.json`."""
+        raise NotImplementedError
+
+    def read(self, folder: Path) -> Found:
+        """Read the table of a run folder.
+
+        Raises
+        ------
+        InputError
+            As `read_frame`, or a cell is not of its kind: with line and column.
+        """
+        raise NotImplementedError
 
     def numbered(self, number: int | None) -> Self:
         """Return the table of one of several: ``tables/motion_2.csv``; None: there is just one."""
@@ -106,31 +123,32 @@ class Table:
 
 
 @dataclass(frozen=True)
-class RowTable(Table, Generic[Row]):
-    """A table with a frozen dataclass for every row, whose fields are `described`."""
+class RowTable(Table[Iterable[Row], tuple[Row, ...]], Generic[Row]):
+    """A table with a frozen dataclass for every row, whose fields are `described`.
+
+    Cells may be empty where the field is `OpenNumber` or `MAY_BE_EMPTY`; where there are always
+    `some` rows, a table without any is refused.
+    """
 
     row: type[Row]
+    some: bool = field(default=False, kw_only=True)
 
     @property
     def columns(self) -> tuple[Column, ...]:
         """One for every field of the row."""
         return tuple(column for _, columns in field_columns(self.row) for column in columns)
 
-    def write(self, folder: Path, rows: Iterable[Row]) -> list[Path]:
-        """Write the rows; return the paths of the table and of `columns.json`."""
+    def write(self, folder: Path, content: Iterable[Row]) -> list[Path]:
+        """Write the rows."""
         attributes = [name for name, _ in field_columns(self.row)]
-        cells = [[getattr(row, name) for name in attributes] for row in rows]
+        cells = [[getattr(row, name) for name in attributes] for row in content]
         return self.write_frame(folder, pd.DataFrame(cells, columns=list(self.names), dtype=object))
 
     def read(self, folder: Path) -> tuple[Row, ...]:
-        """Read the rows; cells may be empty where the field is `OpenNumber` or `MAY_BE_EMPTY`.
-
-        Raises
-        ------
-        InputError
-            As `read_frame`, or a cell is not of its kind: with line and column.
-        """
+        """Read the rows."""
         frame = self.read_frame(folder)
+        if self.some and frame.empty:
+            raise InputError("the table has no rows", folder / self.file)
         attributes = [name for name, _ in field_columns(self.row)]
         names = list(self.names)
         cells = [
@@ -152,7 +170,7 @@ class RowTable(Table, Generic[Row]):
 
 
 @dataclass(frozen=True)
-class ArrayTable(Table, Generic[Block]):
+class ArrayTable(Table[Block, Block], Generic[Block]):
     """A table of numbers alone: a frozen dataclass of arrays (N,) and (N, k), `array_columns`."""
 
     block: type[Block]
@@ -162,23 +180,17 @@ class ArrayTable(Table, Generic[Block]):
         """Those of all arrays, side by side."""
         return tuple(column for _, columns in field_columns(self.block) for column in columns)
 
-    def write(self, folder: Path, block: Block) -> list[Path]:
-        """Write the arrays; return the paths of the table and of `columns.json`."""
+    def write(self, folder: Path, content: Block) -> list[Path]:
+        """Write the arrays."""
         parts = [
-            np.asarray(getattr(block, name), dtype=np.float64).reshape(-1, len(columns))
+            np.asarray(getattr(content, name), dtype=np.float64).reshape(-1, len(columns))
             for name, columns in field_columns(self.block)
         ]
         frame = pd.DataFrame(np.concatenate(parts, axis=1), columns=list(self.names))
         return self.write_frame(folder, frame)
 
     def read(self, folder: Path) -> Block:
-        """Read the arrays.
-
-        Raises
-        ------
-        InputError
-            As `read_frame`, or a cell is no finite number: with line and column.
-        """
+        """Read the arrays; every number is finite."""
         frame = self.read_frame(folder)
         parts: dict[str, Array] = {}
         for name, columns in field_columns(self.block):
@@ -188,7 +200,7 @@ class ArrayTable(Table, Generic[Block]):
 
 
 @dataclass(frozen=True)
-class MatrixTable(Table):
+class MatrixTable(Table[Matrices, tuple[tuple[tuple[str, ...], ...], tuple[str, ...], Array]]):
     """A table with further columns whose names are data: one for every parameter.
 
     Attributes
@@ -207,32 +219,20 @@ class MatrixTable(Table):
         """The columns in front; `entry` tells of the others."""
         return self.keys
 
-    def write(
-        self, folder: Path, parts: Iterable[tuple[Sequence[Sequence[str]], Sequence[str], Array]]
-    ) -> list[Path]:
-        """Write matrices below each other; return the paths of the table and of `columns.json`.
+    def write(self, folder: Path, content: Matrices) -> list[Path]:
+        """Write matrices below each other.
 
-        Parameters
-        ----------
-        folder : Path
-        parts : iterable of (keys, names, matrix)
-            The cells of the columns in front, row by row; the names of the further columns; and
-            their numbers.
+        Each is the cells of the columns in front, row by row; the names of the further columns;
+        and their numbers.
         """
         frames = []
-        for keys, names, matrix in parts:
+        for keys, names, matrix in content:
             front = pd.DataFrame(list(keys), columns=list(self.names))
             frames.append(pd.concat([front, pd.DataFrame(matrix, columns=list(names))], axis=1))
         return self.write_frame(folder, pd.concat(frames, ignore_index=True))
 
     def read(self, folder: Path) -> tuple[tuple[tuple[str, ...], ...], tuple[str, ...], Array]:
-        """Return the cells in front row by row, the names of the further columns, the numbers.
-
-        Raises
-        ------
-        InputError
-            As `read_frame`, or a cell is no finite number.
-        """
+        """Return the cells in front row by row, the names of the further columns, the numbers."""
         frame = self.read_frame(folder)
         keys = tuple(frame[list(self.names)].itertuples(index=False, name=None))
         names = tuple(str(name) for name in frame.columns if name not in self.names)
@@ -240,7 +240,7 @@ class MatrixTable(Table):
         return keys, names, np.column_stack(columns) if columns else np.empty((len(keys), 0))
 
 
-def describe_tables(folder: Path, tables: Iterable[Table]) -> Path:
+def describe_tables(folder: Path, tables: Iterable[Table[Any, Any]]) -> Path:
     """Tell unit and meaning of the tables' columns in `columns.json`, beside what stands there."""
     path = folder / COLUMNS_FILE
     known = _known_columns(folder)

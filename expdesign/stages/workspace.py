@@ -24,7 +24,7 @@ from expdesign.trajectory import FourierTrajectory, TrajectoryFile, fourier_keys
 if TYPE_CHECKING:
     from estimation.data.measurement import Measurement
     from estimation.data.table import RawTable
-    from estimation.identification.record import SavedEstimate
+    from estimation.identification.saved import SavedEstimate
     from expdesign.robot import Robot
 
 _DESIGN, _EXPERIMENT, _ESTIMATE = "design", "experiment", "estimate"
@@ -178,7 +178,7 @@ class Workspace:
         InputError
             There is none, or it is another robot's.
         """
-        from estimation.identification.record import read_estimate, saved_estimate
+        from estimation.identification.saved import read_estimate, saved_estimate
 
         made = self.made.get(_ESTIMATE)
         if self.sources.estimate is None and made is not None and made.record is not None:

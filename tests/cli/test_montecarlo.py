@@ -12,7 +12,7 @@ import pytest
 
 from estimation.montecarlo import repetition as one
 from estimation.montecarlo.journal import NAME
-from estimation.montecarlo.record import STATISTICS
+from estimation.montecarlo.record import MonteCarloRecord
 from estimation.processing import PeriodError
 from expdesign.runfolder.manifest import file_hash
 from tests.twin.examples import motion
@@ -83,7 +83,7 @@ def test_what_is_written(expdesign, run_file, design, tmp_path):
     assert (entry["status"], entry["message"]) == ("done", "3 of 3 repetitions")
     assert set(entry["files"]) == WRITTEN - {"run.yaml"}
     table = pd.read_csv(out / "tables" / "montecarlo.csv")
-    assert list(table.columns) == list(STATISTICS.names)
+    assert list(table.columns) == list(MonteCarloRecord.TABLES["rows"].names)
     assert len(table) == 48
     assert table.notna().all().all()
     repetitions = pd.read_csv(out / "tables" / "montecarlo_repetitions.csv")

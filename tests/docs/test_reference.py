@@ -12,7 +12,7 @@ from constraints import limit_definitions
 from estimation.data.formats import file_formats
 from estimation.diagnostics.noise_record import NoiseFile
 from estimation.identification.record import EstimateFile
-from estimation.montecarlo.record import STATISTICS, MonteCarloFile, repetition_table
+from estimation.montecarlo.record import MonteCarloFile, MonteCarloRecord, repetition_table
 from estimation.studies import StudySummary
 from estimation.twin import Twin
 from estimation.twin.record import MEASUREMENT, Truth
@@ -42,7 +42,7 @@ from expdesign.configuration.sections.experiment import (
 )
 from expdesign.configuration.sections.export import OFFERS
 from expdesign.configuration.values.quantity import unit_dimension, unit_symbols
-from expdesign.experiment.record import TABLES, TRAJECTORY, DesignFile
+from expdesign.experiment.record import DesignFile, DesignRecord
 from expdesign.export.formats import table_formats
 from expdesign.export.record import ExportsRecord
 from expdesign.information.criteria import CRITERIA
@@ -223,7 +223,10 @@ def test_robots_and_runs_that_ship():
 
 @pytest.mark.parametrize(
     ("file", "columns"),
-    [("trajectory.csv", TRAJECTORY.columns), ("measurement.csv", MEASUREMENT.columns)],
+    [
+        ("trajectory.csv", DesignRecord.TABLES["motion"].columns),
+        ("measurement.csv", MEASUREMENT.columns),
+    ],
 )
 def test_columns_of_trajectory_and_measurement(file, columns):
     names = []
@@ -250,7 +253,9 @@ def test_sections_of_the_truth():
 
 def test_columns_of_the_tables():
     rows = {codes(row[0])[0]: codes(row[1]) for row in table(RUN_FOLDER, "## tables")}
-    assert rows == {Path(table.file).stem: list(table.names) for table in TABLES}
+    motion, *others = DesignRecord.TABLES.values()
+    assert motion.file == "trajectory.csv"
+    assert rows == {Path(table.file).stem: list(table.names) for table in others}
 
 
 @pytest.mark.parametrize(
@@ -286,7 +291,7 @@ def test_formats_of_measured_data():
 def test_columns_of_the_study():
     rows = table(RUN_FOLDER, "### Columns of montecarlo.csv")
     names = [name for row in rows for name in codes(row[0])]
-    assert sorted(names) == sorted(STATISTICS.names)
+    assert sorted(names) == sorted(MonteCarloRecord.TABLES["rows"].names)
     page = RUN_FOLDER.read_text(encoding="utf-8")
     for name in repetition_table(()).names:
         assert f"`{name}`" in page

@@ -20,7 +20,7 @@ def drawn(diagnosis):
     """Return every figure of a diagnosis by its name."""
     with house_style():
         return {figure.key: figure.draw(diagnosis) for figure in DIAGNOSTIC_FIGURES} | {
-            figure.key: figure.draw(diagnosis.pictures) for figure in NOISE_FIGURES
+            figure.key: figure.draw(diagnosis) for figure in NOISE_FIGURES
         }
 
 
@@ -44,7 +44,7 @@ def _texts(axes):
 
 def test_files_are_complete(diagnosis, tmp_path):
     paths = save_figures(DIAGNOSTIC_FIGURES, diagnosis, tmp_path)
-    paths += save_figures(NOISE_FIGURES, diagnosis.pictures, tmp_path)
+    paths += save_figures(NOISE_FIGURES, diagnosis, tmp_path)
     assert {p.name for p in paths} == {f"{key}.{end}" for key in KEYS for end in ("png", "svg")}
     for path in paths:
         if path.suffix == ".svg":
@@ -71,7 +71,7 @@ def test_scan_names_the_strut(diagnosis, figures):
 
 def test_covariance_shows_every_correlation(diagnosis, figures):
     matrix = figures["noise_covariance"].axes[0].images[0].get_array()
-    sigma = diagnosis.pictures.noise.force_covariance
+    sigma = diagnosis.noise.force_covariance
     assert matrix[0, 1] == pytest.approx(sigma[0, 1] / np.sqrt(sigma[0, 0] * sigma[1, 1]))
     bars = figures["noise_covariance"].axes[1].patches
     np.testing.assert_allclose([b.get_height() for b in bars], np.sqrt(np.diag(sigma)))

@@ -5,7 +5,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from estimation.montecarlo.record import STATISTICS, StatisticsRow
+from estimation.montecarlo.record import MonteCarloRecord, StatisticsRow
 from results.figures.drawing import save_figures
 from results.figures.montecarlo import STUDY_FIGURES, bias_figure, efficiency_figure
 
@@ -48,11 +48,12 @@ def points(figure, axes=0):
 def test_the_files(tmp_path):
     """The table of a folder gives the same bytes as what it was written from."""
     rows = statistics()
-    STATISTICS.write(tmp_path, rows)
+    table = MonteCarloRecord.TABLES["rows"]
+    table.write(tmp_path, rows)
     paths = save_figures(STUDY_FIGURES, rows, tmp_path / "memory")
     names = {f"{d.key}.{ending}" for d in STUDY_FIGURES for ending in ("png", "svg")}
     assert {path.name for path in paths} == names
-    found = STATISTICS.read(tmp_path)
+    found = table.read(tmp_path)
     for one, other in zip(paths, save_figures(STUDY_FIGURES, found, tmp_path), strict=True):
         assert one.read_bytes() == other.read_bytes()
 

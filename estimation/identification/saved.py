@@ -1,0 +1,108 @@
+"""An estimate that was made before, read again to predict other motions with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from estimation.estimators import Knowledge, ParameterEstimate
+from estimation.identification.record import EstimateFile
+from expdesign.configuration import EstimateSection, InputError
+from expdesign.robot import Robot
+
+
+@dataclass(frozen=True, eq=False)
+class SavedEstimate:
+    """Parameters and their covariance, ready to predict other motions with.
+
+    Attributes
+    ----------
+    path : Path
+        Of the `estimate.json`.
+    estimate : ParameterEstimate
+        Without motions.
+    knowledge : Knowledge
+        Which parameters were free.
+    """
+
+    path: Path
+    estimate: ParameterEstimate
+    knowledge: Knowledge
+
+
+def read_estimate(source: Path, robot: Robot, estimator: str | None = None) -> SavedEstimate:
+    """Read an estimate to predict with.
+
+    Parameters
+    ----------
+    source : Path
+        A run folder, or its `estimate.json`.
+    robot : Robot
+        Whose parameters they are.
+    estimator : str, optional
+        The best one by default.
+
+    Raises
+    ------
+    InputError
+        There is none, or it is not this robot's.
+    """
+    path = source / EstimateFile.FILE if source.is_dir() else source
+    return saved_estimate(EstimateFile.read(source), path, robot, estimator)
+
+
+def saved_estimate(
+    found: EstimateFile, path: Path, robot: Robot, estimator: str | None = None
+) -> SavedEstimate:
+    """Return an estimate to predict with; `path` is the place of its file, for messages.
+
+    Raises
+    ------
+    InputError
+        It is not this robot's.
+    """
+    names, key = found.parameters, found.best if estimator is None else estimator
+    for wrong, message, allowed in (
+        (
+            names != robot.parameter_names,
+            f"its parameters are not those of the robot {robot.name}",
+            ", ".join(robot.parameter_names),
+        ),
+        (
+            found.robot != robot.name,
+            f"it is an estimate of the robot {found.robot!r}, not of {robot.name!r}",
+            robot.name,
+        ),
+        (
+            key not in found.estimators,
+            f"it has no estimator '{key}'",
+            ", ".join(found.estimators),
+        ),
+    ):
+        if wrong:
+            raise InputError(message, file=path, key="--estimate", allowed=allowed)
+    entry = found.estimators[key]
+    missing = [name for name in names if name not in entry.values]
+    if missing or entry.covariance.shape != (len(names), len(names)):
+        message = f"values or covariance do not fit the {len(names)} parameters"
+        raise InputError(message, file=path, key=f"estimators.{key}")
+    fixed: dict[str, float | None] = {name: entry.values[name] for name in found.fixed}
+    return SavedEstimate(
+        path,
+        ParameterEstimate(
+            estimator=key,
+            values=np.array([entry.values[name] for name in names]),
+            covariance=entry.covariance,
+            force_share=entry.covariance_forces,
+            kinematic_share=entry.covariance_kinematics,
+            motions=(),
+            cost=entry.cost,
+            iterations=entry.iterations,
+            converged=entry.converged,
+            status=entry.status,
+            seconds=entry.seconds,
+        ),
+        Knowledge.of(robot, EstimateSection(fixed=fixed)),
+    )

@@ -1,0 +1,66 @@
+"""Records: what a stage leaves in its run folder, written and read as a whole."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import fields
+from pathlib import Path
+from typing import Any, ClassVar, Self, get_type_hints
+
+from expdesign.runfolder.json_file import JsonFile
+from expdesign.runfolder.table import Table
+
+
+class FolderRecord:
+    """Base of the frozen dataclasses that stand in several files of a run folder.
+
+    A field whose type is a `JsonFile` is that file. What stands in tables is named in `TABLES`,
+    in the order in which they are written.
+
+    Attributes
+    ----------
+    TABLES : dict of Table
+        By attribute. A property is written, and not read: it follows from the fields.
+    """
+
+    TABLES: ClassVar[Mapping[str, Table[Any, Any]]] = {}
+
+    @classmethod
+    def read(cls, folder: Path) -> Self:
+        """Read it from a run folder; nothing is computed.
+
+        Raises
+        ------
+        InputError
+            A file is missing (`MissingFileError`) or does not hold what it should.
+        """
+        return cls(**cls.fields_in(folder))
+
+    @classmethod
+    def fields_in(cls, folder: Path, number: int | None = None) -> dict[str, Any]:
+        """Read the fields that are files; `number` as in `Table.numbered`."""
+        names = {field.name for field in fields(cls)}  # type: ignore[arg-type]
+        found: dict[str, Any] = {name: file.read(folder) for name, file in cls._files().items()}
+        for name, table in cls.TABLES.items():
+            if name in names:
+                found[name] = table.numbered(number).read(folder)
+        return found
+
+    def contents(self, number: int | None = None) -> Iterator[tuple[Table[Any, Any], Any]]:
+        """Yield every table with what is written into it."""
+        for name, table in self.TABLES.items():
+            yield table.numbered(number), getattr(self, name)
+
+    def write(self, folder: Path) -> list[Path]:
+        """Write the files into a run folder; return them."""
+        written = [path for table, rows in self.contents() for path in table.write(folder, rows)]
+        written += [getattr(self, name).write(folder) for name in self._files()]
+        return list(dict.fromkeys(written))
+
+    @classmethod
+    def _files(cls) -> dict[str, type[JsonFile]]:
+        return {
+            name: kind
+            for name, kind in get_type_hints(cls).items()
+            if isinstance(kind, type) and issubclass(kind, JsonFile)
+        }
