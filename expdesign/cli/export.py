@@ -152,23 +152,23 @@ def _list(*, as_json: bool) -> None:
         write_json(
             [
                 {
-                    "name": form.name,
+                    "name": name,
                     "title": form.title,
                     "suffix": form.suffix,
                     "interpolation": form.interpolation.value,
-                    "spaces": OFFERS[form.name].spaces,
-                    "options": OFFERS[form.name].options,
+                    "spaces": OFFERS[name].spaces,
+                    "options": OFFERS[name].options,
                 }
-                for form in formats.values()
+                for name, form in formats.items()
             ]
         )
         return
     table = Table()
     for heading in ("format", "for", "coordinates", "options beside segment and tolerance"):
         table.add_column(heading, overflow="fold", no_wrap=heading == "format")
-    for form in formats.values():
-        offer = OFFERS[form.name]
-        table.add_row(form.name, form.title, ", ".join(offer.spaces), ", ".join(offer.options))
+    for name, form in formats.items():
+        offer = OFFERS[name]
+        table.add_row(name, form.title, ", ".join(offer.spaces), ", ".join(offer.options))
     results().print(table)
 
 

@@ -257,8 +257,8 @@ class TableFormat:
 
     Attributes
     ----------
-    name, title : str
-        As in the YAML, and in words.
+    title : str
+        In words.
     suffix : str
         Ending of its files.
     interpolation : Interpolation
@@ -286,7 +286,6 @@ class TableFormat:
         Whether the table also holds pose, struts and forces in SI units.
     """
 
-    name: str
     title: str
     suffix: str
     interpolation: Interpolation

@@ -176,7 +176,7 @@ class FileEntry:
         entries = zip(axes.names, axes.units, axes.source, settings.start, strict=True)
         return cls(
             sha256=export.digest,
-            format=form.name,
+            format=settings.section.format,
             title=form.title,
             guide=form.guide.format(axes=", ".join(axes.names), step=step, file=export.path.name),
             axes=tuple(

@@ -2,11 +2,13 @@
 
 import itertools
 import re
+from fnmatch import fnmatch
 from pathlib import Path
 
 import numpy as np
 import pytest
 from pydantic_core import PydanticUndefined
+from typer.main import get_command
 
 from constraints import limit_definitions
 from estimation.data.formats import file_formats
@@ -17,6 +19,7 @@ from estimation.studies import StudySummary
 from estimation.twin import Twin
 from estimation.twin.record import MEASUREMENT, Truth
 from estimation.validation.record import ValidationFile
+from expdesign.cli.app import app
 from expdesign.configuration import (
     DataSection,
     DesignSection,
@@ -51,6 +54,7 @@ from expdesign.mechanism.catalogue import DEFAULT, TERMS, terms_named
 from expdesign.mechanism.graph import HexapodGraph
 from expdesign.mechanism.term import ALPHA_RATE, BETA_RATE, STRUT_SPEED, parameters_of
 from expdesign.recheck.judge import TOLERANCE, grid_points
+from expdesign.stages.table import STAGES
 from expdesign.trajectory import FourierTrajectory
 from results.figures.design import DESIGN_FIGURES
 from results.figures.montecarlo import STUDY_FIGURES
@@ -201,6 +205,28 @@ def term_rows():
         f"{', '.join(f'`{c.name}` [{c.unit}]' for c in term.constants)} | {term.meaning}"
         for name, term in TERMS.items()
     ]
+
+
+def test_the_run_folder_has_a_row_for_every_file_of_a_stage():
+    rows = [name for row in table(RUN_FOLDER, "# Run folder") for name in codes(row[0])]
+    for stage in STAGES.values():
+        for file in (stage.record, *stage.writes):
+            assert any(fnmatch(row, file) or fnmatch(file, f"{row}*") for row in rows), file
+
+
+def test_the_readme_has_a_row_for_every_command_and_option():
+    commands = get_command(app).commands
+    rows = {codes(row[0])[0].split()[1]: row[0] for row in table(ROOT / "README.md", "## Commands")}
+    assert set(rows) == set(commands)
+    called = {"experiment": "simulate", "study": "run"}
+    assert {called.get(name, name) for name in STAGES} <= set(rows)
+    for name, row in rows.items():
+        options = {option for parameter in commands[name].params for option in parameter.opts}
+        named = set(re.findall(r"--[a-z]+", row))
+        assert named <= options, name
+        # The options of a table are in a document of their own, `--json` is in all.
+        if name != "export":
+            assert {o for o in options if o.startswith("--")} - named <= {"--json", "--help"}, name
 
 
 def test_every_term_has_its_row():

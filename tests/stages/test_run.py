@@ -1,8 +1,10 @@
 """`expdesign.run` does what the command does; a stage hands its result to the next in memory."""
 
 import json
+import signal
 import sys
 import traceback
+from contextlib import contextmanager
 
 import pytest
 from typer.testing import CliRunner
@@ -10,6 +12,7 @@ from typer.testing import CliRunner
 import expdesign
 from expdesign.cli.app import app
 from expdesign.experiment import DesignRecord
+from expdesign.runfolder.manifest import Manifest
 from expdesign.stages import run as orchestration
 from tests.stages.test_table import agrees_with_the_table
 
@@ -130,6 +133,54 @@ def test_a_run_that_fails(run_of, tmp_path, monkeypatch):
     monkeypatch.setattr(orchestration, "loaded", lambda _place: fail)
     with pytest.raises(expdesign.StageFailed, match="no motion"):
         expdesign.run(run_of(), out=tmp_path / "out")
+
+
+class Impatient(expdesign.Progress):
+    """Presses Ctrl-C when the first start of a search, or the second repetition, is done."""
+
+    def __init__(self):
+        self.pressed = False
+
+    def press(self):
+        if not self.pressed:
+            self.pressed = True
+            signal.raise_signal(signal.SIGINT)
+
+    @contextmanager
+    def search(self, configuration):
+        yield lambda event: self.press() if event.phase == "done" else None
+
+    @contextmanager
+    def count(self, what):
+        yield lambda done, total: self.press() if done == 2 else None
+
+
+def statuses(folder):
+    return {name: entry.status for name, entry in Manifest.known(folder).stages.items()}
+
+
+def test_ctrl_c_in_the_search_of_a_run_leaves_the_best_so_far(tiny, cheap_finish, tmp_path):
+    folder = tmp_path / "out"
+    with pytest.raises(expdesign.StageFailed, match="the best so far is saved, and marked"):
+        expdesign.run(tiny(design={"starts": 3}), out=folder, progress=Impatient())
+    assert statuses(folder) == {"design": "interrupted"}
+    design = json.loads((folder / "design.json").read_text())
+    assert design["status"] == "interrupted"
+    assert len(design["solver"]["starts"]) == 1
+
+
+def test_ctrl_c_in_the_study_of_a_run_leaves_what_is_done_and_the_run_goes_on(run_of, tmp_path):
+    folder, study = tmp_path / "out", {"repetitions": 4, "estimators": ["ls"]}
+    file = run_of(montecarlo=study)
+    with pytest.raises(expdesign.StageFailed, match="after 2 of 4 repetitions"):
+        expdesign.run(file, out=folder, progress=Impatient())
+    found = statuses(folder)
+    assert found["montecarlo"] == "interrupted"
+    assert {found[name] for name in found if name != "montecarlo"} == {"done"}
+    again = expdesign.run(file, out=folder)
+    assert [name for name, outcome in again.stages.items() if not outcome.kept] == ["montecarlo"]
+    assert len(again.stages["montecarlo"].result.repetitions) == 4
+    assert set(statuses(folder).values()) == {"done"}
 
 
 def test_bad_input():

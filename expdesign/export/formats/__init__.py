@@ -1,29 +1,24 @@
-"""The formats of controller tables: every module of this folder declares one, ``FORMAT``."""
+"""The formats of controller tables: a module of this folder for each, with its ``FORMAT``."""
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping
 from functools import cache
+from importlib import import_module
 from types import MappingProxyType
 
-from constraints.modules import modules_of
+from expdesign.configuration import OFFERS
 from expdesign.export.definition import TableFormat
 
 
 @cache
 def table_formats() -> Mapping[str, TableFormat]:
-    """Return every format by its name, in alphabetical order of the modules.
+    """Return every format by its name, in alphabetical order.
 
-    A file dropped into ``expdesign/export/formats``, and its name and options in
-    ``expdesign/configuration/sections/export.py``, are all that a new format needs.
+    A name among the `OFFERS` of the configuration, and the module here that is spelt so, are all
+    that a new format needs.
     """
-    found: dict[str, TableFormat] = {}
-    for name, module in modules_of(sys.modules[__name__]).items():
-        made = module.FORMAT
-        if not isinstance(made, TableFormat):
-            raise TypeError(f"{__name__}.{name}: FORMAT is no TableFormat")
-        if made.name in found:
-            raise ValueError(f"{__name__}.{name}: '{made.name}' is taken")
-        found[made.name] = made
-    return MappingProxyType(found)
+    modules = {
+        name: import_module(f"{__name__}.{name.replace('-', '_')}") for name in sorted(OFFERS)
+    }
+    return MappingProxyType({name: module.FORMAT for name, module in modules.items()})

@@ -94,7 +94,6 @@ def _words(code: str, line: int) -> list[tuple[str, str]]:
 
 
 FORMAT = TableFormat(
-    name="linuxcnc-gcode",
     title="LinuxCNC, G-code for genhexkins",
     suffix=".ngc",
     interpolation=Interpolation.LINEAR,

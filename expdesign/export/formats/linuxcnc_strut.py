@@ -23,7 +23,6 @@ def _read(path: Path, settings: Settings) -> Rows:
 
 
 FORMAT = TableFormat(
-    name="linuxcnc-strut",
     title="LinuxCNC, strut lengths for halstreamer",
     suffix=".txt",
     interpolation=Interpolation.LINEAR,

@@ -70,7 +70,6 @@ def _column(values: Any) -> Any:
 
 
 FORMAT = TableFormat(
-    name="mat",
     title="MATLAB, Simulink and dSPACE",
     suffix=".mat",
     interpolation=Interpolation.LINEAR,

@@ -17,7 +17,6 @@ def _read(path: Path, settings: Settings) -> Rows:
 
 
 FORMAT = TableFormat(
-    name="pi-wave",
     title="Physik Instrumente C-887, wave generator",
     suffix=".txt",
     interpolation=Interpolation.LINEAR,

@@ -81,7 +81,6 @@ def _read(path: Path, settings: Settings) -> Rows:
 
 
 FORMAT = TableFormat(
-    name="pmac-pvt",
     title="Delta Tau and Omron PMAC, PVT motion program",
     suffix=".pmc",
     interpolation=Interpolation.CUBIC,

@@ -40,7 +40,6 @@ def _read(path: Path, settings: Settings) -> Rows:
 
 
 FORMAT = TableFormat(
-    name="pvt-csv",
     title="PVT points as CSV (Zaber's grammar)",
     suffix=".csv",
     interpolation=Interpolation.CUBIC,

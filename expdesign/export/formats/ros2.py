@@ -214,7 +214,6 @@ def _plain(value: Any) -> Any:
 
 
 FORMAT = TableFormat(
-    name="ros2",
     title="ROS 2, trajectory_msgs",
     suffix=".yaml",
     interpolation=Interpolation.QUINTIC,

@@ -38,7 +38,6 @@ def _read(path: Path, settings: Settings) -> Rows:
 
 
 FORMAT = TableFormat(
-    name="xps-pvt",
     title="Newport XPS, PVT trajectory",
     suffix=".trj",
     interpolation=Interpolation.CUBIC,

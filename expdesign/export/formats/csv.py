@@ -34,7 +34,6 @@ def _read(path: Path, _settings: Settings) -> Rows:
 
 
 FORMAT = TableFormat(
-    name="csv",
     title="CSV with the whole motion",
     suffix=".csv",
     interpolation=Interpolation.LINEAR,
