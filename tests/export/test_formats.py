@@ -182,7 +182,7 @@ def test_no_jumps_of_a_full_turn(tmp_path):
         @staticmethod
         def sample(times):
             states = turned.sample(times)
-            return replace(states, pose=states.pose + np.array([0, 0, 0, 0, 0, angle]))
+            return states._replace(pose=states.pose + np.array([0, 0, 0, 0, 0, angle]))
 
     from expdesign.export.exporting import settled
     from expdesign.export.row_times import ideal_rows, uniform_times
