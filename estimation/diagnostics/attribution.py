@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import Annotated
 
 import numpy as np
@@ -19,10 +20,8 @@ from estimation.diagnostics.channel_test import POSITION_PERIODIC, Strut
 from estimation.diagnostics.column_test import (
     Cause,
     ColumnTest,
-    DelayTest,
     causes,
     column_test,
-    delay_test,
 )
 from estimation.diagnostics.joint_system import JointSystem, SolvedSystem
 from estimation.diagnostics.linearisation import Linearisation
@@ -57,6 +56,25 @@ class Effect:
 
 
 @dataclass(frozen=True, eq=False)
+class EffectTests:
+    """The search for effects in the residuals of one experiment, with some taken as known.
+
+    Attributes
+    ----------
+    solved : SolvedSystem
+        The fit with these effects among its unknowns.
+    scans : tuple of PitchScan
+        Of the six struts.
+    families : mapping
+        The test of every family of columns, by its kind.
+    """
+
+    solved: SolvedSystem
+    scans: tuple[PitchScan, ...]
+    families: Mapping[str, ColumnTest]
+
+
+@dataclass(frozen=True, eq=False)
 class Attribution:
     """All tests of effects.
 
@@ -64,54 +82,22 @@ class Attribution:
     ----------
     causes : tuple of Cause
         The families of columns that were tested.
-    scans, tests
-        Of the pitches of the six struts and of each family by its kind, before any effect is
-        taken as known.
     effects : tuple of Effect
         What was selected, most significant first.
-    last_scans, last_tests
-        The tests with these effects taken as known.
+    first, last : EffectTests
+        Before any effect is taken as known, and with all of them.
     best_forces : tuple of PeriodicForce or None
         The best-fitting position-periodic force of every strut, significant or not.
-    solved : SolvedSystem
-        The fit with the effects among its unknowns.
     periodic_level : float
         Of all scans together.
     """
 
     causes: tuple[Cause, ...]
-    scans: tuple[PitchScan, ...]
-    tests: Mapping[str, ColumnTest]
     effects: tuple[Effect, ...]
-    last_scans: tuple[PitchScan, ...]
-    last_tests: Mapping[str, ColumnTest]
+    first: EffectTests
+    last: EffectTests
     best_forces: tuple[PeriodicForce | None, ...]
-    solved: SolvedSystem
     periodic_level: float
-
-    @property
-    def columns(self) -> ColumnTest:
-        """The tests of the regressor's columns before any effect is taken as known."""
-        return self.tests["column"]
-
-    @property
-    def last_columns(self) -> ColumnTest:
-        """The same with the effects taken as known."""
-        return self.last_tests["column"]
-
-    @property
-    def delay(self) -> DelayTest:
-        """The test of the delay before any effect is taken as known."""
-        return self._delay(self.tests)
-
-    @property
-    def last_delay(self) -> DelayTest:
-        """The same with the effects taken as known."""
-        return self._delay(self.last_tests)
-
-    def _delay(self, tests: Mapping[str, ColumnTest]) -> DelayTest:
-        (cause,) = (cause for cause in self.causes if cause.kind == "delay")
-        return delay_test(tests[cause.kind], cause)
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,54 +110,6 @@ class _Found:
     log_p: float
     pitch: float
     columns: Array
-
-
-@dataclass(frozen=True, eq=False)
-class _Search:
-    """What is tested in one experiment, whatever is taken as known."""
-
-    part: Linearisation
-    causes: tuple[Cause, ...]
-    step: float
-    periodic_level: float
-
-    def scans(self, solved: SolvedSystem) -> tuple[PitchScan, ...]:
-        return tuple(
-            scan_pitches(solved, self.part, strut, self.step, self.periodic_level)
-            for strut in range(ACTUATORS)
-        )
-
-    def tests(self, solved: SolvedSystem) -> dict[str, ColumnTest]:
-        return {cause.kind: column_test(solved, cause) for cause in self.causes}
-
-    def most_significant(
-        self, solved: SolvedSystem, scans: tuple[PitchScan, ...], tests: Mapping[str, ColumnTest]
-    ) -> _Found | None:
-        """Return the effect with the smallest p-value, corrected for its family, if significant.
-
-        Families of equal significance are compared by what the selection risks: p relative to
-        level.
-        """
-        scan = min(scans, key=lambda one: one.log_p)
-        log_p = scan.log_p + float(np.log(ACTUATORS))
-        best: tuple[float, Cause | None, int] = (log_p - np.log(self.periodic_level), None, 0)
-        for cause in self.causes:
-            test = tests[cause.kind]
-            if not test.tested:
-                continue
-            index = int(np.nanargmin(test.log_p))
-            relative = float(test.log_p[index] + np.log(test.tested / cause.level))
-            if relative < best[0]:
-                best, log_p = (relative, cause, index), relative + float(np.log(cause.level))
-        relative, chosen, index = best
-        if relative >= 0:
-            return None
-        if chosen is None:
-            columns, _, _ = _periodic_fit(solved, self.part, scan)
-            return _Found("position-periodic", scan.strut, "", log_p, scan.best_pitch, columns)
-        name, strut = chosen.labels[index]
-        columns = chosen.columns[:, :, index : index + 1]
-        return _Found(chosen.kind, strut, name, log_p, np.nan, columns)
 
 
 def attribute(
@@ -197,34 +135,59 @@ def attribute(
         How many are tested together: each gets its share of the levels.
     """
     families = causes(part, names, held_out=held_out, experiments=experiments)
-    search = _Search(part, families, step, POSITION_PERIODIC / experiments)
-    base = solved = system.solved
-    first_scans = scans = search.scans(solved)
-    first_tests = tests = search.tests(solved)
+    level = POSITION_PERIODIC / experiments
+
+    def tested(solved: SolvedSystem) -> EffectTests:
+        return EffectTests(
+            solved,
+            tuple(scan_pitches(solved, part, strut, step, level) for strut in range(ACTUATORS)),
+            {cause.kind: column_test(solved, cause) for cause in families},
+        )
+
+    first = last = tested(system.solved)
     found: list[_Found] = []
     while len(found) < _MOST:
-        best = search.most_significant(solved, scans, tests)
+        best = _most_significant(last, part, families, level)
         if best is None:
             break
         found.append(best)
-        solved = system.with_columns(np.concatenate([f.columns for f in found], axis=2)).solved
-        scans, tests = search.scans(solved), search.tests(solved)
-    effects = _fitted(base, part, found)
+        last = tested(system.with_columns(np.concatenate([f.columns for f in found], 2)).solved)
+    effects = _fitted(system.solved, part, found)
     known = {e.strut: e.force for e in reversed(effects) if e.force is not None}
-    return Attribution(
-        causes=families,
-        scans=first_scans,
-        tests=first_tests,
-        effects=effects,
-        last_scans=scans,
-        last_tests=tests,
-        best_forces=tuple(
-            known[scan.strut] if scan.strut in known else _best_force(solved, part, scan)
-            for scan in scans
-        ),
-        solved=solved,
-        periodic_level=search.periodic_level,
+    best_forces = tuple(
+        known[scan.strut] if scan.strut in known else _best_force(last.solved, part, scan)
+        for scan in last.scans
     )
+    return Attribution(families, effects, first, last, best_forces, level)
+
+
+def _most_significant(
+    tests: EffectTests, part: Linearisation, families: tuple[Cause, ...], level: float
+) -> _Found | None:
+    """Return the effect with the smallest p-value, corrected for its family, if significant.
+
+    Families of equal significance are compared by what the selection risks: p relative to level,
+    which is that of all scans.
+    """
+    scan = min(tests.scans, key=attrgetter("log_p"))
+    log_p = scan.log_p + float(np.log(ACTUATORS))
+    relative, found = log_p - np.log(level), None
+    for cause in families:
+        test = tests.families[cause.kind]
+        if not test.tested:
+            continue
+        own = float(test.columns[test.best].log_p + np.log(test.tested / cause.level))
+        if own < relative:
+            relative, found = own, cause
+    if relative >= 0:
+        return None
+    if found is None:
+        columns, _, _ = _periodic_fit(tests.solved, part, scan)
+        return _Found("position-periodic", scan.strut, "", log_p, scan.best_pitch, columns)
+    index = tests.families[found.kind].best
+    name, strut = found.labels[index]
+    log_p = relative + float(np.log(found.level))
+    return _Found(found.kind, strut, name, log_p, np.nan, found.columns[:, :, [index]])
 
 
 def _fitted(base: SolvedSystem, part: Linearisation, found: list[_Found]) -> tuple[Effect, ...]:

@@ -11,15 +11,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated, Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, model_serializer
 from scipy import stats
 
 from constraints.arrays import Array
-from estimation.diagnostics.channel_test import COLUMNS, DELAY
+from estimation.diagnostics.channel_test import COLUMNS, DELAY, Strut
 from estimation.diagnostics.finding import Assumption
 from estimation.diagnostics.joint_system import SolvedSystem
 from estimation.diagnostics.linearisation import Linearisation
@@ -45,12 +44,8 @@ class Cause:
     ----------
     kind : str
         Of the effects that are found.
-    labels : tuple of (str, int or None)
-        Of the columns.
     columns : (R, 6, q)
         N per unit of the effect.
-    level : float
-        Of the family.
     assumption : Assumption
         That there is no such effect.
     words : str
@@ -65,7 +60,7 @@ class Cause:
     number : str
         Format of a value.
     unit : callable
-        Parameter → unit shown.
+        From the parameter to the unit shown.
     """
 
     kind: str
@@ -82,45 +77,33 @@ class Cause:
     unit: Callable[[str], str] = parameter_unit
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
+class ColumnResult:
+    """t-test of the residuals on one column."""
+
+    parameter: Annotated[str, described("", "whose column it is")]
+    actuator: Annotated[Strut, described("1", "number of the actuator; null: all of them")]
+    t: Annotated[OpenNumber, described("1", "null where the model leaves nothing to test")]
+    log_p: Annotated[OpenNumber, described("1", "logarithm of the two-sided p of this test")]
+    coefficient: Annotated[OpenNumber, described("SI", "change of the parameter that is asked for")]
+    std: Annotated[OpenNumber, described("SI", "standard deviation of the coefficient")]
+    detectable: Annotated[OpenNumber, described("SI", "smallest error that is found with `power`")]
+    failed: Annotated[bool, described("", "residuals lie along the column")]
+
+
+@dataclass(frozen=True)
 class ColumnTest:
-    """Tests of all columns of a family.
+    """t-tests of all columns of a family."""
 
-    Attributes
-    ----------
-    labels : tuple of (str, int or None)
-        Parameter and actuator (from 0; None: all of them).
-    coefficients, std : (q,)
-        By how much the parameter would differ, if it alone did, and its standard deviation, SI.
-    statistic : (q,)
-        t; NaN where the model's own columns leave nothing to test.
-    log_p : (q,)
-        Logarithm of each two-sided p-value, for the test alone.
-    level : float
-        Of the family.
-    """
-
-    labels: tuple[Label, ...]
-    coefficients: Array
-    std: Array
-    statistic: Array
-    log_p: Array
-    level: float = COLUMNS
+    power: Annotated[float, described("1", "of the test")]
+    family_level: Annotated[float, described("1", "level of all columns together")]
+    tested: Annotated[int, described("1", "number of columns that leave something to test")]
+    columns: Annotated[tuple[ColumnResult, ...], described("", "one by one")]
 
     @property
-    def tested(self) -> int:
-        """Size of the family."""
-        return int(np.count_nonzero(np.isfinite(self.statistic)))
-
-    @property
-    def failed(self) -> NDArray[np.bool_]:
-        """(q,) columns on which residuals are left."""
-        return np.nan_to_num(self.log_p, nan=0.0) < np.log(self.level / max(self.tested, 1))
-
-    def detectable(self, power: float = POWER) -> Array:
-        """Return the smallest error of each parameter, (q,), that is found with this power."""
-        critical = stats.norm.isf(self.level / max(self.tested, 1) / 2)
-        return self.std * (critical + stats.norm.ppf(power))
+    def best(self) -> int:
+        """Place of the most significant column."""
+        return int(np.nanargmin([column.log_p for column in self.columns]))
 
 
 def causes(
@@ -209,16 +192,17 @@ def column_test(solved: SolvedSystem, cause: Cause) -> ColumnTest:
     """Test each column by itself."""
     score, information, whole = solved.scores(cause.columns)
     seen = information > _SEEN * np.where(whole > 0, whole, np.inf)
-    safe = np.where(seen, information, 1.0)
-    statistic = np.where(seen, score / np.sqrt(safe), np.nan)
-    return ColumnTest(
-        labels=cause.labels,
-        coefficients=np.where(seen, score / safe, np.nan),
-        std=np.where(seen, 1 / np.sqrt(safe), np.nan),
-        statistic=statistic,
-        log_p=log_two_sided(statistic, solved.system.freedom),
-        level=cause.level,
-    )
+    information = np.where(seen, information, np.nan)
+    std = 1 / np.sqrt(information)
+    statistic = score / np.sqrt(information)
+    log_p = log_two_sided(statistic, solved.system.freedom)
+    tested = int(np.count_nonzero(seen))
+    level = cause.level / max(tested, 1)
+    detectable = std * (stats.norm.isf(level / 2) + stats.norm.ppf(POWER))
+    numbers = np.stack([statistic, log_p, score / information, std, detectable]).tolist()
+    rows = zip(*numbers, (log_p < np.log(level)).tolist(), strict=True)
+    columns = (ColumnResult(*label, *row) for label, row in zip(cause.labels, rows, strict=True))
+    return ColumnTest(POWER, cause.level, tested, tuple(columns))
 
 
 @dataclass(frozen=True)
@@ -233,23 +217,16 @@ class DelayTest:
     log_p: Annotated[
         OpenNumber, described("1", "logarithm of p of the two-sided test of no delay")
     ] = np.nan
-    level: Annotated[float, Field(exclude=True), described("1", "of the test")] = DELAY
+    failed: Annotated[bool, described("", "there is a delay")] = False
 
-    @property
-    def failed(self) -> bool:
-        """Tell whether there is a delay."""
-        return bool(np.isfinite(self.log_p) and self.log_p < np.log(self.level))
+    @classmethod
+    def of(cls, test: ColumnTest, cause: Cause) -> Self:
+        """Take the test of its column, in which dry friction, without a derivative, has no part."""
+        if not test.tested:
+            return cls(cause.untested)
+        (found,) = test.columns
+        return cls("", found.coefficient, found.std, found.log_p, found.failed)
 
     @model_serializer(mode="wrap")
     def _in_a_file(self, fields: Any) -> dict[str, Any]:
-        return (
-            {"refused": self.refused} if self.refused else {**fields(self), "failed": self.failed}
-        )
-
-
-def delay_test(test: ColumnTest, cause: Cause) -> DelayTest:
-    """Take the test of its column, in which dry friction, without a derivative, has no part."""
-    if not test.tested:
-        return DelayTest(cause.untested, level=cause.level)
-    delay, std, log_p = (float(values[0]) for values in (test.coefficients, test.std, test.log_p))
-    return DelayTest("", delay, std, log_p, cause.level)
+        return {"refused": self.refused} if self.refused else fields(self)

@@ -2,25 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from constraints.arrays import Array
-from estimation.diagnostics.attribution import attribute
+from estimation.diagnostics.attribution import Attribution, attribute
 from estimation.diagnostics.channel_test import LACK_OF_FIT, NOISE
+from estimation.diagnostics.column_test import DelayTest
 from estimation.diagnostics.finding import Outcome, Status, Verdict, of_experiment
 from estimation.diagnostics.findings import experiment_findings
-from estimation.diagnostics.joint_system import JointSystem, joint_systems
-from estimation.diagnostics.lack_of_fit import ChiSquare, chi_square, lack_of_fit
+from estimation.diagnostics.joint_system import joint_systems
+from estimation.diagnostics.lack_of_fit import chi_square, lack_of_fit
 from estimation.diagnostics.linearisation import Linearisation, linearise
 from estimation.diagnostics.noise_record import NoisePictures
-from estimation.diagnostics.noise_tests import Whiteness, noise_tests, whiteness
+from estimation.diagnostics.noise_tests import NoiseTests, Whiteness, noise_tests, whiteness
 from estimation.diagnostics.record import (
     ChiSquares,
-    ColumnResults,
     Diagnosis,
     ExperimentDiagnosis,
     ExperimentTests,
@@ -111,13 +111,37 @@ def diagnose(
         ]
     else:
         laws = linear_laws(parts, experiments, estimate, knowledge)
-    results = tuple(
-        _diagnosed(
-            _Case(experiment, part, system, law, held_out, own_motion, len(parts)), knowledge.names
+    results = []
+    for experiment, part, system, law in zip(experiments, parts, systems, laws, strict=True):
+        lengths = None
+        if experiment.fit is not None:
+            k = int(np.count_nonzero(free))
+            own = system.solved.inverse[k:, k:] if own_motion else experiment.fit.covariance
+            lengths = length_law(part, experiment, own)
+        attribution = attribute(
+            system,
+            part,
+            knowledge.names,
+            experiment.record.step,
+            held_out=held_out,
+            experiments=len(parts),
         )
-        for experiment, part, system, law in zip(experiments, parts, systems, laws, strict=True)
-    )
-    return Diagnosis(estimate.estimator, results, verdict(results))
+        noises = noise_tests(
+            experiment.record, part.force_rows, part.length_rows, NOISE / len(parts)
+        )
+        tests = _tests(experiment, part, attribution, (law, lengths), noises, len(parts), held_out)
+        results.append(
+            ExperimentDiagnosis(
+                tests=tests,
+                residuals=force_residuals(experiment, part),
+                dependence=tuple(dependence(experiment, part)),
+                pitches=tuple(_pitches(attribution)),
+                **NoisePictures.parts(experiment.noise, noises),
+                pointwise=experiment.fit is None,
+                attribution=attribution,
+            )
+        )
+    return Diagnosis(estimate.estimator, tuple(results), verdict(results))
 
 
 def _known(
@@ -134,110 +158,62 @@ def _known(
     return (inverse + inverse.T) / 2, np.zeros(len(scales))
 
 
-@dataclass(frozen=True, eq=False)
-class _Case:
-    experiment: Experiment
-    part: Linearisation
-    system: JointSystem
-    law: ResidualLaw
-    held_out: bool
-    own_motion: bool
-    shares: int
-
-
-def _diagnosed(case: _Case, names: tuple[str, ...]) -> ExperimentDiagnosis:
-    experiment, part, record = case.experiment, case.part, case.experiment.record
-    noise, level = experiment.noise, NOISE / case.shares
-    attribution = attribute(
-        case.system,
-        part,
-        names,
-        record.step,
-        held_out=case.held_out,
-        experiments=case.shares,
-    )
-    left_law = joint_law(part, experiment, attribution.solved)
-    left = attribution.solved.force_residuals()
-    both = ((case.law, part.forces), (left_law, left))
+def _tests(
+    experiment: Experiment,
+    part: Linearisation,
+    attribution: Attribution,
+    laws: tuple[ResidualLaw, ResidualLaw | None],
+    noises: NoiseTests,
+    shares: int,
+    held_out: bool,
+) -> ExperimentTests:
+    """Test forces and lengths, whose laws are given, at this share of the levels."""
+    (law, lengths), level = laws, NOISE / shares
+    first, last = attribution.first, attribution.last
+    left_law, left = joint_law(part, experiment, last.solved), last.solved.force_residuals()
+    both = ((law, part.forces), (left_law, left))
     lack = [
-        lack_of_fit(
-            part,
-            law,
-            residuals=values,
-            level=LACK_OF_FIT / case.shares,
-            includes_model_error=noise.forces.includes_model_error,
-        )
-        for law, values in both
+        lack_of_fit(part, own, residuals=values, level=LACK_OF_FIT / shares) for own, values in both
     ]
-    sizes = [
-        chi_square(
-            values,
-            part.counts,
-            law,
-            noise.forces.freedom,
-            includes_model_error=noise.forces.includes_model_error,
-        )
-        for law, values in both
-    ]
-    length_size, length_whiteness = _length_tests(case, level)
-    weighted = left * np.sqrt(part.counts)[:, None]
-    noises = noise_tests(record, part.force_rows, part.length_rows, level)
-    scans = tuple(zip(attribution.scans, attribution.last_scans, strict=True))
-    tests = ExperimentTests(
-        held_out=case.held_out,
+    sizes = [chi_square(values, part.counts, own) for own, values in both]
+    length_size, length_whiteness = None, None
+    if lengths is not None and part.lengths is not None:
+        length_size = chi_square(part.lengths, part.length_counts, lengths)
+        length_whiteness = _whiteness(part.lengths, part.length_counts, lengths, level)
+    (delay,) = (cause for cause in attribution.causes if cause.kind == "delay")
+    return ExperimentTests(
+        held_out=held_out,
         chi_square=ChiSquares(sizes[0], sizes[1], length_size),
         lack_of_fit=lack[0],
         lack_of_fit_with_effects=lack[1],
         variance_comparison=variance_comparison(experiment, part),
         effects=attribution.effects,
         position_periodic=tuple(
-            PitchResult(
-                first.strut, len(first.pitches), first.log_p, last.log_p, best, first.critical
+            PitchResult(scan.strut, len(scan.pitches), scan.log_p, again.log_p, best, scan.critical)
+            for scan, again, best in zip(
+                first.scans, last.scans, attribution.best_forces, strict=True
             )
-            for (first, last), best in zip(scans, attribution.best_forces, strict=True)
         ),
-        columns=ColumnResults.of(attribution.columns),
-        columns_with_effects=ColumnResults.of(attribution.last_columns),
-        delay=attribution.delay,
-        delay_with_effects=attribution.last_delay,
+        columns=first.families["column"],
+        columns_with_effects=last.families["column"],
+        delay=DelayTest.of(first.families["delay"], delay),
+        delay_with_effects=DelayTest.of(last.families["delay"], delay),
         whiteness=replace(
             noises.whiteness,
-            force_residuals=whiteness(weighted[None], left_law.lagged, level),
+            force_residuals=_whiteness(left, part.counts, left_law, level),
             length_residuals=length_whiteness,
         ),
         normality=noises.normality,
         drift=noises.drift,
     )
-    return ExperimentDiagnosis(
-        tests=tests,
-        residuals=force_residuals(experiment, part),
-        dependence=tuple(dependence(experiment, part)),
-        pitches=tuple(
-            PitchRow(first.strut + 1, *numbers)
-            for first, last in scans
-            for numbers in np.stack([first.pitches, first.statistic, last.statistic], 1).tolist()
-        ),
-        **NoisePictures.parts(noise, noises),
-        pointwise=experiment.fit is None,
-        attribution=attribution,
-    )
 
 
-def _length_tests(case: _Case, level: float) -> tuple[ChiSquare | None, Whiteness | None]:
-    experiment, part = case.experiment, case.part
-    if part.lengths is None or experiment.fit is None:
-        return None, None
-    covariance = experiment.fit.covariance
-    if case.own_motion:
-        k = int(np.count_nonzero(part.free))
-        covariance = case.system.solved.inverse[k:, k:]
-    law = length_law(part, experiment, covariance)
-    test = chi_square(
-        part.lengths,
-        part.length_counts,
-        law,
-        experiment.noise.lengths.freedom,
-        includes_model_error=experiment.noise.lengths.includes_model_error,
-    )
-    scaled = part.lengths * np.sqrt(part.length_counts)[:, None]
-    return test, whiteness(scaled[None], law.lagged, level)
+def _whiteness(residuals: Array, counts: Array, law: ResidualLaw, level: float) -> Whiteness:
+    return whiteness((residuals * np.sqrt(counts)[:, None])[None], law.lagged, level)
+
+
+def _pitches(attribution: Attribution) -> Iterator[PitchRow]:
+    for first, last in zip(attribution.first.scans, attribution.last.scans, strict=True):
+        numbers = np.stack([first.pitches, first.statistic, last.statistic], axis=1)
+        for row in numbers.tolist():
+            yield PitchRow(first.strut + 1, *row)

@@ -47,17 +47,7 @@ class Finding:
 
 @dataclass(frozen=True)
 class Assumption:
-    """What is assumed, and what it means when the assumption fails.
-
-    Attributes
-    ----------
-    contradiction : str
-        What is then the case.
-    advice : str
-        What to do then.
-    serious : bool
-        See `Finding.serious`.
-    """
+    """What is assumed, what is the case when it fails, and what to do then."""
 
     text: str
     contradiction: str
@@ -68,29 +58,18 @@ class Assumption:
         """Say why there is no test."""
         return Finding(self.text, Outcome.NOT_TESTED, reason, advice, self.serious)
 
-    def holds(self, sentence: str, p: float | None = None, level: float | None = None) -> Finding:
+    def holds(self, sentence: str, p: float, level: float) -> Finding:
         """Say that the test found nothing."""
         return Finding(self.text, Outcome.HOLDS, sentence, serious=self.serious, p=p, level=level)
 
     def fails(
-        self,
-        sentence: str,
-        p: float | None = None,
-        level: float | None = None,
-        *,
-        where: str = "",
-        advice: str | None = None,
+        self, sentence: str, p: float, level: float, where: str = "", advice: str = ""
     ) -> Finding:
-        """Say that the test rejects the assumption, and where."""
+        """Say that the test rejects the assumption, and where; with other advice than usual."""
+        contradiction = f"{self.contradiction} ({where})" if where else self.contradiction
+        advice = advice or self.advice
         return Finding(
-            self.text,
-            Outcome.FAILS,
-            sentence,
-            self.advice if advice is None else advice,
-            self.serious,
-            f"{self.contradiction} ({where})" if where else self.contradiction,
-            p,
-            level,
+            self.text, Outcome.FAILS, sentence, advice, self.serious, contradiction, p, level
         )
 
 

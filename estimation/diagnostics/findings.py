@@ -127,14 +127,13 @@ def _bias(diagnosis: ExperimentDiagnosis) -> Finding:
         advice = f"{found} explains a part; there is more in {rest}: {_EXPLAINED.advice}"
     else:
         advice = f"{found} explains it: see below"
-    sentence = f"a bias in {where} (F = {values})"
-    return _EXPLAINED.fails(sentence, p, test.level, where=where, advice=advice)
+    return _EXPLAINED.fails(f"a bias in {where} (F = {values})", p, test.level, where, advice)
 
 
 def _position_periodic(diagnosis: ExperimentDiagnosis) -> Finding:
     attribution = diagnosis.attribution
     level = attribution.periodic_level
-    if not any(len(scan.pitches) for scan in attribution.scans):
+    if not any(len(scan.pitches) for scan in attribution.first.scans):
         return _NOT_PERIODIC.untested(
             "no pitch could be scanned: the struts move too far between two samples"
         )
@@ -143,7 +142,7 @@ def _position_periodic(diagnosis: ExperimentDiagnosis) -> Finding:
         key=lambda found: found[0],
     )
     if not effects:
-        p = min(1.0, ACTUATORS * np.exp(min(scan.log_p for scan in attribution.last_scans)))
+        p = min(1.0, ACTUATORS * np.exp(min(scan.log_p for scan in attribution.last.scans)))
         sentence = f"no strut has a position-periodic force (p = {p:.2g})"
         return _NOT_PERIODIC.holds(sentence, p, level)
     where = _channels("strut", np.isin(np.arange(ACTUATORS), [strut for strut, _ in effects]))
@@ -163,16 +162,15 @@ def _position_periodic(diagnosis: ExperimentDiagnosis) -> Finding:
 def _cause(diagnosis: ExperimentDiagnosis, cause: Cause) -> Finding:
     """Whether the residuals lie along the columns of a family of causes."""
     attribution, assumption = diagnosis.attribution, cause.assumption
-    last = attribution.last_tests[cause.kind]
+    last = attribution.last.families[cause.kind]
     effects = [effect for effect in attribution.effects if effect.kind == cause.kind]
-    if not attribution.tests[cause.kind].tested:
+    if not attribution.first.families[cause.kind].tested:
         return assumption.untested(cause.untested)
     if not effects:
-        best = int(np.nanargmin(last.log_p))
-        p = min(1.0, last.tested * np.exp(last.log_p[best]))
-        value = cause.scale * last.coefficients[best]
-        sentence = cause.absent.format(p=p, value=value, std=cause.scale * last.std[best])
-        return assumption.holds(sentence, p, last.level)
+        best = last.columns[last.best]
+        p = min(1.0, last.tested * np.exp(best.log_p))
+        value, std = cause.scale * best.coefficient, cause.scale * best.std
+        return assumption.holds(cause.absent.format(p=p, value=value, std=std), p, cause.level)
     changes = [
         (f"{e.parameter} " if e.parameter else "")
         + (f"in actuator {e.strut + 1} " if e.strut is not None else "")
@@ -183,7 +181,7 @@ def _cause(diagnosis: ExperimentDiagnosis, cause: Cause) -> Finding:
     return assumption.fails(
         f"{cause.present} {'; '.join(changes)}",
         _effect_p(effects, cause.kind),
-        last.level,
+        cause.level,
         where=", ".join(dict.fromkeys(e.parameter for e in effects if e.parameter)),
     )
 
@@ -212,7 +210,7 @@ def _size(assumption: Assumption, test: ChiSquare, kind: str, left: str = "") ->
     small = test.p_smaller < test.p_value
     sentence = f"the {kind} residuals are too {'small' if small else 'large'} {ratio}"
     advice = f"the noise of the {kind}s was given too large: intervals are too wide"
-    return assumption.fails(sentence, p, CHI_SQUARE, advice=advice if small else None)
+    return assumption.fails(sentence, p, CHI_SQUARE, advice=advice if small else "")
 
 
 def _white(
@@ -231,7 +229,7 @@ def _white(
         return assumption.holds(sentence, p, test.level)
     where = _channels(kind, test.failed)
     sentence = f"the {what} {verb} correlated in time{known} in {where}"
-    return assumption.fails(sentence, p, test.level, where=where)
+    return assumption.fails(sentence, p, test.level, where)
 
 
 def _noise_white(tests: Whitenesses) -> Finding:
@@ -251,7 +249,7 @@ def _noise_white(tests: Whitenesses) -> Finding:
         return _NOISE_WHITE.holds(sentence, p, level)
     listed = _listed(where)
     sentence = f"the noise is correlated in time ({listed}; up to {largest:.2f})"
-    return _NOISE_WHITE.fails(sentence, p, level, where=listed)
+    return _NOISE_WHITE.fails(sentence, p, level, listed)
 
 
 def _distribution(tests: Normalities) -> tuple[Finding, Finding]:
@@ -269,7 +267,7 @@ def _distribution(tests: Normalities) -> tuple[Finding, Finding]:
     if outliers:
         counts = ", ".join(f"{channel}: {count}" for channel, count in outliers.items())
         sentence = f"more samples are far off than normal noise has ({counts})"
-        first = _NO_OUTLIERS.fails(sentence, p, level, where=", ".join(outliers))
+        first = _NO_OUTLIERS.fails(sentence, p, level, ", ".join(outliers))
     p = min(_family_p(test.p_values) for test in done.values())
     shapes = {
         f"{kind} {j + 1}": f"skewness {test.skewness[j]:.2f}, excess kurtosis "
@@ -281,8 +279,7 @@ def _distribution(tests: Normalities) -> tuple[Finding, Finding]:
         sentence = "skewness and kurtosis are those of normal noise"
         return first, _NORMAL.holds(sentence, p, level)
     numbers = "; ".join(f"{channel} ({shape})" for channel, shape in shapes.items())
-    sentence = f"the noise is not normal: {numbers}"
-    return first, _NORMAL.fails(sentence, p, level, where=", ".join(shapes))
+    return first, _NORMAL.fails(f"the noise is not normal: {numbers}", p, level, ", ".join(shapes))
 
 
 def _periods(tests: Drifts) -> Finding:
@@ -303,7 +300,7 @@ def _periods(tests: Drifts) -> Finding:
     if not changes:
         return _ALIKE.holds("the means of the periods do not differ", p, force.level)
     listed = ", ".join(f"{channel} {change}" for channel, change in changes.items())
-    return _ALIKE.fails(f"period means change: {listed}", p, force.level, where=", ".join(changes))
+    return _ALIKE.fails(f"period means change: {listed}", p, force.level, ", ".join(changes))
 
 
 def _family_p(p_values: Array) -> float:

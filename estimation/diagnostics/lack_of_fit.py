@@ -50,22 +50,8 @@ class ChiSquare:
     refused: Annotated[str, described("", "why there are no p-values; empty when there are")] = ""
 
 
-def chi_square(
-    residuals: Array,
-    counts: Array,
-    law: ResidualLaw,
-    noise_freedom: float,
-    *,
-    includes_model_error: bool = False,
-) -> ChiSquare:
-    """Test the size of residuals.
-
-    Parameters
-    ----------
-    residuals : (R, 6)
-    counts : (R,)
-    noise_freedom : float
-        Behind the law's covariance; inf when it was given.
+def chi_square(residuals: Array, counts: Array, law: ResidualLaw) -> ChiSquare:
+    """Test the size of residuals, (R, 6), each the mean of as many samples as `counts` says, (R,).
 
     Notes
     -----
@@ -73,10 +59,10 @@ def chi_square(
     (Biometrika 61, 1974).
     """
     channels = residuals.shape[1]
-    inverse = np.asarray(np.linalg.inv(law.noise), dtype=np.float64)
+    inverse = np.asarray(np.linalg.inv(law.noise.covariance), dtype=np.float64)
     value = float(np.einsum("r,ri,ij,rj->", counts, residuals, inverse, residuals))
     freedom = _expectation(law, inverse)
-    if includes_model_error:
+    if law.noise.includes_model_error:
         return ChiSquare(
             value,
             freedom,
@@ -85,10 +71,10 @@ def chi_square(
             np.nan,
             "the noise comes from these residuals: their χ² says nothing",
         )
-    if not np.isfinite(noise_freedom):
+    if not np.isfinite(law.noise.freedom):
         upper, lower = stats.chi2.sf(value, freedom), stats.chi2.cdf(value, freedom)
         return ChiSquare(value, freedom, value / freedom, float(upper), float(lower))
-    p, h, nu = channels, freedom / channels, noise_freedom
+    p, h, nu = channels, freedom / channels, law.noise.freedom
     big = (nu + h - p - 1) * (nu - 1) / ((nu - p - 3) * (nu - p))
     a = p * h
     b = 4 + (a + 2) / (big - 1)
@@ -157,7 +143,6 @@ def lack_of_fit(
     *,
     residuals: Array | None = None,
     level: float = LACK_OF_FIT,
-    includes_model_error: bool = False,
 ) -> LackOfFit:
     """Test the residuals of one experiment.
 
@@ -169,10 +154,8 @@ def lack_of_fit(
         Other residuals than those of the estimate, N.
     level : float
         Of the family.
-    includes_model_error : bool
-        The covariances come from the residuals of the model itself.
     """
-    if includes_model_error:
+    if law.noise.includes_model_error:
         return LackOfFit(
             refused="the noise was taken from the residuals of the model, so it includes the "
             "error of the model: measure three or more periods, or give the noise"
@@ -189,7 +172,7 @@ def lack_of_fit(
     square = np.array([np.sum(w**2) for w in weights])
     squares = np.sum(part.counts[:, None] * rest**2, axis=0)
     samples = len(rest)
-    signs = np.sum(law.extra, axis=0) / np.diag(law.noise)
+    signs = np.sum(law.extra, axis=0) / np.diag(law.noise.covariance)
     fitted = samples - trace + signs if np.any(law.cross) else np.zeros_like(trace)
     mean_square = squares / (samples - fitted)
     added = trace / (samples - fitted) - 1

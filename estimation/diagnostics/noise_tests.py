@@ -20,7 +20,6 @@ from scipy import stats
 
 from constraints.arrays import Array
 from estimation.diagnostics.channel_test import NOISE, ChannelTest, below_level, no_numbers
-from estimation.diagnostics.noise_samples import NoiseSamples, noise_samples
 from estimation.processing import Record
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.runfolder import OpenNumbers, described
@@ -262,41 +261,46 @@ def noise_tests(
         Residuals of the record's rows, which serve where periods cannot be compared; None: there
         are none.
     """
-    samples, own = noise_samples(record.force_periods, forces), None
-    repeated = record.length_periods is not None and len(record.length_periods) > 1
-    if repeated or lengths is not None:
-        rest = np.zeros((1, forces.shape[1])) if lengths is None else lengths
-        own = noise_samples(record.length_periods, rest)
+    samples, white, normal, change = _of_one_kind(record, record.force_periods, forces, level)
+    if samples is None or normal is None or change is None:
+        raise AssertionError("forces leave residuals")
+    lengths_tested = _of_one_kind(record, record.length_periods, lengths, level)
+    _, length_white, length_normal, length_change = lengths_tested
     return NoiseTests(
-        samples.pooled,
-        Whitenesses(
-            _between_periods(samples, level),
-            None if own is None else _between_periods(own, level),
-        ),
-        Normalities(
-            samples.source,
-            normality(samples.values, level),
-            None if own is None else normality(own.values, level),
-        ),
-        Drifts(
-            _drift(record, record.force_periods, forces, level),
-            None
-            if record.length_periods is None and lengths is None
-            else _drift(record, record.length_periods, lengths, level),
-        ),
+        samples.reshape(-1, forces.shape[1]),
+        Whitenesses(white, length_white),
+        Normalities("residuals" if white is None else "periods", normal, length_normal),
+        Drifts(change, length_change),
     )
 
 
-def _between_periods(samples: NoiseSamples, level: float) -> Whiteness | None:
-    return whiteness(samples.values, level=level) if samples.source == "periods" else None
-
-
-def _drift(record: Record, periods: Array | None, rows: Array | None, level: float) -> Drift:
+def _of_one_kind(
+    record: Record, periods: Array | None, rows: Array | None, level: float
+) -> tuple[Array | None, Whiteness | None, Normality | None, Drift | None]:
+    """Return samples of the noise, (K, N, 6), and the tests of forces or lengths."""
+    samples, white, change = None, None, None
+    if periods is not None and len(periods) > 1:
+        samples = contrasts(periods)
+        white = whiteness(samples, level=level)
+    elif rows is not None:
+        samples = rows[None] - rows.mean(axis=0)
     if periods is not None:
-        count, phases, _ = periods.shape
-        values = (periods - periods.mean(axis=0)).reshape(-1, periods.shape[2])
-        return drift(values, np.repeat(np.arange(count), phases), phases, level)
-    if rows is None:
-        raise AssertionError("single rows have residuals")
-    block = np.arange(len(rows)) * max(1, round(record.periods)) // len(rows)
-    return drift(rows, block, 0, level)
+        count, phases, channels = periods.shape
+        values = (periods - periods.mean(axis=0)).reshape(-1, channels)
+        change = drift(values, np.repeat(np.arange(count), phases), phases, level)
+    elif rows is not None:
+        block = np.arange(len(rows)) * max(1, round(record.periods)) // len(rows)
+        change = drift(rows, block, 0, level)
+    return samples, white, None if samples is None else normality(samples, level), change
+
+
+def contrasts(periods: Array) -> Array:
+    """Return pure noise out of repeated periods, (M, N, 6): (M − 1, N, 6).
+
+    Every period less the mean of those before it, scaled to the variance of one sample: no model
+    takes part, and the series are independent of each other for independent noise, unlike
+    deviations from the mean over all periods.
+    """
+    before = np.cumsum(periods, axis=0)[:-1]
+    number = np.arange(1, len(periods), dtype=float)[:, None, None]
+    return (periods[1:] - before / number) * np.sqrt(number / (number + 1))

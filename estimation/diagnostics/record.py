@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Self
+from typing import Annotated, ClassVar
 
 import numpy as np
 
 from estimation.diagnostics.attribution import Attribution, Effect
 from estimation.diagnostics.channel_test import Strut
-from estimation.diagnostics.column_test import POWER, ColumnTest, DelayTest
+from estimation.diagnostics.column_test import ColumnTest, DelayTest
 from estimation.diagnostics.finding import Verdict
 from estimation.diagnostics.lack_of_fit import ChiSquare, LackOfFit
 from estimation.diagnostics.noise_record import Histogram, NoisePictures, Quantiles
@@ -49,47 +49,6 @@ class PitchResult:
     ] = np.nan
 
 
-@dataclass(frozen=True, eq=False)
-class ColumnResult:
-    """t-test of the residuals on one column of the regressor."""
-
-    parameter: Annotated[str, described("", "whose column it is")]
-    actuator: Annotated[Strut, described("1", "number of the actuator; null: all of them")]
-    t: Annotated[OpenNumber, described("1", "null where the model leaves nothing to test")]
-    log_p: Annotated[OpenNumber, described("1", "logarithm of the two-sided p of this test")]
-    coefficient: Annotated[OpenNumber, described("SI", "change of the parameter that is asked for")]
-    std: Annotated[OpenNumber, described("SI", "standard deviation of the coefficient")]
-    detectable: Annotated[OpenNumber, described("SI", "smallest error that is found with `power`")]
-    failed: Annotated[bool, described("", "residuals lie along the column")]
-
-
-@dataclass(frozen=True, eq=False)
-class ColumnResults:
-    """t-tests of all columns."""
-
-    power: Annotated[float, described("1", "of the test")]
-    family_level: Annotated[float, described("1", "level of all columns together")]
-    tested: Annotated[int, described("1", "number of columns that leave something to test")]
-    columns: Annotated[tuple[ColumnResult, ...], described("", "one by one")]
-
-    @classmethod
-    def of(cls, test: ColumnTest) -> Self:
-        """Take the tests one by one."""
-        numbers = zip(
-            test.statistic.tolist(),
-            test.log_p.tolist(),
-            test.coefficients.tolist(),
-            test.std.tolist(),
-            test.detectable().tolist(),
-            test.failed.tolist(),
-            strict=True,
-        )
-        columns = [
-            ColumnResult(*label, *row) for label, row in zip(test.labels, numbers, strict=True)
-        ]
-        return cls(POWER, test.level, test.tested, tuple(columns))
-
-
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ExperimentTests:
     """The tests of one experiment, by what they assume."""
@@ -103,8 +62,8 @@ class ExperimentTests:
     variance_comparison: Annotated[VarianceComparison, described("", "the paper's comparison")]
     effects: Annotated[tuple[Effect, ...], described("", "what the model lacks, strongest first")]
     position_periodic: Annotated[tuple[PitchResult, ...], described("", "strut by strut")]
-    columns: Annotated[ColumnResults, described("", "errors of parameters")]
-    columns_with_effects: Annotated[ColumnResults, described("", "with the effects as known")]
+    columns: Annotated[ColumnTest, described("", "errors of parameters")]
+    columns_with_effects: Annotated[ColumnTest, described("", "with the effects as known")]
     delay: Annotated[DelayTest, described("", "between forces and lengths")]
     delay_with_effects: Annotated[DelayTest, described("", "with the effects as known")]
     whiteness: Annotated[Whitenesses, described("", "autocorrelation")]

@@ -24,6 +24,7 @@ from estimation.estimators.knowledge import Knowledge
 from estimation.estimators.linear import weighting_covariance
 from estimation.estimators.result import ParameterEstimate
 from estimation.measurement_model.normal_equations import NormalEquations
+from estimation.processing import NoiseEstimate
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,8 +33,8 @@ class ResidualLaw:
 
     Attributes
     ----------
-    noise : (6, 6)
-        Covariance of one sample.
+    noise : NoiseEstimate
+        Of one sample.
     columns : (R, 6, u)
         U, times the roots of the counts.
     partner : (R, 6, u)
@@ -46,7 +47,7 @@ class ResidualLaw:
         Further variances, times the counts.
     """
 
-    noise: Array
+    noise: NoiseEstimate
     columns: Array
     partner: Array
     cross: Array
@@ -58,7 +59,7 @@ class ResidualLaw:
 
         Few rows have an unknown sign of friction: what it adds there counts as a part of its own.
         """
-        variance = float(self.noise[channel, channel])
+        variance = float(self.noise.covariance[channel, channel])
         factor, kernel = self._low_rank(channel)
         values = np.linalg.eigvals(kernel @ (factor.T @ factor)).real / variance
         result = 1 + self.extra[:, channel] / variance
@@ -70,7 +71,7 @@ class ResidualLaw:
     def lagged(self, channel: int, lag: int) -> float:
         """Return Σ_t Cov(e_t, e_{t + lag}) / σ_j² within the rows of one channel."""
         factor, kernel = self._low_rank(channel)
-        variance = float(self.noise[channel, channel])
+        variance = float(self.noise.covariance[channel, channel])
         ahead = factor[:-lag] @ kernel
         return float(np.sum(ahead * factor[lag:]) / variance)
 
@@ -149,7 +150,7 @@ def length_law(
     """Return the law of the length residuals; `motion_covariance` is Cov(ξ̂), (x, x)."""
     columns = part.length_columns * np.sqrt(part.length_counts)[:, None, None]
     return ResidualLaw(
-        noise=experiment.noise.lengths.covariance,
+        noise=experiment.noise.lengths,
         columns=columns,
         partner=columns,
         cross=motion_covariance,
@@ -167,7 +168,7 @@ def _force_law(
     partner: Array | None = None,
 ) -> ResidualLaw:
     return ResidualLaw(
-        noise=experiment.noise.forces.covariance,
+        noise=experiment.noise.forces,
         columns=columns,
         partner=columns if partner is None else partner,
         cross=cross,

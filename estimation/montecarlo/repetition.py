@@ -8,13 +8,24 @@ from typing import Annotated
 import numpy as np
 from pydantic import ConfigDict
 
+from constraints.arrays import Array
+from estimation.data.measurement import Measurement
 from estimation.diagnostics.noise_record import Freedom
-from estimation.estimators import Experiment, Knowledge, ParameterEstimate
+from estimation.estimators import (
+    Experiment,
+    Knowledge,
+    ParameterEstimate,
+    cramer_rao_covariance,
+)
 from estimation.identification.estimate import parameter_knowledge, run_estimators
 from estimation.identification.period_choice import UnsuitableDataError
 from estimation.identification.recording import prepare_experiment
+from estimation.kinematics import MotionFit
+from estimation.measurement_model import HarmonicMotion
+from estimation.processing import NoiseModel, PeriodSource, make_record
 from estimation.twin import Twin
 from expdesign.configuration import ComputationError, RunConfiguration
+from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.robot import Robot, robot_from
 from expdesign.runfolder import Numbers, described
 from expdesign.trajectory import FourierTrajectory
@@ -82,6 +93,47 @@ class Workbench:
             None if experiment.fit is None else experiment.fit.motion.harmonics,
             experiment.noise.forces.freedom,
             self._outcomes(experiment, wanted),
+        )
+
+    def bound(self) -> Array:
+        """Return the Cramér–Rao bound as a covariance, (m, m), SI; zero for fixed parameters.
+
+        At the true parameters along the executed motion, whose harmonics are the kinematic
+        unknowns, with the true Σ and Δ, the exact signs of dry friction, and all samples of the
+        experiment. A prior counts as data.
+
+        Raises
+        ------
+        UnidentifiableError
+            The experiment does not determine every free parameter.
+        """
+        twin, truth = self.twin, self.twin.truth
+        free_frequency = self.configuration.run.estimate.frequency == "estimated"
+        measured = Measurement(
+            time=twin.grid.times,
+            lengths=twin.lengths,
+            forces=twin.forces,
+            step=1 / twin.grid.sampling,
+            period=twin.grid.period_numbers,
+            source="",
+        )
+        record = make_record(
+            measured, truth.executed.omega, PeriodSource.DESIGN, average=not free_frequency
+        )
+        motion = HarmonicMotion.of(truth.executed)
+        unknowns = motion.table.size + int(free_frequency)
+        # The motion is known here: nothing of the fit but the motion itself is used.
+        known = MotionFit(
+            motion=motion,
+            covariance=np.zeros((unknowns, unknowns)),
+            residuals=np.zeros((record.samples, ACTUATORS)),
+            free_frequency=free_frequency,
+        )
+        noise = NoiseModel.given(truth.force_covariance, truth.length_covariance)
+        spread = np.zeros((record.samples, self.robot.graph.signs.numel()))
+        experiment = Experiment.along(self.robot, record, noise, known, spread)
+        return cramer_rao_covariance(
+            self.robot, [experiment], [motion], self.knowledge, truth.parameter_vector
         )
 
     def _outcomes(self, experiment: Experiment, wanted: tuple[str, ...]) -> dict[str, Outcome]:

@@ -23,7 +23,6 @@ from estimation.montecarlo.statistics import (
     parameter_statistics,
     pooled_statistics,
 )
-from estimation.montecarlo.truth_bound import bound_at_truth
 from estimation.twin import Truth
 from estimation.uncertainty import interval_width
 from estimation.uncertainty.intervals import IDENTIFIED
@@ -161,7 +160,7 @@ def run_study(
     recipe = Recipe(configuration, design)
     with threadpool_limits(limits=1, user_api="blas"):
         bench = recipe()
-        bound = bound_at_truth(bench)
+        bound = bench.bound()
     wanted = configuration.run.montecarlo.repetitions
     done: dict[int, Repetition] = {}
     kept = None if journal is None else Journal(journal, study_inputs(configuration, design))

@@ -14,12 +14,14 @@ import numpy as np
 from constraints.arrays import Array
 from estimation.data.measurement import Measurement
 from estimation.processing.noise import (
+    FEWEST_PERIODS,
     NoiseEstimate,
+    huber_weights,
     scatter_about_series,
     scatter_between_periods,
     series_harmonics,
+    series_weights,
 )
-from estimation.processing.outliers import FEWEST_PERIODS, huber_weights, series_weights
 from estimation.processing.period import PeriodError, PeriodSource, whole_samples
 
 _REPEATED = 2

@@ -33,7 +33,7 @@ from estimation.studies.study import (
     with_section,
 )
 from estimation.twin import Twin
-from estimation.uncertainty.differences import FAMILY_LEVEL, Differences, hausman_test
+from estimation.uncertainty.differences import FAMILY_LEVEL, Differences, difference_test
 from expdesign.configuration import RunConfiguration
 from expdesign.mechanism.catalogue import parameter_unit
 from expdesign.robot import Robot, robot_from
@@ -171,7 +171,7 @@ class IdentificationBench:
         return Identification(
             {name: estimates[name].values for name in ESTIMATORS},
             {name: estimates[name].std for name in ESTIMATORS},
-            hausman_test(estimates["gm"].values, estimates["ml"].values, share),
+            difference_test(estimates["gm"].values, estimates["ml"].values, share),
             fitted.fit.motion.harmonics,
         )
 

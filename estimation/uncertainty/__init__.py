@@ -1,6 +1,6 @@
 """How sure one may be: intervals, what is identified, and the bound that no estimator beats."""
 
-from estimation.uncertainty.differences import Differences, difference_test, hausman_test
+from estimation.uncertainty.differences import Differences, difference_test
 from estimation.uncertainty.intervals import (
     Combination,
     ParameterRow,
@@ -16,7 +16,6 @@ __all__ = [
     "ParameterRow",
     "correlation",
     "difference_test",
-    "hausman_test",
     "identified_combinations",
     "interval_width",
     "parameter_rows",

@@ -67,6 +67,14 @@ def difference_test(first: Array, second: Array, covariance: Array) -> Differenc
     covariance : (m, m)
         Of second − first when both estimate the same: the sum of their covariances for estimates
         from independent data. Rows of zeros belong to fixed parameters, which are not judged.
+
+    Notes
+    -----
+    Gauss–Markov against maximum likelihood is the test of Hausman (1978) of whether the
+    information matrix is disturbed. While the motion enters the regressor without error, the
+    Gauss–Markov estimate is efficient with the covariance F⁻¹, and what the maximum-likelihood
+    estimate has more, by estimating the motion too (`kinematic_share`), is the covariance of their
+    difference. A larger difference means that errors of the motion bias the Gauss–Markov estimate.
     """
     difference = np.asarray(second, dtype=np.float64) - np.asarray(first, dtype=np.float64)
     variance = np.diag(covariance)
@@ -85,26 +93,6 @@ def difference_test(first: Array, second: Array, covariance: Array) -> Differenc
         freedom = int(np.count_nonzero(kept))
     p_joint = float(stats.chi2.sf(statistic, freedom)) if freedom else float("nan")
     return Differences(difference, std, z, p_values, statistic, freedom, p_joint)
-
-
-def hausman_test(efficient: Array, robust: Array, excess: Array) -> Differences:
-    """Test whether the information matrix is disturbed: GM against ML, after Hausman (1978).
-
-    While the motion enters the regressor without error, the Gauss–Markov estimate is efficient
-    with the covariance F⁻¹, and what the maximum-likelihood estimate has more, by estimating the
-    motion too, is the covariance of their difference. A larger difference means that errors of the
-    motion bias the Gauss–Markov estimate.
-
-    Parameters
-    ----------
-    efficient : (m,)
-        Gauss–Markov.
-    robust : (m,)
-        Maximum likelihood.
-    excess : (m, m)
-        Share of the maximum-likelihood estimate's covariance that comes from the motion.
-    """
-    return difference_test(efficient, robust, excess)
 
 
 def holm(p_values: Array) -> Array:

@@ -6,7 +6,7 @@ import numpy as np
 
 from constraints.arrays import Array
 from estimation.identification.record import EstimateFile
-from estimation.uncertainty.differences import FAMILY_LEVEL, Differences, hausman_test
+from estimation.uncertainty.differences import FAMILY_LEVEL, Differences, difference_test
 from results.report.table import Column, ReportTable
 
 
@@ -24,7 +24,7 @@ def information_test(summary: EstimateFile) -> Differences | None:
     if from_the_motion is None:
         return None
     efficient, robust = (estimated_values(summary, name) for name in ("gm", "ml"))
-    return hausman_test(efficient, robust, from_the_motion)
+    return difference_test(efficient, robust, from_the_motion)
 
 
 def information_sentence(test: Differences) -> str:

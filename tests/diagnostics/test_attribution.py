@@ -29,9 +29,9 @@ def test_level_of_columns_and_delay(twin, held_out):
         drawn = twin.draw(rng, "held out" if held_out else "gm")
         solved = twin.system(drawn, known=known, held_out=held_out).solved
         test = column_test(solved, columns)
-        rejected += bool(np.any(test.failed))
-        statistics.append(test.statistic)
-        delays.append(column_test(solved, delay).statistic[0])
+        rejected += any(column.failed for column in test.columns)
+        statistics.append([column.t for column in test.columns])
+        delays.append(column_test(solved, delay).columns[0].t)
     assert stats.binom.sf(rejected - 1, DRAWS, 0.05) > 0.001
     spread = np.nanstd(np.array(statistics), axis=0)
     np.testing.assert_allclose(spread, 1, atol=0.2)
@@ -123,8 +123,8 @@ def test_a_delay_is_found_and_has_its_sign(laboratory):
     experiment = laboratory.experiment(laboratory.measure(4, delay=0.012))
     estimate = laboratory.estimate([experiment], "ml")
     result = diagnose(laboratory.robot, [experiment], laboratory.knowledge, estimate)
-    attribution = result.experiments[0].attribution
-    assert attribution.effects[0].kind == "delay"
-    assert attribution.delay.failed
-    assert attribution.effects[0].value == pytest.approx(0.012, abs=4 * attribution.effects[0].std)
+    first = result.experiments[0].attribution.effects[0]
+    assert first.kind == "delay"
+    assert result.experiments[0].tests.delay.failed
+    assert first.value == pytest.approx(0.012, abs=4 * first.std)
     assert any("lag behind" in f.sentence for f in result.verdict.failed)

@@ -35,7 +35,7 @@ def test_estimators_agree_on_what_the_model_lacks(laboratory, sound):
     scores = []
     for estimate in (ml, *(laboratory.estimate([experiment], kind) for kind in ("ls", "gm"))):
         attribution = _diagnose(laboratory, [experiment], estimate).experiments[0].attribution
-        scores.append([scan.best for scan in attribution.scans])
+        scores.append([scan.best for scan in attribution.first.scans])
     np.testing.assert_allclose(scores[1], scores[0], rtol=0.03)
     np.testing.assert_allclose(scores[2], scores[0], rtol=0.03)
 
@@ -43,7 +43,7 @@ def test_estimators_agree_on_what_the_model_lacks(laboratory, sound):
 def test_the_step_is_nothing_at_the_maximum_of_likelihood(laboratory, sound):
     experiment, estimate = sound
     diagnosis = _diagnose(laboratory, [experiment], estimate).experiments[0]
-    left = diagnosis.attribution.solved.force_residuals()
+    left = diagnosis.attribution.last.solved.force_residuals()
     np.testing.assert_allclose(left, diagnosis.residuals.forces, atol=0.02)
 
 

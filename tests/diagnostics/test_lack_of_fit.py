@@ -109,7 +109,9 @@ def test_refused_without_pure_error(twin):
     alone = lack_of_fit(replace(drawn, force_scatter=None), twin.law("gm"))
     assert "second period" in alone.refused
     assert not np.any(alone.failed)
-    circular = lack_of_fit(drawn, twin.law("gm"), includes_model_error=True)
+    law = twin.law("gm")
+    own = replace(law, noise=replace(law.noise, source="residuals"))
+    circular = lack_of_fit(drawn, own)
     assert "includes the error of the model" in circular.refused
     assert np.all(np.isnan(circular.statistic))
 

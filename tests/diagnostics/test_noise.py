@@ -1,29 +1,32 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import signal, stats
 
 from estimation.diagnostics.lack_of_fit import chi_square
-from estimation.diagnostics.noise_samples import noise_samples
-from estimation.diagnostics.noise_tests import drift, normality, whiteness
+from estimation.diagnostics.noise_tests import contrasts, drift, noise_tests, normality, whiteness
 from estimation.diagnostics.residual_law import ResidualLaw
+from estimation.processing import NoiseEstimate
 
 
 def test_contrasts_are_independent_and_have_the_noise_s_variance():
     rng = np.random.default_rng(1)
     repeated = rng.standard_normal((1, 4000, 6)) * 50
     periods = repeated + 3 * rng.standard_normal((4, 4000, 6))
-    samples = noise_samples(periods, np.zeros((1, 6)))
-    assert samples.source == "periods"
-    assert samples.values.shape == (3, 4000, 6)
+    samples = contrasts(periods)
+    assert samples.shape == (3, 4000, 6)
     for j in range(6):
-        np.testing.assert_allclose(np.cov(samples.values[:, :, j]), 9 * np.eye(3), atol=0.8)
+        np.testing.assert_allclose(np.cov(samples[:, :, j]), 9 * np.eye(3), atol=0.8)
 
 
-def test_one_period_leaves_residuals():
+def test_without_periods_the_residuals_serve(sound):
+    record = replace(sound[0].record, force_periods=None, length_periods=None)
     residuals = np.random.default_rng(2).standard_normal((300, 6)) + 5
-    samples = noise_samples(None, residuals)
-    assert samples.source == "residuals"
-    np.testing.assert_allclose(samples.pooled.mean(axis=0), 0, atol=1e-12)
+    tests = noise_tests(record, residuals, None)
+    assert tests.normality.source == "residuals"
+    assert tests.normality.lengths is None
+    np.testing.assert_allclose(tests.samples.mean(axis=0), 0, atol=1e-12)
 
 
 @pytest.mark.parametrize(("series", "length"), [(1, 200), (3, 300)])
@@ -98,7 +101,7 @@ def test_an_outlier_is_counted_once():
     periods = np.random.default_rng(11).standard_normal((4, 800, 6))
     periods[0, 5, 0] += 100.0
     periods[2, 9, 0] += 100.0
-    test = normality(noise_samples(periods, np.zeros((1, 6))).values)
+    test = normality(contrasts(periods))
     assert test.outliers.tolist() == [2, 0, 0, 0, 0, 0]
 
 
@@ -146,17 +149,17 @@ def test_level_of_chi_square(known):
         weighted = np.einsum("ij,rjk->rik", inverse, columns).reshape(-1, 5)
         cross = np.linalg.inv(flat.T @ weighted)
         rest = noise - columns @ (cross @ (weighted.T @ noise.ravel()))
-        law = ResidualLaw(scatter, columns, columns, cross, cross, np.zeros((60, 6)))
-        test = chi_square(rest / np.sqrt(3), counts, law, freedom)
+        sample = NoiseEstimate(scatter, freedom)
+        law = ResidualLaw(sample, columns, columns, cross, cross, np.zeros((60, 6)))
+        test = chi_square(rest / np.sqrt(3), counts, law)
         assert test.freedom == pytest.approx(355)
         p_values.append(test.p_value)
     assert stats.kstest(p_values, "uniform").pvalue > 0.002
 
 
 def test_chi_square_of_the_fits_own_noise_is_refused():
-    law = ResidualLaw(
-        np.eye(6), np.zeros((9, 6, 1)), np.zeros((9, 6, 1)), np.eye(1), np.eye(1), np.zeros((9, 6))
-    )
-    test = chi_square(np.ones((9, 6)), np.ones(9), law, 30.0, includes_model_error=True)
+    noise, columns = NoiseEstimate(np.eye(6), 30.0, "residuals"), np.zeros((9, 6, 1))
+    law = ResidualLaw(noise, columns, columns, np.eye(1), np.eye(1), np.zeros((9, 6)))
+    test = chi_square(np.ones((9, 6)), np.ones(9), law)
     assert test.refused
     assert np.isnan(test.p_value)

@@ -3,7 +3,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from estimation.kinematics import clock_error, fit_motion
+from estimation.identification.period_choice import clock_error
+from estimation.kinematics import fit_motion
 from estimation.measurement_model import HarmonicMotion
 from estimation.processing import PeriodSource, make_record
 from tests.estimation.cases import ROBOT, measured, trajectory

@@ -7,7 +7,6 @@ from scipy import stats
 from estimation.uncertainty.differences import (
     FAMILY_LEVEL,
     difference_test,
-    hausman_test,
     holm,
 )
 
@@ -76,9 +75,9 @@ def test_hausman_of_errors_in_the_regressor():
 
     y = 2 * x + noise * rng.normal(size=x.size)
     truth = np.array([2.0]) + rng.normal() * 5e-3
-    assert not hausman_test(efficient(x, y), truth, robust_excess).differ_jointly
+    assert not difference_test(efficient(x, y), truth, robust_excess).differ_jointly
     disturbed = x + 0.3 * rng.normal(size=x.size)
-    found = hausman_test(efficient(disturbed, y), truth, robust_excess)
+    found = difference_test(efficient(disturbed, y), truth, robust_excess)
     assert found.differ_jointly
     assert found.difference[0] > 0
 

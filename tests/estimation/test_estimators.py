@@ -39,7 +39,7 @@ def test_gauss_markov_equals_generalised_least_squares():
     case = experiment()
     found = gauss_markov(ROBOT, [case], knowledge())
     inverse = np.linalg.cholesky(np.linalg.inv(NOISE.force_covariance)).T
-    rows = np.concatenate([inverse @ block for block in case.regressors(ROBOT)])
+    rows = np.concatenate([inverse @ block for block in case.fitted_regressors])
     forces = (case.forces @ inverse.T).ravel()
     reference = sm.OLS(forces, rows).fit()
     np.testing.assert_allclose(found.values, reference.params, rtol=1e-9)
@@ -51,7 +51,7 @@ def test_gauss_markov_equals_generalised_least_squares():
 def test_least_squares_with_the_full_covariance_of_the_noise():
     case = experiment()
     found = least_squares(ROBOT, [case], knowledge())
-    rows = case.regressors(ROBOT).reshape(-1, 24)
+    rows = case.fitted_regressors.reshape(-1, 24)
     pseudo = np.linalg.pinv(rows)
     np.testing.assert_allclose(found.values, pseudo @ case.forces.ravel(), rtol=1e-8)
     full = np.kron(np.eye(case.record.samples), NOISE.force_covariance / case.counts[0])

@@ -3,8 +3,7 @@ import pytest
 
 from estimation.data.measurement import Measurement
 from estimation.processing import PeriodSource, make_record
-from estimation.processing.noise import NoiseEstimate
-from estimation.processing.outliers import huber_weights
+from estimation.processing.noise import NoiseEstimate, huber_weights
 from tests.estimation.cases import ROBOT, measured, trajectory
 
 NOISE = ROBOT.description.noise

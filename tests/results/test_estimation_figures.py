@@ -65,7 +65,7 @@ def test_residuals_are_those_of_the_diagnosis(diagnosis, figures):
 def test_scan_names_the_strut(diagnosis, figures):
     named = [j for j, a in enumerate(figures["position_periodic"].axes) if "mm" in _texts(a)]
     assert named == [3]
-    scan = diagnosis.attribution.scans[3]
+    scan = diagnosis.attribution.first.scans[3]
     assert 1e3 * scan.pitches[np.argmax(scan.statistic)] == pytest.approx(30, abs=1.5)
 
 
