@@ -130,7 +130,8 @@ def judge(
             float(part[moment, row]),
         )
         if between is not None and np.isfinite(worst.violation):
-            worst = _refined(limits, columns, part, worst, times, between, periodic=periodic)
+            alone = replace(limits, limits=(limit,))
+            worst = _refined(alone, part, worst, times, between, periodic=periodic)
         checks.append(_check(limit, worst))
     return tuple(checks)
 
@@ -160,8 +161,7 @@ class _Moment:
 
 
 def _refined(
-    limits: LimitModel,
-    columns: slice,
+    limit: LimitModel,
     part: Array,
     worst: _Moment,
     times: Array,
@@ -188,9 +188,9 @@ def _refined(
         local = centers[:, None] + np.linspace(-width, width, _ZOOM_POINTS)
         if not periodic:
             local = np.clip(local, times[0], times[-1])
-        values = limits.values(between(local.ravel()))
-        found = limits.excess(values)[:, columns].reshape(*local.shape, -1)[every, :, rows]
-        values = values[:, columns].reshape(*local.shape, -1)[every, :, rows]
+        values = limit.values(between(local.ravel()))
+        found = limit.excess(values).reshape(*local.shape, -1)[every, :, rows]
+        values = values.reshape(*local.shape, -1)[every, :, rows]
         steps = np.argmax(found, axis=1)
         centers, highest = local[every, steps], found[every, steps]
         width *= 2 / (_ZOOM_POINTS - 1)

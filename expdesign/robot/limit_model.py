@@ -8,7 +8,7 @@ two share the graph and nothing else.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from itertools import pairwise
 
@@ -77,6 +77,11 @@ class LimitModel:
         """Return the model of a robot's own limits, and of more."""
         return cls(robot, (*robot.limits, *more))
 
+    def among(self, rows: Mask) -> LimitModel:
+        """Return the model of those limits that rows (N, R) mark somewhere: less to evaluate."""
+        parts = zip(self.limits, self.columns, strict=True)
+        return replace(self, limits=tuple(a for a, columns in parts if np.any(rows[:, columns])))
+
     @cached_property
     def columns(self) -> list[slice]:
         """The rows of each limit, as columns of `values`."""
@@ -104,8 +109,12 @@ class LimitModel:
         return np.where(np.isfinite(scale) & (scale > 0), scale, 1.0)
 
     def values(self, states: Array) -> Array:
-        """Return every limited quantity, (N, R), in SI units, by the unsmoothed model."""
-        (values,) = self._kernel(Friction.EXACT, slopes=False)(states, *self._fixed())
+        """Return every limited quantity, (N, R), in SI units, by the unsmoothed model.
+
+        States may have the third derivative though no limit needs it.
+        """
+        needed = states[..., : self._state_size]
+        (values,) = self._kernel(Friction.EXACT, slopes=False)(needed, *self._fixed())
         return values
 
     def violations(self, states: Array) -> Array:
@@ -157,7 +166,7 @@ class LimitModel:
     @cached_property
     def moving(self) -> Mask:
         """(R,) which rows depend on more than the pose: speeds, forces, jerk."""
-        state = np.zeros((1, 4 * COORDINATES if np.any(self.of_jerk) else 3 * COORDINATES))
+        state = np.zeros((1, self._state_size))
         state[0, :COORDINATES] = self.robot.home
         _, slopes = self.smooth_slopes(state, 1.0)
         return np.any(slopes[0, :, COORDINATES:] != 0, axis=1)
@@ -167,6 +176,10 @@ class LimitModel:
         """(R,) which rows need the third derivative of the pose."""
         jerk = {limit.key for limit in self.limits if JERK in limit.definition.requires}
         return np.array([key in jerk for key in self.keys], dtype=bool)
+
+    @cached_property
+    def _state_size(self) -> int:
+        return (4 if np.any(self.of_jerk) else 3) * COORDINATES
 
     @cached_property
     def _smooth_bounds(self) -> tuple[Array, Array]:

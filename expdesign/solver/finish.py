@@ -198,11 +198,12 @@ def shrink_to_limits(
     if np.all(rows <= -margin):
         return Shrunk(trajectory, 1.0, kept=True)
     # The moments that decide are the worst ones of each row; shrinking moves them little.
-    near = times[_decisive(rows)]
+    decisive = _decisive(rows)
+    near, limits = times[np.any(decisive, axis=1)], problem.limits.among(decisive)
 
     def kept(factor: float) -> bool:
         states = states_at(_scaled(trajectory, factor), near)
-        return bool(np.max(problem.limits.violations(states), initial=-np.inf) <= -margin)
+        return bool(np.max(limits.violations(states), initial=-np.inf) <= -margin)
 
     low, high = SMALLEST_FACTOR, 1.0
     if not kept(low):
@@ -212,12 +213,11 @@ def shrink_to_limits(
 
 
 def _decisive(rows: Array) -> NDArray[np.bool_]:
-    """Mark the moments at which some row has a local worst that is near its bound, (N,)."""
+    """Mark the moments at which a row has a local worst that is near its bound, (N, R)."""
     peaks = (
         local_worst(rows, periodic=True) & np.isfinite(rows) & (rows > -2 * (1 - SMALLEST_FACTOR))
     )
-    spread = peaks | np.roll(peaks, 1, axis=0) | np.roll(peaks, -1, axis=0)
-    return np.any(spread | (rows > 0), axis=1)
+    return peaks | np.roll(peaks, 1, axis=0) | np.roll(peaks, -1, axis=0) | (rows > 0)
 
 
 def _scaled(trajectory: FourierTrajectory, factor: float) -> FourierTrajectory:

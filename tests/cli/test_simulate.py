@@ -372,7 +372,12 @@ def test_ctrl_c_keeps_what_is_complete(expdesign, run_file, design, tmp_path, mo
 
     monkeypatch.setattr(experiment, "write_measurement", interrupted)
     arguments = ("--design", design, "--out", out, "--repetitions", 50)
-    status, _, messages = expdesign("simulate", run_file(), *arguments)
+    # A shell lets what it starts in the background ignore the signal.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        status, _, messages = expdesign("simulate", run_file(), *arguments)
+    finally:
+        signal.signal(signal.SIGINT, before)
     assert status == 1
     assert "interrupted after 4 of 50 measurements" in messages
     entry = stage(out)
