@@ -24,14 +24,13 @@ from constraints.arrays import Array
 from estimation.estimators.experiment import Experiment
 from estimation.kinematics.fourier_fit import length_residuals
 from estimation.measurement_model import (
-    ForcePrediction,
     HarmonicMotion,
     predict_forces,
     predict_lengths,
 )
 from estimation.measurement_model.prediction import chunks, force_kernel
 from estimation.processing import NoiseEstimate
-from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
+from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.robot import Robot
 
 _UNSURE = 1e-3
@@ -113,8 +112,6 @@ class Linearisation:
         Parameters that were estimated.
     sign_variance : (R, 6)
         Variance of the predicted force that the unknown signs of dry friction make, N².
-    length_times : (R',)
-        s.
     lengths : (R', 6) or None
         Measured minus predicted, m; None after pointwise kinematics.
     length_counts : (R',)
@@ -138,7 +135,6 @@ class Linearisation:
     delay_column: Array | None
     free: NDArray[np.bool_]
     sign_variance: Array
-    length_times: Array
     lengths: Array | None
     length_counts: Array
     length_columns: Array
@@ -174,8 +170,7 @@ def linearise(
     """
     record, times = experiment.record, experiment.times
     cells = _cells(experiment, times, experiment.counts)
-    length_times = np.zeros(0)
-    length_cells = PhaseCells.rows(length_times)
+    length_cells = PhaseCells.rows(np.zeros(0))
     lengths, length_columns = None, np.zeros((0, ACTUATORS, 0))
     if motion is None:
         if experiment.pointwise is None:
@@ -184,26 +179,26 @@ def linearise(
         slope, delay = np.zeros((len(times), ACTUATORS, 0)), None
         sign_variance = np.zeros((len(times), ACTUATORS))
     else:
-        state = motion.basis(times).state(motion.table)
+        state = motion.at(times).state()
         signs = experiment.signs(robot, motion)
-        forces = _forces(robot, experiment, motion, signs, values)
-        regressors, slope, delay = forces.regressors, forces.slope, -forces.rate
+        parts = [
+            predict_forces(robot, motion, times[part], signs[part], values)
+            for part in chunks(len(times))
+        ]
+        regressors, slope, rate = map(np.concatenate, zip(*parts, strict=True))
+        delay = -rate
         sign_variance = _sign_variance(robot, state, signs, values)
         length_times = record.length_times
         length_cells = _cells(experiment, length_times, record.length_counts)
         lengths = length_residuals(robot, record, motion)
         slopes = [
-            predict_lengths(
-                robot, motion, length_times[part], free_frequency=experiment.free_frequency
-            )[1]
-            for part in chunks(record.samples)
+            predict_lengths(robot, motion, length_times[part])[1] for part in chunks(record.samples)
         ]
         length_columns = length_cells.mean(np.concatenate(slopes))
     rows = experiment.forces - regressors @ values
-    pose, rate, acceleration = np.split(state, [COORDINATES, 2 * COORDINATES], axis=1)
-    struts = robot.strut_motion(pose, rate, acceleration)
+    struts = robot.strut_motion(*np.split(state, 3, axis=1))
     return Linearisation(
-        times=_phase_times(experiment, cells, times),
+        times=times if cells.index is None else cells.mean(np.mod(times, record.period)),
         counts=cells.totals,
         forces=cells.mean(rows),
         regressors=cells.mean(regressors),
@@ -211,7 +206,6 @@ def linearise(
         delay_column=None if delay is None else cells.mean(delay),
         free=free,
         sign_variance=cells.mean(sign_variance),
-        length_times=_phase_times(experiment, length_cells, length_times),
         lengths=None if lengths is None else length_cells.mean(lengths),
         length_counts=length_cells.totals,
         length_columns=length_columns,
@@ -228,32 +222,6 @@ def _cells(experiment: Experiment, times: Array, counts: Array) -> PhaseCells:
     if record.averaged:
         return PhaseCells.rows(counts)
     return PhaseCells.of(times, counts, record.period, record.step)
-
-
-def _phase_times(experiment: Experiment, cells: PhaseCells, times: Array) -> Array:
-    return times if cells.index is None else cells.mean(np.mod(times, experiment.record.period))
-
-
-def _forces(
-    robot: Robot, experiment: Experiment, motion: HarmonicMotion, signs: Array, values: Array
-) -> ForcePrediction:
-    times = experiment.times
-    parts = [
-        predict_forces(
-            robot,
-            motion,
-            times[part],
-            signs[part],
-            values,
-            free_frequency=experiment.free_frequency,
-        )
-        for part in chunks(len(times))
-    ]
-    return ForcePrediction(
-        np.concatenate([part.regressors for part in parts]),
-        np.concatenate([part.slope for part in parts]),
-        np.concatenate([part.rate for part in parts]),
-    )
 
 
 def _sign_variance(robot: Robot, state: Array, signs: Array, values: Array) -> Array:

@@ -41,13 +41,7 @@ class Experiment:
         cls, robot: Robot, record: Record, noise: NoiseModel, fit: MotionFit
     ) -> Experiment:
         """Build from a fitted motion."""
-        spread = rate_spread(
-            robot,
-            fit.motion,
-            record.force_times,
-            fit.covariance,
-            free_frequency=fit.free_frequency,
-        )
+        spread = rate_spread(robot, fit.motion, record.force_times, fit.covariance)
         return cls.along(robot, record, noise, fit, spread)
 
     @classmethod
@@ -87,11 +81,6 @@ class Experiment:
         """(R,) s."""
         return self.used(self.record.force_times)
 
-    @property
-    def free_frequency(self) -> bool:
-        """Whether ω is one of the unknowns ξ."""
-        return self.fit is not None and self.fit.free_frequency
-
     def signs(self, robot: Robot, motion: HarmonicMotion) -> Array:
         """Return the expected friction signs along a motion, (S, s)."""
         if self.spread is None:
@@ -105,7 +94,6 @@ class Experiment:
 
 def regressors_along(robot: Robot, motion: HarmonicMotion, times: Array, signs: Array) -> Array:
     """Return A at the times given, s, (S, 6, m), with the friction signs given, (S, s)."""
-    state = motion.basis(times).state(motion.table)
     kernel = held_regressor_kernel(robot.terms)
-    (regressors,) = kernel(state, signs, robot.machine)
+    (regressors,) = kernel(motion.at(times).state(), signs, robot.machine)
     return regressors

@@ -48,14 +48,7 @@ def force_equations(
     signs = experiment.signs(robot, motion)
 
     def rows(part: slice) -> Rows:
-        forces = predict_forces(
-            robot,
-            motion,
-            record.force_times[part],
-            signs[part],
-            values,
-            free_frequency=experiment.free_frequency,
-        )
+        forces = predict_forces(robot, motion, record.force_times[part], signs[part], values)
         columns = np.concatenate([forces.regressors[:, :, free], forces.slope], axis=2)
         residuals = record.forces[part] - forces.regressors @ values
         return residuals, columns, record.force_counts[part]
@@ -72,13 +65,8 @@ def joint_equations(
     free: NDArray[np.bool_],
 ) -> NormalEquations:
     """Return what forces and lengths of one experiment say of the free parameters and ξ."""
-    lengths = length_equations(
-        robot,
-        experiment.record,
-        experiment.noise.lengths.covariance,
-        motion,
-        free_frequency=experiment.free_frequency,
-    )
+    covariance = experiment.noise.lengths.covariance
+    lengths = length_equations(robot, experiment.record, covariance, motion)
     return force_equations(robot, experiment, motion, values, free).with_motion(lengths)
 
 

@@ -160,10 +160,8 @@ class _Problem:
         # Parameters that stand at a bound would pull without end: what counts is the step taken.
         decrement = float(move @ information @ move)
         moved = []
-        for each, whole, experiment, motion in zip(
-            eliminated, equations, self.experiments, motions, strict=True
-        ):
+        for each, whole, motion in zip(eliminated, equations, motions, strict=True):
             decrement += float(each.offset @ whole.gradient[count:])
             step = each.offset - each.slope @ move
-            moved.append(motion.moved(step, free_frequency=experiment.free_frequency))
+            moved.append(motion.moved(step))
         return _Move(new, moved, decrement)

@@ -156,9 +156,7 @@ def clock_error(
     To first order: right while the periods move by a small part of a period. Less than two periods
     tell little: the std is then inf.
     """
-    pose, rate = (
-        basis @ motion.table.T for basis in motion.basis(record.length_times).derivatives[:2]
-    )
+    pose, rate, _ = np.split(motion.at(record.length_times).state(), 3, axis=1)
     lengths, jacobian = robot.lengths_and_jacobian(pose)
     speeds = np.einsum("sij,sj->si", jacobian, rate)
     weighted = speeds @ np.linalg.inv(covariance)

@@ -86,7 +86,7 @@ class RecordingKeys:
         """Describe a recording."""
         record, noise = summary.experiment.record, summary.experiment.noise
         fit = summary.experiment.fit
-        free = fit is not None and fit.free_frequency
+        free = fit is not None and fit.motion.free_frequency
         return cls(
             source=summary.source,
             rows=record.rows,
@@ -266,10 +266,10 @@ class EstimatedMotion:
         """Evaluate the best estimate at the samples of a recording, counted from 0."""
         experiment, motion = result.records[number].experiment, result.best.motions[number]
         record = experiment.record
-        length_state = motion.basis(record.length_times).state(motion.table)
+        length_state = motion.at(record.length_times).state()
         return cls(
             record.force_times + record.origin,
-            motion.basis(record.force_times).state(motion.table),
+            motion.at(record.force_times).state(),
             record.lengths,
             result.robot.inverse_kinematics(length_state[:, : len(POSE_COLUMNS)]),
             record.forces,

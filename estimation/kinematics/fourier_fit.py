@@ -51,7 +51,7 @@ class MotionFit:
     Attributes
     ----------
     covariance : (x, x)
-        Of ξ: the coefficients (6, 2 H + 1) row by row, then ω if it was free.
+        Of ξ.
     residuals : (S, 6)
         Measured minus fitted lengths, m.
     """
@@ -59,7 +59,6 @@ class MotionFit:
     motion: HarmonicMotion
     covariance: Array
     residuals: Array
-    free_frequency: bool
 
 
 def fit_motion(
@@ -90,12 +89,8 @@ def fit_motion(
             f"{harmonics} harmonics need {2 * harmonics + 1} samples, there are {record.samples}"
         )
     first = start_motion(robot, record, min(harmonics, 5)) if start is None else start
-    motion = HarmonicMotion(first.table, record.omega).with_harmonics(harmonics)
-
-    def equations(at: HarmonicMotion) -> NormalEquations:
-        return length_equations(robot, record, covariance, at, free_frequency=free_frequency)
-
-    present = equations(motion)
+    motion = HarmonicMotion(first.table, record.omega, free_frequency).with_harmonics(harmonics)
+    present = length_equations(robot, record, covariance, motion)
     for _ in range(_STEPS):
         try:
             step = np.asarray(sla.solve(present.matrix, present.gradient, assume_a="pos"))
@@ -103,8 +98,8 @@ def fit_motion(
             raise MotionFitError("the lengths do not determine the motion") from error
         decrement = float(step @ present.gradient)
         for halving in range(_HALVINGS):
-            trial = motion.moved(0.5**halving * step, free_frequency=free_frequency)
-            following = equations(trial)
+            trial = motion.moved(0.5**halving * step)
+            following = length_equations(robot, record, covariance, trial)
             if following.cost <= present.cost * (1 + 1e-12):
                 motion, present = trial, following
                 break
@@ -118,7 +113,6 @@ def fit_motion(
         motion=motion,
         covariance=np.asarray(np.linalg.inv(present.matrix), dtype=np.float64),
         residuals=length_residuals(robot, record, motion),
-        free_frequency=free_frequency,
     )
 
 
@@ -150,19 +144,12 @@ def length_residuals(robot: Robot, record: Record, motion: HarmonicMotion) -> Ar
 
 
 def length_equations(
-    robot: Robot,
-    record: Record,
-    covariance: Array,
-    motion: HarmonicMotion,
-    *,
-    free_frequency: bool = False,
+    robot: Robot, record: Record, covariance: Array, motion: HarmonicMotion
 ) -> NormalEquations:
     """Return the normal equations of ξ from the lengths, whose covariance is Δ, (6, 6)."""
 
     def rows(part: slice) -> Rows:
-        lengths, slope = predict_lengths(
-            robot, motion, record.length_times[part], free_frequency=free_frequency
-        )
+        lengths, slope = predict_lengths(robot, motion, record.length_times[part])
         return record.lengths[part] - lengths, slope, record.length_counts[part]
 
     return NormalEquations.of(map(rows, chunks(record.samples)), covariance)

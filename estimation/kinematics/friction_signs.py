@@ -14,7 +14,7 @@ from scipy.special import erf
 
 from constraints.arrays import Array
 from estimation.measurement_model import HarmonicMotion
-from estimation.measurement_model.prediction import chain, chunks, sliding_kernel
+from estimation.measurement_model.prediction import chunks, sliding_kernel
 from expdesign.robot import Robot
 
 
@@ -28,33 +28,18 @@ def expected_signs(robot: Robot, motion: HarmonicMotion, times: Array, spread: A
     spread : (S, s)
         Standard deviations of the rates (`rate_spread`); 0 gives the plain signs.
     """
-    state = motion.basis(times).state(motion.table)
-    rates, _ = sliding_kernel(robot.terms)(state, robot.geometry_vector)
+    rates, _ = sliding_kernel(robot.terms)(motion.at(times).state(), robot.geometry_vector)
     doubtful = spread > 0
     scaled = np.divide(rates, np.sqrt(2) * spread, out=np.zeros_like(rates), where=doubtful)
     return np.where(doubtful, erf(scaled), np.sign(rates))
 
 
-def rate_spread(
-    robot: Robot,
-    motion: HarmonicMotion,
-    times: Array,
-    covariance: Array,
-    *,
-    free_frequency: bool = False,
-) -> Array:
-    """Return the standard deviations of the same rates along an estimated motion, (S, s).
-
-    Parameters
-    ----------
-    covariance : (x, x)
-        Of ξ.
-    """
+def rate_spread(robot: Robot, motion: HarmonicMotion, times: Array, covariance: Array) -> Array:
+    """Return the standard deviations of the same rates, (S, s), from Cov(ξ), (x, x)."""
     factor = np.linalg.cholesky(covariance + 0.0)
     parts = []
     for part in chunks(len(times)):
-        basis = motion.basis(times[part])
-        _, slope = sliding_kernel(robot.terms)(basis.state(motion.table), robot.geometry_vector)
-        carried = chain(slope, basis, motion, free_frequency=free_frequency)
-        parts.append(np.linalg.norm(carried @ factor, axis=2))
+        sampled = motion.at(times[part])
+        _, slope = sliding_kernel(robot.terms)(sampled.state(), robot.geometry_vector)
+        parts.append(np.linalg.norm(sampled.chain(slope) @ factor, axis=2))
     return np.concatenate(parts)

@@ -1,59 +1,14 @@
-"""The motion ξ that estimation knows: a Fourier series of the pose, and its basis in time."""
+"""The motion ξ that estimation knows: a Fourier series of the pose, and how samples follow it."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from constraints.arrays import Array
 from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.trajectory import FourierTrajectory, PhaseBasis
-
-
-@dataclass(frozen=True, eq=False)
-class MotionBasis:
-    """The basis of λ and its derivatives at S instants.
-
-    Attributes
-    ----------
-    times : (S,)
-        s.
-    omega : float
-        rad/s.
-    derivatives : tuple of four (S, 2 H + 1)
-        Derivatives 0 … 3 of 1, sin kωt, cos kωt with respect to time.
-    """
-
-    times: Array
-    omega: float
-    derivatives: tuple[Array, Array, Array, Array]
-
-    @classmethod
-    def at(cls, times: Array, omega: float, harmonics: int) -> MotionBasis:
-        """Evaluate the basis at the times given."""
-        phases = PhaseBasis.at(omega * times, harmonics)
-        orders = np.concatenate([[0.0], np.arange(1, harmonics + 1), np.arange(1, harmonics + 1)])
-        third = -(orders**2) * phases.first
-        return cls(
-            times,
-            omega,
-            (phases.value, omega * phases.first, omega**2 * phases.second, omega**3 * third),
-        )
-
-    def state(self, table: Array, first: int = 0) -> Array:
-        """Return λ, λ̇, λ̈ for coefficients (6, 2 H + 1), or from another derivative on, (S, 18)."""
-        chosen = self.derivatives[first : first + 3]
-        return np.concatenate([basis @ table.T for basis in chosen], axis=1)
-
-    def frequency_slope(self, table: Array) -> Array:
-        """Return ∂(λ, λ̇, λ̈)/∂ω, (S, 18): a higher frequency runs through the same phases sooner."""
-        rate, acceleration, jerk = (basis @ table.T for basis in self.derivatives[1:])
-        stretch = self.times[:, None] / self.omega
-        first = stretch * rate
-        second = rate / self.omega + stretch * acceleration
-        third = 2 * acceleration / self.omega + stretch * jerk
-        return np.concatenate([first, second, third], axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,15 +21,23 @@ class HarmonicMotion:
         Centre, sine and cosine amplitudes of each pose coordinate: m, rad.
     omega : float
         rad/s.
+    free_frequency : bool
+        ω is one of the unknowns: ξ is the table row by row, then ω.
     """
 
     table: Array
     omega: float
+    free_frequency: bool = False
 
     @property
     def harmonics(self) -> int:
         """H."""
         return (self.table.shape[1] - 1) // 2
+
+    @property
+    def unknowns(self) -> int:
+        """Length x of ξ."""
+        return self.table.size + int(self.free_frequency)
 
     @property
     def trajectory(self) -> FourierTrajectory:
@@ -85,12 +48,12 @@ class HarmonicMotion:
         )
 
     @classmethod
-    def of(cls, trajectory: FourierTrajectory) -> HarmonicMotion:
+    def of(cls, trajectory: FourierTrajectory, *, free_frequency: bool = False) -> HarmonicMotion:
         """Take the motion of a trajectory."""
         table = np.concatenate(
             [trajectory.lambda0[:, None], trajectory.sine, trajectory.cosine], axis=1
         )
-        return cls(table, trajectory.omega)
+        return cls(table, trajectory.omega, free_frequency)
 
     def with_harmonics(self, harmonics: int) -> HarmonicMotion:
         """Return the motion with more harmonics, the new ones zero, or with the first few."""
@@ -100,7 +63,7 @@ class HarmonicMotion:
         table[:, 0] = self.table[:, 0]
         table[:, 1 : few + 1] = self.table[:, 1 : few + 1]
         table[:, harmonics + 1 : harmonics + 1 + few] = self.table[:, old + 1 : old + 1 + few]
-        return HarmonicMotion(table, self.omega)
+        return replace(self, table=table)
 
     def delayed(self, time: float) -> HarmonicMotion:
         """Return the motion that does at t what this one does at t − time, s."""
@@ -109,19 +72,74 @@ class HarmonicMotion:
         cos, sin = np.cos(phases), np.sin(phases)
         sines, cosines = self.table[:, 1 : h + 1], self.table[:, h + 1 :]
         parts = [self.table[:, :1], sines * cos + cosines * sin, cosines * cos - sines * sin]
-        return HarmonicMotion(np.concatenate(parts, axis=1), self.omega)
+        return replace(self, table=np.concatenate(parts, axis=1))
 
-    def basis(self, times: Array) -> MotionBasis:
-        """Return the basis at the times given, s."""
-        return MotionBasis.at(times, self.omega, self.harmonics)
-
-    def vector(self, *, free_frequency: bool) -> Array:
-        """Return ξ: the coefficients row by row, then ω if it is free."""
-        flat = self.table.ravel()
-        return np.append(flat, self.omega) if free_frequency else flat.copy()
-
-    def moved(self, step: Array, *, free_frequency: bool) -> HarmonicMotion:
+    def moved(self, step: Array) -> HarmonicMotion:
         """Return the motion with ξ + step."""
         size = self.table.size
-        omega = self.omega + float(step[size]) if free_frequency else self.omega
-        return HarmonicMotion(self.table + step[:size].reshape(self.table.shape), omega)
+        omega = self.omega + float(step[size]) if self.free_frequency else self.omega
+        table = self.table + step[:size].reshape(self.table.shape)
+        return replace(self, table=table, omega=omega)
+
+    def at(self, times: Array) -> SampledMotion:
+        """Return the motion at the times given, s."""
+        phases = PhaseBasis.at(self.omega * times, self.harmonics)
+        orders = np.arange(1, self.harmonics + 1)
+        third = -(np.concatenate([[0.0], orders, orders]) ** 2) * phases.first
+        derivatives = (phases.value, phases.first, phases.second, third)
+        return SampledMotion(
+            self, times, tuple(self.omega**n * basis for n, basis in enumerate(derivatives))
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class SampledMotion:
+    """A motion at S instants.
+
+    Attributes
+    ----------
+    times : (S,)
+        s.
+    basis : tuple of four (S, 2 H + 1)
+        Derivatives 0 … 3 of 1, sin kωt, cos kωt with respect to time.
+    """
+
+    motion: HarmonicMotion
+    times: Array
+    basis: tuple[Array, ...]
+
+    def state(self, first: int = 0) -> Array:
+        """Return λ, λ̇, λ̈, or from another derivative on, (S, 18)."""
+        return np.concatenate([b @ self.motion.table.T for b in self.basis[first : first + 3]], 1)
+
+    def chain(self, slope: Array) -> Array:
+        """Carry slopes to the pose and its derivatives over to ξ.
+
+        Parameters
+        ----------
+        slope : (S, r, 6 n)
+            To pose (n = 1), rate (2) and acceleration (3).
+
+        Returns
+        -------
+        (S, r, x)
+        """
+        count, rows, depth = slope.shape
+        table = self.motion.table
+        coefficients = np.zeros((count, rows, *table.shape))
+        for order in range(depth // COORDINATES):
+            part = slope[:, :, COORDINATES * order : COORDINATES * (order + 1)]
+            coefficients += part[:, :, :, None] * self.basis[order][:, None, None, :]
+        result = coefficients.reshape(count, rows, table.size)
+        if not self.motion.free_frequency:
+            return result
+        # A higher frequency runs through the same phases sooner.
+        omega, (rate, acceleration, jerk) = self.motion.omega, (b @ table.T for b in self.basis[1:])
+        stretch = self.times[:, None] / omega
+        change = [
+            stretch * rate,
+            rate / omega + stretch * acceleration,
+            2 * acceleration / omega + stretch * jerk,
+        ]
+        column = np.einsum("sri,si->sr", slope, np.concatenate(change, axis=1)[:, :depth])
+        return np.concatenate([result, column[:, :, None]], axis=2)

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cache
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
 
 from constraints.arrays import Array
-from estimation.measurement_model.motion import HarmonicMotion, MotionBasis
+from estimation.measurement_model.motion import HarmonicMotion
 from expdesign.mechanism.graph import Friction, hexapod_graph
-from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.mechanism.term import Term
 from expdesign.robot import Robot
 from expdesign.robot.batch import BatchFunction
@@ -55,18 +54,14 @@ def sliding_kernel(terms: tuple[Term, ...]) -> BatchFunction:
     return BatchFunction("sliding", [graph.state], [graph.geometry.vector], [graph.sliding, slope])
 
 
-def predict_lengths(
-    robot: Robot, motion: HarmonicMotion, times: Array, *, free_frequency: bool = False
-) -> tuple[Array, Array]:
+def predict_lengths(robot: Robot, motion: HarmonicMotion, times: Array) -> tuple[Array, Array]:
     """Return strut lengths at the times given, (S, 6), m, and their slope to ξ, (S, 6, x)."""
-    basis = motion.basis(times)
-    poses = basis.derivatives[0] @ motion.table.T
-    lengths, jacobian = robot.lengths_and_jacobian(poses)
-    return lengths, chain(jacobian, basis, motion, free_frequency=free_frequency)
+    sampled = motion.at(times)
+    lengths, jacobian = robot.lengths_and_jacobian(sampled.basis[0] @ motion.table.T)
+    return lengths, sampled.chain(jacobian)
 
 
-@dataclass(frozen=True, eq=False)
-class ForcePrediction:
+class ForcePrediction(NamedTuple):
     """Actuator forces along a motion, linear in the parameters.
 
     Attributes
@@ -85,13 +80,7 @@ class ForcePrediction:
 
 
 def predict_forces(
-    robot: Robot,
-    motion: HarmonicMotion,
-    times: Array,
-    signs: Array,
-    parameters: Array,
-    *,
-    free_frequency: bool = False,
+    robot: Robot, motion: HarmonicMotion, times: Array, signs: Array, parameters: Array
 ) -> ForcePrediction:
     """Return A at the times given, s, and the slope of A p to ξ and to time.
 
@@ -102,40 +91,8 @@ def predict_forces(
     parameters : (m,)
         SI.
     """
-    basis = motion.basis(times)
+    sampled = motion.at(times)
     kernel = force_kernel(robot.terms)
-    regressors, slope = kernel(basis.state(motion.table), signs, robot.machine, parameters)
-    rate = np.einsum("sji,si->sj", slope, basis.state(motion.table, first=1))
-    return ForcePrediction(
-        regressors, chain(slope, basis, motion, free_frequency=free_frequency), rate
-    )
-
-
-def chain(
-    slope: Array, basis: MotionBasis, motion: HarmonicMotion, *, free_frequency: bool
-) -> Array:
-    """Carry slopes to the pose and its derivatives over to ξ.
-
-    Parameters
-    ----------
-    slope : (S, r, 6 n)
-        To pose (n = 1), rate (2) and acceleration (3).
-    free_frequency : bool
-        Append the column of ω.
-
-    Returns
-    -------
-    (S, r, x)
-    """
-    count, rows, depth = slope.shape
-    width = motion.table.size
-    result = np.empty((count, rows, width + int(free_frequency)))
-    coefficients = np.zeros((count, rows, *motion.table.shape))
-    for order in range(depth // COORDINATES):
-        part = slope[:, :, COORDINATES * order : COORDINATES * (order + 1)]
-        coefficients += part[:, :, :, None] * basis.derivatives[order][:, None, None, :]
-    result[:, :, :width] = coefficients.reshape(count, rows, width)
-    if free_frequency:
-        change = basis.frequency_slope(motion.table)[:, :depth]
-        result[:, :, width] = np.einsum("sri,si->sr", slope, change)
-    return result
+    regressors, slope = kernel(sampled.state(), signs, robot.machine, parameters)
+    rate = np.einsum("sji,si->sj", slope, sampled.state(first=1))
+    return ForcePrediction(regressors, sampled.chain(slope), rate)

@@ -120,14 +120,12 @@ class Workbench:
         record = make_record(
             measured, truth.executed.omega, PeriodSource.DESIGN, average=not free_frequency
         )
-        motion = HarmonicMotion.of(truth.executed)
-        unknowns = motion.table.size + int(free_frequency)
+        motion = HarmonicMotion.of(truth.executed, free_frequency=free_frequency)
         # The motion is known here: nothing of the fit but the motion itself is used.
         known = MotionFit(
             motion=motion,
-            covariance=np.zeros((unknowns, unknowns)),
+            covariance=np.zeros((motion.unknowns, motion.unknowns)),
             residuals=np.zeros((record.samples, ACTUATORS)),
-            free_frequency=free_frequency,
         )
         noise = NoiseModel.given(truth.force_covariance, truth.length_covariance)
         spread = np.zeros((record.samples, self.robot.graph.signs.numel()))

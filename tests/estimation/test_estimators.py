@@ -71,7 +71,7 @@ def test_the_share_of_the_kinematic_noise_is_how_estimates_move_with_the_motion(
             for sign in (1, -1):
                 step = np.zeros(len(case.fit.covariance))
                 step[k] = sign * 1e-7
-                moved = case.fit.motion.moved(step, free_frequency=False)
+                moved = case.fit.motion.moved(step)
                 # Signs as they were: their change is no part of the derivative.
                 rows = regressors_along(ROBOT, moved, case.record.force_times, signs)
                 other = Experiment(case.record, GIVEN, case.fit, case.spread, rows)
@@ -99,7 +99,7 @@ def test_maximum_likelihood_equals_an_independent_least_squares():
         table = values[24:].reshape(6, 5)
         motion = HarmonicMotion(table, MOTION.omega)
         states = motion.trajectory.sample(times)
-        frozen = motion.basis(times).state(table)
+        frozen = motion.at(times).state()
         kernel = held_regressor_kernel(ROBOT.terms)
         (regressors,) = kernel(frozen, signs, ROBOT.machine)
         force = (case.forces - regressors @ values[:24]) @ force_white.T

@@ -133,7 +133,7 @@ def test_expected_signs_are_the_mean_of_the_signs_of_drawn_motions():
     draws = 200
     total = np.zeros_like(expected)
     for _ in range(draws):
-        drawn = fit.motion.moved(factor @ rng.normal(size=len(factor)), free_frequency=False)
+        drawn = fit.motion.moved(factor @ rng.normal(size=len(factor)))
         total += expected_signs(ROBOT, drawn, times, np.zeros_like(spread))
     doubtful = np.abs(expected) < 0.99
     assert np.count_nonzero(doubtful) > 50

@@ -8,24 +8,23 @@ TIMES = np.array([0.0, 0.013, 0.21, 0.4, 0.77, 1.3])
 SIGNS = np.random.default_rng(0).choice([-1.0, 1.0], (len(TIMES), 18))
 
 
-def differences(function, motion, free):
+def differences(function, motion):
     """Return central differences of a function of the motion to its ξ."""
-    size = motion.table.size + int(free)
     columns = []
-    for k in range(size):
-        step = np.zeros(size)
+    for k in range(motion.unknowns):
+        step = np.zeros(motion.unknowns)
         step[k] = 1e-6
-        ahead = function(motion.moved(step, free_frequency=free))
-        behind = function(motion.moved(-step, free_frequency=free))
+        ahead = function(motion.moved(step))
+        behind = function(motion.moved(-step))
         columns.append((ahead - behind) / 2e-6)
     return np.stack(columns, axis=-1)
 
 
 @pytest.mark.parametrize("free", [False, True])
 def test_slope_of_the_lengths(free):
-    motion = HarmonicMotion.of(trajectory())
-    lengths, slope = predict_lengths(ROBOT, motion, TIMES, free_frequency=free)
-    expected = differences(lambda m: predict_lengths(ROBOT, m, TIMES)[0], motion, free)
+    motion = HarmonicMotion.of(trajectory(), free_frequency=free)
+    lengths, slope = predict_lengths(ROBOT, motion, TIMES)
+    expected = differences(lambda m: predict_lengths(ROBOT, m, TIMES)[0], motion)
     np.testing.assert_allclose(slope, expected, rtol=1e-6, atol=1e-8)
     poses = motion.trajectory.sample(TIMES).pose
     np.testing.assert_allclose(lengths, ROBOT.inverse_kinematics(poses), atol=1e-14)
@@ -33,14 +32,14 @@ def test_slope_of_the_lengths(free):
 
 @pytest.mark.parametrize("free", [False, True])
 def test_slope_of_the_forces_with_held_signs(free):
-    motion = HarmonicMotion.of(trajectory())
+    motion = HarmonicMotion.of(trajectory(), free_frequency=free)
 
     def forces(present):
         prediction = predict_forces(ROBOT, present, TIMES, SIGNS, ROBOT.parameters)
         return prediction.regressors @ ROBOT.parameters
 
-    found = predict_forces(ROBOT, motion, TIMES, SIGNS, ROBOT.parameters, free_frequency=free).slope
-    expected = differences(forces, motion, free)
+    found = predict_forces(ROBOT, motion, TIMES, SIGNS, ROBOT.parameters).slope
+    expected = differences(forces, motion)
     np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-5 * np.abs(expected).max())
 
 
