@@ -19,11 +19,7 @@ _INDEXED = re.compile(r"([A-Za-z])_?([A-Za-z]+|\d+)")
 def symbol(name: str) -> str:
     r"""Return a name as Matplotlib's mathematics: ``r_alpha`` → ``$r_{\alpha}$``.
 
-    Parameters
-    ----------
-    name : str
-        A parameter (``p10``, ``r_alpha``, ``Ixy``), a coordinate or any other name, which is
-        returned as it is.
+    Names that are neither parameters (``p10``, ``Ixy``) nor coordinates are returned as they are.
     """
     letter, index = (GREEK.get(part, (part, part))[0] for part in symbol_parts(name))
     if index:

@@ -13,15 +13,7 @@ from constraints.arrays import Array
 
 @dataclass(frozen=True)
 class DisplayUnit:
-    """A unit on an axis.
-
-    Attributes
-    ----------
-    symbol : str
-        Empty for numbers without a unit.
-    factor : float
-        Shown value = factor · SI value.
-    """
+    """A unit on an axis: shown value = factor · SI value; no symbol for numbers without a unit."""
 
     symbol: str
     factor: float
@@ -78,14 +70,10 @@ _LADDERS: dict[str, tuple[tuple[float, DisplayUnit], ...]] = {
 
 
 def handy_unit(unit: str, values: ArrayLike | Iterable[float]) -> DisplayUnit:
-    """Choose the unit in which values are easy to read.
+    """Choose the unit in which values are easy to read: the largest magnitude decides.
 
-    Parameters
-    ----------
-    unit : str
-        SI unit of the values, as limits state it (``"m/s^2"``); one that is not known is kept.
-    values : array_like
-        What is shown; the largest magnitude decides.
+    The unit given is the SI unit of the values, as limits state it (``"m/s^2"``); one that is not
+    known is kept.
     """
     magnitudes = np.abs(np.asarray(values, dtype=np.float64))
     largest = float(np.max(magnitudes[np.isfinite(magnitudes)], initial=0.0))

@@ -1,18 +1,159 @@
-"""The formats that exist, and reading with their libraries: every failure is bad input."""
+"""File formats of recordings, and reading with their libraries: every failure is bad input.
+
+SciPy's reader of MATLAB files, HDF5 and asammdf trust the sizes and addresses that stand in a
+file: one wrong byte may end the process that reads it. They read in a process of their own.
+"""
 
 from __future__ import annotations
 
 import importlib.util
+import os
+import pickle
+import resource
+import signal
+import subprocess
+import sys
 import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
 from constraints.modules import modules_of
 from estimation.data import readers
-from estimation.data.table import FileFormat, RawTable
+from estimation.data.table import RawTable
 from expdesign.configuration import DataSection, InputError
 
 _LONGEST_REASON = 200
+_SECONDS = 60.0
+_SECONDS_PER_MEGABYTE = 1.0
+_MEGABYTE = 1_000_000
+_MEMORY = 8_000 * _MEGABYTE
+_MEMORY_PER_BYTE = 50
+_COMMAND = f"from {__name__} import serve; serve()"
+
+
+@dataclass(frozen=True)
+class FileFormat:
+    """A format that measurements come in, declared in :mod:`estimation.data.readers`.
+
+    Attributes
+    ----------
+    title : str
+        For messages and the documentation.
+    extensions : tuple of str
+        Lower case, with the dot.
+    read : callable
+        ``read(path, section)``: lists the columns of the file, has
+        :func:`estimation.data.columns.pick` choose, and loads those. An `InputError` says
+        what is wrong; any other exception counts as a damaged file.
+    library, extra : str or None
+        The optional library that it needs, and by what to install it: ``pip install
+        expdesign[extra]``.
+    may_crash : bool
+        True for a library that can end the process on damaged files: it is read in another one,
+        to which the functions go by their names.
+    accepts : callable or None
+        ``accepts(path)``, for formats that share an extension or are folders; by default the
+        extension decides.
+    """
+
+    title: str
+    extensions: tuple[str, ...]
+    read: Callable[[Path, DataSection], RawTable]
+    library: str | None = None
+    extra: str | None = None
+    may_crash: bool = False
+    accepts: Callable[[Path], bool] | None = None
+
+    def claims(self, path: Path) -> bool:
+        """Tell whether a file or folder that exists is of this format."""
+        if self.accepts is not None:
+            return self.accepts(path)
+        return path.is_file() and path.suffix.lower() in self.extensions
+
+    def load(self, path: Path, section: DataSection) -> RawTable:
+        """Read a file with the format's library.
+
+        Raises
+        ------
+        InputError
+            The file cannot be read, is damaged, or does not have the columns.
+        RuntimeError
+            The process that reads it could not be started.
+        """
+        return (self._load_apart if self.may_crash else self.load_here)(path, section)
+
+    def load_here(self, path: Path, section: DataSection) -> RawTable:
+        """Read a file in this process."""
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # they are for the library's developers
+                table = self.read(path, section)
+        except InputError:
+            raise
+        except FileNotFoundError:
+            raise InputError("there is no such file", path) from None
+        except PermissionError:
+            raise InputError("there is no permission to read it", path) from None
+        except Exception as error:  # noqa: BLE001 - the libraries raise anything on damaged files
+            said = " ".join(str(error).split())[:_LONGEST_REASON]
+            reason = "".join(mark if mark.isprintable() else "?" for mark in said)
+            raise self._damaged(path, reason or type(error).__name__) from None
+        count = len(table.values["t"])
+        time = table.column_name("t")
+        uneven = [
+            table.problem(f"the column has {len(values)} samples, '{time}' has {count}", channel)
+            for channel, values in table.values.items()
+            if len(values) != count
+        ]
+        if uneven:
+            raise InputError(uneven)
+        return table
+
+    def _load_apart(self, path: Path, section: DataSection) -> RawTable:
+        size = path.stat().st_size
+        folders = os.pathsep.join(folder or str(Path.cwd()) for folder in sys.path)
+        try:
+            child = subprocess.run(
+                [sys.executable, "-P", "-c", _COMMAND],
+                input=pickle.dumps((self, path, section)),
+                capture_output=True,
+                env={**os.environ, "PYTHONPATH": folders, "OPENBLAS_NUM_THREADS": "1"},
+                timeout=_SECONDS + _SECONDS_PER_MEGABYTE * size / _MEGABYTE,
+                check=False,
+            )
+        except subprocess.TimeoutExpired:
+            raise self._damaged(path, "reading does not end") from None
+        if child.returncode < 0:
+            name = signal.Signals(-child.returncode).name
+            raise self._damaged(path, f"its library crashed ({name})")
+        if child.returncode > 0:
+            raise RuntimeError(f"reading {path} failed: {child.stderr.decode(errors='replace')}")
+        answer: RawTable | InputError = pickle.loads(child.stdout)  # our own process wrote it
+        if isinstance(answer, InputError):
+            raise answer
+        return answer
+
+    def _damaged(self, path: Path, reason: str) -> InputError:
+        message = f"the file is damaged or not of the format {self.title}: {reason}"
+        return InputError(message, path)
+
+
+def serve() -> None:
+    """Be the other process: read what standard input names, write a pickle to standard output."""
+    answers = os.dup(1)
+    os.dup2(2, 1)  # what a library prints is not part of the answer
+    file_format, path, section = pickle.load(sys.stdin.buffer)
+    limit = _MEMORY + _MEMORY_PER_BYTE * path.stat().st_size  # a damaged size may ask for any
+    resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    try:
+        answer: RawTable | InputError = file_format.load_here(path, section)
+    except InputError as error:
+        answer = error
+    with os.fdopen(answers, "wb") as stream:
+        pickle.dump(answer, stream)
 
 
 @cache
@@ -51,43 +192,3 @@ def _installed(library: str) -> bool:
         return importlib.util.find_spec(library) is not None
     except ValueError:  # a module without a specification, such as one that was blocked
         return False
-
-
-def load_table(file_format: FileFormat, path: Path, section: DataSection) -> RawTable:
-    """Read a file with its format's library, whose own warnings are for its developers.
-
-    Raises
-    ------
-    InputError
-        The file cannot be read, is damaged, or does not have the columns.
-    """
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            table = file_format.read(path, section)
-    except InputError:
-        raise
-    except FileNotFoundError:
-        raise InputError("there is no such file", path) from None
-    except PermissionError:
-        raise InputError("there is no permission to read it", path) from None
-    except Exception as error:  # noqa: BLE001 - the libraries raise anything on damaged files
-        said = " ".join(str(error).split())[:_LONGEST_REASON]
-        reason = "".join(mark if mark.isprintable() else "?" for mark in said)
-        raise damaged(file_format, path, reason or type(error).__name__) from None
-    count = len(table.values["t"])
-    time = table.column_name("t")
-    uneven = [
-        table.problem(f"the column has {len(values)} samples, '{time}' has {count}", channel)
-        for channel, values in table.values.items()
-        if len(values) != count
-    ]
-    if uneven:
-        raise InputError(uneven)
-    return table
-
-
-def damaged(file_format: FileFormat, path: Path, reason: str) -> InputError:
-    """Return the error of a file that its library cannot read."""
-    message = f"the file is damaged or not of the format {file_format.title}: {reason}"
-    return InputError(message, path)

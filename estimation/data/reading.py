@@ -16,9 +16,8 @@ from estimation.data.defects import (
     refuse_time,
     refuse_uneven,
 )
-from estimation.data.formats import format_of, load_table
+from estimation.data.formats import format_of
 from estimation.data.measurement import Measurement
-from estimation.data.own_process import load_table_apart
 from estimation.data.table import RawTable
 from estimation.data.timebase import TimeBase, fitted_grid, stamped
 from estimation.data.units import in_si
@@ -52,9 +51,7 @@ def read_measurement(
         The file cannot be read, or its content cannot be used: every defect with column and row.
     """
     file = Path(path)
-    file_format = format_of(file)
-    load = load_table_apart if file_format.may_crash else load_table
-    return measurement_of(load(file_format, file, section), section, robot)
+    return measurement_of(format_of(file).load(file, section), section, robot)
 
 
 def measurement_of(

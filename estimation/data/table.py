@@ -1,8 +1,8 @@
-"""What a format is to the reader, and what it reads: the channels' columns as they stand there."""
+"""What is read of a file: the channels' columns as they stand there."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from constraints.arrays import Array
 from estimation.data.columns import Column
-from expdesign.configuration import DataSection, InputError, Problem
+from expdesign.configuration import InputError, Problem
 
 RowNoun = Literal["line", "sample", "message"]
 HEADER_LINE = 1
@@ -109,43 +109,3 @@ def refuse(problems: Sequence[Problem], file: Path, what: str) -> None:
     more = len(problems) - MOST_PROBLEMS
     rest = [Problem(f"{more} more {what}", file)] if more > 0 else []
     raise InputError([*problems[:MOST_PROBLEMS], *rest])
-
-
-@dataclass(frozen=True)
-class FileFormat:
-    """A format that measurements come in, declared in :mod:`estimation.data.readers`.
-
-    Attributes
-    ----------
-    title : str
-        For messages and the documentation.
-    extensions : tuple of str
-        Lower case, with the dot.
-    read : callable
-        ``read(path, section)``: lists the columns of the file, has
-        :func:`estimation.data.columns.pick` choose, and loads those. An `InputError` says
-        what is wrong; any other exception counts as a damaged file.
-    library, extra : str or None
-        The optional library that it needs, and by what to install it: ``pip install
-        expdesign[extra]``.
-    may_crash : bool
-        True for a library that can end the process on damaged files: it is read in another one,
-        to which the functions go by their names.
-    accepts : callable or None
-        ``accepts(path)``, for formats that share an extension or are folders; by default the
-        extension decides.
-    """
-
-    title: str
-    extensions: tuple[str, ...]
-    read: Callable[[Path, DataSection], RawTable]
-    library: str | None = None
-    extra: str | None = None
-    may_crash: bool = False
-    accepts: Callable[[Path], bool] | None = None
-
-    def claims(self, path: Path) -> bool:
-        """Tell whether a file or folder that exists is of this format."""
-        if self.accepts is not None:
-            return self.accepts(path)
-        return path.is_file() and path.suffix.lower() in self.extensions

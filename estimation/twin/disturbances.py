@@ -1,13 +1,94 @@
-"""What an experiment has beside the designed motion and noise: what disturbs real measurements."""
+"""What an experiment has beside the designed motion: noise and disturbances, drawn at random.
+
+Each is drawn from a stream of its own, so that none depends on what else is switched on. All
+streams are spawned from a seed by the key (repetition, purpose). Repetitions count from 1; the key
+0 is that of the experiment itself, whose draws all repetitions share.
+"""
 
 from __future__ import annotations
+
+from enum import IntEnum
 
 import numpy as np
 
 from constraints.arrays import Array
-from expdesign.configuration import Cogging, Outliers, TrackingError
+from expdesign.configuration import (
+    Cogging,
+    InputError,
+    Outliers,
+    Problem,
+    RunConfiguration,
+    TrackingError,
+)
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
 from expdesign.trajectory import FourierTrajectory
+
+_EXPERIMENT = 0
+
+
+class Shared(IntEnum):
+    """What belongs to the experiment and is the same in all its repetitions."""
+
+    TRACKING_ERROR = 0
+    DRIFT = 1
+
+
+class Repeated(IntEnum):
+    """What every repetition draws anew."""
+
+    FORCE_NOISE = 0
+    LENGTH_NOISE = 1
+    OUTLIERS = 2
+
+
+def experiment_stream(seed: int, purpose: Shared) -> np.random.Generator:
+    """Return the stream of what all repetitions share."""
+    return _stream(seed, _EXPERIMENT, purpose)
+
+
+def repetition_stream(seed: int, repetition: int, purpose: Repeated) -> np.random.Generator:
+    """Return a stream of one repetition, counted from 1."""
+    if repetition < 1:
+        raise ValueError(f"repetitions count from 1; there is no repetition {repetition}")
+    return _stream(seed, repetition, purpose)
+
+
+def _stream(seed: int, *key: int) -> np.random.Generator:
+    # The child that SeedSequence(seed, spawn_key=key[:1]).spawn() gives at the place key[1].
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))
+
+
+def noise_covariances(configuration: RunConfiguration) -> tuple[Array, Array]:
+    """Return Σ, (6, 6), N², and Δ, (6, 6), m², of robot and run.
+
+    Raises
+    ------
+    InputError
+        They state no noise of the forces, or none of the lengths.
+    """
+    noise = configuration.robot.noise
+    force = None if noise is None else noise.force_covariance
+    length = None if noise is None else noise.length_covariance
+    problems = [
+        Problem(
+            f"a simulated experiment needs the noise of the {what}s, and neither robot nor "
+            "run state it",
+            file=configuration.file,
+            key="noise",
+            allowed=f"{what}_std (six values) or {what}_covariance (6 × 6)",
+        )
+        for what, covariance in (("force", force), ("length", length))
+        if covariance is None
+    ]
+    if force is None or length is None:
+        raise InputError(problems)
+    return force, length
+
+
+def noise_draws(covariance: Array, count: int, rng: np.random.Generator) -> Array:
+    """Draw samples, (count, 6), that are independent of each other."""
+    factor = np.linalg.cholesky(covariance)
+    return rng.standard_normal((count, len(covariance))) @ factor.T
 
 
 def executed_motion(
@@ -20,13 +101,7 @@ def executed_motion(
     amplitudes are drawn from one normal distribution and scaled so that the root mean square of
     the deviation over one period is exactly the size given: `position` for x, y, z and `angle`
     for φ, θ, ψ.
-
-    Parameters
-    ----------
-    error : TrackingError or None
-        None leaves the design as it is.
-    rng : Generator
-        For 2 · 6 · (last − first + 1) normal draws.
+    Without an error the design stays as it is.
     """
     if error is None or error.position == error.angle == 0:
         return design
@@ -45,23 +120,13 @@ def executed_motion(
 
 
 def cogging_force(lengths: Array, cogging: Cogging) -> Array:
-    """Return what cogging of linear motors adds to the forces: amplitude · sin(2π q/pitch + phase).
+    """Return what cogging of linear motors adds to the forces, (T, 6), N.
+
+    It is amplitude · sin(2π q/pitch + phase) of the true lengths q, (T, 6), m.
 
     The sign is that of friction in the model: it is the force that the actuator gives beyond the
     model's, Q = A p + c(q). The attraction between magnets and iron that pulls the slider out at
     a length q is therefore −c(q).
-
-    Parameters
-    ----------
-    lengths : (T, 6)
-        True strut lengths q, m.
-    cogging : Cogging
-        Amplitude in N, pitch in m, phase in rad of every strut.
-
-    Returns
-    -------
-    (T, 6)
-        N.
     """
     angle = 2 * np.pi * lengths / np.asarray(cogging.pitch) + np.asarray(cogging.phase)
     return np.asarray(cogging.amplitude) * np.sin(angle)
@@ -73,16 +138,9 @@ def final_drift(size: float, rng: np.random.Generator) -> Array:
 
 
 def length_drift(final: Array, time: Array, duration: float) -> Array:
-    """Return the drift of the lengths, (T, 6), as of a machine that warms up: half a cosine.
+    """Return the drift of the lengths, (T, 6), m, at times from the start, (T,), s.
 
-    Parameters
-    ----------
-    final : (6,)
-        Value at the end, m.
-    time : (T,)
-        s, from the start.
-    duration : float
-        Of the experiment, s.
+    As of a machine that warms up, it is half a cosine to the final value, (6,), m.
     """
     return np.multiply.outer((1 - np.cos(np.pi * time / duration)) / 2, final)
 

@@ -10,14 +10,19 @@ import numpy as np
 from constraints.arrays import Array
 from estimation.data.measurement import Measurement
 from estimation.twin.disturbances import (
+    Repeated,
+    Shared,
     cogging_force,
     executed_motion,
+    experiment_stream,
     final_drift,
     gross_errors,
     length_drift,
+    noise_covariances,
+    noise_draws,
     quantised,
+    repetition_stream,
 )
-from estimation.twin.noise import noise_covariances, noise_draws
 from estimation.twin.record import (
     DisturbanceKeys,
     ExecutedTableTruth,
@@ -26,7 +31,6 @@ from estimation.twin.record import (
     Truth,
 )
 from estimation.twin.sampling import SampleGrid
-from estimation.twin.streams import Repeated, Shared, experiment_stream, repetition_stream
 from estimation.twin.table_motion import TableMotion, refuse_short_window, window_error
 from expdesign.configuration import ExperimentSection, InputError, RunConfiguration
 from expdesign.export.table_file import TableFile

@@ -21,19 +21,10 @@ MOST_SAMPLES = 10_000_000
 
 @dataclass(frozen=True)
 class SampleGrid:
-    """Samples i / sampling, i = 0, 1, …, as many as whole steps fit into all periods.
+    """Samples i / sampling, i = 0, 1, …, as many as whole steps fit into all periods; Hz and s.
 
-    Attributes
-    ----------
-    sampling : float
-        Hz.
-    period : float
-        s.
-    count : int
-        Number T of samples.
-    per_period : int or None
-        Samples of one period when they are a whole number: every period is then measured at the
-        same phases. None otherwise.
+    `count` is their number T; `per_period` that of one period when it is a whole number, so that
+    every period is measured at the same phases, else None.
     """
 
     sampling: float

@@ -23,14 +23,7 @@ class TableMotion:
     """The motion that controller and machine make of a table, t = 0 where the window begins.
 
     The controller interpolates the rows; the machine follows with the same tracking error as it
-    follows the design itself.
-
-    Attributes
-    ----------
-    design : FourierTrajectory
-        The motion that the table is made of.
-    executed : FourierTrajectory
-        The design with the tracking error.
+    follows the design itself: `executed` is the design with that error.
     """
 
     file: TableFile
@@ -46,15 +39,11 @@ class TableMotion:
             The struts' lengths belong to no pose.
         """
         states = self.file.executed.smoothed(self.file.window[0] + np.asarray(times)).states
-        pose, rate, acceleration = np.split(states, 3, axis=1)
+        tabled = PoseSamples(*np.split(states, 3, axis=1))
         if self.executed is self.design:
-            return PoseSamples(pose, rate, acceleration)
+            return tabled
         wanted, made = self.design.sample(times), self.executed.sample(times)
-        return PoseSamples(
-            pose + made.pose - wanted.pose,
-            rate + made.rate - wanted.rate,
-            acceleration + made.acceleration - wanted.acceleration,
-        )
+        return PoseSamples(*(t + m - w for t, m, w in zip(tabled, made, wanted, strict=True)))
 
 
 def refuse_short_window(table: TableFile, periods: int, configuration_file: Path | None) -> None:

@@ -82,24 +82,10 @@ def save_figures(
     note: str = "",
     formats: Collection[str] = FORMATS,
 ) -> tuple[Path, ...]:
-    """Draw figures and write each in the formats wanted.
+    """Draw figures of a record and write each in the formats wanted; return the files.
 
-    Parameters
-    ----------
-    definitions : iterable of FigureDefinition
-    record : object
-        What they are drawn from.
-    folder : Path
-        Made when it is missing. Every file is complete or absent.
-    note : str
-        What has to be known of every one of them; it stands below.
-    formats : collection of {"png", "svg", "pdf"}
-        SVG is written whatever they are: reports show it.
-
-    Returns
-    -------
-    tuple of Path
-        The files, in the order of the definitions.
+    The folder is made when it is missing, and every file is complete or absent. A note stands below
+    every figure. Formats are "png", "svg" and "pdf"; SVG is written always: reports show it.
     """
     paths = []
     for definition in definitions:

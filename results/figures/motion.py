@@ -29,14 +29,7 @@ from results.units import DisplayUnit, handy_unit
 class WholeMotion:
     """The motion from rest to rest at the controller's steps, both ends included.
 
-    Attributes
-    ----------
-    motion : SampledMotion
-    names : tuple of str
-        Of the segments.
-    starts : (K + 1,)
-        When each segment begins, and the end of the last, s.
-    limits : tuple of Limit
+    With the names of its segments and when each begins, and the end of the last, (K + 1,), s.
     """
 
     motion: SampledMotion

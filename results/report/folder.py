@@ -18,15 +18,7 @@ _CAPTIONS = {figure.key: figure.caption for figure in ALL_FIGURES}
 
 @dataclass(frozen=True)
 class ReportedStage:
-    """A stage as reports know it; the table of stages hands them down.
-
-    Attributes
-    ----------
-    file : str
-        The file without which a folder does not hold the stage.
-    report : callable
-        Makes its part of the report.
-    """
+    """A stage as reports know it: what a folder has to hold, and what makes its part."""
 
     file: str
     report: Callable[[RunFolder], StageReport]
@@ -47,16 +39,9 @@ Record = TypeVar("Record", bound=Readable)
 class RunFolder:
     """A folder that stages wrote to.
 
-    Attributes
-    ----------
-    path : Path
-    stages : mapping of str to ReportedStage
-        Those that it may hold, by name, in the order of their sections.
-    configuration : RunConfiguration
-    manifest : Manifest or None
-        None when it is missing or cannot be used.
-    records : dict
-        By their type: what was handed over by who wrote it, and what was read once.
+    The stages are those that it may hold, in the order of their sections. There is no manifest
+    where it is missing or cannot be used. The records are, by their type, what was handed over by
+    who wrote it, and what was read once.
     """
 
     path: Path
@@ -69,14 +54,7 @@ class RunFolder:
     def open(
         cls, path: Path, stages: Mapping[str, ReportedStage], records: Iterable[Any] = ()
     ) -> RunFolder:
-        """Open a run folder.
-
-        Parameters
-        ----------
-        path : Path
-        stages : mapping of str to ReportedStage
-        records : iterable
-            What is in memory of it, and is not read from its files therefore.
+        """Open a run folder; `records` are in memory, and not read from its files therefore.
 
         Raises
         ------
@@ -122,10 +100,6 @@ class RunFolder:
     def entry(self, stage: str) -> StageEntry | None:
         """Return what the manifest says of a stage, None when it says nothing."""
         return None if self.manifest is None else self.manifest.stages.get(stage)
-
-    def run_text(self) -> str:
-        """Return `run.yaml` as it stands there."""
-        return self.text(self.path / "run.yaml")
 
     def text(self, path: Path) -> str:
         """Return a file as it stands there.

@@ -16,10 +16,12 @@ from expdesign.recheck.information import Evaluator
 from expdesign.solver.initial import InfeasibleLimitsError
 from results.report.content import Fact
 from results.report.numerals import readable
-from results.report.table import Column, ReportTable, Value
+from results.report.table import Column, ReportTable
 
 EXPLAINED = 0.1
 """Largest share of the cost's gradient that the limits may leave for multipliers to be shown."""
+
+_REST = "unexplained"
 
 _SAME = 1e-6
 """Relative difference up to which a number computed again is the same."""
@@ -65,38 +67,24 @@ def costliest_fact(sensitivity: LimitSensitivity, whose: str = "") -> Fact | Non
 
 
 def limit_title(key: str) -> str:
-    """Return what a limit, or the bounds of the base frequency, are called."""
-    return "base frequency" if key == FREQUENCY else limit_definitions()[key].title
+    """Return what a limit, the bounds of the base frequency, or the rest are called."""
+    titles = {FREQUENCY: "base frequency", _REST: "unexplained by the limits"}
+    return titles.get(key) or limit_definitions()[key].title
 
 
 def gains_table(found: Mapping[str, LimitSensitivity], where: str) -> ReportTable:
-    """Return what every limit costs, one column per design.
-
-    Parameters
-    ----------
-    found : dict of str to LimitSensitivity
-        By the head of the column.
-    where : str
-        What the multipliers are those of.
-    """
+    """Return what every limit costs, one column per design; `where` the multipliers are from."""
     keys = dict.fromkeys(key for sensitivity in found.values() for key in sensitivity.gains)
-    columns = [Column("limit", kind="text")]
-    columns += [Column(label, "%", digits=3) for label in found]
-    rows: list[tuple[Value, ...]] = []
-    for key in keys:
-        cells = [
-            100 * sensitivity.gains[key]
-            if key in sensitivity.gains and sensitivity.unexplained <= EXPLAINED
-            else None
-            for sensitivity in found.values()
-        ]
-        rows.append((limit_title(key), *cells))
-    rows.append(("unexplained by the limits", *(100 * each.unexplained for each in found.values())))
+    columns = [Column("limit", kind="text", of=limit_title)]
+    for label, sensitivity in found.items():
+        known = sensitivity.gains if sensitivity.unexplained <= EXPLAINED else {}
+        shares = {**known, _REST: sensitivity.unexplained}
+        columns.append(Column(label, "%", digits=3, of=shares.get, factor=100))
     caption = (
         "What 10 % more of each limit alone would buy, in percent of the D-efficiency (of the "
         f"criterion's value for other criteria), to first order from the multipliers of {where}"
     )
-    return ReportTable.of("limit_gains", caption, columns, rows)
+    return ReportTable.of("limit_gains", caption, columns, [*keys, _REST])
 
 
 def _same_limits(record: DesignRecord) -> bool:

@@ -14,15 +14,30 @@ from expdesign.configuration import RunConfiguration
 from expdesign.experiment import DesignRecord
 from expdesign.export.record import ExportsRecord
 from expdesign.runfolder.atomic import write_text
-from results.report.content import FigureBlock, Level, Page, Section, StageReport, Verdict
+from results.report.content import (
+    Block,
+    Fact,
+    Facts,
+    FigureBlock,
+    Level,
+    ListingBlock,
+    Page,
+    Section,
+    StageReport,
+    TextBlock,
+    Verdict,
+)
 from results.report.folder import ReportedStage, RunFolder
 from results.report.latex import latex_table
-from results.report.provenance import OWN_STAGE, provenance
+from results.report.numerals import duration
 from results.report.rendering import rendered
+from results.report.table import Column, ReportTable, text_columns
 from results.report.view import robot_view
 from results.saving import record_figures, whole_motion_figure
 
 NAME = "report.html"
+OWN_STAGE = "report"
+"""Stage of the manifest that tells of the report itself: a report says nothing of it."""
 
 LATEX_TABLES = (
     "limits",
@@ -50,13 +65,13 @@ def write_report(
     configuration: RunConfiguration | None = None,
     records: Iterable[Any] = (),
 ) -> list[Path]:
-    """Write `report.html` and `tables/*.tex` into a run folder.
+    """Write `report.html` and `tables/*.tex` into a run folder; return the files.
+
+    The same folder gives the same bytes. Figures that are missing in a format of `report.figures`
+    are drawn.
 
     Parameters
     ----------
-    path : Path
-        The run folder. The same folder gives the same bytes. Figures of the design and of the
-        study that are missing in a format of `report.figures` are drawn.
     stages : mapping of str to ReportedStage
         Those that are reported, in the order of their sections.
     configuration : RunConfiguration, optional
@@ -64,11 +79,6 @@ def write_report(
         wrote last has left.
     records : iterable
         What is in memory of the folder, such as a `DesignRecord`; it is not read again.
-
-    Returns
-    -------
-    list of Path
-        The files written.
 
     Raises
     ------
@@ -102,7 +112,7 @@ def run_page(folder: RunFolder) -> Page:
     further = folder.other_figures({b.key for b in blocks if isinstance(b, FigureBlock)})
     if further:
         sections.append(Section("further", "Further figures", further))
-    sections.append(provenance(folder))
+    sections.append(_provenance(folder))
     warnings = [text for report in reports.values() for text in report.warnings]
     return Page(
         title=run.report.title or run.name,
@@ -126,6 +136,45 @@ def _with_failures(folder: RunFolder, reports: dict[str, StageReport]) -> list[V
                 sentence += " What is shown here is of an earlier one."
             verdicts.append(Verdict(f"Stage {name}", Level.BAD, "failed", sentence))
     return verdicts
+
+
+def _provenance(folder: RunFolder) -> Section:
+    """Return what made a run folder: stages, versions, seeds, files and the configuration."""
+    blocks: list[Block] = []
+    manifest = folder.manifest
+    if manifest is None:
+        known = ", ".join(stage.file for stage in folder.stages.values())
+        text = f"The folder has no manifest.json: a stage is there when its file is, of {known}."
+        blocks.append(TextBlock(text, Level.CAUTION))
+    else:
+        stages = {name: entry for name, entry in manifest.stages.items() if name != OWN_STAGE}
+        columns = (
+            Column("stage", kind="text"),
+            Column("status", kind="outcome"),
+            Column("time", kind="text"),
+            Column("finished (UTC)", kind="text"),
+            Column("message", kind="text"),
+        )
+        rows = [
+            (name, entry.status, duration(entry.seconds), entry.finished, entry.message)
+            for name, entry in stages.items()
+        ]
+        blocks.append(ReportTable.of("stages", "Stages of the run", columns, rows))
+        blocks.append(
+            Facts(tuple(Fact(name, str(value)) for name, value in manifest.versions.items()))
+        )
+        seeds = ", ".join(f"{name} {seed}" for name, seed in manifest.seeds.items())
+        blocks.append(TextBlock(f"Seeds: {seeds}. Evaluation: {manifest.evaluation}."))
+        files = [
+            (file, name, digest)
+            for name, entry in stages.items()
+            for file, digest in entry.files.items()
+        ]
+        heads = text_columns("file", "stage", "SHA-256")
+        blocks.append(ReportTable.of("files", "Files of the run folder", heads, files, folded=True))
+    resolved = folder.text(folder.path / "run.yaml")
+    blocks.append(ListingBlock("run.yaml: the resolved configuration", resolved))
+    return Section("provenance", "Configuration and versions", tuple(blocks))
 
 
 def _missing_figures(folder: RunFolder) -> list[Path]:

@@ -5,7 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, cast
+
+import numpy as np
+from numpy.typing import NDArray
 
 from results.report.numerals import readable
 
@@ -21,15 +24,15 @@ class Column:
     Of the kinds, ``"parameter"`` holds names that are set as formulas, ``"outcome"`` words that are
     coloured by what they say; `digits` are the significant ones of numbers. The cell of a record is
     its attribute `of`, a path such as ``"read_back.position_error"`` (nothing when a part of it is
-    None), or what `of` returns for it; of a tuple the value in the column's place. Numbers are
-    shown times `factor`, for a handier unit.
+    None), or what `of` returns for it; of a tuple the value in the column's place. In a table of
+    columns `of` has the values themselves. Numbers are shown times `factor`, for a handier unit.
     """
 
     title: str
     unit: str = ""
     kind: Kind = "number"
     digits: int = 4
-    of: str | Callable[[Any], Value] = ""
+    of: str | Callable[[Any], Value] | Sequence[Value] | NDArray[Any] = ""
     factor: float = 1
 
     @property
@@ -41,11 +44,19 @@ class Column:
         """Return the value of a record in this column, which is the one in this place."""
         if callable(self.of):
             value = self.of(record)
+        elif not isinstance(self.of, str):
+            value = self.of[record]
+            value = value.item() if isinstance(value, np.generic) else value
         else:
             value = record if self.of else record[place]
             for name in self.of.split(".") if self.of else ():
                 value = None if value is None else getattr(value, name)
         return self.factor * value if self.factor != 1 and isinstance(value, float) else value
+
+
+def text_columns(*titles: str) -> tuple[Column, ...]:
+    """Return columns of text, of tuples."""
+    return tuple(Column(title, kind="text") for title in titles)
 
 
 @dataclass(frozen=True)
@@ -86,6 +97,14 @@ class ReportTable:
                 raise ValueError(f"{key}: every row needs {len(columns)} values")
             rows.append(tuple(column.cell(record, k) for k, column in enumerate(columns)))
         return cls(key, caption, tuple(columns), tuple(rows), folded)
+
+    @classmethod
+    def of_columns(
+        cls, key: str, caption: str, columns: Sequence[Column], *, folded: bool = False
+    ) -> ReportTable:
+        """Make a table of columns that have their values, all of the first one's length."""
+        rows = range(len(cast("Sequence[Value]", columns[0].of)))
+        return cls.of(key, caption, columns, rows, folded=folded)
 
 
 def cell_text(column: Column, value: Value) -> str:

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from estimation.data import own_process
-from estimation.data.own_process import load_table_apart
+from estimation.data import formats
 from expdesign.configuration import DataSection, InputError
 from tests.data.unruly_reader import FORMAT
 
@@ -14,7 +13,7 @@ def load(tmp_path):
     def loading(what):
         path = tmp_path / "file"
         path.write_text(what)
-        return load_table_apart(FORMAT, path, DataSection())
+        return FORMAT.load(path, DataSection())
 
     return loading
 
@@ -38,7 +37,7 @@ def test_a_library_that_fails_is_bad_input(what, message, load, capfd):
 
 
 def test_reading_that_does_not_end_is_bad_input(load, monkeypatch):
-    monkeypatch.setattr(own_process, "_SECONDS", 2.0)
+    monkeypatch.setattr(formats, "_SECONDS", 2.0)
     with pytest.raises(InputError, match="reading does not end"):
         load("hang")
 

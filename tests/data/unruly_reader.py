@@ -8,7 +8,8 @@ import time
 import numpy as np
 
 from estimation.data.columns import Column
-from estimation.data.table import FileFormat, RawTable
+from estimation.data.formats import FileFormat
+from estimation.data.table import RawTable
 
 
 def read(path, section):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from estimation.twin import Twin
-from estimation.twin.streams import Repeated, Shared, experiment_stream, repetition_stream
+from estimation.twin.disturbances import Repeated, Shared, experiment_stream, repetition_stream
 from expdesign.configuration import InputError, load_run
 from expdesign.robot import load_robot, robot_from
 from expdesign.trajectory import FourierTrajectory

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from constraints.arrays import Array
 from estimation.data.columns import header_column, pick
-from estimation.data.table import HEADER_LINE, FileFormat, RawTable, refuse
+from estimation.data.formats import FileFormat
+from estimation.data.table import HEADER_LINE, RawTable, refuse
 from expdesign.configuration import DataSection, InputError, Problem
 
 _QUOTE = '"'

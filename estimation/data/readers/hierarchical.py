@@ -13,7 +13,8 @@ from scipy.io import loadmat
 
 from constraints.arrays import Array
 from estimation.data.columns import Column, pick
-from estimation.data.table import NUMERIC, FileFormat, RawTable
+from estimation.data.formats import FileFormat
+from estimation.data.table import NUMERIC, RawTable
 from expdesign.configuration import DataSection
 
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"

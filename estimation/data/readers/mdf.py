@@ -12,7 +12,8 @@ import numpy as np
 
 from constraints.arrays import Array
 from estimation.data.columns import OPTIONAL, Column, pick
-from estimation.data.table import NUMERIC, FileFormat, RawTable
+from estimation.data.formats import FileFormat
+from estimation.data.table import NUMERIC, RawTable
 from expdesign.configuration import DataSection, InputError, Problem
 
 _MASTER = "time stamps"

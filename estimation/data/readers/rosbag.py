@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from estimation.data.columns import Column, pick
-from estimation.data.table import FileFormat, RawTable, refuse
+from estimation.data.formats import FileFormat
+from estimation.data.table import RawTable, refuse
 from expdesign.configuration import (
     FORCE_CHANNELS,
     LENGTH_CHANNELS,

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import csv
 import io
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from estimation.identification.record import EstimateRecord
+from estimation.montecarlo.record import MonteCarloRecord
+from estimation.studies import StudySummary
 from expdesign.configuration import InputError
 from expdesign.experiment import DesignRecord
-from expdesign.experiment.sensitivity import LimitSensitivity, limit_sensitivity
+from expdesign.experiment.sensitivity import limit_sensitivity
 from expdesign.runfolder.atomic import write_text
 from results.figures.drawing import FigureDefinition, save_figures
 from results.figures.parameters import (
@@ -19,39 +20,23 @@ from results.figures.parameters import (
     compared_estimates_figure,
     compared_precision_figure,
 )
-from results.report.comparison.design_tables import (
-    criteria_table,
-    efficiencies,
-    effort_table,
-    limits_table,
-    precision_series,
-    precision_table,
-)
-from results.report.comparison.designs import COUNTED, ComparedDesign, DesignComparison
+from results.report.comparison.design_report import designs_report, precision_series
+from results.report.comparison.designs import ComparedDesign, DesignComparison
 from results.report.comparison.estimates import (
     ComparedEstimate,
     estimates_report,
     estimates_series,
 )
 from results.report.comparison.sources import open_folders, sources_section
-from results.report.comparison.studies import achieved_report, claims_report
-from results.report.content import (
-    Block,
-    Fact,
-    FigureBlock,
-    Level,
-    Page,
-    StageReport,
-    TextBlock,
-    Verdict,
-)
+from results.report.content import FigureBlock, Level, Page, StageReport, TextBlock, Verdict
 from results.report.folder import ReportedStage, RunFolder, embedded
 from results.report.latex import latex_table
-from results.report.limit_gains import EXPLAINED, costliest_fact, gains_table
-from results.report.numerals import counted, duration, percent
+from results.report.numerals import counted
 from results.report.rendering import rendered
 from results.report.run_report import NAME
-from results.report.table import ReportTable, Value
+from results.report.stages.estimate import NAMES
+from results.report.stages.study import CLAIM_COLUMNS, SIMULATED, claim_row, judgement
+from results.report.table import Column, ReportTable
 
 _FORMATS = ("png", "svg", "pdf")
 _MOST_NAMED = 4
@@ -67,23 +52,9 @@ def write_comparison(
 ) -> list[Path]:
     """Compare run folders and write `report.html`, `tables/` and `figures/`.
 
-    Parameters
-    ----------
-    paths : sequence of Path
-        Two or more run folders.
-    out : Path
-        Where to write; none of the folders that are compared.
-    stages : mapping of str to ReportedStage
-        Those that a folder may hold.
-    precision : float
-        Relative standard deviation for which periods are counted.
-    with_sensitivity : bool
-        True to say what every limit costs: one local solve per design.
-
-    Returns
-    -------
-    list of Path
-        The files written.
+    Return the files. Two or more folders are compared, none of them the one to write to, by the
+    stages that they may hold. Periods are counted for a precision, a relative standard deviation;
+    what every limit costs takes one local solve per design.
 
     Raises
     ------
@@ -114,14 +85,9 @@ def csv_table(table: ReportTable) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow([column.heading for column in table.columns])
-    writer.writerows([[_plain(value) for value in row] for row in table.rows])
+    for row in table.rows:
+        writer.writerow([None if value != value else value for value in row])  # noqa: PLR0124 - NaN
     return text.getvalue()
-
-
-def _plain(value: Value) -> str:
-    if value is None or (isinstance(value, float) and math.isnan(value)):
-        return ""
-    return repr(value) if isinstance(value, float) else str(value)
 
 
 def _page(
@@ -138,7 +104,7 @@ def _page(
         return {label: folder for label, folder in folders.items() if folder.has(stage)}
 
     if asked := holding("study"):
-        reports.append(claims_report(asked))
+        reports.append(_claims_report(asked))
     designs = tuple(
         ComparedDesign(label, folder.record(DesignRecord))
         for label, folder in holding("design").items()
@@ -156,7 +122,7 @@ def _page(
                 )
                 for design in designs
             }
-        reports.append(_designs_report(comparison, costs, figure))
+        reports.append(designs_report(comparison, costs, figure))
     estimates = tuple(
         ComparedEstimate(label, folder, folder.record(EstimateRecord).summary)
         for label, folder in holding("estimate").items()
@@ -165,7 +131,7 @@ def _page(
         figure = drawn(compared_estimates_figure, estimates_series(estimates))
         reports.append(estimates_report(estimates, figure))
     if studies := holding("montecarlo"):
-        reports.append(achieved_report(studies))
+        reports.append(_achieved_report(studies))
     page = Page(
         title=" · ".join(folders) if len(folders) <= _MOST_NAMED else f"{len(folders)} runs",
         subtitle="Comparison",
@@ -178,65 +144,53 @@ def _page(
     return page, written
 
 
-def _designs_report(
-    comparison: DesignComparison, costs: dict[str, LimitSensitivity], figure: FigureBlock | None
-) -> StageReport:
-    designs = comparison.designs
-    blocks: list[Block] = []
-    facts: list[Fact] = []
-    sentence = f"{counted(len(designs), 'design')}."
-    if figure is not None:
-        blocks += [
-            criteria_table(comparison),
-            figure,
-            effort_table(comparison),
-            precision_table(comparison),
-        ]
-        text, best = _efficiencies_in_words(comparison)
-        sentence += text
-        facts += best
-    blocks.append(limits_table(designs))
-    if costs:
-        blocks.append(gains_table(costs, "the optimum beside the design"))
-        found = (costliest_fact(cost, f"{label}: ") for label, cost in costs.items())
-        facts += [fact for fact in found if fact is not None]
-        if any(each.unexplained > EXPLAINED for each in costs.values()):
-            text = (
-                "Where the limits leave more than 10 % of the cost's gradient unexplained, the "
-                "design is not near an optimum, and what its limits cost is not shown."
-            )
-            blocks.append(TextBlock(text, Level.CAUTION))
-    # No column of a table: tables are the same bytes whenever the same seeds were used.
-    seconds = {design.label: design.record.summary.solver.seconds for design in designs}
-    each = ", ".join(f"{label}: {duration(value)}" for label, value in seconds.items())
-    facts.append(Fact("search", duration(sum(seconds.values())), each))
-    verdict = Verdict("Designs", Level.NEUTRAL, "compared", sentence, "designs")
-    return StageReport(verdict, tuple(blocks), tuple(facts), comparison.differences())
+def _claims_report(studies: dict[str, RunFolder]) -> StageReport:
+    """Return the claims of every study in one table; those that fail are named first."""
+    claims = [
+        (label, claim)
+        for label, folder in studies.items()
+        for claim in StudySummary.read(folder.path).claims
+    ]
+    level, word, sentence, fact = judgement([claim for _, claim in claims])
+    sentence = f"{counted(len(studies), 'study', 'studies')} on the digital twin: {sentence}"
+    table = ReportTable.of(
+        "claims",
+        "What the studies show; all numbers found are simulated",
+        (Column("study", kind="text"), *CLAIM_COLUMNS),
+        [(label, *claim_row(claim)) for label, claim in claims],
+    )
+    blocks = (TextBlock(SIMULATED), table)
+    verdict = Verdict("Studies", level, word, sentence, "claims")
+    return StageReport(verdict, blocks, (fact,), heading="Studies on the digital twin")
 
 
-def _efficiencies_in_words(comparison: DesignComparison) -> tuple[str, list[Fact]]:
-    """Return which design has most information, and what the others have of it, by machine."""
-    every = efficiencies(comparison)
-    several = len(comparison.machines) > 1
-    text, facts = "", []
-    for designs in comparison.machines:
-        shares = {
-            design.label: share for design in designs if (share := every[design.label]) is not None
-        }
-        if not shares:
-            continue
-        best = max(shares, key=lambda label: shares[label])
-        others = ", ".join(
-            f"{label} has {percent(value)} of its information per parameter"
-            for label, value in shares.items()
-            if label != best
-        )
-        among = f" of {' and '.join(shares)}" if several else ""
-        text += f" {best} has the largest log det F{among}{f'; {others}' if others else ''}."
-        facts.append(Fact("largest log det F", best, f"for {comparison.samples} samples"))
-    if several:
-        text += (
-            f" They are for {len(comparison.machines)} different robots ({COUNTED}), between which "
-            "there is no efficiency; precision is relative to each one's own nominal values."
-        )
-    return text, facts
+def _achieved_report(folders: dict[str, RunFolder]) -> StageReport:
+    """Return what is to be said of Monte-Carlo studies side by side."""
+    number = counted(len(folders), "study", "studies")
+    sentence = f"{number}: achieved standard deviations beside the bound."
+    title = "Monte-Carlo studies"
+    verdict = Verdict(title, Level.NEUTRAL, "compared", sentence, "studies")
+    return StageReport(verdict, (_achieved_table(folders),))
+
+
+def _achieved_table(folders: dict[str, RunFolder]) -> ReportTable:
+    """Return bound and spread of every estimator in every folder, one row per parameter."""
+    found = {label: folder.record(MonteCarloRecord).rows for label, folder in folders.items()}
+    keys = dict.fromkeys((row.parameter, row.unit) for rows in found.values() for row in rows)
+    columns = [
+        Column("parameter", kind="parameter", of=[parameter for parameter, _ in keys]),
+        Column("unit", kind="text", of=[unit for _, unit in keys]),
+    ]
+    for label, rows in found.items():
+        bounds = {(row.parameter, row.unit): row.bound for row in rows}
+        columns.append(Column(f"bound, {label}", digits=3, of=[bounds.get(key) for key in keys]))
+        for estimator in dict.fromkeys(row.estimator for row in rows):
+            own = [row for row in rows if row.estimator == estimator]
+            spread = {(row.parameter, row.unit): row.spread for row in own}
+            title = f"{NAMES.get(estimator, estimator)}, {label}"
+            columns.append(Column(title, digits=3, of=[spread.get(key) for key in keys]))
+    caption = (
+        "Standard deviations that the estimators achieved in simulated experiments, beside the "
+        "Cramér–Rao bound of each, SI units"
+    )
+    return ReportTable.of_columns("achieved", caption, columns)

@@ -84,15 +84,7 @@ class ComparedDesign:
 
 @dataclass(frozen=True, eq=False)
 class DesignComparison:
-    """Designs that judge the same parameters, on a common basis.
-
-    Attributes
-    ----------
-    designs : tuple of ComparedDesign
-        At least one; the first sets the basis.
-    precision : float
-        Relative standard deviation that is wanted.
-    """
+    """Designs, at least one, on the basis of the first; precision: the relative σ wanted."""
 
     designs: tuple[ComparedDesign, ...]
     precision: float

@@ -24,7 +24,7 @@ from results.report.content import (
     TextBlock,
     Verdict,
 )
-from results.report.estimates import (
+from results.report.findings import (
     differences_table,
     estimated_values,
     information_sentence,
@@ -33,7 +33,7 @@ from results.report.estimates import (
 from results.report.folder import RunFolder
 from results.report.numerals import counted
 from results.report.stages.estimate import NAMES
-from results.report.table import Column, ReportTable, Value
+from results.report.table import Column, ReportTable
 
 _TWO_SIDED = 1.959963984540054
 """Half-width of a 95 % interval in standard deviations."""
@@ -174,21 +174,19 @@ def _chosen(each: ComparedEstimate, names: tuple[str, ...]) -> tuple[Array, Arra
 
 
 def _values_table(found: tuple[ComparedEstimate, ...], names: tuple[str, ...]) -> ReportTable:
-    columns = [Column("parameter", kind="parameter"), Column("unit", kind="text")]
+    units = [parameter_unit(name) for name in names]
+    columns = [
+        Column("parameter", kind="parameter", of=names),
+        Column("unit", kind="text", of=units),
+    ]
     for each in found:
         estimator = NAMES.get(each.summary.best, each.summary.best)
+        values, std = _chosen(each, names)
+        half = _TWO_SIDED * std
         columns += [
-            Column(f"{each.label}, {estimator}", digits=5),
-            Column("from", digits=5),
-            Column("to", digits=5),
+            Column(f"{each.label}, {estimator}", digits=5, of=values),
+            Column("from", digits=5, of=values - half),
+            Column("to", digits=5, of=values + half),
         ]
-    chosen = [_chosen(each, names) for each in found]
-    rows: list[tuple[Value, ...]] = []
-    for k, name in enumerate(names):
-        row: tuple[Value, ...] = (name, parameter_unit(name))
-        for values, std in chosen:
-            half = _TWO_SIDED * float(std[k])
-            row += (float(values[k]), float(values[k]) - half, float(values[k]) + half)
-        rows.append(row)
     caption = "Best estimate of every folder with its 95 % interval, SI units"
-    return ReportTable.of("compared_estimates", caption, columns, rows)
+    return ReportTable.of_columns("compared_estimates", caption, columns)

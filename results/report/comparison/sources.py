@@ -9,7 +9,7 @@ from expdesign.configuration import InputError, Problem
 from expdesign.runfolder.manifest import file_hash
 from results.report.content import Section
 from results.report.folder import ReportedStage, RunFolder
-from results.report.table import Column, ReportTable
+from results.report.table import ReportTable, text_columns
 
 _FEWEST = 2
 COMPARED = {
@@ -80,13 +80,7 @@ def sources_section(folders: dict[str, RunFolder]) -> Section:
             for stage, table in COMPARED.items()
             if folder.has(stage)
         ]
-    columns = (
-        Column("name", kind="text"),
-        Column("stage", kind="text"),
-        Column("folder", kind="text"),
-        Column("expdesign", kind="text"),
-        Column("SHA-256 of the result", kind="text"),
-    )
+    columns = text_columns("name", "stage", "folder", "expdesign", "SHA-256 of the result")
     table = ReportTable.of("sources", "What was compared", columns, rows)
     return Section("sources", "Sources", (table,))
 

@@ -19,10 +19,16 @@ from results.report.content import (
     TextBlock,
     Verdict,
 )
-from results.report.estimates import differences_table, information_sentence, information_test
+from results.report.findings import (
+    against,
+    differences_table,
+    findings_table,
+    information_sentence,
+    information_test,
+    verdict_level,
+)
 from results.report.folder import RunFolder
 from results.report.numerals import readable
-from results.report.stages.findings import against, findings_table, verdict_level
 from results.report.stages.noise import FIGURES as NOISE_FIGURES
 from results.report.stages.noise import shows_noise
 from results.report.table import Column, ReportTable, Value
@@ -75,15 +81,19 @@ def estimates_table(record: EstimateRecord, truth: Array | None) -> ReportTable:
 
 
 def _estimators_table(record: EstimateRecord) -> ReportTable:
-    columns = [Column("parameter", kind="parameter"), Column("unit", kind="text")]
     tables = record.by_estimator()
-    for key in tables:
-        columns += [Column(NAMES.get(key, key), digits=5), Column("σ", digits=3)]
-    rows: list[tuple[Value, ...]] = [
-        (side[0].parameter, side[0].unit, *(n for row in side for n in (row.value, row.std)))
-        for side in zip(*tables.values(), strict=True)
+    first = next(iter(tables.values()))
+    columns = [
+        Column("parameter", kind="parameter", of=[row.parameter for row in first]),
+        Column("unit", kind="text", of=[row.unit for row in first]),
     ]
-    return ReportTable.of("estimators", "All estimators side by side", columns, rows, folded=True)
+    for key, rows in tables.items():
+        columns += [
+            Column(NAMES.get(key, key), digits=5, of=[row.value for row in rows]),
+            Column("σ", digits=3, of=[row.std for row in rows]),
+        ]
+    caption = "All estimators side by side"
+    return ReportTable.of_columns("estimators", caption, columns, folded=True)
 
 
 def _blocks(folder: RunFolder, record: EstimateRecord, truth: Array | None) -> tuple[Block, ...]:

@@ -48,12 +48,10 @@ def experiment_report(folder: RunFolder) -> StageReport:
 
 
 def _noise_table(truth: Truth) -> ReportTable:
-    force = np.sqrt(np.diag(truth.force_covariance)).tolist()
-    length = (1e3 * np.sqrt(np.diag(truth.length_covariance))).tolist()
+    force, length = (np.sqrt(np.diag(c)) for c in (truth.force_covariance, truth.length_covariance))
     columns = (
-        Column("strut"),
-        Column("force noise σ", "N"),
-        Column("length noise σ", "mm"),
+        Column("strut", of=range(1, len(force) + 1)),
+        Column("force noise σ", "N", of=force),
+        Column("length noise σ", "mm", of=length, factor=1e3),
     )
-    rows = [(j + 1, force[j], length[j]) for j in range(len(force))]
-    return ReportTable.of("true_noise", "True noise of one sample", columns, rows)
+    return ReportTable.of_columns("true_noise", "True noise of one sample", columns)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 from constraints import limit_definitions
-from expdesign.export.record import CheckEntry, ExportsRecord, FileEntry
+from expdesign.export.record import ExportsRecord, FileEntry
 from expdesign.runfolder.manifest import file_hash
 from results.report.content import (
     Block,
@@ -18,7 +19,7 @@ from results.report.content import (
 )
 from results.report.folder import RunFolder
 from results.report.numerals import counted, percent, readable
-from results.report.table import Column, ReportTable, Value
+from results.report.table import Column, ReportTable, text_columns
 
 
 def export_report(folder: RunFolder) -> StageReport:
@@ -64,11 +65,12 @@ def export_report(folder: RunFolder) -> StageReport:
             Fact("record at", f"{readable(motion.sampling)} Hz"),
         )
     )
+    listed = [_File(name, entry) for name, entry in files.items()]
     blocks: list[Block] = [
         details,
         *folder.figures("motion"),
-        _files_table(files),
-        _read_back_table(files),
+        _files_table(listed),
+        _read_back_table(listed),
         _axes_table(files),
     ]
     readme = place / "README.txt"
@@ -78,60 +80,44 @@ def export_report(folder: RunFolder) -> StageReport:
     return StageReport(verdict, tuple(blocks))
 
 
-def _files_table(files: Mapping[str, FileEntry]) -> ReportTable:
-    rows: list[tuple[Value, ...]] = [
-        (
-            name,
-            entry.title,
-            entry.rows,
-            1e3 * entry.shortest_step,
-            1e3 * entry.longest_step,
-            entry.interpolation,
-            entry.digits,
-        )
-        for name, entry in files.items()
-    ]
+@dataclass(frozen=True)
+class _File:
+    name: str
+    entry: FileEntry
+
+
+def _files_table(files: Sequence[_File]) -> ReportTable:
     columns = (
-        Column("file", kind="text"),
-        Column("format", kind="text"),
-        Column("rows"),
-        Column("shortest step", "ms"),
-        Column("longest step", "ms"),
-        Column("between rows", kind="text"),
-        Column("decimals"),
+        Column("file", kind="text", of="name"),
+        Column("format", kind="text", of="entry.title"),
+        Column("rows", of="entry.rows"),
+        Column("shortest step", "ms", of="entry.shortest_step", factor=1e3),
+        Column("longest step", "ms", of="entry.longest_step", factor=1e3),
+        Column("between rows", kind="text", of="entry.interpolation"),
+        Column("decimals", of="entry.digits"),
     )
-    return ReportTable.of("exports", "Files in exports/", columns, rows)
+    return ReportTable.of("exports", "Files in exports/", columns, files)
 
 
-def _read_back_table(files: Mapping[str, FileEntry]) -> ReportTable:
-    rows: list[tuple[Value, ...]] = []
-    for name, entry in files.items():
-        found, change = entry.read_back, entry.read_back.information
-        rows.append(
-            (
-                name,
-                1e6 * found.position_error,
-                1e6 * found.tolerances.position,
-                1e3 * found.velocity_error,
-                100 * found.acceleration_error_share,
-                100 * found.force_error_share,
-                _tightest(found),
-                None if change is None else change.log_det_change,
-                None if change is None else 100 * change.std_change,
-                "–" if change is None else change.parameter,
-            )
-        )
+def _read_back_table(files: Sequence[_File]) -> ReportTable:
+    check, change = "entry.read_back", "entry.read_back.information"
+    acceleration, force = f"{check}.acceleration_error_share", f"{check}.force_error_share"
+
+    def decisive(file: _File) -> str:
+        information = file.entry.read_back.information
+        return "–" if information is None else information.parameter
+
     columns = (
-        Column("file", kind="text"),
-        Column("struts off by", "µm", digits=3),
-        Column("allowed", "µm", digits=3),
-        Column("speed off by", "mm/s", digits=3),
-        Column("acceleration off by", "%", digits=2),
-        Column("force off by", "%", digits=2),
-        Column("tightest limit, used", kind="text"),
-        Column("change of log det F", digits=2),
-        Column("change of σ", "%", digits=2),
-        Column("largest for", kind="parameter"),
+        Column("file", kind="text", of="name"),
+        Column("struts off by", "µm", digits=3, of=f"{check}.position_error", factor=1e6),
+        Column("allowed", "µm", digits=3, of=f"{check}.tolerances.position", factor=1e6),
+        Column("speed off by", "mm/s", digits=3, of=f"{check}.velocity_error", factor=1e3),
+        Column("acceleration off by", "%", digits=2, of=acceleration, factor=100),
+        Column("force off by", "%", digits=2, of=force, factor=100),
+        Column("tightest limit, used", kind="text", of=_tightest),
+        Column("change of log det F", digits=2, of=f"{change}.log_det_change"),
+        Column("change of σ", "%", digits=2, of=f"{change}.std_change", factor=100),
+        Column("largest for", kind="parameter", of=decisive),
     )
     caption = (
         "What the files do when they are executed, against the design: largest deviations "
@@ -139,17 +125,17 @@ def _read_back_table(files: Mapping[str, FileEntry]) -> ReportTable:
         "resampling and rounding change in log det F and in the predicted standard deviations σ "
         "over the measurement window"
     )
-    return ReportTable.of("read_back", caption, columns, rows)
+    return ReportTable.of("read_back", caption, columns, files)
 
 
-def _tightest(found: CheckEntry) -> str:
+def _tightest(file: _File) -> str:
     """Return the limit that is used most, and its share, 100 % at the bound."""
     definitions = limit_definitions()
     shares = {
         definitions[key].title: definitions[key].share_used(
             entry.value, entry.bound, entry.violation
         )
-        for key, entry in found.limits.items()
+        for key, entry in file.entry.read_back.limits.items()
         if key in definitions
     }
     if not shares:
@@ -164,12 +150,6 @@ def _axes_table(files: Mapping[str, FileEntry]) -> ReportTable:
         for name, entry in files.items()
         for axis in entry.axes
     ]
-    columns = (
-        Column("file", kind="text"),
-        Column("axis", kind="text"),
-        Column("moves", kind="text"),
-        Column("unit", kind="text"),
-        Column("start", digits=9),
-    )
+    columns = (*text_columns("file", "axis", "moves", "unit"), Column("start", digits=9))
     caption = "Axes of every file, and where they stand at the start"
     return ReportTable.of("export_axes", caption, columns, rows, folded=True)

@@ -20,10 +20,10 @@ from results.report.content import (
     TextBlock,
     Verdict,
 )
+from results.report.findings import failures, findings_table
 from results.report.folder import RunFolder
 from results.report.numerals import readable
-from results.report.stages.findings import failures, findings_table
-from results.report.table import Column, ReportTable, Value
+from results.report.table import Column, ReportTable
 
 FIGURES = ("noise_distribution", "noise_quantiles", "noise_covariance")
 """Figures of the noise; an estimate of the same recording draws the same ones."""
@@ -102,31 +102,19 @@ def _details(noise: NoiseFile) -> tuple[Fact, ...]:
 def _channels_table(
     what: str, unit: str, std: Array, shape: Normality | None, memory: Whiteness | None
 ) -> ReportTable:
-    unknown: list[Value] = [None] * len(std)
-    largest = unknown
-    if memory is not None:
-        found = memory.autocorrelation
-        largest = np.take_along_axis(found, np.argmax(np.abs(found), axis=1)[:, None], axis=1)[
-            :, 0
-        ].tolist()
-    cells: tuple[list[Value], ...] = (
-        list(range(1, len(std) + 1)),
-        std.tolist(),
-        unknown if shape is None else shape.skewness.tolist(),
-        unknown if shape is None else shape.kurtosis.tolist(),
-        unknown if shape is None else shape.outliers.tolist(),
-        largest,
-    )
+    unknown = [None] * len(std)
+    found = None if memory is None else memory.autocorrelation
+    largest = None if found is None else found[range(len(std)), np.argmax(np.abs(found), axis=1)]
     columns = (
-        Column("strut"),
-        Column("σ", unit),
-        Column("skewness", digits=2),
-        Column("excess kurtosis", digits=2),
-        Column("outliers"),
-        Column("largest autocorrelation", digits=2),
+        Column("strut", of=range(1, len(std) + 1)),
+        Column("σ", unit, of=std),
+        Column("skewness", digits=2, of=unknown if shape is None else shape.skewness),
+        Column("excess kurtosis", digits=2, of=unknown if shape is None else shape.kurtosis),
+        Column("outliers", of=unknown if shape is None else shape.outliers),
+        Column("largest autocorrelation", digits=2, of=unknown if largest is None else largest),
     )
     caption = f"Noise of one sample of the {what}s: size, shape and memory"
-    return ReportTable.of(f"noise_{what}s", caption, columns, zip(*cells, strict=True))
+    return ReportTable.of_columns(f"noise_{what}s", caption, columns)
 
 
 def _covariance_table(noise: NoiseFile) -> ReportTable:

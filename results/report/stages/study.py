@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, get_type_hints
 
 from estimation.studies import Claim, StudyRecord
@@ -27,7 +27,7 @@ from results.report.content import (
 )
 from results.report.folder import RunFolder
 from results.report.stages.estimate import NAMES
-from results.report.table import Column, ReportTable, Value
+from results.report.table import Column, ReportTable, Value, text_columns
 
 _TITLES = {
     "design": "Two criteria of design",
@@ -46,16 +46,48 @@ SIMULATED = (
 )
 
 
+_HEADINGS = {
+    "status": "search",
+    "log_det_information": "log det F",
+    "condition_si": "cond F, SI",
+    "condition_nominal": "cond F, nominal",
+    "strut_speed": "rms strut speed",
+    "strut_acceleration": "rms strut acceleration",
+    "log_det_first": "log det, first",
+    "log_det_second": "log det, second",
+    "std_error": "its error",
+    "rigid_body_smaller": "rigid-body",
+    "friction_smaller": "friction",
+    "predicted_std": "predicted",
+    "value": "estimate",
+    "bias_t": "bias / its error",
+    "bias_over_std": "bias / std",
+    "hausman_z": "ML − GM, z",
+    "low": "95 % from",
+    "high": "95 % to",
+    "tests": "tests that fail (runs)",
+    "situation": "cogging",
+    "variance_model_error": "about the prediction",
+    "variance_measurement_error": "of the noise",
+    "fails": "fails in",
+}
+"""Of columns that do not go by their name in the file."""
+
+_THREE_DIGITS = (
+    "condition_si condition_nominal strut_speed strut_acceleration difference std predicted_std "
+    "bias bias_t bias_over_std hausman_z power low high"
+)
+_DIGITS = {"std_error": 2, **dict.fromkeys(_THREE_DIGITS.split(), 3)}
+
+
 @dataclass(frozen=True)
 class _Shown:
-    """A table as the report shows it: other titles than columns' names, other digits than four."""
+    """A table as the report shows it, with some of its columns."""
 
     table: RowTable[Any]
     caption: str
     columns: str
-    titles: dict[str, str]
-    digits: dict[str, int] = field(default_factory=dict)
-    folded: bool = False
+    folded: bool = True
 
 
 _TABLES: dict[str, tuple[_Shown, ...]] = {
@@ -65,17 +97,7 @@ _TABLES: dict[str, tuple[_Shown, ...]] = {
             "The designs",
             "set criterion status log_det_information condition_si condition_nominal period "
             "strut_speed strut_acceleration",
-            {
-                "status": "search",
-                "log_det_information": "log det F",
-                "condition_si": "cond F, SI",
-                "condition_nominal": "cond F, nominal",
-                "strut_speed": "rms strut speed",
-                "strut_acceleration": "rms strut acceleration",
-            },
-            dict.fromkeys(
-                ("condition_si", "condition_nominal", "strut_speed", "strut_acceleration"), 3
-            ),
+            folded=False,
         ),
         _Shown(
             DETERMINANTS,
@@ -83,23 +105,11 @@ _TABLES: dict[str, tuple[_Shown, ...]] = {
             "knows better",
             "set kinematics estimator log_det_first log_det_second difference std_error "
             "rigid_body_smaller friction_smaller",
-            {
-                "log_det_first": "log det, first",
-                "log_det_second": "log det, second",
-                "std_error": "its error",
-                "rigid_body_smaller": "rigid-body",
-                "friction_smaller": "friction",
-            },
-            {"difference": 3, "std_error": 2},
-            folded=True,
         ),
         _Shown(
             PRECISION,
             "Means and standard deviations of all estimates",
             "set criterion kinematics estimator parameter unit truth mean std predicted_std",
-            {"predicted_std": "predicted"},
-            {"std": 3, "predicted_std": 3},
-            folded=True,
         ),
     ),
     "identification": (
@@ -107,14 +117,6 @@ _TABLES: dict[str, tuple[_Shown, ...]] = {
             ESTIMATES,
             "Estimates of the first experiment, and the bias over all",
             "case estimator parameter unit truth value std bias bias_t bias_over_std hausman_z",
-            {
-                "value": "estimate",
-                "bias_t": "bias / its error",
-                "bias_over_std": "bias / std",
-                "hausman_z": "ML − GM, z",
-            },
-            dict.fromkeys(("std", "bias", "bias_t", "bias_over_std", "hausman_z"), 3),
-            folded=True,
         ),
     ),
     "validation": (
@@ -122,20 +124,12 @@ _TABLES: dict[str, tuple[_Shown, ...]] = {
             POWER,
             "Parameters that are wrong on purpose: in how many runs a test says so",
             "parameter factor seen runs power low high tests",
-            {"low": "95 % from", "high": "95 % to", "tests": "tests that fail (runs)"},
-            {"power": 3, "low": 3, "high": 3},
+            folded=False,
         ),
         _Shown(
             VARIANCES,
             "Variance about the prediction and of the noise, mean of all runs",
             "situation motion actuator variance_model_error variance_measurement_error fails runs",
-            {
-                "situation": "cogging",
-                "variance_model_error": "about the prediction",
-                "variance_measurement_error": "of the noise",
-                "fails": "fails in",
-            },
-            folded=True,
         ),
     ),
 }
@@ -171,9 +165,7 @@ def judgement(claims: Sequence[Claim]) -> tuple[Level, str, str, Fact]:
 
 
 CLAIM_COLUMNS = (
-    Column("what", kind="text"),
-    Column("found (simulated)", kind="text"),
-    Column("the paper", kind="text"),
+    *text_columns("what", "found (simulated)", "the paper"),
     Column("verdict", kind="outcome"),
 )
 
@@ -198,10 +190,10 @@ def _report_table(shown: _Shown, record: StudyRecord) -> ReportTable:
     names = shown.columns.split()
     columns = [
         Column(
-            shown.titles.get(name, name),
+            _HEADINGS.get(name, name),
             described[name].unit if described[name].unit not in _NO_UNITS else "",
             "parameter" if name == "parameter" else "text" if name in texts else "number",
-            shown.digits.get(name, 4),
+            _DIGITS.get(name, 4),
         )
         for name in names
     ]

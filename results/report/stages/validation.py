@@ -13,9 +13,9 @@ from results.report.content import (
     TextBlock,
     Verdict,
 )
+from results.report.findings import against, findings_table, verdict_level
 from results.report.folder import RunFolder
 from results.report.stages.estimate import NAMES
-from results.report.stages.findings import against, findings_table, verdict_level
 from results.report.table import Column, ReportTable
 
 

@@ -1,13 +1,43 @@
-"""Estimates of a run folder with their covariances, and the tests between them."""
+"""What tests of an estimate found: assumptions, the model, differences between estimates."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 
 from constraints.arrays import Array
+from estimation.diagnostics import Finding, Outcome, Status, Verdict
 from estimation.identification.record import EstimateFile
 from estimation.uncertainty.differences import FAMILY_LEVEL, Differences, difference_test
+from results.report.content import Level
 from results.report.table import Column, ReportTable
+
+
+def verdict_level(verdict: Verdict) -> Level:
+    """Return how a verdict is to be taken."""
+    return Level.GOOD if verdict.status is Status.ACCEPTED else Level.BAD
+
+
+def findings_table(key: str, findings: Sequence[Finding], what: str) -> ReportTable:
+    """Return every assumption with its outcome."""
+    columns = (
+        Column("assumption", kind="text", of="assumption"),
+        Column("outcome", kind="outcome", of="outcome.value"),
+        Column("what was seen", kind="text", of="sentence"),
+        Column("what to do", kind="text", of="advice"),
+    )
+    return ReportTable.of(key, f"Assumptions of {what} and what became of them", columns, findings)
+
+
+def against(verdict: Verdict) -> str:
+    """Return what speaks against the model, as the diagnostics put it; empty when nothing does."""
+    return "; ".join(failures([finding for finding in verdict.findings if finding.serious]))
+
+
+def failures(findings: Sequence[Finding]) -> tuple[str, ...]:
+    """Return what was seen where an assumption fails."""
+    return tuple(f.sentence for f in findings if f.outcome is Outcome.FAILS)
 
 
 def estimated_values(summary: EstimateFile, estimator: str) -> Array:
@@ -46,14 +76,12 @@ def differences_table(
     """Return a test parameter by parameter."""
     judged = np.where(test.differs, "differs", "agrees")
     outcome = np.where(np.isfinite(test.z), judged, "not tested")
-    numbers = (test.difference, test.std, test.z, test.p_values, outcome)
     columns = (
-        Column("parameter", kind="parameter"),
-        Column("difference"),
-        Column("σ of difference", digits=3),
-        Column("z", digits=3),
-        Column("p (Holm)", digits=2),
-        Column("outcome", kind="outcome"),
+        Column("parameter", kind="parameter", of=names),
+        Column("difference", of=test.difference),
+        Column("σ of difference", digits=3, of=test.std),
+        Column("z", digits=3, of=test.z),
+        Column("p (Holm)", digits=2, of=test.p_values),
+        Column("outcome", kind="outcome", of=outcome),
     )
-    rows = zip(names, *(values.tolist() for values in numbers), strict=True)
-    return ReportTable.of(key, caption, columns, rows, folded=folded)
+    return ReportTable.of_columns(key, caption, columns, folded=folded)

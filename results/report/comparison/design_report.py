@@ -1,0 +1,240 @@
+"""Designs side by side: criteria, precision, effort, limits and what these cost."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from constraints.arrays import Array
+from expdesign.experiment.sensitivity import LimitSensitivity
+from results.figures.parameters import ParameterSeries, Series
+from results.report.comparison.designs import COUNTED, ComparedDesign, DesignComparison
+from results.report.content import Block, Fact, FigureBlock, Level, StageReport, TextBlock, Verdict
+from results.report.limit_gains import EXPLAINED, costliest_fact, gains_table
+from results.report.numerals import counted, duration, percent
+from results.report.table import Column, ReportTable, Value
+
+
+def designs_report(
+    comparison: DesignComparison, costs: dict[str, LimitSensitivity], figure: FigureBlock | None
+) -> StageReport:
+    """Return what is to be said of designs, with what their limits cost and the figure."""
+    designs = comparison.designs
+    blocks: list[Block] = []
+    facts: list[Fact] = []
+    sentence = f"{counted(len(designs), 'design')}."
+    if figure is not None:
+        blocks += [
+            _criteria_table(comparison),
+            figure,
+            _effort_table(comparison),
+            _precision_table(comparison),
+        ]
+        text, best = _efficiencies_in_words(comparison)
+        sentence += text
+        facts += best
+    blocks.append(_limits_table(designs))
+    if costs:
+        blocks.append(gains_table(costs, "the optimum beside the design"))
+        found = (costliest_fact(cost, f"{label}: ") for label, cost in costs.items())
+        facts += [fact for fact in found if fact is not None]
+        if any(each.unexplained > EXPLAINED for each in costs.values()):
+            text = (
+                "Where the limits leave more than 10 % of the cost's gradient unexplained, the "
+                "design is not near an optimum, and what its limits cost is not shown."
+            )
+            blocks.append(TextBlock(text, Level.CAUTION))
+    # No column of a table: tables are the same bytes whenever the same seeds were used.
+    seconds = {design.label: design.record.summary.solver.seconds for design in designs}
+    each = ", ".join(f"{label}: {duration(value)}" for label, value in seconds.items())
+    facts.append(Fact("search", duration(sum(seconds.values())), each))
+    verdict = Verdict("Designs", Level.NEUTRAL, "compared", sentence, "designs")
+    return StageReport(verdict, tuple(blocks), tuple(facts), comparison.differences())
+
+
+def _efficiencies_in_words(comparison: DesignComparison) -> tuple[str, list[Fact]]:
+    """Return which design has most information, and what the others have of it, by machine."""
+    every = _efficiencies(comparison)
+    several = len(comparison.machines) > 1
+    text, facts = "", []
+    for designs in comparison.machines:
+        shares = {
+            design.label: share for design in designs if (share := every[design.label]) is not None
+        }
+        if not shares:
+            continue
+        best = max(shares, key=lambda label: shares[label])
+        others = ", ".join(
+            f"{label} has {percent(value)} of its information per parameter"
+            for label, value in shares.items()
+            if label != best
+        )
+        among = f" of {' and '.join(shares)}" if several else ""
+        text += f" {best} has the largest log det F{among}{f'; {others}' if others else ''}."
+        facts.append(Fact("largest log det F", best, f"for {comparison.samples} samples"))
+    if several:
+        text += (
+            f" They are for {len(comparison.machines)} different robots ({COUNTED}), between which "
+            "there is no efficiency; precision is relative to each one's own nominal values."
+        )
+    return text, facts
+
+
+def _efficiencies(comparison: DesignComparison) -> dict[str, float | None]:
+    """Return the D-efficiency of each design relative to the best of its machine.
+
+    None where F is singular, and for the only design of a machine among several machines.
+    """
+    count = len(comparison.designs[0].names)
+    found: dict[str, float | None] = {}
+    for designs in comparison.machines:
+        values = {design.label: design.log_det(comparison.samples) for design in designs}
+        known = [value for value in values.values() if value is not None]
+        alone = len(designs) == 1 and len(comparison.machines) > 1
+        for label, value in values.items():
+            found[label] = (
+                None if value is None or alone else float(np.exp((value - max(known)) / count))
+            )
+    return found
+
+
+def _criteria_table(comparison: DesignComparison) -> ReportTable:
+    """Return all criteria in both scalings, one row per design."""
+    designs, samples, shares = comparison.designs, comparison.samples, _efficiencies(comparison)
+    columns = [
+        Column("design", kind="text", of=[design.label for design in designs]),
+        Column("log det F", digits=6, of=[design.log_det(samples) for design in designs]),
+        Column("D-efficiency", "%", factor=100, of=[shares[design.label] for design in designs]),
+    ]
+    for name, scaled in (("SI", False), ("nominal", True)):
+        spectra = [_spectrum(design, samples, scaled=scaled) for design in designs]
+        trace, smallest, condition = zip(*spectra, strict=True)
+        columns += [
+            Column(f"trace F⁻¹, {name}", of=trace),
+            Column(f"smallest eigenvalue, {name}", of=smallest),
+            Column(f"condition, {name}", of=condition),
+        ]
+    whose = "the nominal values" if comparison.same_nominal else "each one's own nominal values"
+    best = "the best"
+    if len(comparison.machines) > 1:
+        best += (
+            f" of the same robot ({COUNTED}), empty where no other design is of it: the "
+            "information of different robots differs by the machine and not only by the design"
+        )
+    caption = (
+        f"Criteria of every design for {samples} samples, in SI units and in units of "
+        f"{whose}; D-efficiency relative to {best}"
+    )
+    return ReportTable.of_columns("criteria", caption, columns)
+
+
+def _spectrum(design: ComparedDesign, samples: float, *, scaled: bool) -> tuple[float | None, ...]:
+    """Return trace of F⁻¹, smallest eigenvalue and condition number, in SI or nominal scaling."""
+    covariance, robot = design.covariance(samples), design.record.robot
+    if covariance is None:
+        return None, None, None
+    places = [robot.parameter_names.index(name) for name in design.names]
+    scale = robot.scales[places] if scaled else np.ones(len(places))
+    outer = np.multiply.outer(scale, scale)
+    inverse = covariance / outer
+    # The small eigenvalues come from the inverse, where they keep their digits.
+    smallest = 1 / float(np.linalg.eigvalsh(inverse)[-1])
+    largest = float(np.linalg.eigvalsh(design.information * samples * outer)[-1])
+    return float(np.trace(inverse)), smallest, largest / smallest
+
+
+def _relative_std(comparison: DesignComparison, samples: float) -> dict[str, Array]:
+    """Return σ relative to each design's own nominal values, (m,); NaN where there is none."""
+    return {
+        design.label: design.std(samples)
+        / np.where(design.nominal == 0, np.nan, np.abs(design.nominal))
+        for design in comparison.designs
+    }
+
+
+def _periods_needed(comparison: DesignComparison) -> dict[str, Array]:
+    """Return the periods that each parameter needs for the precision wanted, by design."""
+    found = {}
+    for design in comparison.designs:
+        one = _relative_std(comparison, design.period * comparison.sampling)[design.label]
+        found[design.label] = np.maximum(np.ceil((one / comparison.precision) ** 2 - 1e-9), 1.0)
+    return found
+
+
+def _precision_table(comparison: DesignComparison) -> ReportTable:
+    """Return predicted standard deviations and the periods needed, one row per parameter."""
+    relative = _relative_std(comparison, comparison.experiment_samples)
+    periods = _periods_needed(comparison)
+    designs = comparison.designs
+    shown = designs[:1] if comparison.same_nominal else designs
+    columns = [Column("parameter", kind="parameter", of=designs[0].names)]
+    for design in shown:
+        whose = "" if comparison.same_nominal else f", {design.label}"
+        columns.append(Column(f"nominal{whose}", of=design.nominal))
+    columns += [
+        Column(f"σ, {label}", "%", digits=3, of=own, factor=100) for label, own in relative.items()
+    ]
+    columns += [Column(f"periods, {label}", of=own) for label, own in periods.items()]
+    caption = (
+        f"Predicted standard deviations for {comparison.experiment_samples} samples at "
+        f"{comparison.sampling:g} Hz whatever the period, scaled by √samples from what each design "
+        f"states for its own experiment, in percent of {_whose(comparison)}, and the periods that "
+        f"each design needs for {100 * comparison.precision:g} %"
+    )
+    return ReportTable.of_columns("compared_parameters", caption, columns)
+
+
+def precision_series(comparison: DesignComparison) -> ParameterSeries:
+    """Return what the figure of the precision is drawn from."""
+    relative = _relative_std(comparison, comparison.experiment_samples)
+    return ParameterSeries(
+        comparison.designs[0].names,
+        tuple(Series(label, 100 * values) for label, values in relative.items()),
+    )
+
+
+def _effort_table(comparison: DesignComparison) -> ReportTable:
+    """Return the measuring time that each design needs, one row per design."""
+    designs, periods = comparison.designs, _periods_needed(comparison)
+    summaries = [design.record.summary for design in designs]
+    efforts = [_effort(design, periods[design.label]) for design in designs]
+    median, most, decisive, duration = zip(*efforts, strict=True)
+    columns = (
+        Column("design", kind="text", of=[design.label for design in designs]),
+        Column("status", kind="outcome", of=[summary.status for summary in summaries]),
+        Column("criterion", kind="text", of=[summary.criterion for summary in summaries]),
+        Column("harmonics", of=[summary.harmonics for summary in summaries]),
+        Column("period", "s", of=[design.period for design in designs]),
+        Column("periods, median parameter", of=median),
+        Column("periods, all parameters", of=most),
+        Column("decided by", kind="parameter", of=decisive),
+        Column("measuring time", "s", of=duration),
+    )
+    caption = (
+        f"Periods and time that each design needs for σ = {100 * comparison.precision:g} % of "
+        f"{_whose(comparison)}, measured at {comparison.sampling:g} Hz"
+    )
+    return ReportTable.of_columns("effort", caption, columns)
+
+
+def _effort(design: ComparedDesign, periods: Array) -> tuple[Value, Value, str, Value]:
+    """Return median and largest number of periods, the parameter that decides, and the time, s."""
+    if not np.any(np.isfinite(periods)):
+        return None, None, "–", None
+    worst = int(np.nanargmax(periods))
+    most = float(periods[worst])
+    return float(np.nanmedian(periods)), most, design.names[worst], most * design.period
+
+
+def _whose(comparison: DesignComparison) -> str:
+    return "the nominal value" if comparison.same_nominal else "its own robot's nominal value"
+
+
+def _limits_table(designs: tuple[ComparedDesign, ...]) -> ReportTable:
+    """Return the used share of every limit, one column per design."""
+    checks = {design.label: design.record.checks for design in designs}
+    titles = {check.key: check.title for own in checks.values() for check in own}
+    columns = [Column("limit", kind="text", of=titles.get)]
+    for label, own in checks.items():
+        used = {check.key: check.used for check in own}
+        columns.append(Column(label, "%", of=used.get, factor=100))
+    return ReportTable.of("compared_limits", "Used share of every limit", columns, titles)
