@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from estimation.data.formats import file_formats
+from estimation.data.reading import file_formats
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGES = ("constraints", "expdesign", "estimation", "results")

@@ -1,4 +1,4 @@
-"""File formats of recordings, and reading with their libraries: every failure is bad input.
+"""What a format of recordings is, and reading with its library: every failure is bad input.
 
 SciPy's reader of MATLAB files, HDF5 and asammdf trust the sizes and addresses that stand in a
 file: one wrong byte may end the process that reads it. They read in a process of their own.
@@ -6,7 +6,6 @@ file: one wrong byte may end the process that reads it. They read in a process o
 
 from __future__ import annotations
 
-import importlib.util
 import os
 import pickle
 import resource
@@ -16,11 +15,8 @@ import sys
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 
-from constraints.modules import modules_of
-from estimation.data import readers
 from estimation.data.table import RawTable
 from expdesign.configuration import DataSection, InputError
 
@@ -154,41 +150,3 @@ def serve() -> None:
         answer = error
     with os.fdopen(answers, "wb") as stream:
         pickle.dump(answer, stream)
-
-
-@cache
-def file_formats() -> tuple[FileFormat, ...]:
-    """Return every format: a module in ``estimation/data/readers`` is all that a new one needs."""
-    return tuple(found for module in modules_of(readers).values() for found in module.FORMATS)
-
-
-def format_of(path: Path) -> FileFormat:
-    """Return the format of a file or folder.
-
-    Raises
-    ------
-    InputError
-        There is no such file, no format claims it, or its library is not installed.
-    """
-    if not path.exists():
-        raise InputError("there is no such file", path)
-    found = next((each for each in file_formats() if each.claims(path)), None)
-    if found is None:
-        known = ", ".join(sorted({suffix for each in file_formats() for suffix in each.extensions}))
-        message = f"this file has no known extension: '{path.suffix}'"
-        if path.is_dir():
-            message = "this folder is no rosbag2 recording"
-        allowed = f"{known}, or the folder of a rosbag2 recording"
-        raise InputError(message, path, allowed=allowed)
-    if found.library is not None and not _installed(found.library):
-        message = f"{found.title} is read with {found.library}, which is not installed"
-        install = f"after: pip install expdesign[{found.extra}]"
-        raise InputError(message, path, allowed=install)
-    return found
-
-
-def _installed(library: str) -> bool:
-    try:
-        return importlib.util.find_spec(library) is not None
-    except ValueError:  # a module without a specification, such as one that was blocked
-        return False

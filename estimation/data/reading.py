@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import importlib.util
+from functools import cache
 from os import PathLike
 from pathlib import Path
 
 import numpy as np
 
+from constraints.modules import modules_of
+from estimation.data import readers
 from estimation.data.defects import (
     refuse_cells,
     refuse_few_rows,
@@ -16,7 +20,7 @@ from estimation.data.defects import (
     refuse_time,
     refuse_uneven,
 )
-from estimation.data.formats import format_of
+from estimation.data.formats import FileFormat
 from estimation.data.measurement import Measurement
 from estimation.data.table import RawTable
 from estimation.data.timebase import TimeBase, fitted_grid, stamped
@@ -29,6 +33,44 @@ from expdesign.configuration import (
     ResolvedRobot,
 )
 from expdesign.robot.robot import Robot
+
+
+@cache
+def file_formats() -> tuple[FileFormat, ...]:
+    """Return every format: a module in ``estimation/data/readers`` is all that a new one needs."""
+    return tuple(found for module in modules_of(readers).values() for found in module.FORMATS)
+
+
+def format_of(path: Path) -> FileFormat:
+    """Return the format of a file or folder.
+
+    Raises
+    ------
+    InputError
+        There is no such file, no format claims it, or its library is not installed.
+    """
+    if not path.exists():
+        raise InputError("there is no such file", path)
+    found = next((each for each in file_formats() if each.claims(path)), None)
+    if found is None:
+        known = ", ".join(sorted({suffix for each in file_formats() for suffix in each.extensions}))
+        message = f"this file has no known extension: '{path.suffix}'"
+        if path.is_dir():
+            message = "this folder is no rosbag2 recording"
+        allowed = f"{known}, or the folder of a rosbag2 recording"
+        raise InputError(message, path, allowed=allowed)
+    if found.library is not None and not _installed(found.library):
+        message = f"{found.title} is read with {found.library}, which is not installed"
+        install = f"after: pip install expdesign[{found.extra}]"
+        raise InputError(message, path, allowed=install)
+    return found
+
+
+def _installed(library: str) -> bool:
+    try:
+        return importlib.util.find_spec(library) is not None
+    except ValueError:  # a module without a specification, such as one that was blocked
+        return False
 
 
 def read_measurement(

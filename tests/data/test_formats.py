@@ -5,7 +5,7 @@ import sys
 import numpy as np
 import pytest
 
-from estimation.data.formats import file_formats, format_of
+from estimation.data.reading import file_formats, format_of
 from expdesign.configuration import InputError
 from tests.data.recordings import WRITERS
 

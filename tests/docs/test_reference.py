@@ -11,7 +11,7 @@ from pydantic_core import PydanticUndefined
 from typer.main import get_command
 
 from constraints import limit_definitions
-from estimation.data.formats import file_formats
+from estimation.data.reading import file_formats
 from estimation.diagnostics.noise_record import NoiseFile
 from estimation.identification.record import EstimateFile
 from estimation.montecarlo.record import MonteCarloFile, MonteCarloRecord, repetition_table
