@@ -75,6 +75,20 @@ class Workbench:
     design: FourierTrajectory
     twin: Twin
 
+    @classmethod
+    def of(cls, configuration: RunConfiguration, design: FourierTrajectory) -> Workbench:
+        """Build it.
+
+        Raises
+        ------
+        InputError
+            The run cannot be simulated, or fixes every parameter.
+        """
+        robot = robot_from(configuration.robot)
+        knowledge = parameter_knowledge(configuration, robot)
+        twin = Twin.of(configuration, design, configuration.run.montecarlo.seed)
+        return cls(configuration, robot, knowledge, design, twin)
+
     def repeat(self, number: int) -> Repetition:
         """Measure and estimate; what depends on `number` is the noise alone.
 
@@ -143,31 +157,6 @@ class Workbench:
             # One by one, to keep those that did not fail.
             return {name: self._outcomes(experiment, (name,))[name] for name in wanted}
         return {name: _outcome(found[name]) for name in wanted}
-
-
-@dataclass(frozen=True, eq=False)
-class Recipe:
-    """How a process builds its workbench; small, and can be pickled."""
-
-    configuration: RunConfiguration
-    design: FourierTrajectory
-
-    def __call__(self) -> Workbench:
-        """Build.
-
-        Raises
-        ------
-        InputError
-            The run cannot be simulated, or fixes every parameter.
-        """
-        robot = robot_from(self.configuration.robot)
-        return Workbench(
-            self.configuration,
-            robot,
-            parameter_knowledge(self.configuration, robot),
-            self.design,
-            Twin.of(self.configuration, self.design, self.configuration.run.montecarlo.seed),
-        )
 
 
 def _outcome(estimate: ParameterEstimate) -> Outcome:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ from constraints.arrays import Array
 from estimation.estimators import Knowledge
 from estimation.identification.estimate import refuse_ml_without_fit
 from estimation.montecarlo.journal import Journal
-from estimation.montecarlo.repetition import Outcome, Recipe, Repetition, Workbench
+from estimation.montecarlo.repetition import Outcome, Repetition, Workbench
 from estimation.montecarlo.statistics import (
     ParameterStatistics,
     PooledStatistics,
@@ -157,7 +158,7 @@ def run_study(
     """
     configuration = load_run(config)
     refuse_ml_without_fit(configuration, configuration.run.montecarlo.estimators, "montecarlo")
-    recipe = Recipe(configuration, design)
+    recipe = partial(Workbench.of, configuration, design)
     with threadpool_limits(limits=1, user_api="blas"):
         bench = recipe()
         bound = bench.bound()
@@ -202,7 +203,7 @@ def study_inputs(configuration: RunConfiguration, design: FourierTrajectory) -> 
 
 def _repetitions(
     configuration: RunConfiguration,
-    recipe: Recipe,
+    recipe: Callable[[], Workbench],
     numbers: Sequence[int],
     monitor: Monitor,
 ) -> Iterator[Repetition]:

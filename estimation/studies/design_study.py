@@ -275,10 +275,7 @@ class DesignStudy(Study):
                 pair[0].number,
                 kinematics,
                 estimator,
-                found.first,
-                found.second,
-                found.difference,
-                found.std_error,
+                *found,
                 int(np.count_nonzero(better & rigid)),
                 int(np.count_nonzero(better & ~rigid)),
             )

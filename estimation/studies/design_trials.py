@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
 from constraints.arrays import Array
-from estimation.montecarlo.repetition import Recipe
+from estimation.montecarlo.repetition import Workbench
 from estimation.studies.records import AgreementRow
 from estimation.studies.study import (
     TooFewEstimatesError,
@@ -80,7 +80,7 @@ def run_trials(
     section = study_section(configuration)
     pairs = [(k, c) for k in range(1, section.sets + 1) for c in section.criteria]
     total = len(pairs) * (1 + len(section.kinematics))
-    build = partial(_Bench, configuration)
+    build = partial(replace, configuration)
     jobs = [Job(_designed, pair) for pair in pairs]
     designs = list(results_of(configuration, build, jobs, monitor, (0, total)))
     wanted = [(index, k) for index in range(len(pairs)) for k in section.kinematics]
@@ -99,7 +99,7 @@ def run_trials(
         Trial(
             *pair,
             made,
-            linear_covariances(robot, _recipe(configuration, index, made, "exact")().twin),
+            linear_covariances(robot, _workbench(configuration, index, made, "exact").twin),
             {k: by_trial[index, k][0] for k in section.kinematics},
             {k: by_trial[index, k][1] for k in section.kinematics},
         )
@@ -146,15 +146,9 @@ def trial_name(number: int, criterion: str) -> str:
     return f"{number}-{criterion}"
 
 
-@dataclass(frozen=True)
-class _Bench:
-    """What every job shares."""
-
-    configuration: RunConfiguration
-
-
-def _designed(bench: _Bench, monitor: Monitor, number: int, criterion: str) -> DesignResult:
-    configuration = bench.configuration
+def _designed(
+    configuration: RunConfiguration, monitor: Monitor, number: int, criterion: str
+) -> DesignResult:
     run = configuration.run
     changed = with_section(
         configuration, "design", criterion=criterion, seed=run.design.seed + number - 1
@@ -165,11 +159,15 @@ def _designed(bench: _Bench, monitor: Monitor, number: int, criterion: str) -> D
 
 
 def _executed(
-    bench: _Bench, _monitor: Monitor, index: int, result: DesignResult, kinematics: Kinematics
+    configuration: RunConfiguration,
+    _monitor: Monitor,
+    index: int,
+    result: DesignResult,
+    kinematics: Kinematics,
 ) -> tuple[dict[str, Array], int]:
     """Return estimates by estimator, (K, m), and how many repetitions have none."""
-    workbench = _recipe(bench.configuration, index, result, kinematics)()
-    count = study_section(bench.configuration).repetitions
+    workbench = _workbench(configuration, index, result, kinematics)
+    count = study_section(configuration).repetitions
     found = []
     for number in range(1, count + 1):
         outcomes = workbench.repeat(number).outcomes
@@ -182,17 +180,17 @@ def _executed(
     }, count - len(found)
 
 
-def _recipe(
+def _workbench(
     configuration: RunConfiguration, index: int, result: DesignResult, kinematics: Kinematics
-) -> Recipe:
-    """Return how to repeat one design's experiment; no two designs share their noise."""
+) -> Workbench:
+    """Return what repeats one design's experiment; no two designs share their noise."""
     seed = configuration.run.montecarlo.seed + _SEEDS_APART * (index + 1)
     changed = with_section(configuration, "montecarlo", estimators=ESTIMATORS, seed=seed)
     differentiation = "central" if kinematics == "central" else "fourier"
     changed = with_section(changed, "estimate", differentiation=differentiation)
     if kinematics == "exact":
         changed = with_exact_lengths(changed)
-    return Recipe(changed, result.trajectory)
+    return Workbench.of(changed, result.trajectory)
 
 
 def linear_covariances(robot: Robot, twin: Twin) -> dict[str, Array]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy import special, stats
@@ -33,18 +34,11 @@ class Share:
         return f"{self.hits} of {self.trials} runs (95 %: {low:.0f} … {high:.0f} %)"
 
 
-@dataclass(frozen=True)
-class DeterminantComparison:
-    """Log-determinants of the covariances of two sets of repeated estimates.
+class DeterminantComparison(NamedTuple):
+    """Unbiased estimates of log det Cov of two sets of repeated estimates, in units of the scales.
 
-    Attributes
-    ----------
-    first, second : float
-        Unbiased estimates of log det Cov; parameters in units of their scale.
-    difference : float
-        Second minus first.
-    std_error : float
-        Of the difference, from the numbers of repetitions alone.
+    The standard error of their difference, second minus first, comes from the numbers of
+    repetitions alone.
     """
 
     first: float
@@ -54,13 +48,7 @@ class DeterminantComparison:
 
 
 def compare_determinants(first: Array, second: Array, scales: Array) -> DeterminantComparison:
-    """Compare two sets of estimates, (K, m) each.
-
-    Parameters
-    ----------
-    first, second : (K, m)
-    scales : (m,)
-        Units; they shift both alike.
+    """Compare two sets of estimates, (K, m) each, in units of `scales`, which shift both alike.
 
     Notes
     -----
@@ -94,12 +82,7 @@ def _log_det(values: Array) -> tuple[float, float]:
 
 
 def mean_difference(first: Array, second: Array) -> Differences:
-    """Test the difference of two means, parameter by parameter and jointly.
-
-    Parameters
-    ----------
-    first, second : (K, m)
-        Independent estimates; each K > m.
+    """Test the difference of two means of independent estimates, (K, m) with K > m each.
 
     Notes
     -----

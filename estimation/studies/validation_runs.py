@@ -6,8 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from constraints.arrays import Array, Mask
+from constraints.arrays import Mask
 from estimation.diagnostics import Diagnosis, diagnose
+from estimation.diagnostics.lack_of_fit import LackOfFit
+from estimation.diagnostics.residuals import VarianceComparison
 from estimation.estimators import Experiment, ParameterEstimate
 from estimation.identification import prepare_experiment, run_estimators
 from estimation.identification.estimate import parameter_knowledge
@@ -16,7 +18,6 @@ from estimation.twin import Twin
 from estimation.validation.motions import benchmark_motion
 from expdesign.configuration import InputError, RunConfiguration, ValidationMotion
 from expdesign.experiment.design import controller_period
-from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.robot import Robot, robot_from
 from expdesign.trajectory import FourierTrajectory
 
@@ -39,29 +40,15 @@ Predicted = dict[str, tuple[tuple[Experiment, Diagnosis], ...]]
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """One motion, predicted by one model.
+    """One motion, predicted by one model: its tests, and the assumptions that fail and matter."""
 
-    Attributes
-    ----------
-    failed : (6,) of bool
-        Actuators that fail the lack-of-fit test.
-    refused : str
-        Why there was no such test; empty when there was.
-    variance_model_error, variance_measurement_error : (6,)
-        Of single samples about the prediction, and of their noise, N².
-    against : tuple of str
-        Assumptions that fail and matter.
-    """
-
-    failed: Mask
-    refused: str
-    variance_model_error: Array
-    variance_measurement_error: Array
+    bias: LackOfFit
+    variances: VarianceComparison
     against: tuple[str, ...]
 
     def says(self, wanted: Mask) -> bool:
         """Tell whether the test was done, and exactly these actuators failed."""
-        return not self.refused and bool(np.all(self.failed == wanted))
+        return not self.bias.refused and bool(np.all(self.bias.failed == wanted))
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,12 +171,6 @@ def _trajectory(
 
 
 def _judged(diagnosis: Diagnosis) -> Prediction:
-    one = diagnosis.experiments[0]
-    test = one.tests.lack_of_fit
-    return Prediction(
-        failed=np.zeros(ACTUATORS, dtype=bool) if test.refused else np.asarray(test.failed),
-        refused=test.refused,
-        variance_model_error=np.asarray(one.tests.variance_comparison.model_error),
-        variance_measurement_error=np.asarray(one.tests.variance_comparison.measurement_error),
-        against=tuple(f.assumption for f in diagnosis.verdict.failed if f.serious),
-    )
+    tests = diagnosis.experiments[0].tests
+    against = tuple(f.assumption for f in diagnosis.verdict.failed if f.serious)
+    return Prediction(tests.lack_of_fit, tests.variance_comparison, against)

@@ -36,6 +36,7 @@ from estimation.studies.study import (
 from estimation.studies.validation_runs import (
     SITUATIONS,
     Predicted,
+    Prediction,
     ValidationBench,
     ValidationRun,
 )
@@ -154,7 +155,7 @@ class ValidationStudy(Study):
     def _verdict_claim(self, situation: str, number: int) -> Claim:
         title = f"{SITUATIONS[situation]}, {self.motions[number]}"
         if situation == "known":
-            fails = np.mean(self._failed(situation, number), axis=0)
+            fails = np.mean([p.bias.failed for p in self._predictions(situation, number)], axis=0)
             return Claim(
                 f"{title}: reported, not judged",
                 f"actuators that fail in most runs: {_listed(np.flatnonzero(fails > _MOST))}",
@@ -187,14 +188,14 @@ class ValidationStudy(Study):
             value,
         )
 
-    def _failed(self, situation: str, number: int) -> list[Mask]:
-        return [run.situations[situation][number].failed for run in self.runs]
+    def _predictions(self, situation: str, number: int) -> list[Prediction]:
+        return [run.situations[situation][number] for run in self.runs]
 
     def _mean_variances(self, situation: str, number: int) -> tuple[Array, Array]:
-        found = [run.situations[situation][number] for run in self.runs]
+        found = self._predictions(situation, number)
         return (
-            np.mean([one.variance_model_error for one in found], axis=0),
-            np.mean([one.variance_measurement_error for one in found], axis=0),
+            np.mean([one.variances.model_error for one in found], axis=0),
+            np.mean([one.variances.measurement_error for one in found], axis=0),
         )
 
     def _variances(self) -> Iterator[VarianceRow]:
@@ -202,7 +203,7 @@ class ValidationStudy(Study):
             for number, motion in enumerate(self.motions):
                 numbers = zip(
                     *self._mean_variances(situation, number),
-                    np.sum(self._failed(situation, number), axis=0),
+                    np.sum([p.bias.failed for p in self._predictions(situation, number)], axis=0),
                     strict=True,
                 )
                 for actuator, (model, noise, fails) in enumerate(numbers, start=1):
@@ -213,7 +214,7 @@ class ValidationStudy(Study):
         for number, run in enumerate(self.runs, start=1):
             for situation in SITUATIONS:
                 for motion, one in zip(self.motions, run.situations[situation], strict=True):
-                    fails = (bool(failed) for failed in one.failed)
+                    fails = (bool(failed) for failed in one.bias.failed)
                     yield VerdictRow(number, situation, motion, *fails, "; ".join(one.against))
 
     def _power(self) -> Iterator[PowerRow]:

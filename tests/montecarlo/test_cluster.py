@@ -1,11 +1,12 @@
 """The same study on a Dask cluster of two worker processes."""
 
 import builtins
+from functools import partial
 
 import pytest
 
 from estimation.montecarlo import run_study
-from estimation.montecarlo.repetition import Recipe
+from estimation.montecarlo.repetition import Workbench
 from expdesign.configuration import InputError
 from expdesign.workers import ClusterError, cluster_jobs
 from tests.montecarlo.examples import DESIGN, Watcher, repetition_rows, small
@@ -77,6 +78,10 @@ def test_dask_is_optional(monkeypatch):
 
     monkeypatch.setattr(builtins, "__import__", without)
     with pytest.raises(InputError) as error:
-        list(cluster_jobs("tcp://127.0.0.1:9", Recipe(small(), DESIGN), [], lambda: False))
+        list(
+            cluster_jobs(
+                "tcp://127.0.0.1:9", partial(Workbench.of, small(), DESIGN), [], lambda: False
+            )
+        )
     assert error.value.problems[0].key == "scheduler"
     assert "expdesign[dask]" in error.value.problems[0].allowed

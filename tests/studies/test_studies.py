@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimation.montecarlo.repetition import Recipe
+from estimation.diagnostics.lack_of_fit import LackOfFit
+from estimation.montecarlo.repetition import Workbench
 from estimation.studies import (
     DesignStudy,
     IdentificationStudy,
@@ -76,7 +77,7 @@ def test_linear_covariances_equal_plain_sums():
 
 def test_what_is_achieved_agrees_with_what_is_predicted():
     config = with_section(case({"kind": "design"}), "montecarlo", estimators=("ls", "gm"))
-    bench = Recipe(with_exact_lengths(config), MOTION)()
+    bench = Workbench.of(with_exact_lengths(config), MOTION)
     outcomes = [bench.repeat(number).outcomes for number in range(1, 61)]
     trial = Trial(
         1,
@@ -244,9 +245,9 @@ def test_what_designs_cannot_be_compared_by_is_refused_before_anything_is_comput
 
 def test_a_test_that_was_refused_is_no_verdict():
     nobody = np.zeros(6, dtype=bool)
-    one = Prediction(nobody, "", np.ones(6), np.ones(6), ())
+    one = Prediction(LackOfFit(p_values=np.ones(6)), None, ())
     assert one.says(nobody)
-    assert not replace(one, refused="one period").says(nobody)
+    assert not replace(one, bias=LackOfFit(refused="one period")).says(nobody)
 
 
 def test_a_study_that_is_stopped_says_how_far_it_was():
