@@ -129,10 +129,8 @@ def attribute(
         Of the regressor's columns.
     step : float
         Between two samples, s.
-    held_out : bool
-        The parameters were not estimated from these data.
-    experiments : int
-        How many are tested together: each gets its share of the levels.
+    held_out, experiments
+        As of `causes`.
     """
     families = causes(part, names, held_out=held_out, experiments=experiments)
     level = POSITION_PERIODIC / experiments

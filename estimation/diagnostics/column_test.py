@@ -111,12 +111,8 @@ def causes(
 ) -> tuple[Cause, ...]:
     """Return the families that are tested; each of several experiments gets its share of a level.
 
-    Parameters
-    ----------
-    names : tuple of str
-        Of the regressor's columns.
-    held_out : bool
-        The parameters were not estimated from these data.
+    `names` are those of the regressor's columns; when `held_out`, the parameters were not estimated
+    from these data.
     """
     parameters = Assumption(
         "one value fits all struts",

@@ -37,10 +37,9 @@ class JointSystem:
         S: S Σ Sᵀ = 1.
     counts : (R,)
         Samples that each row is the mean of.
-    forces : (R, 6)
-        Whitened residuals before the step.
-    columns : (R, 6, u)
-        Whitened columns of the unknowns (free parameters, motion, effects that were included).
+    forces, columns : (R, 6), (R, 6, u)
+        Whitened: residuals before the step; columns of the unknowns (free parameters, motion,
+        effects that were included).
     information, gradient : (u, u), (u,)
         Of the unknowns from the lengths, from other experiments and from priors.
     freedom : float
@@ -90,9 +89,7 @@ class SolvedSystem:
 
     Attributes
     ----------
-    inverse : (u, u)
-        J⁻¹.
-    root : (u, r)
+    inverse, root : (u, u), (u, r)
         J⁻¹ = root rootᵀ.
     rest : (R, 6)
         Whitened e*.
@@ -104,19 +101,13 @@ class SolvedSystem:
     rest: Array
 
     def scores(self, columns: Array) -> tuple[Array, Array, Array]:
-        """Test columns one by one: return scores, information and zᵀ W z, (q,) each.
-
-        Parameters
-        ----------
-        columns : (R, 6, q)
-            N per unit of the effect.
-        """
+        """Return scores, information and zᵀ W z, (q,), of columns, (R, 6, q), one by one."""
         rows, mixed = self._projected(columns)
         whole = np.einsum("nq,nq->q", rows, rows)
         return rows.T @ self.rest.ravel(), whole - np.einsum("qr,qr->q", mixed, mixed), whole
 
     def fitted(self, columns: Array) -> tuple[Array, Array]:
-        """Fit columns together: return their coefficients (q,) and covariance (q, q)."""
+        """Return the coefficients, (q,), of columns fitted together, and their covariance."""
         rows, mixed = self._projected(columns)
         scaled = ScaledInformation.of(rows.T @ rows - mixed @ mixed.T)
         inverse = np.linalg.inv(scaled.matrix) / np.multiply.outer(scaled.scales, scaled.scales)

@@ -152,8 +152,6 @@ def lack_of_fit(
         Of the residuals; its cross part is zero for held-out data.
     residuals : (R, 6), optional
         Other residuals than those of the estimate, N.
-    level : float
-        Of the family.
     """
     if law.noise.includes_model_error:
         return LackOfFit(

@@ -161,10 +161,8 @@ def linearise(
 
     Parameters
     ----------
-    values : (m,)
-        Parameters, SI.
-    free : (m,) of bool
-        Those that were estimated.
+    values, free : (m,)
+        Parameters, SI, and which of them were estimated.
     motion : HarmonicMotion or None
         None: the pointwise motion of the experiment.
     """

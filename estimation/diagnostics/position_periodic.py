@@ -85,16 +85,9 @@ def scan_pitches(
     step: float,
     level: float = POSITION_PERIODIC,
 ) -> PitchScan:
-    """Scan the pitches of one strut.
+    """Scan the pitches of one strut, whose samples are `step` apart, s.
 
-    Parameters
-    ----------
-    solved : SolvedSystem
-        With the columns of all effects that are taken as known.
-    step : float
-        Between two samples, s.
-    level : float
-        Of the family of all struts and pitches.
+    The level is that of all struts and pitches together.
     """
     length = part.position[:, strut]
     frequencies = _frequencies(length, part.speed[:, strut], step)

@@ -33,16 +33,10 @@ class ResidualLaw:
 
     Attributes
     ----------
-    noise : NoiseEstimate
-        Of one sample.
-    columns : (R, 6, u)
-        U, times the roots of the counts.
-    partner : (R, 6, u)
-        V, times the roots of the counts.
-    cross : (u, u)
-        X.
-    covariance : (u, u)
-        C.
+    columns, partner : (R, 6, u)
+        U and V, times the roots of the counts.
+    cross, covariance : (u, u)
+        X and C.
     extra : (R, 6)
         Further variances, times the counts.
     """

@@ -113,14 +113,8 @@ class Knowledge:
     def best_step(self, information: Array, gradient: Array, values: Array) -> Array:
         """Return the step of the free parameters that maximises gᵀs − ½ sᵀ F s within the bounds.
 
-        Parameters
-        ----------
-        information : (k, k)
-            F of the free parameters, priors included.
-        gradient : (k,)
-            g, priors included.
-        values : (m,)
-            Where the step begins.
+        F, (k, k), and g, (k,), are those of the free parameters, priors included; the step begins
+        at `values`, (m,).
 
         Raises
         ------

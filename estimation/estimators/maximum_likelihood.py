@@ -41,12 +41,7 @@ def maximum_likelihood(
 ) -> ParameterEstimate:
     """Estimate parameters and motions jointly.
 
-    Parameters
-    ----------
-    experiments : sequence of Experiment
-        With fitted motions.
-    start : ParameterEstimate
-        Where to begin: the Gauss–Markov estimate.
+    The motions of the experiments are fitted ones, and `start` is the Gauss–Markov estimate.
 
     Raises
     ------

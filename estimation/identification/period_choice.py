@@ -105,12 +105,7 @@ def period_warning(
 ) -> str:
     """Return what is to be said of a period that was taken from the design or from the run.
 
-    Parameters
-    ----------
-    motion : HarmonicMotion
-        As fitted with that period.
-    covariance : (6, 6)
-        Δ of one sample, m².
+    The motion was fitted with that period; the covariance is Δ of one sample, (6, 6), m².
 
     Raises
     ------

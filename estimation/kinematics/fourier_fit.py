@@ -72,12 +72,8 @@ def fit_motion(
 ) -> MotionFit:
     """Fit a motion with H harmonics to the measured lengths.
 
-    Parameters
-    ----------
-    covariance : (6, 6)
-        Δ of one sample, m².
-    start : HarmonicMotion, optional
-        Where to begin; by default the forward kinematics of some of the lengths.
+    The covariance is Δ of one sample, (6, 6), m². By default the fit starts from the forward
+    kinematics of some of the lengths.
 
     Raises
     ------
@@ -166,12 +162,7 @@ def choose_harmonics(
 ) -> MotionFit:
     """Fit the motion with as many harmonics as stand out of the noise.
 
-    Parameters
-    ----------
-    covariance : (6, 6)
-        Δ of one sample, m².
-    least : int
-        Harmonics that the motion has for certain (those of the design, or 1).
+    The motion has `least` of them for certain; the covariance is Δ of one sample, (6, 6), m².
     """
     per_period = record.samples if record.averaged else record.period / record.step
     most = int(min(_MOST, (per_period - 1) // 4, (record.samples - 1) // 8))

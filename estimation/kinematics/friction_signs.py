@@ -19,14 +19,9 @@ from expdesign.robot import Robot
 
 
 def expected_signs(robot: Robot, motion: HarmonicMotion, times: Array, spread: Array) -> Array:
-    """Return E[sign] of the rates that the terms use, (S, s).
+    """Return E[sign] of the rates that the terms use, (S, s), at the times given, s.
 
-    Parameters
-    ----------
-    times : (S,)
-        s.
-    spread : (S, s)
-        Standard deviations of the rates (`rate_spread`); 0 gives the plain signs.
+    `spread` is their standard deviation, (S, s), as of `rate_spread`; 0 gives the plain signs.
     """
     rates, _ = sliding_kernel(robot.terms)(motion.at(times).state(), robot.geometry_vector)
     doubtful = spread > 0

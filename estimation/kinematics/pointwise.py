@@ -25,15 +25,7 @@ _EDGE = 2
 
 @dataclass(frozen=True, eq=False)
 class PointwiseMotion:
-    """States at the samples whose neighbours are known.
-
-    Attributes
-    ----------
-    rows : (R,)
-        Indices of these samples in the record.
-    state : (R, 18)
-        λ, λ̇, λ̈.
-    """
+    """States λ, λ̇, λ̈, (R, 18), at those rows of the record, (R,), whose neighbours are known."""
 
     rows: NDArray[np.intp]
     state: Array

@@ -94,12 +94,10 @@ class HarmonicMotion:
 
 @dataclass(frozen=True, eq=False)
 class SampledMotion:
-    """A motion at S instants.
+    """A motion at S instants, s.
 
     Attributes
     ----------
-    times : (S,)
-        s.
     basis : tuple of four (S, 2 H + 1)
         Derivatives 0 … 3 of 1, sin kωt, cos kωt with respect to time.
     """
@@ -113,17 +111,7 @@ class SampledMotion:
         return np.concatenate([b @ self.motion.table.T for b in self.basis[first : first + 3]], 1)
 
     def chain(self, slope: Array) -> Array:
-        """Carry slopes to the pose and its derivatives over to ξ.
-
-        Parameters
-        ----------
-        slope : (S, r, 6 n)
-            To pose (n = 1), rate (2) and acceleration (3).
-
-        Returns
-        -------
-        (S, r, x)
-        """
+        """Carry slopes to the pose and its n − 1 first derivatives, (S, r, 6 n), over to ξ."""
         count, rows, depth = slope.shape
         table = self.motion.table
         coefficients = np.zeros((count, rows, *table.shape))

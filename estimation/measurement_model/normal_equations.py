@@ -22,13 +22,7 @@ Rows = tuple[Array, Array, Array]
 
 
 def whitened(values: Array, white: Array, counts: Array) -> Array:
-    """Return residuals (S, 6) or columns (S, 6, u) scaled to noise of unit covariance.
-
-    Parameters
-    ----------
-    white : (6, 6)
-        S: S Σ Sᵀ = 1.
-    """
+    """Return residuals (S, 6) or columns (S, 6, u) scaled to unit covariance by S: S Σ Sᵀ = 1."""
     columns = values.reshape(*values.shape[:2], -1)
     return (np.matmul(white, columns) * np.sqrt(counts)[:, None, None]).reshape(values.shape)
 

@@ -84,12 +84,7 @@ def predict_forces(
 ) -> ForcePrediction:
     """Return A at the times given, s, and the slope of A p to ξ and to time.
 
-    Parameters
-    ----------
-    signs : (S, s)
-        Friction signs of the rates that the terms use, at the same instants.
-    parameters : (m,)
-        SI.
+    `signs` are those of the rates that the terms use, (S, s); parameters, (m,), are in SI.
     """
     sampled = motion.at(times)
     kernel = force_kernel(robot.terms)

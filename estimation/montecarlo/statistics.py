@@ -126,13 +126,9 @@ def parameter_statistics(
 
 
 def pooled_statistics(errors: Array, std: Array, widths: Array, bound: Array) -> PooledStatistics:
-    """Return the statistics of several parameters together.
+    """Return the statistics of m parameters together; arguments as of `parameter_statistics`.
 
-    Parameters
-    ----------
-    errors, std : (K, m)
-    widths : (K,)
-    bound : (m,)
+    Errors and std are (K, m) here, the bound is (m,).
 
     Notes
     -----
@@ -174,14 +170,7 @@ def pooled_statistics(errors: Array, std: Array, widths: Array, bound: Array) ->
 
 
 def share_interval(share: float, trials: float) -> tuple[float, float]:
-    """Return the 95 % interval of a probability by Clopper and Pearson; trials need not be whole.
-
-    Parameters
-    ----------
-    share : float
-        Of the trials that were hits.
-    trials : float
-    """
+    """Return Clopper's and Pearson's 95 % interval of a probability; trials need not be whole."""
     tail = (1 - LEVEL) / 2
     hits = share * trials
     misses = trials - hits

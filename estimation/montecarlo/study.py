@@ -44,8 +44,6 @@ class Study:
     ----------
     bound : (m, m)
         Cramér–Rao bound at the truth as a covariance; zero for fixed parameters.
-    repetitions : tuple of Repetition
-        In the order of their numbers.
     wanted : int
         K. Fewer are done when the study was interrupted.
     """

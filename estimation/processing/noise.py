@@ -76,12 +76,7 @@ class NoiseModel:
 def scatter_between_periods(values: Array, weights: Array | None = None) -> NoiseEstimate:
     """Return the covariance of the scatter about the mean over the periods.
 
-    Parameters
-    ----------
-    values : (M, N, 6)
-        M ≥ 2 periods of N samples.
-    weights : (M, N), optional
-        Between 0 and 1; samples that count less.
+    Of M ≥ 2 periods of N samples, (M, N, 6); weights, (M, N) from 0 to 1, let samples count less.
 
     Notes
     -----
@@ -108,10 +103,7 @@ def scatter_about_series(
 ) -> tuple[NoiseEstimate, Array]:
     """Return the covariance of the scatter about a Fourier series, and the residuals (T, 6).
 
-    Parameters
-    ----------
-    weights : (T,), optional
-        Between 0 and 1; samples that count less.
+    Weights, (T,) from 0 to 1, let samples count less.
 
     Notes
     -----
@@ -152,12 +144,7 @@ def series_harmonics(rows: int, rows_per_period: float) -> int:
 
 
 def huber_weights(values: Array) -> Array:
-    """Return a weight in (0, 1] for every sample, (M, N), from its distance to its fellows.
-
-    Parameters
-    ----------
-    values : (M, N, 6)
-        M ≥ 3 periods.
+    """Return a weight in (0, 1] for every sample of periods, (M, N, 6): (M, N).
 
     Notes
     -----
@@ -186,14 +173,6 @@ def series_weights(
 ) -> tuple[NoiseEstimate, Array]:
     """Return the covariance about a Fourier series and a weight for every sample, (T,).
 
-    Parameters
-    ----------
-    times : (T,)
-        s.
-    values : (T, 6)
-
-    Notes
-    -----
     As `huber_weights`, with distances from the series, which is fitted again with the weights.
     """
     weights = np.ones(len(times))

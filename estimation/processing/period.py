@@ -136,12 +136,7 @@ def _change_after(data: Measurement, period: float) -> float:
 def refined_omega(data: Measurement, omega: float, spread: float | None = None) -> float:
     """Return the ω near the one given, rad/s, whose Fourier series fits the lengths best.
 
-    Parameters
-    ----------
-    omega : float
-        Where to look, rad/s.
-    spread : float, optional
-        How far to look to either side, relative; by default one step of the period.
+    `spread` is how far to look to either side, relative; by default one step of the period.
     """
     times = data.time - data.time[0]
     per_period = 2 * np.pi / (omega * data.step)

@@ -35,8 +35,6 @@ class Trial:
 
     Attributes
     ----------
-    number : int
-        Of the set, from 1.
     predicted : dict of (m, m)
         Covariances of LS and GM with exact kinematics.
     values : dict of dict of (K, m)

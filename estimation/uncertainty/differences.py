@@ -23,20 +23,14 @@ class Differences:
 
     Attributes
     ----------
-    difference : (m,)
-        Second estimate minus first.
-    std : (m,)
-        Standard deviation of the difference; NaN where it has none.
-    z : (m,)
-        Their ratio; NaN where it cannot be judged.
+    difference, std, z : (m,)
+        Second estimate minus first, its standard deviation, and their ratio; NaN where there is
+        none.
     p_values : (m,)
         Two-sided, each corrected for the family (Holm); NaN where not judged.
-    statistic : float
-        Wald statistic of all parameters together.
-    freedom : int
-        Its degrees of freedom; 0 where nothing can be judged.
-    p_joint : float
-        Its p-value; NaN where nothing can be judged.
+    statistic, freedom, p_joint : float, int, float
+        Wald statistic of all parameters together, its degrees of freedom and p-value; 0, 0 and
+        NaN where nothing can be judged.
     """
 
     difference: Array

@@ -49,13 +49,7 @@ class ParameterRow:
 def parameter_rows(
     robot: Robot, estimate: ParameterEstimate, knowledge: Knowledge, freedom: float
 ) -> list[ParameterRow]:
-    """Return the rows of all parameters.
-
-    Parameters
-    ----------
-    freedom : float
-        Degrees of freedom behind the noise covariance; inf when it was given.
-    """
+    """Return the rows of all parameters; `freedom` is that behind the noise covariance."""
     scales = robot.scales
     width = interval_width(freedom)
     rows = []
@@ -81,13 +75,7 @@ def parameter_rows(
 
 
 def interval_width(freedom: float) -> float:
-    """Return half the width of a 95 % interval in standard deviations.
-
-    Parameters
-    ----------
-    freedom : float
-        Degrees of freedom behind the standard deviation; inf when it is known.
-    """
+    """Return half the width of a 95 % interval in standard deviations, known (inf) or estimated."""
     tail = 0.5 + LEVEL / 2
     return float(stats.t.ppf(tail, freedom) if np.isfinite(freedom) else stats.norm.ppf(tail))
 
