@@ -22,9 +22,9 @@ class ParameterEstimate:
         SI, in the order of the robot's parameters; fixed ones included.
     covariance : (m, m)
         Of the estimate, all shares together; zero for fixed parameters.
-    force_share : (m, m)
+    covariance_forces : (m, m)
         The part that the noise of the forces (and the prior) makes.
-    kinematic_share : (m, m) or None
+    covariance_kinematics : (m, m) or None
         The part that the noise of the lengths makes; None where it is not known (pointwise
         differentiation): the covariance is then too small.
     motions : tuple of HarmonicMotion
@@ -36,8 +36,8 @@ class ParameterEstimate:
     estimator: str
     values: Array
     covariance: Array
-    force_share: Array
-    kinematic_share: Array | None
+    covariance_forces: Array
+    covariance_kinematics: Array | None
     motions: tuple[HarmonicMotion, ...]
     cost: float
     iterations: int

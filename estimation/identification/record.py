@@ -141,16 +141,10 @@ class EstimatorKeys:
             motion.delayed(record.experiment.record.origin).trajectory
             for motion, record in zip(estimate.motions, result.records, strict=False)
         ]
-        return cls(
-            status=estimate.status,
-            converged=bool(estimate.converged),
-            iterations=estimate.iterations,
-            cost=float(estimate.cost),
-            seconds=estimate.seconds,
+        return copied(
+            cls,
+            estimate,
             values=dict(zip(result.knowledge.names, estimate.values.tolist(), strict=True)),
-            covariance=estimate.covariance,
-            covariance_forces=estimate.force_share,
-            covariance_kinematics=estimate.kinematic_share,
             combinations=result.combinations[estimate.estimator],
             motions=tuple(copied(FourierKeys, motion) for motion in motions),
         )

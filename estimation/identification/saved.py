@@ -11,21 +11,12 @@ from estimation.estimators import Knowledge, ParameterEstimate
 from estimation.identification.record import EstimateFile
 from expdesign.configuration import EstimateSection, InputError
 from expdesign.robot import Robot
+from expdesign.runfolder import copied
 
 
 @dataclass(frozen=True, eq=False)
 class SavedEstimate:
-    """Parameters and their covariance, ready to predict other motions with.
-
-    Attributes
-    ----------
-    path : Path
-        Of the `estimate.json`.
-    estimate : ParameterEstimate
-        Without motions.
-    knowledge : Knowledge
-        Which parameters were free.
-    """
+    """Parameters and their covariance, without motions, and the place of the `estimate.json`."""
 
     path: Path
     estimate: ParameterEstimate
@@ -91,18 +82,12 @@ def saved_estimate(
     fixed: dict[str, float | None] = {name: entry.values[name] for name in found.fixed}
     return SavedEstimate(
         path,
-        ParameterEstimate(
+        copied(
+            ParameterEstimate,
+            entry,
             estimator=key,
             values=np.array([entry.values[name] for name in names]),
-            covariance=entry.covariance,
-            force_share=entry.covariance_forces,
-            kinematic_share=entry.covariance_kinematics,
             motions=(),
-            cost=entry.cost,
-            iterations=entry.iterations,
-            converged=entry.converged,
-            status=entry.status,
-            seconds=entry.seconds,
         ),
         Knowledge.of(robot, EstimateSection(fixed=fixed)),
     )

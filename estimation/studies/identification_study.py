@@ -165,7 +165,7 @@ class IdentificationBench:
                 estimates |= run_estimators(self.robot, [experiment], self.knowledge, ("ls", "gm"))
             except FAILURES:
                 return None
-        share = estimates["ml"].kinematic_share
+        share = estimates["ml"].covariance_kinematics
         if fitted.fit is None or share is None:
             raise AssertionError("maximum likelihood has a motion")
         return Identification(

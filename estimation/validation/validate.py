@@ -75,7 +75,7 @@ def validate(configuration: RunConfiguration, saved: SavedEstimate) -> Validatio
             for number, motion in enumerate(configuration.run.validation, start=1)
         ]
     warnings = list(configuration.warnings)
-    if saved.estimate.kinematic_share is None:
+    if saved.estimate.covariance_kinematics is None:
         warnings.append(
             "the estimate comes from pointwise differentiation: it is biased and its covariance "
             "too small, so that the tests may fail for the estimate's sake"

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
-from pydantic import BeforeValidator, PlainSerializer
 
 from constraints import Limit
 from constraints.arrays import Array
@@ -19,8 +17,8 @@ from expdesign.configuration import (
     load_run,
     resolved_yaml,
 )
-from expdesign.experiment.result import DesignResult, PredictedPrecision, whole
-from expdesign.information.criteria import CRITERIA
+from expdesign.experiment.design_file import DesignFile, Start
+from expdesign.experiment.result import DesignResult
 from expdesign.information.fisher import ScaledInformation
 from expdesign.mechanism.catalogue import parameter_unit
 from expdesign.motion.sampled import SampledMotion
@@ -34,14 +32,14 @@ from expdesign.runfolder import (
     MissingFileError,
     OpenNumber,
     RowTable,
+    copied,
     described,
 )
 from expdesign.runfolder.atomic import write_text
+from expdesign.runfolder.manifest import RUN_FILE
 from expdesign.runfolder.table import Matrices
 from expdesign.solver.search import SearchResult
-from expdesign.trajectory import TrajectoryFile, fourier_keys
 
-RUN_FILE = "run.yaml"
 _WRITER = "`expdesign design`"
 
 
@@ -63,30 +61,6 @@ class ParameterPrecision:
     ]
     rel_std_percent_experiment: Annotated[
         OpenNumber, described("%", "of the nominal value; empty where that is 0")
-    ]
-
-
-@dataclass(frozen=True)
-class Start:
-    """A start or hop of the search; without times, so that it is the same for the same seed."""
-
-    index: Annotated[
-        int, described("1", "number of the start, from 1; hops go on counting", name="start")
-    ]
-    kind: Annotated[
-        str, described("", "random, or hop; every second of those after the starts is random")
-    ]
-    criterion_value: Annotated[
-        OpenNumber, described("", "criterion of the motion reached, within its limits")
-    ]
-    finished_value: Annotated[
-        OpenNumber, described("", "the same after its finish; empty for those not finished")
-    ]
-    iterations: Annotated[int, described("1", "iterations of all stages")]
-    converged: Annotated[bool, described("", "whether the last stage converged")]
-    status: Annotated[str, described("", "how the last stage ended")]
-    best: Annotated[
-        bool, described("", "whether the design came from it: the best of the finished")
     ]
 
 
@@ -120,136 +94,12 @@ class Eigenvalue:
     ]
 
 
-@dataclass(frozen=True)
-class TimedStart(Start):
-    """A start in `design.json`: with its time, and what each of its stages did."""
-
-    seconds: float
-    stages: tuple[dict[str, Any], ...]
-
-
-@dataclass(frozen=True)
-class SolverRecord:
-    """What the search did."""
-
-    name: str
-    iterations: int
-    evaluations: dict[str, int]
-    seconds: float
-    best_start: int
-    finish: dict[str, Any]
-    starts: tuple[TimedStart, ...]
-
-
-def _written(precision: PredictedPrecision) -> dict[str, float]:
-    return {"samples": precision.samples, "periods": precision.periods, **precision.std}
-
-
-def _read(keys: object) -> object:
-    if not isinstance(keys, dict) or "samples" not in keys or "periods" not in keys:
-        return keys
-    std = {name: value for name, value in keys.items() if name not in {"samples", "periods"}}
-    return {"samples": keys["samples"], "periods": keys["periods"], "std": std}
-
-
-# In the file the parameters stand beside the samples and the periods.
-_Precision = Annotated[PredictedPrecision, BeforeValidator(_read), PlainSerializer(_written)]
-
-
-@dataclass(frozen=True)
-class PredictedStd:
-    """The standard deviations that a design promises."""
-
-    per_period: _Precision
-    experiment: _Precision
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class DesignFile(TrajectoryFile):
-    """`design.json`: the trajectory, what was optimised and what was found."""
-
-    units: Annotated[str, described("", "of all values: SI and radians")]
-    name: Annotated[str, described("", "name of the run")]
-    criterion: Annotated[str, described("", "what was optimised: d, a, e or condition")]
-    scaling: Annotated[str, described("", "of the parameters in the criterion: si or nominal")]
-    parameters: Annotated[tuple[str, ...], described("", "the parameters that are judged")]
-    frequency_hz: Annotated[float, described("Hz", "base frequency")]
-    period: Annotated[float, described("s", "of the motion")]
-    controller_period: Annotated[float | None, described("s", "step of the controller")]
-    samples_per_period: Annotated[
-        int | float,
-        described("1", "controller steps of one period, whole unless the frequency was fixed"),
-    ]
-    samples: Annotated[int, described("1", "samples of one period in the information")]
-    log_det_information: Annotated[
-        OpenNumber,
-        described("", "log det F of the judged parameters: unsmoothed model, full Σ, SI"),
-    ]
-    criterion_value: Annotated[
-        OpenNumber,
-        described("", "log det, trace of F⁻¹, smallest eigenvalue or condition number"),
-    ]
-    predicted_std: Annotated[
-        PredictedStd,
-        described(
-            "SI",
-            "per_period and experiment: samples, periods and the standard deviation of each "
-            "parameter",
-        ),
-    ]
-    status: Annotated[str, described("", "converged, not converged, interrupted or limits broken")]
-    status_text: Annotated[
-        str, described("", "how the last stage of the best start ended, in words")
-    ]
-    solver: Annotated[
-        SolverRecord,
-        described(
-            "",
-            "name, iterations, evaluations, seconds of all starts, best_start, finish (shrink, "
-            "record), starts: of each the columns of tables/starts.csv, seconds and stages",
-        ),
-    ]
-    limits: Annotated[
-        dict[str, dict[str, Any]],
-        described(
-            "",
-            "for each limit: worst value, bound, unit, row, strut, time, violation, origin, "
-            "certified, method",
-        ),
-    ]
-    warnings: Annotated[tuple[str, ...], described("", "in words")] = ()
-
-    @classmethod
-    def upgraded(cls, data: dict[str, Any], written: int) -> dict[str, Any]:
-        """Return what a file of format 0 holds: there the best start was not marked."""
-        del written
-        match data.get("solver"):
-            case {"best_start": best, "starts": [*starts]}:
-                marked = [
-                    {**start, "best": start.get("index") == best}
-                    for start in starts
-                    if isinstance(start, dict)
-                ]
-                return {**data, "solver": {**data["solver"], "starts": marked}}
-        return data
-
-
 @dataclass(frozen=True, eq=False)
 class DesignRecord(FolderRecord):
     """A design with all that its run folder says of it: what figures and reports are made from.
 
-    Attributes
-    ----------
-    robot : Robot
-        With the limits and the noise of the run.
-    motion : SampledMotion
-        One period at the controller's rate, its end left out.
-    parameters : tuple of ParameterPrecision
-        Those that are judged.
-    iterations : tuple of Iteration
-        Of all starts.
-    information : (k, k)
-        F of one period, SI.
+    The motion is one period at the controller's rate, its end left out; the information, (k, k),
+    is F of one period, SI.
     """
 
     TABLES: ClassVar = {
@@ -280,16 +130,15 @@ class DesignRecord(FolderRecord):
     def of(cls, result: DesignResult) -> DesignRecord:
         """Return the record of a design."""
         times = result.trajectory.sample_times(round(result.samples_per_period))
-        return cls(
-            configuration=result.configuration,
-            robot=result.robot,
-            summary=_summary(result),
+        return copied(
+            cls,
+            result,
+            summary=DesignFile.of(result),
             motion=SampledMotion.of(result.robot, result.trajectory, times),
             checks=result.check.limits,
             parameters=tuple(_parameters(result)),
             iterations=tuple(_iterations(result.search)),
             eigenvalues=tuple(_eigenvalues(result)),
-            information=result.information,
         )
 
     @classmethod
@@ -335,80 +184,6 @@ class DesignRecord(FolderRecord):
     def limit(self, key: str) -> Limit | None:
         """Return a limit of the run by its key, None when it does not limit."""
         return next((limit for limit in self.robot.limits if limit.key == key), None)
-
-
-def _summary(result: DesignResult) -> DesignFile:
-    trajectory, run = result.trajectory, result.configuration.run
-    return DesignFile(
-        **fourier_keys(trajectory),
-        units="SI and radians",
-        name=run.name,
-        robot=result.robot.name,
-        criterion=run.design.criterion,
-        scaling=run.design.scaling,
-        parameters=result.parameter_names,
-        frequency_hz=trajectory.frequency,
-        period=trajectory.period,
-        controller_period=run.trajectory.controller_period,
-        samples_per_period=whole(result.samples_per_period) or result.samples_per_period,
-        samples=result.samples,
-        log_det_information=result.log_det_information,
-        criterion_value=result.criterion_value,
-        predicted_std=PredictedStd(result.per_period, result.experiment),
-        status=result.status,
-        status_text=result.status_text,
-        solver=_solver(result),
-        limits={
-            check.key: {
-                **{name: getattr(check, name) for name in _WORST},
-                "certified": False,
-                "method": result.check.method,
-            }
-            for check in result.check.limits
-        },
-        warnings=result.warnings,
-    )
-
-
-_WORST = ("value", "bound", "unit", "row", "strut", "time", "violation", "origin")
-"""What `design.json` says of the worst moment of a limit; see `LimitCheck`."""
-
-
-def _solver(result: DesignResult) -> SolverRecord:
-    search, finish = result.search, result.search.finished.record
-    stages = [stage for start in search.starts for stage in start.stages]
-    stages += [] if finish is None else [finish]
-    evaluations: Counter[str] = Counter()
-    for stage in stages:
-        evaluations.update(stage.evaluations)
-    criterion = CRITERIA[result.configuration.run.design.criterion]
-    sign = 1 if criterion.larger_is_better else -1
-    return SolverRecord(
-        name="Ipopt through CasADi",
-        iterations=sum(stage.iterations for stage in stages),
-        evaluations=dict(evaluations),
-        seconds=search.seconds,
-        best_start=search.best.index,
-        finish={
-            "shrink": search.finished.shrink,
-            "record": None if finish is None else asdict(finish),
-        },
-        starts=tuple(
-            TimedStart(
-                index=start.index,
-                kind=start.kind,
-                criterion_value=sign * start.merit,
-                finished_value=sign * search.finished_merits.get(start.index, np.nan),
-                iterations=start.iterations,
-                converged=start.converged,
-                status=start.status,
-                best=start.index == search.best.index,
-                seconds=start.seconds,
-                stages=tuple(asdict(stage) for stage in start.stages),
-            )
-            for start in search.starts
-        ),
-    )
 
 
 def _parameters(result: DesignResult) -> Iterator[ParameterPrecision]:

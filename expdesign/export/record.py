@@ -16,7 +16,7 @@ from expdesign.export.read_back import LIMIT_SHARE, LOG_DET_CHANGE, STD_SHARE, l
 from expdesign.export.row_times import SHARE
 from expdesign.mechanism.hexapod import COORDINATE_NAMES, numbered
 from expdesign.motion.record import RecordedMotion
-from expdesign.runfolder import JsonFile, OpenNumber, described
+from expdesign.runfolder import JsonFile, OpenNumber, copied, described
 
 FOLDER, RECORD = "exports", "exports.json"
 
@@ -198,16 +198,7 @@ class FileEntry:
                 acceleration_error_share=off.acceleration,
                 force_error_share=off.force,
                 limits={
-                    one.key: LimitEntry(
-                        one.value,
-                        one.bound,
-                        one.unit,
-                        one.row,
-                        one.time,
-                        one.violation,
-                        kept=one.kept,
-                    )
-                    for one in check.limits
+                    one.key: copied(LimitEntry, one, tolerance=LIMIT_SHARE) for one in check.limits
                 },
                 information=check.information,
                 tolerances=Tolerances(settings.tolerance),

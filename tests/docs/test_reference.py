@@ -45,7 +45,8 @@ from expdesign.configuration.sections.experiment import (
 )
 from expdesign.configuration.sections.export import OFFERS
 from expdesign.configuration.values.quantity import unit_dimension, unit_symbols
-from expdesign.experiment.record import DesignFile, DesignRecord
+from expdesign.experiment.design_file import DesignFile
+from expdesign.experiment.record import DesignRecord
 from expdesign.export.formats import table_formats
 from expdesign.export.record import ExportsRecord
 from expdesign.information.criteria import CRITERIA

@@ -45,7 +45,7 @@ def test_gauss_markov_equals_generalised_least_squares():
     np.testing.assert_allclose(found.values, reference.params, rtol=1e-9)
     periods = case.counts[0]
     expected = reference.normalized_cov_params / periods
-    np.testing.assert_allclose(found.force_share, expected, rtol=1e-6)
+    np.testing.assert_allclose(found.covariance_forces, expected, rtol=1e-6)
 
 
 def test_least_squares_with_the_full_covariance_of_the_noise():
@@ -55,7 +55,7 @@ def test_least_squares_with_the_full_covariance_of_the_noise():
     pseudo = np.linalg.pinv(rows)
     np.testing.assert_allclose(found.values, pseudo @ case.forces.ravel(), rtol=1e-8)
     full = np.kron(np.eye(case.record.samples), NOISE.force_covariance / case.counts[0])
-    np.testing.assert_allclose(found.force_share, pseudo @ full @ pseudo.T, rtol=1e-6)
+    np.testing.assert_allclose(found.covariance_forces, pseudo @ full @ pseudo.T, rtol=1e-6)
 
 
 def test_the_share_of_the_kinematic_noise_is_how_estimates_move_with_the_motion():
@@ -79,7 +79,7 @@ def test_the_share_of_the_kinematic_noise_is_how_estimates_move_with_the_motion(
             slope.append((ends[0] - ends[1]) / 2e-7)
         slope = np.array(slope).T
         expected = np.sqrt(np.diag(slope @ case.fit.covariance @ slope.T))
-        found = np.sqrt(np.diag(base.kinematic_share))
+        found = np.sqrt(np.diag(base.covariance_kinematics))
         np.testing.assert_allclose(found, expected, rtol=1e-2)
 
 
@@ -163,8 +163,8 @@ def test_a_prior_pulls_as_its_precision_says():
     pulled = gauss_markov(ROBOT, [case], known)
     # Two pieces of knowledge with the same weight: the mean, with 1/√2 of the error.
     assert pulled.values[k] == pytest.approx((free.values[k] + 0.02) / 2, rel=1e-2)
-    assert np.sqrt(pulled.force_share[k, k]) == pytest.approx(
-        np.sqrt(free.force_share[k, k] / 2), rel=2e-2
+    assert np.sqrt(pulled.covariance_forces[k, k]) == pytest.approx(
+        np.sqrt(free.covariance_forces[k, k] / 2), rel=2e-2
     )
 
 

@@ -9,14 +9,8 @@ import pytest
 from constraints import limit_definitions
 from expdesign.configuration import load_run
 from expdesign.experiment import DesignRecord, PredictedPrecision
-from expdesign.experiment.record import (
-    DesignFile,
-    Eigenvalue,
-    Iteration,
-    ParameterPrecision,
-    PredictedStd,
-    SolverRecord,
-)
+from expdesign.experiment.design_file import DesignFile, PredictedStd, SolverRecord
+from expdesign.experiment.record import Eigenvalue, Iteration, ParameterPrecision
 from expdesign.motion.sampled import SampledMotion
 from expdesign.recheck.judge import LimitCheck
 from expdesign.robot import robot_from
