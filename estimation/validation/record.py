@@ -95,38 +95,31 @@ RESIDUALS = ArrayTable("tables/validation_residuals.csv", _WRITTEN_BY, ForceResi
 
 @dataclass(frozen=True, eq=False)
 class MotionRecord:
-    """What the figure of a prediction is drawn from."""
+    """What the figure of a prediction is drawn from; the forces themselves are written only."""
 
     name: str
     tests: ExperimentTests
     residuals: ForceResiduals
+    forces: PredictedForces | None = None
 
     @classmethod
-    def of(cls, name: str, diagnosis: Diagnosis) -> Self:
+    def of(cls, name: str, diagnosis: Diagnosis, forces: PredictedForces | None = None) -> Self:
         """Take it from the diagnosis of a prediction."""
         (only,) = diagnosis.experiments
-        return cls(name, only.tests, only.residuals)
+        return cls(name, only.tests, only.residuals, forces)
 
 
 @dataclass(frozen=True, eq=False)
 class ValidationRecord(FolderRecord):
     """A validation, from memory or from its run folder: what figures and reports are made from.
 
-    Attributes
-    ----------
-    summary : ValidationFile
-    rows : tuple of ActuatorRow
-    motions : tuple of MotionRecord
-        Empty when read from a folder whose version did not keep the residuals.
-    forces : tuple of PredictedForces
-        Of every motion; empty when read from a folder.
+    There are no motions in a folder whose version did not keep the residuals.
     """
 
     TABLES: ClassVar = {"rows": RowTable("tables/validation.csv", _WRITTEN_BY, ActuatorRow)}
     summary: ValidationFile
     rows: tuple[ActuatorRow, ...]
     motions: tuple[MotionRecord, ...]
-    forces: tuple[PredictedForces, ...]
 
     @classmethod
     def fields_in(cls, folder: Path, number: int | None = None) -> dict[str, Any]:
@@ -138,11 +131,11 @@ class ValidationRecord(FolderRecord):
             for n, motion in enumerate(summary.motions, start=1)
             if (table := RESIDUALS.numbered(n)).is_in(folder)
         ]
-        return {**found, "motions": tuple(motions), "forces": ()}
+        return {**found, "motions": tuple(motions)}
 
     def contents(self, number: int | None = None) -> Iterator[tuple[Table[Any, Any], Any]]:
         """Yield the tables, those of each motion after the others."""
         yield from super().contents(number)
-        for n, (motion, forces) in enumerate(zip(self.motions, self.forces, strict=True), start=1):
-            yield FORCES.numbered(n), forces
+        for n, motion in enumerate(self.motions, start=1):
+            yield FORCES.numbered(n), motion.forces
             yield RESIDUALS.numbered(n), motion.residuals

@@ -45,7 +45,6 @@ class _Prediction:
     keys: MotionKeys
     record: MotionRecord
     rows: list[ActuatorRow]
-    forces: PredictedForces
     warnings: list[str]
 
 
@@ -95,7 +94,6 @@ def validate(configuration: RunConfiguration, saved: SavedEstimate) -> Validatio
         summary,
         tuple(row for prediction in predictions for row in prediction.rows),
         tuple(prediction.record for prediction in predictions),
-        tuple(prediction.forces for prediction in predictions),
     )
 
 
@@ -139,9 +137,10 @@ def _predicted(
         MotionKeys(
             name, motion.motion != "file", record.period, float(record.periods), diagnosis.keys
         ),
-        MotionRecord.of(name, diagnosis),
+        MotionRecord.of(
+            name, diagnosis, PredictedForces(experiment.times, experiment.forces, predicted)
+        ),
         _actuator_rows(number, name, experiment, diagnosis),
-        PredictedForces(experiment.times, experiment.forces, predicted),
         warnings,
     )
 

@@ -25,20 +25,10 @@ _Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 @dataclass(frozen=True)
 class MotionEntry:
-    """The motion that all tables hold.
+    """The motion that all tables hold; `window` is that of the measurement, `home` a pose.
 
-    Attributes
-    ----------
-    window : (2,)
-        Beginning and end of the measurement window, s.
-    sampling : float
-        To record at, Hz.
-    home : (6,)
-        Pose, m and rad.
-    made_from : str
-        Hash of configuration, design and versions.
-    ways : RecordedMotion or None
-        None for ramps of another kind.
+    It was `made_from` configuration, design and versions, a hash; there are no `ways` for ramps
+    of another kind.
     """
 
     name: str
@@ -113,16 +103,8 @@ class Tolerances:
 class CheckEntry:
     """What a table does when it is executed: largest deviations from the design, and limits.
 
-    Attributes
-    ----------
-    row_error : float
-        In half units of the last digit.
-    position_error, velocity_error : float
-        Of a strut, m and m/s.
-    acceleration_error_share, force_error_share : float
-        Of their limits' range; NaN without such a limit.
-    limits : dict of LimitEntry
-        By the limit's key.
+    The rows' error is in half units of the last digit, those of a strut are in m and m/s, or
+    shares of their limits' range: NaN without such a limit.
     """
 
     points: int
@@ -142,14 +124,7 @@ class CheckEntry:
 class FileEntry:
     """A table: its axes, rows and options, how to run it, and what reading it back showed.
 
-    Attributes
-    ----------
-    options : dict
-        Of the export, as in the run file.
-    digits : int or None
-        After the decimal point; None: all of a double.
-    shortest_step, longest_step, duration : float
-        s.
+    Its digits are those after the decimal point; None: all of a double.
     """
 
     sha256: str
