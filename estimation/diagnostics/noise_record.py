@@ -28,10 +28,9 @@ from expdesign.runfolder import (
     JsonFile,
     Numbers,
     RowTable,
-    array_columns,
     described,
+    strutwise,
 )
-from expdesign.runfolder.columns import strutwise
 
 
 def _infinite(value: object) -> object:
@@ -76,12 +75,9 @@ _POINTS, _TAIL = 400, 40
 class Histogram:
     """Distribution of the forces' noise; what lies further out is counted in the outer bins."""
 
-    low: Annotated[Array, array_columns(Column("low", "N", "beginning of the bin"))]
-    high: Annotated[Array, array_columns(Column("high", "N", "end of the bin"))]
-    counts: Annotated[
-        Array,
-        array_columns(*strutwise("n", "1", "samples in the bin,")),
-    ]
+    low: Annotated[Array, Column("low", "N", "beginning of the bin")]
+    high: Annotated[Array, Column("high", "N", "end of the bin")]
+    counts: Annotated[Array, strutwise("n", "1", "samples in the bin,")]
 
     @classmethod
     def of(cls, samples: Array, std: Array) -> Self:
@@ -97,17 +93,10 @@ class Histogram:
 class Quantiles:
     """Quantiles of the forces' noise in standard deviations, dense in the tails."""
 
-    normal: Annotated[Array, array_columns(Column("normal", "1", "of the normal distribution"))]
-    low: Annotated[
-        Array, array_columns(Column("low", "1", "lower end of the 95 % band of normal noise"))
-    ]
-    high: Annotated[
-        Array, array_columns(Column("high", "1", "upper end of the 95 % band of normal noise"))
-    ]
-    noise: Annotated[
-        Array,
-        array_columns(*strutwise("z", "1", "of the noise")),
-    ]
+    normal: Annotated[Array, Column("normal", "1", "of the normal distribution")]
+    low: Annotated[Array, Column("low", "1", "lower end of the 95 % band of normal noise")]
+    high: Annotated[Array, Column("high", "1", "upper end of the 95 % band of normal noise")]
+    noise: Annotated[Array, strutwise("z", "1", "of the noise")]
 
     @classmethod
     def of(cls, samples: Array) -> Self:

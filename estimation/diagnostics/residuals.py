@@ -12,8 +12,7 @@ from scipy import stats
 from constraints.arrays import Array
 from estimation.diagnostics.linearisation import Linearisation
 from estimation.estimators.experiment import Experiment
-from expdesign.runfolder import Column, Numbers, array_columns, described
-from expdesign.runfolder.columns import strutwise
+from expdesign.runfolder import Column, Numbers, described, strutwise
 
 _MOST_BINS, _FEWEST_BINS = 60, 12
 _PER_BIN = 24
@@ -24,16 +23,11 @@ _FEWEST = 4
 class ForceResiduals:
     """Measured minus predicted forces along a motion, in the order of time."""
 
-    time: Annotated[Array, array_columns(Column("t", "s", "time"))]
-    forces: Annotated[
-        Array,
-        array_columns(*strutwise("e", "N", "residual force, mean over the periods,")),
-    ]
+    time: Annotated[Array, Column("t", "s", "time")]
+    forces: Annotated[Array, strutwise("e", "N", "residual force, mean over the periods,")]
     std: Annotated[
         Array,
-        array_columns(
-            *strutwise("e", "N", "what the noise alone makes of the residual force", suffix="_std")
-        ),
+        strutwise("e", "N", "what the noise alone makes of the residual force", suffix="_std"),
     ]
 
 

@@ -21,6 +21,7 @@ from estimation.diagnostics.record import DiagnosisKeys, ExperimentRecord
 from estimation.estimators import ParameterEstimate
 from estimation.identification.result import EstimationResult, RecordSummary
 from estimation.uncertainty import Combination, ParameterRow, correlation
+from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.runfolder import (
     ArrayTable,
     Column,
@@ -31,11 +32,10 @@ from expdesign.runfolder import (
     RowTable,
     RunFile,
     Table,
-    array_columns,
     copied,
     described,
 )
-from expdesign.runfolder.columns import (
+from expdesign.runfolder.described import (
     ACCELERATION_COLUMNS,
     POSE_COLUMNS,
     RATE_COLUMNS,
@@ -239,21 +239,14 @@ class NoiseRow(CovarianceRow, _OfRecording):
 class EstimatedMotion:
     """Measured and modelled quantities at the samples of one recording."""
 
-    time: Annotated[Array, array_columns(TIME)]
-    state: Annotated[Array, array_columns(*POSE_COLUMNS, *RATE_COLUMNS, *ACCELERATION_COLUMNS)]
-    lengths: Annotated[
-        Array, array_columns(*strutwise("q", "m", "measured length, mean over periods,"))
-    ]
+    time: Annotated[Array, TIME]
+    state: Annotated[Array, POSE_COLUMNS, RATE_COLUMNS, ACCELERATION_COLUMNS]
+    lengths: Annotated[Array, strutwise("q", "m", "measured length, mean over periods,")]
     lengths_model: Annotated[
-        Array,
-        array_columns(*strutwise("q", "m", "length on the estimated motion", suffix="_model")),
+        Array, strutwise("q", "m", "length on the estimated motion", suffix="_model")
     ]
-    forces: Annotated[
-        Array, array_columns(*strutwise("Q", "N", "measured force, mean over periods,"))
-    ]
-    forces_model: Annotated[
-        Array, array_columns(*strutwise("Q", "N", "force by the estimate", suffix="_model"))
-    ]
+    forces: Annotated[Array, strutwise("Q", "N", "measured force, mean over periods,")]
+    forces_model: Annotated[Array, strutwise("Q", "N", "force by the estimate", suffix="_model")]
 
     @classmethod
     def of(cls, result: EstimationResult, number: int) -> Self:
@@ -265,7 +258,7 @@ class EstimatedMotion:
             record.force_times + record.origin,
             motion.at(record.force_times).state(),
             record.lengths,
-            result.robot.inverse_kinematics(length_state[:, : len(POSE_COLUMNS)]),
+            result.robot.inverse_kinematics(length_state[:, :COORDINATES]),
             record.forces,
             experiment.regressors(result.robot, motion) @ result.best.values,
         )

@@ -18,12 +18,11 @@ from expdesign.runfolder import (
     Column,
     Numbers,
     RunFile,
-    array_columns,
     describe_tables,
     described,
+    strutwise,
 )
 from expdesign.runfolder.atomic import write_csv
-from expdesign.runfolder.columns import strutwise
 from expdesign.runfolder.described import checker
 from expdesign.trajectory import FourierKeys, FourierTrajectory, fourier_keys
 
@@ -35,12 +34,10 @@ REPETITIONS = "repetitions"
 class MeasurementColumns:
     """A simulated measurement; `estimation.data` reads it, and files of machines."""
 
-    time: Annotated[Array, array_columns(Column("t", "s", "time from the start of the experiment"))]
-    lengths: Annotated[Array, array_columns(*strutwise("q", "m", "measured length"))]
-    forces: Annotated[
-        Array, array_columns(*strutwise("Q", "N", "measured actuator force, positive extends,"))
-    ]
-    period: Annotated[Array, array_columns(Column("period", "1", "number of the period, from 1"))]
+    time: Annotated[Array, Column("t", "s", "time from the start of the experiment")]
+    lengths: Annotated[Array, strutwise("q", "m", "measured length")]
+    forces: Annotated[Array, strutwise("Q", "N", "measured actuator force, positive extends,")]
+    period: Annotated[Array, Column("period", "1", "number of the period, from 1")]
 
 
 MEASUREMENT = ArrayTable("measurement.csv", _WRITTEN_BY, MeasurementColumns)

@@ -19,10 +19,9 @@ from expdesign.runfolder import (
     RowTable,
     RunFile,
     Table,
-    array_columns,
     described,
+    strutwise,
 )
-from expdesign.runfolder.columns import strutwise
 
 _WRITTEN_BY = "`expdesign validate`"
 
@@ -80,13 +79,9 @@ class ActuatorRow:
 class PredictedForces:
     """Measured and predicted forces of one motion."""
 
-    time: Annotated[Array, array_columns(Column("t", "s", "time"))]
-    measured: Annotated[
-        Array, array_columns(*strutwise("Q", "N", "measured force, mean over periods,"))
-    ]
-    predicted: Annotated[
-        Array, array_columns(*strutwise("Q", "N", "predicted force", suffix="_predicted"))
-    ]
+    time: Annotated[Array, Column("t", "s", "time")]
+    measured: Annotated[Array, strutwise("Q", "N", "measured force, mean over periods,")]
+    predicted: Annotated[Array, strutwise("Q", "N", "predicted force", suffix="_predicted")]
 
 
 FORCES = ArrayTable("tables/validation_forces.csv", _WRITTEN_BY, PredictedForces)

@@ -10,8 +10,7 @@ import numpy as np
 from constraints.arrays import Array
 from expdesign.recheck.judge import Motion
 from expdesign.robot import Robot
-from expdesign.runfolder import array_columns
-from expdesign.runfolder.columns import (
+from expdesign.runfolder.described import (
     ACCELERATION_COLUMNS,
     POSE_COLUMNS,
     RATE_COLUMNS,
@@ -36,20 +35,17 @@ class SampledMotion:
         Actuator forces at the nominal parameters, positive extends.
     """
 
-    time: Annotated[Array, array_columns(TIME)]
-    pose: Annotated[Array, array_columns(*POSE_COLUMNS)]
-    pose_rate: Annotated[Array, array_columns(*RATE_COLUMNS)]
-    pose_acceleration: Annotated[Array, array_columns(*ACCELERATION_COLUMNS)]
-    length: Annotated[Array, array_columns(*strutwise("q", "m", "length"))]
-    speed: Annotated[Array, array_columns(*strutwise("dq", "m/s", "speed"))]
-    acceleration: Annotated[Array, array_columns(*strutwise("ddq", "m/s^2", "acceleration"))]
-    alpha: Annotated[Array, array_columns(*strutwise("alpha", "rad", "first cardan angle"))]
-    beta: Annotated[Array, array_columns(*strutwise("beta", "rad", "second cardan angle"))]
+    time: Annotated[Array, TIME]
+    pose: Annotated[Array, POSE_COLUMNS]
+    pose_rate: Annotated[Array, RATE_COLUMNS]
+    pose_acceleration: Annotated[Array, ACCELERATION_COLUMNS]
+    length: Annotated[Array, strutwise("q", "m", "length")]
+    speed: Annotated[Array, strutwise("dq", "m/s", "speed")]
+    acceleration: Annotated[Array, strutwise("ddq", "m/s^2", "acceleration")]
+    alpha: Annotated[Array, strutwise("alpha", "rad", "first cardan angle")]
+    beta: Annotated[Array, strutwise("beta", "rad", "second cardan angle")]
     force: Annotated[
-        Array,
-        array_columns(
-            *strutwise("Q", "N", "actuator force at the nominal parameters, positive extends,")
-        ),
+        Array, strutwise("Q", "N", "actuator force at the nominal parameters, positive extends,")
     ]
 
     @classmethod

@@ -6,9 +6,9 @@ from expdesign.runfolder.described import (
     Numbers,
     OpenNumber,
     OpenNumbers,
-    array_columns,
     copied,
     described,
+    strutwise,
 )
 from expdesign.runfolder.folder_record import FolderRecord
 from expdesign.runfolder.json_file import JsonFile, MissingFileError, RunFile
@@ -28,8 +28,8 @@ __all__ = [
     "RowTable",
     "RunFile",
     "Table",
-    "array_columns",
     "copied",
     "describe_tables",
     "described",
+    "strutwise",
 ]

@@ -11,6 +11,7 @@ import numpy as np
 from pydantic import BeforeValidator, TypeAdapter
 
 from constraints.arrays import Array
+from expdesign.mechanism.hexapod import POSE, numbered
 
 Record = TypeVar("Record")
 
@@ -35,20 +36,29 @@ class Column:
 
 
 def described(unit: str, meaning: str, name: str = "") -> Column:
-    """Describe a field: ``omega: Annotated[float, described("rad/s", "base frequency")]``."""
+    """Describe a field: ``omega: Annotated[float, described("rad/s", "base frequency")]``.
+
+    An array of a table may have several columns: ``Annotated[Array, TIME, POSE_COLUMNS]``.
+    """
     return Column(name, unit, meaning)
 
 
-@dataclass(frozen=True)
-class Columns:
-    """The columns that an array of a table fills: one for (N,), k for (N, k)."""
+def strutwise(prefix: str, unit: str, meaning: str, suffix: str = "") -> tuple[Column, ...]:
+    """Return a column for every strut: ``q1`` … ``q6``."""
+    names = enumerate(numbered(prefix, suffix), start=1)
+    return tuple(Column(name, unit, f"{meaning} of strut {number}") for number, name in names)
 
-    columns: tuple[Column, ...]
+
+def _derived(prefix: str, per: str, word: str) -> tuple[Column, ...]:
+    return tuple(
+        Column(f"{prefix}{c.name}", f"{c.unit}/{per}", f"{word} of {c.name}") for c in POSE
+    )
 
 
-def array_columns(*columns: Column) -> Columns:
-    """Describe an array by its columns: ``pose: Annotated[Array, array_columns(*POSE)]``."""
-    return Columns(columns)
+TIME = Column("t", "s", "time from the start of the period")
+POSE_COLUMNS = tuple(Column(c.name, c.unit, c.meaning) for c in POSE)
+RATE_COLUMNS = _derived("d", "s", "rate")
+ACCELERATION_COLUMNS = _derived("dd", "s^2", "second time derivative")
 
 
 def field_columns(record: type[Any]) -> Iterator[tuple[str, tuple[Column, ...]]]:
@@ -65,12 +75,15 @@ def field_columns(record: type[Any]) -> Iterator[tuple[str, tuple[Column, ...]]]
 
 
 def _columns(record: type[Any], name: str, hint: Any) -> tuple[Column, ...]:
+    found: list[Column] = []
     for entry in get_args(hint)[1:] if get_origin(hint) is Annotated else ():
-        if isinstance(entry, Columns):
-            return entry.columns
         if isinstance(entry, Column):
-            return (Column(entry.name or name, entry.unit, entry.meaning),)
-    raise TypeError(f"{record.__name__}.{name}: neither unit nor meaning is given")
+            found.append(Column(entry.name or name, entry.unit, entry.meaning))
+        elif isinstance(entry, tuple):
+            found += entry
+    if not found:
+        raise TypeError(f"{record.__name__}.{name}: neither unit nor meaning is given")
+    return tuple(found)
 
 
 def copied(kind: type[Record], source: object, **others: Any) -> Record:

@@ -19,7 +19,6 @@ from expdesign.runfolder import (
     Numbers,
     OpenNumber,
     RowTable,
-    array_columns,
     described,
 )
 
@@ -34,8 +33,8 @@ class Part:
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    time: Annotated[Array, array_columns(Column("t", "s", "time"))]
-    pose: Annotated[Array, array_columns(Column("x", "m", "there"), Column("y", "m", "up"))]
+    time: Annotated[Array, Column("t", "s", "time")]
+    pose: Annotated[Array, Column("x", "m", "there"), Column("y", "m", "up")]
 
 
 @dataclass(frozen=True, eq=False)
