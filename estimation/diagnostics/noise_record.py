@@ -202,11 +202,11 @@ class NoiseRecord(NoisePictures):
     summary: NoiseFile
 
     @classmethod
-    def fields_in(cls, folder: Path, number: int | None = None) -> dict[str, Any]:
-        """Read the fields; noise and normality stand in `noise.json`."""
-        found = super().fields_in(folder, number)
+    def read(cls, folder: Path) -> Self:
+        """Read it; noise and normality stand in `noise.json`."""
+        found = cls.fields_in(folder)
         summary: NoiseFile = found["summary"]
-        return {**found, "noise": summary, "normality": summary.normality.forces}
+        return cls(**found, noise=summary, normality=summary.normality.forces)
 
     @property
     def covariance(self) -> tuple[CovarianceRow, ...]:

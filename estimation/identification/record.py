@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import astuple, dataclass
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Self
+from typing import Annotated, ClassVar, Self
 
 import numpy as np
 
@@ -25,13 +24,13 @@ from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.runfolder import (
     ArrayTable,
     Column,
+    Contents,
     FolderRecord,
     MatrixTable,
     Numbers,
     OpenNumber,
     RowTable,
     RunFile,
-    Table,
     copied,
     described,
 )
@@ -322,9 +321,9 @@ class EstimateRecord(FolderRecord):
         )
 
     @classmethod
-    def fields_in(cls, folder: Path, number: int | None = None) -> dict[str, Any]:
-        """Read the fields."""
-        found = super().fields_in(folder, number)
+    def read(cls, folder: Path) -> Self:
+        """Read it from a run folder."""
+        found = cls.fields_in(folder)
         summary: EstimateFile = found["summary"]
         tested = () if summary.diagnostics is None else summary.diagnostics.experiments
         experiments = tuple(
@@ -342,16 +341,16 @@ class EstimateRecord(FolderRecord):
         tables = enumerate(map(MOTION.numbered, summary.numbers), start=1)
         motions = {n: table.read(folder) for n, table in tables if table.is_in(folder)}
         rows = ESTIMATES.read(folder)
-        return {**found, "rows": rows, "experiments": experiments, "motions": motions}
+        return cls(**found, rows=rows, experiments=experiments, motions=motions)
 
-    def contents(self, number: int | None = None) -> Iterator[tuple[Table[Any, Any], Any]]:
+    def contents(self) -> Contents:
         """Yield the tables, with those of each recording before the estimates themselves."""
-        yield from super().contents(number)
+        yield from super().contents()
         numbers = self.summary.numbers
         for n, motion in self.motions.items():
             yield MOTION.numbered(numbers[n - 1]), motion
         for experiment, place in zip(self.experiments, numbers, strict=False):
-            yield from experiment.contents(place)
+            yield from ((table.numbered(place), part) for table, part in experiment.contents())
         yield ESTIMATES, self.rows
 
     def by_estimator(self) -> dict[str, tuple[ParameterRow, ...]]:

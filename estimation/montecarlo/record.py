@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Self
@@ -15,7 +15,16 @@ from estimation.montecarlo.repetition import Repetition
 from estimation.montecarlo.statistics import ParameterStatistics, PooledStatistics
 from estimation.montecarlo.study import Study
 from expdesign.mechanism.catalogue import parameter_unit
-from expdesign.runfolder import Column, FolderRecord, Numbers, RowTable, RunFile, Table, described
+from expdesign.runfolder import (
+    Column,
+    Contents,
+    FolderRecord,
+    Numbers,
+    RowTable,
+    RunFile,
+    Table,
+    described,
+)
 
 _WRITTEN_BY = "`expdesign montecarlo`"
 
@@ -222,10 +231,10 @@ class MonteCarloRecord(FolderRecord):
         )
         return cls(summary, rows, study.repetitions)
 
-    def contents(self, number: int | None = None) -> Iterator[tuple[Table[Any, Any], Any]]:
+    def contents(self) -> Contents:
         """Yield the tables, the repetitions first."""
         yield repetition_table(self.summary.truth), self.repetitions
-        yield from super().contents(number)
+        yield from super().contents()
 
 
 def _counts(values: Iterable[int | None]) -> dict[str, int]:

@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, make_dataclass
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, TypeVar
+from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar
 
 from expdesign.mechanism.hexapod import numbered
-from expdesign.runfolder import FolderRecord, OpenNumber, RowTable, RunFile, Table, described
+from expdesign.runfolder import (
+    Contents,
+    FolderRecord,
+    OpenNumber,
+    RowTable,
+    RunFile,
+    described,
+)
 
 _WRITTEN_BY = "`expdesign run` of a run with `study:`"
 
@@ -278,14 +285,13 @@ class StudyRecord(FolderRecord):
     tables: Mapping[RowTable[Any], tuple[Any, ...]]
 
     @classmethod
-    def fields_in(cls, folder: Path, number: int | None = None) -> dict[str, Any]:
-        """Read the fields."""
-        found = super().fields_in(folder, number)
-        return {**found, "tables": {t: t.read(folder) for t in TABLES[found["summary"].kind]}}
+    def read(cls, folder: Path) -> Self:
+        """Read it from a run folder."""
+        found = cls.fields_in(folder)
+        return cls(**found, tables={t: t.read(folder) for t in TABLES[found["summary"].kind]})
 
-    def contents(self, number: int | None = None) -> Iterator[tuple[Table[Any, Any], Any]]:
+    def contents(self) -> Contents:
         """Yield the tables of its kind."""
-        del number
         yield from self.tables.items()
 
     def rows(self, table: RowTable[Row]) -> tuple[Row, ...]:

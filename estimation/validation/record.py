@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Self
+from typing import Annotated, ClassVar, Self
 
 from constraints.arrays import Array
 from estimation.diagnostics import Diagnosis
@@ -14,11 +13,11 @@ from estimation.diagnostics.residuals import ForceResiduals
 from expdesign.runfolder import (
     ArrayTable,
     Column,
+    Contents,
     FolderRecord,
     OpenNumber,
     RowTable,
     RunFile,
-    Table,
     described,
     strutwise,
 )
@@ -117,20 +116,20 @@ class ValidationRecord(FolderRecord):
     motions: tuple[MotionRecord, ...]
 
     @classmethod
-    def fields_in(cls, folder: Path, number: int | None = None) -> dict[str, Any]:
-        """Read the fields."""
-        found = super().fields_in(folder, number)
+    def read(cls, folder: Path) -> Self:
+        """Read it from a run folder."""
+        found = cls.fields_in(folder)
         summary: ValidationFile = found["summary"]
         motions = [
             MotionRecord(motion.name, motion.diagnostics.experiments[0], table.read(folder))
             for n, motion in enumerate(summary.motions, start=1)
             if (table := RESIDUALS.numbered(n)).is_in(folder)
         ]
-        return {**found, "motions": tuple(motions)}
+        return cls(**found, motions=tuple(motions))
 
-    def contents(self, number: int | None = None) -> Iterator[tuple[Table[Any, Any], Any]]:
+    def contents(self) -> Contents:
         """Yield the tables, those of each motion after the others."""
-        yield from super().contents(number)
+        yield from super().contents()
         for n, motion in enumerate(self.motions, start=1):
             yield FORCES.numbered(n), motion.forces
             yield RESIDUALS.numbered(n), motion.residuals

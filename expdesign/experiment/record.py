@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, ClassVar, Self
 
 import numpy as np
 
@@ -142,12 +142,12 @@ class DesignRecord(FolderRecord):
         )
 
     @classmethod
-    def fields_in(cls, folder: Path, number: int | None = None) -> dict[str, Any]:
-        """Read the fields."""
+    def read(cls, folder: Path) -> Self:
+        """Read it from a run folder."""
         if not (folder / RUN_FILE).is_file():
             raise MissingFileError(folder / RUN_FILE, _WRITER)
         configuration = load_run(folder / RUN_FILE)
-        found = super().fields_in(folder, number)
+        found = cls.fields_in(folder)
         if not found["motion"].increases:
             message, allowed = "the times do not increase", "at least two increasing times"
             path = folder / cls.TABLES["motion"].file
@@ -157,12 +157,12 @@ class DesignRecord(FolderRecord):
         if not tuple(row for (row,) in rows) == names == found["summary"].parameters:
             message = f"rows and columns are not the parameters of {DesignFile.FILE}"
             raise InputError(message, folder / table.file)
-        return {
+        return cls(
             **found,
-            "configuration": configuration,
-            "robot": robot_from(configuration.robot),
-            "information": information,
-        }
+            configuration=configuration,
+            robot=robot_from(configuration.robot),
+            information=information,
+        )
 
     def write(self, folder: Path) -> list[Path]:
         """Write the files of the run folder; return them."""

@@ -10,7 +10,7 @@ from expdesign.runfolder.described import (
     described,
     strutwise,
 )
-from expdesign.runfolder.folder_record import FolderRecord
+from expdesign.runfolder.folder_record import Contents, FolderRecord
 from expdesign.runfolder.json_file import JsonFile, MissingFileError, RunFile
 from expdesign.runfolder.table import ArrayTable, MatrixTable, RowTable, Table, describe_tables
 
@@ -18,6 +18,7 @@ __all__ = [
     "MAY_BE_EMPTY",
     "ArrayTable",
     "Column",
+    "Contents",
     "FolderRecord",
     "JsonFile",
     "MatrixTable",

@@ -10,6 +10,8 @@ from typing import Any, ClassVar, Self, get_type_hints
 from expdesign.runfolder.json_file import JsonFile
 from expdesign.runfolder.table import Table
 
+Contents = Iterator[tuple[Table[Any, Any], Any]]
+
 
 class FolderRecord:
     """Base of the frozen dataclasses that stand in several files of a run folder.
@@ -46,10 +48,10 @@ class FolderRecord:
                 found[name] = table.numbered(number).read(folder)
         return found
 
-    def contents(self, number: int | None = None) -> Iterator[tuple[Table[Any, Any], Any]]:
+    def contents(self) -> Contents:
         """Yield every table with what is written into it."""
         for name, table in self.TABLES.items():
-            yield table.numbered(number), getattr(self, name)
+            yield table, getattr(self, name)
 
     def write(self, folder: Path) -> list[Path]:
         """Write the files into a run folder; return them."""
