@@ -12,14 +12,12 @@ from constraints.arrays import Array
 from estimation.diagnostics import Diagnosis
 from estimation.diagnostics.noise_record import (
     CovarianceRow,
-    NoiseKeys,
     covariance_rows,
-    noise_keys,
 )
-from estimation.diagnostics.record import DiagnosisKeys, ExperimentRecord
-from estimation.estimators import ParameterEstimate
-from estimation.identification.result import EstimationResult, RecordSummary
-from estimation.uncertainty import Combination, ParameterRow, correlation
+from estimation.diagnostics.record import ExperimentRecord
+from estimation.identification.estimate_file import EstimateFile
+from estimation.identification.result import EstimationResult
+from estimation.uncertainty import ParameterRow, correlation
 from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.runfolder import (
     ArrayTable,
@@ -27,11 +25,8 @@ from expdesign.runfolder import (
     Contents,
     FolderRecord,
     MatrixTable,
-    Numbers,
     OpenNumber,
     RowTable,
-    RunFile,
-    copied,
     described,
 )
 from expdesign.runfolder.described import (
@@ -42,170 +37,8 @@ from expdesign.runfolder.described import (
     strutwise,
 )
 from expdesign.runfolder.table import Matrices
-from expdesign.trajectory import FourierKeys
 
-_WRITTEN_BY = "`expdesign estimate`"
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class WeightingKeys(NoiseKeys):
-    """The noise that the estimators weighted with."""
-
-    force_source: Annotated[str, described("", "estimated, given or residuals")]
-    length_source: Annotated[str, described("", "estimated, given or residuals")]
-    includes_model_error: Annotated[bool, described("", "Σ comes from the model's residuals")]
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class RecordingKeys:
-    """One recording of an estimate."""
-
-    source: Annotated[str, described("", "its file")]
-    rows: Annotated[int, described("1", "rows that were used")]
-    dropped_rows: Annotated[int, described("1", "rows of incomplete periods that were not")]
-    samples: Annotated[int, described("1", "means over the periods, or rows")]
-    averaged: Annotated[bool, described("", "the samples are means over the periods")]
-    periods: Annotated[float, described("1", "number of periods")]
-    omega: Annotated[float, described("rad/s", "base frequency")]
-    omega_std: Annotated[
-        float | None, described("rad/s", "its standard deviation; null when it was not estimated")
-    ]
-    period_source: Annotated[str, described("", "where the period came from")]
-    jitter: Annotated[float, described("1", "of the time stamps, as a share of a step")]
-    harmonics: Annotated[
-        int | None, described("1", "of the fitted motion; null after pointwise differentiation")
-    ]
-    harmonics_of_the_design: Annotated[
-        int | None, described("1", "fewest that were tried; null when the number was given")
-    ]
-    noise: Annotated[WeightingKeys, described("", "noise that the estimators weighted with")]
-
-    @classmethod
-    def of(cls, summary: RecordSummary) -> Self:
-        """Describe a recording."""
-        record, noise = summary.experiment.record, summary.experiment.noise
-        fit = summary.experiment.fit
-        free = fit is not None and fit.motion.free_frequency
-        return cls(
-            source=summary.source,
-            rows=record.rows,
-            dropped_rows=record.dropped,
-            samples=record.samples,
-            averaged=record.averaged,
-            periods=float(record.periods),
-            omega=float(record.omega if fit is None else fit.motion.omega),
-            omega_std=float(np.sqrt(fit.covariance[-1, -1])) if fit and free else None,
-            period_source=record.source.value,
-            jitter=float(summary.jitter),
-            harmonics=summary.harmonics,
-            harmonics_of_the_design=summary.least_harmonics,
-            noise=WeightingKeys(
-                **noise_keys(noise),
-                force_source=noise.forces.source,
-                length_source=noise.lengths.source,
-                includes_model_error=noise.forces.includes_model_error,
-            ),
-        )
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class EstimatorKeys:
-    """What one estimator found."""
-
-    status: Annotated[str, described("", "how it ended, in words")]
-    converged: Annotated[bool, described("", "the iteration ended as it should")]
-    iterations: Annotated[int, described("1", "number of iterations")]
-    cost: Annotated[float, described("1", "weighted sum of squares that was minimised")]
-    seconds: Annotated[float, described("s", "how long it took")]
-    values: Annotated[dict[str, float], described("SI", "by parameter")]
-    covariance: Annotated[Numbers, described("SI", "m × m; zero for fixed parameters")]
-    covariance_forces: Annotated[
-        Numbers, described("SI", "its share that the forces' noise and the prior make")
-    ]
-    covariance_kinematics: Annotated[
-        Numbers | None,
-        described("SI", "its share that the lengths' noise makes; null where it is not known"),
-    ]
-    combinations: Annotated[
-        tuple[Combination, ...], described("", "what is known of parameters not identified")
-    ]
-    motions: Annotated[
-        tuple[FourierKeys, ...], described("", "motion of every recording, as in design.json")
-    ]
-
-    @classmethod
-    def of(cls, result: EstimationResult, estimate: ParameterEstimate) -> Self:
-        """Describe an estimate."""
-        motions = [
-            motion.delayed(record.experiment.record.origin).trajectory
-            for motion, record in zip(estimate.motions, result.records, strict=False)
-        ]
-        return copied(
-            cls,
-            estimate,
-            values=dict(zip(result.knowledge.names, estimate.values.tolist(), strict=True)),
-            combinations=result.combinations[estimate.estimator],
-            motions=tuple(copied(FourierKeys, motion) for motion in motions),
-        )
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class EstimateFile(RunFile):
-    """`estimate.json`."""
-
-    FILE: ClassVar[str] = "estimate.json"
-    WRITTEN_BY: ClassVar[str] = _WRITTEN_BY
-    parameters: Annotated[tuple[str, ...], described("", "order of rows and columns")]
-    fixed: Annotated[tuple[str, ...], described("", "parameters that were not estimated")]
-    best: Annotated[str, described("", "the estimator to use")]
-    recordings: Annotated[tuple[RecordingKeys, ...], described("", "what it was made from")]
-    estimators: Annotated[dict[str, EstimatorKeys], described("", "what each of them found")]
-    cramer_rao_covariance: Annotated[
-        Numbers | None, described("SI", "the bound with noise in forces and lengths, m × m")
-    ]
-    intervals_cover: Annotated[bool, described("", "the intervals count the lengths' noise")]
-    intervals_note: Annotated[str, described("", "what the intervals count, in words")]
-    diagnostics: Annotated[
-        DiagnosisKeys | None, described("", "what the residuals say; null when not asked")
-    ]
-    seconds: Annotated[float, described("s", "how long it took")]
-    warnings: Annotated[tuple[str, ...], described("", "in words")]
-
-    @property
-    def numbers(self) -> tuple[int | None, ...]:
-        """What is appended to the tables of each recording; nothing when there is one."""
-        count = len(self.recordings)
-        return tuple(range(1, count + 1)) if count > 1 else (None,)
-
-    @property
-    def best_estimator(self) -> EstimatorKeys:
-        """What the estimator to use found."""
-        return self.estimators[self.best]
-
-    @classmethod
-    def of(cls, result: EstimationResult, diagnosis: Diagnosis | None) -> Self:
-        """Describe a result."""
-        knowledge = result.knowledge
-        return cls(
-            name=result.configuration.run.name,
-            robot=result.robot.name,
-            parameters=knowledge.names,
-            fixed=tuple(np.array(knowledge.names)[~knowledge.free].tolist()),
-            best=result.best.estimator,
-            recordings=tuple(RecordingKeys.of(record) for record in result.records),
-            estimators={
-                name: EstimatorKeys.of(result, found) for name, found in result.estimates.items()
-            },
-            cramer_rao_covariance=result.bound,
-            intervals_cover=result.intervals_cover,
-            intervals_note="95 %, with the noise of forces and lengths"
-            if result.intervals_cover
-            else "pointwise differentiation: the lengths' noise is in the regressor, which biases "
-            "the estimates and is not in the intervals; they do not cover",
-            diagnostics=None if diagnosis is None else diagnosis.keys,
-            seconds=result.seconds,
-            warnings=result.warnings,
-        )
+_WRITTEN_BY = EstimateFile.WRITTEN_BY
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from estimation.estimators import Knowledge, ParameterEstimate
-from estimation.identification.record import EstimateFile
+from estimation.identification.estimate_file import EstimateFile
 from expdesign.configuration import EstimateSection, InputError
 from expdesign.robot import Robot
 from expdesign.runfolder import copied

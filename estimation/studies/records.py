@@ -40,16 +40,9 @@ Runs = Annotated[int, described("1", "identifications")]
 
 @dataclass(frozen=True)
 class Claim:
-    """What a study was to show, and what it showed on the digital twin.
+    """What a study was to show, the value that it found on the digital twin, and the paper's.
 
-    Attributes
-    ----------
-    statement, value : str
-        What was expected, and what was found.
-    paper : str
-        The paper's value; empty where it states none.
-    holds : bool or None
-        None where nothing is claimed.
+    That is empty where the paper states none; None holds where nothing is claimed.
     """
 
     statement: str

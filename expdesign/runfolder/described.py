@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields
 from functools import cache
 from typing import Annotated, Any, TypeVar, get_args, get_origin, get_type_hints
@@ -88,25 +88,16 @@ def _columns(record: type[Any], name: str, hint: Any) -> tuple[Column, ...]:
 
 def copied(kind: type[Record], source: object, **others: Any) -> Record:
     """Make a record of what `source` has under the names of its fields, and of `others`."""
-    names = [field.name for field in fields(kind) if field.name not in others]  # type: ignore[arg-type]
-    return kind(**{name: getattr(source, name) for name in names}, **others)
+    names = [field.name for field in fields(kind)]  # type: ignore[arg-type]
+    return kind(**{n: getattr(source, n) for n in names if hasattr(source, n)} | others)
 
 
-def checker(kind: Any) -> TypeAdapter[Any]:
-    """Return what checks data against a type; made once for each, since that takes long."""
-    return _checker(kind)
-
-
-@cache
-def _checker(kind: Any) -> TypeAdapter[Any]:
-    return TypeAdapter(kind)
+checker: Callable[[Any], TypeAdapter[Any]] = cache(TypeAdapter)
+"""Returns what checks data against a type; made once for each, since that takes long."""
 
 
 def _numbers(value: object) -> Array:
-    try:
-        array = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise ValueError("expected numbers in lists of equal length") from None
+    array = _open_numbers(value)
     if not np.all(np.isfinite(array)):
         raise ValueError("expected finite numbers")
     return array

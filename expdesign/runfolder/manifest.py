@@ -22,21 +22,11 @@ _PACKAGES = ("expdesign", "casadi", "numpy", "scipy", "pandas", "matplotlib", "p
 
 @dataclass(frozen=True)
 class StageEntry:
-    """One stage of a run.
+    """One stage of a run: how it ended, and when, UTC in ISO 8601.
 
-    Attributes
-    ----------
-    status : str
-        ``"done"``, ``"limits broken"``, ``"interrupted"`` or ``"failed"``.
-    inputs : str
-        Hash of everything that the stage was made from.
-    finished : str
-        When, UTC, ISO 8601.
-    message : str
-        What there is to say about it.
-    files : dict
-        SHA-256 of every file that the stage wrote, by path in the run folder. What it was made
-        from stands in `inputs`: `run.yaml` is not among them.
+    Its status is ``"done"``, ``"limits broken"``, ``"interrupted"`` or ``"failed"``. `files` has
+    the SHA-256 of every file that it wrote, by path in the run folder; what it was made from stands
+    in `inputs`, as a hash: `run.yaml` is not among them.
     """
 
     status: str
@@ -73,22 +63,18 @@ class Manifest(JsonFile):
         Where it wrote a file that another stage wrote before (`columns.json`, to which both add),
         the file as it is now counts for both.
         """
-        others = {
-            key: replace(
-                other, files={file: entry.files.get(file, d) for file, d in other.files.items()}
-            )
-            for key, other in self.stages.items()
-        }
-        return replace(self, stages={**others, name: entry})
+        return replace(self, stages={**self._with(entry.files), name: entry})
 
     def with_files(self, folder: Path, files: Iterable[Path]) -> Manifest:
         """Return the manifest with these files as they are now, for the stages that wrote them."""
         now = {str(file.relative_to(folder)): file_hash(file) for file in files}
-        stages = {
+        return replace(self, stages=self._with(now))
+
+    def _with(self, now: dict[str, str]) -> dict[str, StageEntry]:
+        return {
             key: replace(stage, files={file: now.get(file, d) for file, d in stage.files.items()})
             for key, stage in self.stages.items()
         }
-        return replace(self, stages=stages)
 
     def is_done(self, name: str, inputs: str, folder: Path) -> bool:
         """Tell whether a stage was done from these inputs and its files are still as written."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from constraints.arrays import Array
 from estimation.diagnostics import Finding, Outcome, Status, Verdict
-from estimation.identification.record import EstimateFile
+from estimation.identification.estimate_file import EstimateFile
 from estimation.uncertainty.differences import FAMILY_LEVEL, Differences, difference_test
 from results.report.content import Level
 from results.report.table import Column, ReportTable

@@ -13,7 +13,7 @@ from typer.main import get_command
 from constraints import limit_definitions
 from estimation.data.reading import file_formats
 from estimation.diagnostics.noise_record import NoiseFile
-from estimation.identification.record import EstimateFile
+from estimation.identification.estimate_file import EstimateFile
 from estimation.montecarlo.record import MonteCarloFile, MonteCarloRecord, repetition_table
 from estimation.studies import StudySummary
 from estimation.twin import Twin

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from constraints.arrays import Array
-from estimation.identification.record import EstimateFile
+from estimation.identification.estimate_file import EstimateFile
 from estimation.twin.record import Truth
 from estimation.uncertainty.differences import Differences, difference_test
 from expdesign.mechanism.catalogue import parameter_unit

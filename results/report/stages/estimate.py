@@ -7,7 +7,8 @@ from pathlib import PurePath
 import numpy as np
 
 from constraints.arrays import Array
-from estimation.identification.record import EstimateFile, EstimateRecord
+from estimation.identification.estimate_file import EstimateFile
+from estimation.identification.record import EstimateRecord
 from estimation.twin.record import Truth
 from estimation.uncertainty import ParameterRow
 from results.report.content import (
