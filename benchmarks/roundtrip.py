@@ -99,7 +99,7 @@ def _executed(
         force_covariance=_force_covariance(run),
     )
     made = export_table(ExportSection(format="xps-pvt"), task, path)
-    table = read_table_file(path, task, made.settings)
+    table = read_table_file(path, made.settings)
     twin = Twin.of(run, table)
     error = 0.0 if twin.truth.table is None else twin.truth.table.position_error
     check = made.check

@@ -39,11 +39,10 @@ class TableMotion:
             The struts' lengths belong to no pose.
         """
         states = self.file.executed.smoothed(self.file.window[0] + np.asarray(times)).states
-        tabled = PoseSamples(*np.split(states, 3, axis=1))
         if self.executed is self.design:
-            return tabled
-        wanted, made = self.design.sample(times), self.executed.sample(times)
-        return PoseSamples(*(t + m - w for t, m, w in zip(tabled, made, wanted, strict=True)))
+            return states
+        parts = zip(states, self.executed.sample(times), self.design.sample(times), strict=True)
+        return PoseSamples(*(part + made - wanted for part, made, wanted in parts))
 
 
 def refuse_short_window(table: TableFile, periods: int, configuration_file: Path | None) -> None:

@@ -28,25 +28,17 @@ class TableError(ValueError):
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """What a table says at each of its times.
-
-    Attributes
-    ----------
-    times : (N,)
-        s from the start of the motion.
-    position : (N, 6)
-        In the units of the controller's axes.
-    rate, acceleration : (N, 6) or None
-        Per s and per s²; None when the table has none.
-    record : dict of (N,)
-        Further columns by name, SI, of tables that hold the whole motion.
-    """
+    """What a table says at each of its times."""
 
     times: Array
+    """(N,), s from the start of the motion."""
     position: Array
+    """(N, 6), in the units of the controller's axes."""
     rate: Array | None = None
     acceleration: Array | None = None
+    """Rate and acceleration (N, 6), per s and per s²; None when the table has none."""
     record: Mapping[str, Array] = field(default_factory=dict)
+    """Further columns by name, SI, of tables that hold the whole motion."""
 
     @property
     def velocities(self) -> Array:
@@ -63,13 +55,7 @@ class Rows:
         return self.acceleration
 
     def checked(self) -> Rows:
-        """Return the rows when they are complete, finite and in the order of time.
-
-        Raises
-        ------
-        TableError
-            Naming the first row that is not.
-        """
+        """Return the rows; a `TableError` names the first that is not complete, finite or later."""
         count = len(self.times)
         if count < 2:  # noqa: PLR2004 - a start and an end
             raise TableError(f"the table has {count} row(s)")
@@ -109,29 +95,20 @@ class Axes:
     """Six axes of a controller.
 
     position of axis k = sign · (coordinate − zero) · scale, of the coordinate that it moves.
-
-    Attributes
-    ----------
-    space : {"strut", "pose"}
-    names, units : (6,) tuples of str
-    source : (6,)
-        Index of the strut, or of the pose's coordinate, that each axis moves.
-    factor : (6,)
-        Units of the axis for 1 m or 1 rad of its coordinate, with the sign.
-    zero : (6,)
-        Coordinate at which the axis reads zero, m or rad.
-    fixed : bool
-        Whether the rotations are roll, pitch and yaw about fixed axes; such a table holds
-        positions only.
     """
 
     space: Space
     names: tuple[str, ...]
     units: tuple[str, ...]
     source: NDArray[np.intp]
+    """(6,), index of the strut, or of the pose's coordinate, that each axis moves."""
     factor: Array
+    """(6,), units of the axis for 1 m or 1 rad of its coordinate, with the sign."""
     zero: Array
+    """(6,), coordinate at which the axis reads zero, m or rad."""
     fixed: bool = False
+    """Whether the rotations are roll, pitch and yaw about fixed axes; such a table holds positions
+    only."""
 
     def rows(
         self,
@@ -176,63 +153,44 @@ class Interpolation(Enum):
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """The motion to be exported, and what is measured while a machine executes it.
-
-    Attributes
-    ----------
-    name : str
-        Of the run.
-    controller_period : float
-        s.
-    sampling : float
-        Of the measurement, Hz.
-    parameters : tuple of str
-        Names of those that the design judges.
-    force_covariance : (6, 6) or None
-        Σ, N²; without it nothing is said about information.
-    made_from : str
-        Hash of what the motion was made from; empty where nobody asks.
-    """
+    """The motion to be exported, and what is measured while a machine executes it."""
 
     name: str
     robot: Robot
     motion: ExecutableMotion
     controller_period: float
+    """Of the controller, s."""
     sampling: float
+    """Of the measurement, Hz."""
     parameters: tuple[str, ...]
+    """Those that the design judges."""
     force_covariance: Array | None = None
+    """(6, 6), Σ, N²; without it nothing is said about information."""
     made_from: str = ""
+    """Hash of what the motion was made from; empty where nobody asks."""
 
 
 @dataclass(frozen=True, eq=False)
 class Settings:
-    """One export with every default filled in.
-
-    Attributes
-    ----------
-    name : str
-        Of the run.
-    digits : int or None
-        After the decimal point; None: all of a double.
-    step : float or None
-        Time between rows, s; None where each row has a time of its own.
-    tolerance : float
-        Largest deviation of a strut's length from the design, m.
-    start : (6,)
-        Position of the axes at home, as it is written.
-    window : (2,)
-        Beginning and end of the measurement window, s.
-    """
+    """One export with every default filled in."""
 
     section: ExportSection
     form: TableFormat
-    name: str
+    task: Task
     axes: Axes
     digits: int | None
+    """After the decimal point; None: all of a double."""
     step: float | None
+    """Time between rows, s; None where each row has a time of its own."""
     tolerance: float
+    """Largest deviation of a strut's length from the design, m."""
     start: Array
-    window: tuple[float, float]
+    """(6,), position of the axes at home, as it is written."""
+
+    @property
+    def window(self) -> tuple[float, float]:
+        """Beginning and end of the measurement window, s."""
+        return self.task.motion.window
 
     @property
     def half_unit(self) -> float:
@@ -253,50 +211,28 @@ class Settings:
 
 @dataclass(frozen=True)
 class TableFormat:
-    """A file format for controller tables.
-
-    Attributes
-    ----------
-    title : str
-        In words.
-    suffix : str
-        Ending of its files.
-    interpolation : Interpolation
-        What the controller does between rows.
-    write : callable
-        Write rows to a path.
-    read : callable
-        Read them back; raises `TableError` for what the controller would not read, or would read
-        otherwise.
-    guide : str
-        How to run the file, in plain words; ``{first_axis}`` and the like are filled in.
-    digits : int or None
-        Default digits after the decimal point, for millimetres.
-    units, angles : str
-        Default units.
-    axes : dict
-        Default names of the axes by space.
-    written_times : callable
-        Times (N,) as the file can state them.
-    uniform : bool
-        Whether all rows have one distance in time.
-    fixed_angles : bool
-        Whether its rotations are roll, pitch and yaw about fixed axes.
-    whole : bool
-        Whether the table also holds pose, struts and forces in SI units.
-    """
+    """A file format for controller tables; digits, units and names of axes are defaults."""
 
     title: str
     suffix: str
     interpolation: Interpolation
     write: Callable[[Path, Rows, Settings], None]
     read: Callable[[Path, Settings], Rows]
+    """Read rows back; raises `TableError` for what the controller would not read, or would read
+    otherwise."""
     guide: str
+    """How to run the file, in plain words; ``{axes}``, ``{step}`` and ``{file}`` are filled in."""
     digits: int | None = 6
+    """After the decimal point, for millimetres."""
     units: str = "mm"
     angles: str = "deg"
     axes: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    """Names of the axes by space."""
     written_times: Callable[[Array], Array] = np.array
+    """Times (N,) as the file can state them."""
     uniform: bool = False
+    """Whether all rows have one distance in time."""
     fixed_angles: bool = False
+    """Whether its rotations are roll, pitch and yaw about fixed axes."""
     whole: bool = False
+    """Whether the table also holds pose, struts and forces in SI units."""

@@ -17,6 +17,7 @@ from expdesign.information.fisher import (
     parameter_covariance,
 )
 from expdesign.robot import Robot
+from expdesign.trajectory import PoseSamples
 
 BLOCK = 20_000
 """Times that are computed at once."""
@@ -24,24 +25,17 @@ BLOCK = 20_000
 
 @dataclass(frozen=True)
 class Deviation:
-    """Largest deviations of the struts.
-
-    Attributes
-    ----------
-    position, position_time : float
-        Of a length, m, and when, s.
-    velocity : float
-        m/s.
-    acceleration, force : float
-        As a share of the range that the limits give; NaN where there is no such limit. The forces
-        are those without dry friction, which jumps wherever a velocity changes its sign.
-    """
+    """Largest deviations of the struts."""
 
     position: float = 0.0
     position_time: float = 0.0
+    """Deviation of a length, m, and when it is so large, s."""
     velocity: float = 0.0
+    """Of a strut, m/s."""
     acceleration: float = np.nan
     force: float = np.nan
+    """Both as a share of the range that the limits give, NaN where there is no such limit; forces
+    without dry friction, which jumps wherever a velocity changes its sign."""
 
     def with_worse(self, other: Deviation) -> Deviation:
         """Return the larger of each."""
@@ -68,33 +62,21 @@ def deviation(table: ExecutedTable, times: Array, executed: Executed, *, forces:
     """
     robot = table.robot
     design = table.motion.sample(times)
-    parts = (design.pose, design.rate, design.acceleration)
-    struts = robot.strut_motion(*parts)
+    struts = robot.strut_motion(*design)
     off = np.abs(executed.length - struts.length).max(axis=1)
     worst = int(np.argmax(off))
-    found = Deviation(
-        float(off[worst]),
-        float(times[worst]),
-        float(np.max(np.abs(executed.length_rate - struts.length_rate))),
-    )
-    if not forces:
-        return found
-    parameters = np.where(robot.graph.jumping, 0.0, robot.parameters)
-    pose, rate, acceleration = np.split(executed.states, 3, axis=1)
-    force = robot.actuator_forces(pose, rate, acceleration, parameters) - robot.actuator_forces(
-        *parts, parameters
-    )
-    return Deviation(
-        found.position,
-        found.position_time,
-        found.velocity,
-        _share(
-            robot,
-            "strut_acceleration",
-            executed.length_acceleration - struts.length_acceleration,
-        ),
-        _share(robot, "actuator_force", force),
-    )
+    shares = []
+    if forces:
+        parameters = np.where(robot.graph.jumping, 0.0, robot.parameters)
+        accelerated = executed.length_acceleration - struts.length_acceleration
+        force = robot.actuator_forces(*executed.states, parameters)
+        force -= robot.actuator_forces(*design, parameters)
+        shares = [
+            _share(robot, "strut_acceleration", accelerated),
+            _share(robot, "actuator_force", force),
+        ]
+    speed = float(np.max(np.abs(executed.length_rate - struts.length_rate)))
+    return Deviation(float(off[worst]), float(times[worst]), speed, *shares)
 
 
 def _share(robot: Robot, key: str, difference: Array) -> float:
@@ -106,35 +88,23 @@ def _share(robot: Robot, key: str, difference: Array) -> float:
 
 @dataclass(frozen=True)
 class InformationChange:
-    """F over the measurement window, of the table as executed against the design.
-
-    Attributes
-    ----------
-    samples : int
-        Of the measurement.
-    log_det_design, log_det_change : float
-        log det F of the design, and by how much that of the table is larger.
-    std_change : float
-        The largest relative change of a predicted standard deviation.
-    parameter : str
-        Whose.
-    """
+    """F over the measurement window, of the table as executed against the design."""
 
     samples: int
+    """Of the measurement."""
     log_det_design: float
     log_det_change: float
+    """Of the design, and by how much that of the table is larger."""
     std_change: float
+    """The largest relative change of a predicted standard deviation."""
     parameter: str
+    """Whose standard deviation that is."""
 
 
 def information_change(table: ExecutedTable, task: Task) -> InformationChange | None:
     """Compare the information of executed table and design, sampled as it will be measured.
 
-    Returns
-    -------
-    InformationChange or None
-        None without a covariance of the forces, and for a design that leaves parameters
-        undetermined.
+    None without a covariance of the forces, and for a design that leaves parameters undetermined.
 
     Raises
     ------
@@ -148,22 +118,15 @@ def information_change(table: ExecutedTable, task: Task) -> InformationChange | 
     count = max(1, int(np.floor((last - first) * task.sampling * (1 + 1e-12))))
     times = first + np.arange(count) / task.sampling
 
-    def designed(at: Array) -> Array:
-        states = task.motion.sample(at)
-        return np.concatenate([states.pose, states.rate, states.acceleration], axis=1)
-
-    def executed(at: Array) -> Array:
-        return table.smoothed(at).states
-
     names = task.parameters
     try:
-        design = _information(task, covariance, times, designed)
+        design = _information(task, covariance, times, task.motion.sample)
         reference = log_det(design, names)
         before = np.sqrt(np.diag(parameter_covariance(design, names)))
     except SingularInformationError:
         return None
     try:
-        found = _information(task, covariance, times, executed)
+        found = _information(task, covariance, times, lambda at: table.smoothed(at).states)
         change = log_det(found, names) - reference
         after = np.sqrt(np.diag(parameter_covariance(found, names)))
     except SingularInformationError:
@@ -174,12 +137,12 @@ def information_change(table: ExecutedTable, task: Task) -> InformationChange | 
 
 
 def _information(
-    task: Task, covariance: Array, times: Array, states: Callable[[Array], Array]
+    task: Task, covariance: Array, times: Array, sample: Callable[[Array], PoseSamples]
 ) -> Array:
     every = task.robot.parameter_names
     columns = [every.index(name) for name in task.parameters]
     total = np.zeros((len(columns), len(columns)))
     for part in blocks(times):
-        regressors = task.robot.regressor(*np.split(states(part), 3, axis=1))
+        regressors = task.robot.regressor(*sample(part))
         total += information_matrix(regressors[:, :, columns], covariance)
     return total

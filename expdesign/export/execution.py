@@ -9,24 +9,16 @@ import numpy as np
 from scipy.interpolate import PPoly
 
 from constraints.arrays import Array
-from expdesign.export.definition import Axes, Interpolation, Rows
+from expdesign.export.definition import Axes, Interpolation, Rows, Settings
 from expdesign.motion.executable import ExecutableMotion
 from expdesign.robot import Robot
+from expdesign.trajectory import PoseSamples
 
 
 def interpolated(kind: Interpolation, rows: Rows) -> PPoly:
-    """Return the path of the axes as a piecewise polynomial in time.
+    """Return the path of the axes, (N,) times → (N, 6) in their units, as a piecewise polynomial.
 
-    Parameters
-    ----------
-    kind : Interpolation
-    rows : Rows
-        With the velocities that a cubic path needs, and the accelerations of a quintic one.
-
-    Returns
-    -------
-    scipy.interpolate.PPoly
-        (N,) times → (N, 6) in the axes' units.
+    The rows have the velocities that a cubic path needs, and the accelerations of a quintic one.
     """
     h = np.diff(rows.times)[:, None]
     p0, p1 = rows.position[:-1], rows.position[1:]
@@ -57,14 +49,7 @@ def refined(times: Array, points: int) -> Array:
 
 
 def differences(times: Array, values: Array) -> tuple[Array, Array]:
-    """Return first and second derivatives at the rows from differences, at rest at both ends.
-
-    Parameters
-    ----------
-    times : (N,)
-        s, increasing.
-    values : (N, 6)
-    """
+    """Return first and second derivatives of values (N, 6) at times (N,), at rest at both ends."""
     h = np.diff(times)[:, None]
     slopes = np.diff(values, axis=0) / h
     first, second = np.zeros_like(values), np.zeros_like(values)
@@ -76,16 +61,9 @@ def differences(times: Array, values: Array) -> tuple[Array, Array]:
 
 @dataclass(frozen=True, eq=False)
 class Executed:
-    """The machine at N times: pose state and struts, SI.
+    """The machine at N times, SI: pose with rate and acceleration, and the struts, (N, 6) each."""
 
-    Attributes
-    ----------
-    states : (N, 18)
-        Pose, its rate and acceleration.
-    length, length_rate, length_acceleration : (N, 6)
-    """
-
-    states: Array
+    states: PoseSamples
     length: Array
     length_rate: Array
     length_acceleration: Array
@@ -93,20 +71,21 @@ class Executed:
 
 @dataclass(frozen=True, eq=False)
 class ExecutedTable:
-    """A table on its way through the controller's interpolator.
-
-    Attributes
-    ----------
-    motion : ExecutableMotion
-        The design; it only tells which way the machine is assembled and how many turns an angle
-        has.
-    """
+    """A table on its way through the controller's interpolator."""
 
     robot: Robot
     motion: ExecutableMotion
+    """The design; it only tells which way the machine is assembled and how many turns an angle
+    has."""
     axes: Axes
     rows: Rows
     interpolation: Interpolation
+
+    @classmethod
+    def of(cls, settings: Settings, rows: Rows) -> ExecutedTable:
+        """Return the rows of an export on their way."""
+        form, task = settings.form, settings.task
+        return cls(task.robot, task.motion, settings.axes, rows, form.interpolation)
 
     def between(self, times: Array) -> Executed:
         """Return the machine between the rows as well; times (N,), s.
@@ -177,19 +156,15 @@ class ExecutedTable:
     def _machine(self, times: Array, values: Array, first: Array, second: Array) -> Executed:
         if self.axes.space == "pose":
             struts = self.robot.strut_motion(values, first, second)
-            return Executed(
-                np.concatenate([values, first, second], axis=1),
-                struts.length,
-                struts.length_rate,
-                struts.length_acceleration,
-            )
+            lengths = struts.length, struts.length_rate, struts.length_acceleration
+            return Executed(PoseSamples(values, first, second), *lengths)
         pose = self.robot.forward_kinematics(values, self.motion.sample(times).pose)
         jacobian = self.robot.length_jacobian(pose)
         rate = _solved(jacobian, first)
         # q̈ = J λ̈ + J̇ λ̇; the graph gives the second part at λ̈ = 0.
         rest = self.robot.strut_motion(pose, rate, np.zeros_like(rate)).length_acceleration
         acceleration = _solved(jacobian, second - rest)
-        return Executed(np.concatenate([pose, rate, acceleration], axis=1), values, first, second)
+        return Executed(PoseSamples(pose, rate, acceleration), values, first, second)
 
 
 def _solved(matrices: Array, vectors: Array) -> Array:

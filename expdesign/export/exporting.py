@@ -46,13 +46,7 @@ _BAG = ".mcap"
 
 
 class ExportError(ComputationError):
-    """A file does not do what the design asks for; it was not kept.
-
-    Attributes
-    ----------
-    remedy : str
-        What may help; empty when no option does.
-    """
+    """A file does not do what the design asks for; it was not kept. `remedy` may be empty."""
 
     def __init__(self, name: str, check: ReadBack, settings: Settings) -> None:
         self.check = check
@@ -66,13 +60,7 @@ class ExportError(ComputationError):
 
 @dataclass(frozen=True, eq=False)
 class Export:
-    """A file that was written and checked.
-
-    Attributes
-    ----------
-    digest : str
-        SHA-256 of what was checked.
-    """
+    """A file that was written and checked; `digest` is its SHA-256 then."""
 
     path: Path
     digest: str
@@ -103,13 +91,7 @@ def file_name(section: ExportSection) -> str:
 
 
 def refuse_unreadable_name(section: ExportSection, path: Path, key: str) -> None:
-    """Refuse a name under which nobody can read the file: a bag is recognised by its ending.
-
-    Raises
-    ------
-    InputError
-        It tells the ending.
-    """
+    """Refuse a name under which nobody can read the file: a bag is recognised by its ending."""
     if section.encoding == "mcap" and path.suffix != _BAG:
         raise InputError(
             f"'{path.name}' does not end in {_BAG}: ROS 2 would not know it for an MCAP bag",
@@ -119,13 +101,7 @@ def refuse_unreadable_name(section: ExportSection, path: Path, key: str) -> None
 
 
 def refuse_missing_library(section: ExportSection, place: str = "") -> None:
-    """Refuse a table that needs a library which is not installed.
-
-    Raises
-    ------
-    InputError
-        It tells how to install it.
-    """
+    """Refuse a table that needs a library which is not installed, and tell how to install it."""
     if section.encoding == "mcap" and find_spec("rosbags") is None:
         raise InputError(
             "MCAP bags are written with the library rosbags, which is not installed",
@@ -161,16 +137,16 @@ def export_table(
     """
     refuse_missing_library(section, place)
     settings = settled(section, task)
-    times = chosen_times(task, settings, place)
-    rows = ideal_rows(task, settings, times)
+    times = chosen_times(settings, place)
+    rows = ideal_rows(settings, times)
     if settings.form.whole:
-        rows = replace(rows, record=whole_motion(task.robot, task.motion, times))
+        rows = replace(rows, record=whole_motion(task, times))
     path.parent.mkdir(parents=True, exist_ok=True)
     # A folder beside it: some libraries go by the file's name.
     with TemporaryDirectory(prefix=".export-", dir=path.parent) as folder:
         beside = Path(folder) / file_name(section)
         (write or settings.form.write)(beside, rows, settings)
-        check = read_back(beside, task, settings)
+        check = read_back(beside, settings)
         if not check.passed:
             raise ExportError(path.name, check, settings)
         digest = file_hash(beside)
@@ -194,13 +170,12 @@ def settled(section: ExportSection, task: Task) -> Settings:
     return Settings(
         section=section,
         form=form,
-        name=task.name,
+        task=task,
         axes=axes,
         digits=digits,
         step=(section.segment or task.controller_period) if form.uniform else None,
         tolerance=section.tolerance or TOLERANCES[form.interpolation],
         start=start if digits is None else np.round(start, digits),
-        window=task.motion.window,
     )
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from expdesign.export.definition import Interpolation, Rows, Settings, TableError, Task
+from expdesign.export.definition import Interpolation, Rows, Settings, TableError
 from expdesign.export.deviation import (
     Deviation,
     InformationChange,
@@ -42,33 +42,24 @@ _STEP = 1e-9
 
 @dataclass(frozen=True)
 class ReadBack:
-    """What a file does when it is executed.
-
-    Attributes
-    ----------
-    rows, points : int
-        Rows of the table; points of the grid on which it was executed.
-    shortest, longest : float
-        Time between two rows, s.
-    row_error : float
-        Largest difference between a value in the file and the design at the time that the file
-        states, in half units of the last digit (of a rounding error, where all are written).
-    information : InformationChange or None
-        None without noise, or where the file could not be executed.
-    failures : tuple of str
-        What is beyond its tolerance; empty when the file is good.
-    """
+    """What a file does when it is executed."""
 
     rows: int = 0
     points: int = 0
+    """Of the grid on which the rows were executed."""
     shortest: float = np.nan
     longest: float = np.nan
+    """Shortest and longest time between two rows, s."""
     duration: float = np.nan
     row_error: float = np.nan
+    """Largest difference between a value in the file and the design at the time that the file
+    states, in half units of the last digit (of a rounding error, where all are written)."""
     deviation: Deviation = field(default_factory=Deviation)
     limits: tuple[LimitCheck, ...] = ()
     information: InformationChange | None = None
+    """None without noise, or where the file could not be executed."""
     failures: tuple[str, ...] = ()
+    """What is beyond its tolerance; empty when the file is good."""
 
     @property
     def passed(self) -> bool:
@@ -76,19 +67,10 @@ class ReadBack:
         return not self.failures
 
 
-def read_back(path: Path, task: Task, settings: Settings) -> ReadBack:
-    """Read a file, execute it as its controller does, and hold it against design and limits.
-
-    Parameters
-    ----------
-    task : Task
-        The design.
-    settings : Settings
-        With which the file was written.
-    """
-    form = settings.form
+def read_back(path: Path, settings: Settings) -> ReadBack:
+    """Read a file, execute it as its controller does, and hold it against design and limits."""
     try:
-        rows = form.read(path, settings)
+        rows = settings.form.read(path, settings)
     except TableError as error:
         return ReadBack(failures=(f"the file cannot be read: {error}",))
     steps = np.diff(rows.times)
@@ -98,17 +80,17 @@ def read_back(path: Path, task: Task, settings: Settings) -> ReadBack:
         longest=float(steps.max()),
         duration=float(rows.times[-1]),
     )
-    apart, failures = _row_error(rows, task, settings)
+    apart, failures = _row_error(rows, settings)
     found = replace(found, row_error=apart)
-    failures += _wrong_times(rows, task, settings)
+    failures += _wrong_times(rows, settings)
     if failures:
         # Rows of another motion: what a machine would do with them is not worth computing.
         return replace(found, failures=tuple(failures))
-    table = ExecutedTable(task.robot, task.motion, settings.axes, rows, form.interpolation)
+    table = ExecutedTable.of(settings, rows)
     try:
         found = _executed(found, table)
         failures += _beyond(found, table, settings)
-        found = replace(found, information=information_change(table, task))
+        found = replace(found, information=information_change(table, settings.task))
     except (ForwardKinematicsError, np.linalg.LinAlgError) as trouble:
         failures.append(f"the file cannot be executed: {trouble}")
     if found.information is not None:
@@ -116,9 +98,9 @@ def read_back(path: Path, task: Task, settings: Settings) -> ReadBack:
     return replace(found, failures=tuple(failures))
 
 
-def _row_error(rows: Rows, task: Task, settings: Settings) -> tuple[float, list[str]]:
+def _row_error(rows: Rows, settings: Settings) -> tuple[float, list[str]]:
     """Return the largest error of the rows in units of what it may be, and what is wrong."""
-    ideal = ideal_rows(task, settings, rows.times)
+    ideal = ideal_rows(settings, rows.times)
     worst, failures = 0.0, []
     pairs = [("position", rows.position, ideal.position)]
     if rows.rate is not None and ideal.rate is not None:
@@ -126,7 +108,7 @@ def _row_error(rows: Rows, task: Task, settings: Settings) -> tuple[float, list[
     if rows.acceleration is not None and ideal.acceleration is not None:
         pairs.append(("acceleration", rows.acceleration, ideal.acceleration))
     if rows.record:
-        expected = whole_motion(task.robot, task.motion, rows.times)
+        expected = whole_motion(settings.task, rows.times)
         pairs += [(name, rows.record[name][:, None], v[:, None]) for name, v in expected.items()]
     for what, written, wanted in pairs:
         size = np.max(np.abs(wanted), axis=0, initial=1.0)
@@ -143,9 +125,9 @@ def _row_error(rows: Rows, task: Task, settings: Settings) -> tuple[float, list[
     return worst, failures
 
 
-def _wrong_times(rows: Rows, task: Task, settings: Settings) -> list[str]:
+def _wrong_times(rows: Rows, settings: Settings) -> list[str]:
     steps = np.diff(rows.times)
-    end, wanted = rows.times[-1], task.motion.duration
+    end, wanted = rows.times[-1], settings.task.motion.duration
     failures = []
     if not wanted - _DURATION <= end <= wanted + steps.max() + _DURATION:
         failures.append(f"the table lasts {end:.6f} s, the motion {wanted:.6f} s")
@@ -180,17 +162,14 @@ def _executed(found: ReadBack, table: ExecutedTable) -> ReadBack:
     for times in blocks(grid):
         executed = table.between(times)
         worst = worst.with_worse(deviation(table, times, executed, forces=not linear))
-        checks += judge(rest if linear else limits, times, executed.states)
+        checks += judge(rest if linear else limits, times, np.hstack(executed.states))
     if linear:
         for times in blocks(table.rows.times):
             executed = table.smoothed(times)
+            # Of the rows only what has no value between them: accelerations and forces.
             at_rows = deviation(table, times, executed, forces=True)
-            worst = replace(
-                worst,
-                acceleration=float(np.fmax(worst.acceleration, at_rows.acceleration)),
-                force=float(np.fmax(worst.force, at_rows.force)),
-            )
-            checks += judge(quick, times, executed.states)
+            worst = worst.with_worse(replace(at_rows, position=0.0, velocity=0.0))
+            checks += judge(quick, times, np.hstack(executed.states))
     held = {check.key: check for check in worst_of_each(checks)}
     ordered = tuple(held[key] for key in dict.fromkeys(limits.keys))
     return replace(found, points=len(grid), deviation=worst, limits=ordered)

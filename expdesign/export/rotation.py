@@ -20,14 +20,12 @@ _OURS, _FIXED_AXES = "XYZ", "xyz"
 
 def roll_pitch_yaw(angles: Array) -> Array:
     """Return A, B, C with Rz(C) Ry(B) Rx(A) = R for angles (N, 3), rad, without jumps of 360°."""
-    converted = Rotation.from_euler(_OURS, angles).as_euler(_FIXED_AXES)
-    return np.unwrap(converted, axis=0)
+    return np.unwrap(Rotation.from_euler(_OURS, angles).as_euler(_FIXED_AXES), axis=0)
 
 
 def from_roll_pitch_yaw(fixed: Array) -> Array:
     """Return φ, θ, ψ, (N, 3) rad, of rotations about fixed axes; without jumps of 360°."""
-    converted = Rotation.from_euler(_FIXED_AXES, fixed).as_euler(_OURS)
-    return np.unwrap(converted, axis=0)
+    return np.unwrap(Rotation.from_euler(_FIXED_AXES, fixed).as_euler(_OURS), axis=0)
 
 
 def quaternions(angles: Array) -> Array:

@@ -14,7 +14,6 @@ from expdesign.export.deviation import Deviation, blocks, deviation
 from expdesign.export.execution import ExecutedTable, refined
 from expdesign.motion.executable import ExecutableMotion
 from expdesign.motion.sampled import SampledMotion
-from expdesign.robot import Robot
 from expdesign.runfolder.described import Column, field_columns
 
 SHARE = 1e-3
@@ -37,20 +36,19 @@ _ROUNDING = 1e-9
 _POINTS = 10
 
 
-def ideal_rows(task: Task, settings: Settings, times: Array) -> Rows:
+def ideal_rows(settings: Settings, times: Array) -> Rows:
     """Return the design at the times (N,), s, in the controller's coordinates, unrounded."""
-    robot, axes = task.robot, settings.axes
-    states = task.motion.sample(times)
+    axes, states = settings.axes, settings.task.motion.sample(times)
     if axes.space == "pose":
         return axes.rows(times, *states)
-    struts = robot.strut_motion(*states)
+    struts = settings.task.robot.strut_motion(*states)
     return axes.rows(times, struts.length, struts.length_rate, struts.length_acceleration)
 
 
-def whole_motion(robot: Robot, motion: ExecutableMotion, times: Array) -> dict[str, Array]:
+def whole_motion(task: Task, times: Array) -> dict[str, Array]:
     """Return every column of `COLUMNS` by its name at the times (N,), s."""
-    sampled = SampledMotion.of(robot, motion, times)
-    window = in_window(times, motion.window).astype(float)
+    sampled = SampledMotion.of(task.robot, task.motion, times)
+    window = in_window(times, task.motion.window).astype(float)
     table = np.column_stack([*(getattr(sampled, name) for name, _ in _SAMPLED), window])
     return {column.name: table[:, k] for k, column in enumerate(COLUMNS)}
 
@@ -63,11 +61,7 @@ def uniform_times(motion: ExecutableMotion, step: float) -> Array:
 def divided_times(motion: ExecutableMotion, longest: Sequence[float]) -> Array:
     """Return times that divide every part of the motion, and every period, into equal steps.
 
-    Parameters
-    ----------
-    motion : ExecutableMotion
-    longest : sequence of float
-        Longest step in each segment of the motion, s.
+    `longest` is the longest step in each segment of the motion, s.
     """
     parts = [_divided(motion, k, step) for k, step in enumerate(longest)]
     return np.array([*itertools.chain.from_iterable(part[:-1] for part in parts), motion.duration])
@@ -81,38 +75,33 @@ def _divided(motion: ExecutableMotion, segment: int, longest: float) -> Array:
     return np.linspace(begin, end, parts * steps + 1)
 
 
-def chosen_times(task: Task, settings: Settings, place: str = "") -> Array:
+def chosen_times(settings: Settings, place: str = "") -> Array:
     """Return the times of the rows, as the file can state them.
 
     Without a segment time every segment of the motion gets the longest of `STEPS` with which the
     controller's path keeps to the design there: the struts' lengths within 80 % of the tolerance,
     their accelerations and forces within 80 % of `SHARE`. The rest is for the rounding of the
-    numbers.
-
-    Raises
-    ------
-    InputError
-        No step is short enough.
+    numbers. Where no step is short enough, the section is refused.
     """
-    form, motion = settings.form, task.motion
+    form, motion = settings.form, settings.task.motion
     if settings.step is not None:
         return form.written_times(uniform_times(motion, settings.step))
     given = settings.section.segment
     if given is not None:
         return form.written_times(divided_times(motion, [given] * len(motion.segments)))
-    steps = [_step(task, settings, k, place) for k in range(len(motion.segments))]
+    steps = [_step(settings, k, place) for k in range(len(motion.segments))]
     return form.written_times(divided_times(motion, steps))
 
 
-def _step(task: Task, settings: Settings, segment: int, place: str) -> float:
-    motion = task.motion
+def _step(settings: Settings, segment: int, place: str) -> float:
+    motion = settings.task.motion
     found = Deviation()
     for step in STEPS:
         times = _divided(motion, segment, step)
         if motion.segments[segment].name == "periods":
             # All periods have the same rows.
             times = times[: (len(times) - 1) // motion.periods + 1]
-        found = _deviation(task, settings, settings.form.written_times(times))
+        found = _deviation(settings, settings.form.written_times(times))
         shares = (found.position / settings.tolerance, found.acceleration / SHARE)
         if np.nanmax([*shares, found.force / SHARE]) <= _RESERVE:
             return step
@@ -125,9 +114,8 @@ def _step(task: Task, settings: Settings, segment: int, place: str) -> float:
     )
 
 
-def _deviation(task: Task, settings: Settings, times: Array) -> Deviation:
-    rows = ideal_rows(task, settings, times)
-    table = ExecutedTable(task.robot, task.motion, settings.axes, rows, settings.form.interpolation)
+def _deviation(settings: Settings, times: Array) -> Deviation:
+    table = ExecutedTable.of(settings, ideal_rows(settings, times))
     worst = Deviation()
     for part in blocks(refined(times, _POINTS)):
         worst = worst.with_worse(deviation(table, part, table.between(part), forces=True))

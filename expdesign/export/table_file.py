@@ -22,14 +22,8 @@ _AGAIN = "a table as `expdesign export` wrote it, with the record beside it; exp
 class TableFile:
     """A table in a file, on its way through the controller's interpolator.
 
-    Attributes
-    ----------
-    digest : str
-        SHA-256 of the file.
-    settings : Settings
-        With which it was written.
-    changed : bool
-        Whether it is another file than the one that was exported and checked.
+    `settings` are those with which it was written, `digest` is the SHA-256 of the file; it is
+    `changed` when that is not the one that was exported and checked.
     """
 
     path: Path
@@ -55,30 +49,18 @@ class TableFile:
         return motion.trajectory if motion.phase == 0 else motion.trajectory.shifted(motion.phase)
 
 
-def read_table_file(path: Path, task: Task, settings: Settings) -> TableFile:
-    """Read the table of a task's motion as its controller does, with the settings it was made with.
-
-    Raises
-    ------
-    TableError
-        The controller would not read it.
-    """
-    form = settings.form
-    rows = form.read(path, settings)
-    executed = ExecutedTable(task.robot, task.motion, settings.axes, rows, form.interpolation)
+def read_table_file(path: Path, settings: Settings) -> TableFile:
+    """Read a table as its controller does; raises `TableError` for what that would not read."""
+    executed = ExecutedTable.of(settings, settings.form.read(path, settings))
     return TableFile(path, file_hash(path), settings, executed)
 
 
 def find_table_file(path: Path, robot: Robot, trajectory: FourierTrajectory) -> TableFile:
     """Read a table with what `expdesign export` wrote beside it about its axes and its motion.
 
-    The robot executes it; the trajectory is the design that it was made of.
-
-    Raises
-    ------
-    InputError
-        There is no such file, nothing tells what it holds, it cannot be read, or it was made of
-        another design.
+    The robot executes it; the trajectory is the design that it was made of. An `InputError` tells
+    that there is no such file, that nothing tells what it holds, that it cannot be read or was made
+    of another design.
     """
     if not path.is_file():
         raise _refusal("there is no such table", path, "a file that `expdesign export` wrote")
@@ -99,7 +81,7 @@ def find_table_file(path: Path, robot: Robot, trajectory: FourierTrajectory) -> 
     )
     refuse_missing_library(section)
     try:
-        found = read_table_file(path, task, settled(section, task))
+        found = read_table_file(path, settled(section, task))
     except (TableError, OSError) as error:
         since = "; it was changed after it was exported" if changed else ""
         message = f"the controller would not read this table: {error}{since}"

@@ -1,4 +1,7 @@
-"""What formats of text share: rows, marks of the window, and reading them strictly back."""
+"""What formats of text share: rows, marks of the window, and reading them strictly back.
+
+What reads raises `TableError`, which names the line.
+"""
 
 from __future__ import annotations
 
@@ -26,10 +29,7 @@ def marked(text: Iterable[str], times: Array, settings: Settings, comment: str) 
     Parameters
     ----------
     text : iterable of str
-        One line for every row.
-    times : (N,)
-        Of the rows, s.
-    settings : Settings
+        One line for every row, at the times (N,), s.
     comment : str
         A comment of the format, with ``{}`` for what it says.
     """
@@ -44,13 +44,7 @@ def marked(text: Iterable[str], times: Array, settings: Settings, comment: str) 
 
 
 def lines(path: Path) -> list[str]:
-    """Return the lines of a text file.
-
-    Raises
-    ------
-    TableError
-        It is no text in ASCII, or too large.
-    """
+    """Return the lines of a file of ASCII."""
     if path.stat().st_size > LARGEST_FILE:
         raise TableError(f"the file is larger than {LARGEST_FILE >> 20} MiB")
     try:
@@ -60,13 +54,7 @@ def lines(path: Path) -> list[str]:
 
 
 def lines_after(path: Path, head: str, message: str) -> list[str]:
-    """Return the lines after the first one, which has to be `head`.
-
-    Raises
-    ------
-    TableError
-        As `lines`, or the first line is another.
-    """
+    """Return the lines after the first one, which has to be `head`."""
     first, *rest = lines(path) or [""]
     if first != head:
         raise TableError(f"line 1: {message}")
@@ -74,13 +62,7 @@ def lines_after(path: Path, head: str, message: str) -> list[str]:
 
 
 def number(text: str, line: int, what: str) -> float:
-    """Return a plain decimal number.
-
-    Raises
-    ------
-    TableError
-        It is none; naming the line.
-    """
+    """Return a plain decimal number."""
     if not _NUMBER.fullmatch(text):
         raise TableError(f"line {line}: the {what} '{text[:40]}' is not a number")
     return float(text)
@@ -95,27 +77,18 @@ def numbers(
     first: int = 1,
     comment: str = "",
 ) -> Array:
-    """Return the numbers of a table, (N, count).
+    """Return the numbers of a table, (N, count), of which there has to be a row at least.
 
     Parameters
     ----------
-    text : iterable of str
-    count : int
-        Numbers in every row.
     what : str
-        They are, for messages.
+        What the numbers are, for messages.
     separator : str, optional
         Between them; white space by default.
     first : int
         Number of the first line in its file.
     comment : str
         What a comment begins with; lines without anything else are left out. None by default.
-
-    Raises
-    ------
-    TableError
-        A row has more, fewer, or what is no plain decimal number; naming the line. Or there are
-        no rows.
     """
     table = []
     for k, line in enumerate(text, start=first):
@@ -140,12 +113,6 @@ def uniform_rows(positions: Array, settings: Settings) -> Rows:
 
 
 def refuse_motion_at_end(velocities: Array, line: int) -> None:
-    """Refuse a table after which the axes go on moving.
-
-    Raises
-    ------
-    TableError
-        A velocity of the last row, (6,), is not zero.
-    """
+    """Refuse a table after which the axes go on moving: the last velocities, (6,), are zero."""
     if np.any(velocities != 0):
         raise TableError(f"line {line}: the last velocities are not 0")

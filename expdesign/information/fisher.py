@@ -13,25 +13,18 @@ from expdesign.configuration import ComputationError
 EXCITABLE = 1e-12
 """Smallest eigenvalue of the column-scaled F, relative to its largest, that counts as excited."""
 
-
 SHARE = 0.1
 """From this share (squared component) on, a parameter takes part in a direction."""
 
 
 @dataclass(frozen=True)
 class WeakDirection:
-    """A combination of parameters that F does not determine.
-
-    Attributes
-    ----------
-    name : str
-        The parameter with the largest share of it: without it the combination is gone.
-    others : tuple of str
-        The parameters that it cannot be told from; empty when nothing excites it at all.
-    """
+    """A combination of parameters that F does not determine."""
 
     name: str
+    """The parameter with the largest share of it: without it the combination is gone."""
     others: tuple[str, ...] = ()
+    """The parameters that it cannot be told from; empty when nothing excites it at all."""
 
     def __str__(self) -> str:
         """Return it in words: ``"p4 (it cannot be told from p5)"``."""
@@ -43,27 +36,13 @@ class WeakDirection:
 
 
 def whitening(covariance: Array) -> Array:
-    """Return the lower triangular S⁻¹ with Σ = S Sᵀ: S⁻¹ q has unit covariance.
-
-    Parameters
-    ----------
-    covariance : (6, 6)
-        Σ, symmetric positive definite, N².
-    """
+    """Return the lower triangular S⁻¹ with Σ = S Sᵀ, (6, 6), N²: S⁻¹ q has unit covariance."""
     factor = np.linalg.cholesky(covariance)
     return sla.solve_triangular(factor, np.eye(len(factor)), lower=True)
 
 
 def information_matrix(regressors: Array, covariance: Array) -> Array:
-    """Return F = Σ_t A_tᵀ Σ⁻¹ A_t, (m, m).
-
-    Parameters
-    ----------
-    regressors : (N, 6, m)
-        A at every sample.
-    covariance : (6, 6)
-        Full covariance Σ of the force noise.
-    """
+    """Return F = Σ_t A_tᵀ Σ⁻¹ A_t, (m, m), of A at every sample, (N, 6, m), and Σ of the forces."""
     white = np.matmul(whitening(covariance), regressors)
     stacked = white.reshape(-1, white.shape[2])
     return stacked.T @ stacked
@@ -71,18 +50,12 @@ def information_matrix(regressors: Array, covariance: Array) -> Array:
 
 @dataclass(frozen=True)
 class ScaledInformation:
-    """F brought to unit diagonal, with the scales taken out: D F̃ D = F, D diagonal.
-
-    Attributes
-    ----------
-    matrix : (m, m)
-        F̃, unit diagonal (0 in rows that nothing excites).
-    scales : (m,)
-        D: square roots of F's diagonal.
-    """
+    """F brought to unit diagonal, with the scales taken out: D F̃ D = F, D diagonal."""
 
     matrix: Array
+    """(m, m), F̃, unit diagonal (0 in rows that nothing excites)."""
     scales: Array
+    """(m,), D: square roots of F's diagonal."""
 
     @classmethod
     def of(cls, information: Array) -> ScaledInformation:

@@ -13,62 +13,43 @@ from constraints.arrays import Array
 
 @dataclass(frozen=True, kw_only=True)
 class Criterion:
-    """A criterion of optimality: what is reported, and what an optimiser minimises.
-
-    Attributes
-    ----------
-    key : str
-        Value of ``design.criterion`` in the YAML.
-    invariant : bool
-        True when a rescaling of the parameters only shifts the cost.
-    flat : bool
-        True when the cost hardly changes where a parameter is hardly excited: the search then
-        begins on log det F.
-    levels : tuple of float
-        Sharpness of a smooth surrogate, continued from blunt to sharp; (0.0,) if it is exact.
-    value : callable
-        Eigenvalues of the scaled F → the reported number.
-    cost : callable
-        (logarithms of the eigenvalues (m,), ascending; level) → a smooth function of order one,
-        which the optimiser minimises, with its gradient (m,) and Hessian (m, m).
-    from_cost : callable
-        (cost of the mean of F over the samples, number m of parameters, samples that F is summed
-        over, sum of the logarithms of the parameters' scales) → the reported number that it
-        stands for (progress only).
-    """
+    """A criterion of optimality: what is reported, and what an optimiser minimises."""
 
     key: str
+    """Value of ``design.criterion`` in the YAML."""
     title: str
     larger_is_better: bool
     invariant: bool = False
+    """True when a rescaling of the parameters only shifts the cost."""
     flat: bool = False
+    """True when the cost hardly changes where a parameter is hardly excited: the search then begins
+    on log det F."""
     levels: tuple[float, ...]
+    """Sharpness of a smooth surrogate, continued from blunt to sharp; (0.0,) if it is exact."""
     value: Callable[[Array], float]
+    """Eigenvalues of the scaled F → the reported number."""
     cost: Callable[[Array, float], tuple[float, Array, Array]]
+    """(logarithms of the eigenvalues (m,), ascending; level) → a smooth function of order one,
+    which the optimiser minimises, with its gradient (m,) and Hessian (m, m)."""
     from_cost: Callable[[float, int, int, float], float]
+    """(cost of the mean of F over the samples, number m of parameters, samples that F is summed
+    over, sum of the logarithms of the parameters' scales) → the reported number that it stands for
+    (progress only)."""
 
 
 @dataclass(frozen=True)
 class SpectralCost:
-    """A criterion's cost with its derivatives with respect to the scaled F.
-
-    Attributes
-    ----------
-    basis : (m, m)
-        Eigenvectors of F, columns.
-    slope : (m,)
-        Derivatives with respect to the eigenvalues: dcost = Σ slope_i (Vᵀ dF V)_ii.
-    diagonal : (m, m)
-        Positive semidefinite curvature between the diagonal entries of Vᵀ dF V.
-    mixing : (m, m)
-        Nonnegative curvature of its off-diagonal entries (Daleckii–Krein), zero diagonal.
-    """
+    """A criterion's cost with its derivatives with respect to the scaled F."""
 
     value: float
     basis: Array
+    """(m, m), eigenvectors of F, columns."""
     slope: Array
+    """(m,), derivatives with respect to the eigenvalues: dcost = Σ slope_i (Vᵀ dF V)_ii."""
     diagonal: Array
+    """(m, m), positive semidefinite curvature between the diagonal entries of Vᵀ dF V."""
     mixing: Array
+    """(m, m), nonnegative curvature of its off-diagonal entries (Daleckii–Krein), zero diagonal."""
 
 
 def spectral_cost(information: Array, criterion: Criterion, level: float) -> SpectralCost:

@@ -1,34 +1,12 @@
-"""Geometry of a 6-UPS hexapod as numbers, and as the input vector of the symbolic graph."""
+"""Geometry of a 6-UPS hexapod: the frames of its struts, and the input of the symbolic graph."""
 
 from __future__ import annotations
-
-from dataclasses import dataclass, fields
 
 import casadi as ca
 import numpy as np
 
 from constraints.arrays import Array
 from expdesign.mechanism.hexapod import ACTUATORS
-
-
-@dataclass(frozen=True)
-class Geometry:
-    """Where the joints are. Lengths in m; strut by strut in rows."""
-
-    base_joints: Array
-    """(6, 3), cardan centres A, base frame."""
-    platform_joints: Array
-    """(6, 3), joints b, platform frame (origin at the TCP)."""
-    cardan_frames: Array
-    """(6, 3, 3), C of each strut, columns x (first cardan axis), y, z in the base frame."""
-    platform_joint_axes: Array
-    """(6, 3), unit reference axes of the platform joints, platform frame."""
-    gravity: Array
-    """(3,), g in the base frame, m/s²."""
-
-    def vector(self) -> Array:
-        """Return all entries as one vector, in the order that `GeometrySymbols` reads."""
-        return np.concatenate([np.ravel(getattr(self, f.name)) for f in fields(self)])
 
 
 def cardan_frames(base_joints: Array, alpha_axes: Array, home_joints: Array) -> Array:
@@ -50,7 +28,7 @@ def cardan_frames(base_joints: Array, alpha_axes: Array, home_joints: Array) -> 
 
 
 class GeometrySymbols:
-    """The same geometry as symbols, one column per strut: one graph serves every robot."""
+    """Where the joints are, as symbols, one column per strut: one graph serves every robot."""
 
     def __init__(self) -> None:
         self.base_joints = ca.SX.sym("A", 3, ACTUATORS)
@@ -58,8 +36,8 @@ class GeometrySymbols:
         self.cardan_frames = tuple(ca.SX.sym(f"C{j + 1}", 3, 3) for j in range(ACTUATORS))
         self.platform_joint_axes = ca.SX.sym("c", 3, ACTUATORS)
         self.gravity = ca.SX.sym("g", 3)
-        # CasADi stores by columns, NumPy by rows: the frames are transposed to match
-        # `Geometry.vector`.
+        # CasADi stores by columns, NumPy by rows: the frames are transposed to match arrays with
+        # one row, or one matrix, per strut.
         self.vector = ca.vertcat(
             ca.vec(self.base_joints),
             ca.vec(self.platform_joints),

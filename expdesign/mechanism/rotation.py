@@ -6,13 +6,7 @@ import casadi as ca
 
 
 def rotation_matrix(angles: ca.SX) -> ca.SX:
-    """Return R that takes platform-frame vectors into the base frame.
-
-    Parameters
-    ----------
-    angles : (3, 1)
-        φ, θ, ψ in radians.
-    """
+    """Return R of φ, θ, ψ, rad, that takes platform-frame vectors into the base frame."""
     sphi, cphi = ca.sin(angles[0]), ca.cos(angles[0])
     sthe, cthe = ca.sin(angles[1]), ca.cos(angles[1])
     spsi, cpsi = ca.sin(angles[2]), ca.cos(angles[2])

@@ -58,14 +58,9 @@ class StrutKinematics:
 
 
 def torque_wrench(strut: StrutKinematics, arm: ca.SX, torques: ca.SX) -> ca.SX:
-    """Return force and moment about the TCP, (6, k), of torques about the cardan axes.
+    """Return force and moment about the TCP, (6, k), of torques (2, k) about the axes of α and β.
 
-    Parameters
-    ----------
-    arm : (3, 1)
-        From the TCP to the platform joint B, base frame, m.
-    torques : (2, k)
-        About the axes of α and β, N·m.
+    The arm (3, 1) leads from the TCP to the platform joint B, base frame, m.
     """
     # A torque about a cardan axis is a transverse force at B.
     per_alpha = strut.along_alpha / (strut.length * strut.cos_beta)

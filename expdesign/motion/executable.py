@@ -19,19 +19,13 @@ WHOLE = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Periods:
-    """A segment of whole periods of a Fourier series.
-
-    Attributes
-    ----------
-    periods : int
-        M.
-    phase : float
-        Time on the trajectory's orbit at which the segment begins and ends, s.
-    """
+    """A segment of whole periods of a Fourier series."""
 
     trajectory: FourierTrajectory
     periods: int
+    """Their number M."""
     phase: float = 0.0
+    """Time on the trajectory's orbit at which the segment begins and ends, s."""
 
     @property
     def name(self) -> str:
@@ -66,22 +60,15 @@ Segment = Periods | SplineRamp
 
 @dataclass(frozen=True, eq=False)
 class ExecutableMotion:
-    """The whole motion, from rest at home to rest at home.
-
-    Attributes
-    ----------
-    trajectory : FourierTrajectory
-        The designed motion that the periods repeat.
-    periods : int
-        M.
-    phase : float
-        Time on the trajectory's orbit at which the periods begin, s.
-    """
+    """The whole motion, from rest at home to rest at home."""
 
     segments: tuple[Segment, ...]
     trajectory: FourierTrajectory
+    """The designed motion that the periods repeat."""
     periods: int
+    """Their number M."""
     phase: float = 0.0
+    """Time on the trajectory's orbit at which the periods begin, s."""
     seconds: float = 0.0
 
     @property

@@ -33,13 +33,7 @@ _POINTS = 4000
 
 
 def moving_states(segment: Segment, times: Array) -> Array:
-    """Return pose, rate, acceleration and jerk of the pose side by side, (N, 24).
-
-    Parameters
-    ----------
-    times : (N,)
-        s from its start.
-    """
+    """Return pose, rate, acceleration and jerk of the pose, (N, 24), at times from its start, s."""
     return np.concatenate([states_at(segment, times), segment.jerk(times)], axis=1)
 
 
@@ -89,12 +83,7 @@ def check_motion(configuration: RunConfiguration, motion: ExecutableMotion) -> R
 
     Every segment has a grid of its own of at least 4000 points, both ends included; of the
     periods, which repeat, the first is looked at. The worst moment of each limit is searched
-    between the points as for a design.
-
-    Returns
-    -------
-    Recheck
-        Times are from the start of the motion.
+    between the points as for a design. Times are from the start of the motion.
     """
     robot = robot_from(configuration.robot)
     orbit = Periods(motion.trajectory, motion.periods)

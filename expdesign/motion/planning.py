@@ -19,7 +19,7 @@ from expdesign.motion.ramp_problem import RampProblem
 from expdesign.motion.spline import FIXED, MotionState, SplineRamp, derivatives
 from expdesign.problem.variables import coordinate_reach
 from expdesign.recheck.judge import Motion, recheck
-from expdesign.robot import LimitModel, Robot, robot_from
+from expdesign.robot import LimitModel, robot_from
 from expdesign.trajectory import FourierTrajectory
 
 RAMP_IN, RAMP_OUT = "ramp in", "ramp out"
@@ -48,13 +48,6 @@ def executable_motion(
     and the bound on the jerk, each a whole number of controller steps. The same input gives the
     same motion.
 
-    Parameters
-    ----------
-    configuration : RunConfiguration
-        Robot, limits, `motion`, the number of periods and the controller's step.
-    trajectory : FourierTrajectory
-        The designed motion.
-
     Raises
     ------
     InputError
@@ -66,17 +59,17 @@ def executable_motion(
     began = time.perf_counter()
     plan = _plan(configuration, trajectory)
     if configuration.run.motion.phase == "best":
-        phase, ramps = _best_phase(plan)
+        phase, (first, last) = _best_phase(plan)
     else:
-        phase, ramps = 0.0, _ramps_at_start(plan)
-    periods = Periods(trajectory, plan.periods, phase)
-    return ExecutableMotion(
-        (ramps[0], periods, ramps[1]),
-        trajectory,
-        plan.periods,
-        phase,
-        time.perf_counter() - began,
-    )
+        phase = 0.0
+        try:
+            first, last = plan.ramps(phase)
+        except NoRampError as error:
+            hint = "motion.phase: best looks for a better place on the orbit than its t = 0"
+            raise NoRampError(error.name, error.limit, f"{error}; {hint}") from error
+    segments = first, Periods(trajectory, plan.periods, phase), last
+    seconds = time.perf_counter() - began
+    return ExecutableMotion(segments, trajectory, plan.periods, phase, seconds)
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,29 +123,16 @@ def _plan(configuration: RunConfiguration, trajectory: FourierTrajectory) -> _Pl
     _refuse_broken_limits(configuration, limits, trajectory)
     jerk = jerk_limit(configuration, robot, Periods(trajectory, 1))
     _, reach = coordinate_reach(limits)
+    motion = trajectory.sample(trajectory.sample_times(_SAMPLES))
+    rms_speed = float(np.sqrt(np.mean(robot.strut_motion(*motion).length_rate ** 2)))
     return _Plan(
         LimitModel.of(robot, jerk),
         trajectory,
         run.experiment.periods,
         step,
         reach / 2,
-        max(_WIDTH * _strut_speed(robot, trajectory), _SMALLEST_WIDTH),
+        max(_WIDTH * rms_speed, _SMALLEST_WIDTH),
     )
-
-
-def _strut_speed(robot: Robot, trajectory: FourierTrajectory) -> float:
-    """Return the rms strut speed of the periodic motion, m/s."""
-    motion = trajectory.sample(trajectory.sample_times(_SAMPLES))
-    speed = robot.strut_motion(*motion).length_rate
-    return float(np.sqrt(np.mean(speed**2)))
-
-
-def _ramps_at_start(plan: _Plan) -> tuple[SplineRamp, SplineRamp]:
-    try:
-        return plan.ramps(0.0)
-    except NoRampError as error:
-        hint = "motion.phase: best looks for a better place on the orbit than its t = 0"
-        raise NoRampError(error.name, error.limit, f"{error}; {hint}") from error
 
 
 def _best_phase(plan: _Plan) -> tuple[float, tuple[SplineRamp, SplineRamp]]:
@@ -206,28 +186,20 @@ def guesses(problem: RampProblem, orbit: Motion, period: float, width: float) ->
 
     Polynomials of fifth order through both ends, of many durations, and the periodic motion
     itself with an amplitude that grows from zero (or fades to it). Those that keep every limit
-    come first, the shortest of them before the others.
-
-    Parameters
-    ----------
-    orbit : Motion
-        The periodic motion on the ramp's own time axis, which begins (ramp in: ends) at 0.
-    period : float
-        Its period, s.
-    width : float
-        Smoothing of dry friction, m/s.
+    come first, the shortest of them before the others. `orbit` is the periodic motion on the
+    ramp's own time axis, which begins (ramp in: ends) at 0; dry friction has a width in m/s.
     """
     shares = np.linspace(0.0, 1.0, _SAMPLES)
-    found = []
     durations = _SHORTEST * _GROWTH ** np.arange(_COUNT)
     ramps = [_polynomial(problem, float(duration), shares) for duration in durations]
     ramps += [_faded(problem, orbit, share * period, shares) for share in _FADES]
-    for ramp in ramps:
+
+    def rank(ramp: SplineRamp) -> tuple[float, float]:
         states = moving_states(ramp, shares * ramp.duration)
         worst = float(np.max(problem.limits.smooth_violations(states, width)))
-        found.append((max(worst, 0.0), ramp.duration, ramp))
-    found.sort(key=lambda entry: entry[:2])
-    return [ramp for _, _, ramp in found]
+        return max(worst, 0.0), ramp.duration
+
+    return sorted(ramps, key=rank)
 
 
 def _polynomial(problem: RampProblem, duration: float, shares: Array) -> SplineRamp:

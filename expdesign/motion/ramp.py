@@ -53,13 +53,7 @@ _SETTLING = {**_OPTIONS, "acceptable_constr_viol_tol": _FEASIBLE, "max_iter": 60
 
 
 class NoRampError(ComputationError):
-    """No ramp was found that keeps every limit.
-
-    Attributes
-    ----------
-    name : str
-        ``"ramp in"`` or ``"ramp out"``.
-    """
+    """No ramp was found that keeps every limit; `name` is ``"ramp in"`` or ``"ramp out"``."""
 
     def __init__(self, name: str, limit: str, message: str) -> None:
         super().__init__(message)
@@ -68,17 +62,12 @@ class NoRampError(ComputationError):
 
 @dataclass(frozen=True)
 class RampAttempt:
-    """Where one attempt ended.
-
-    Attributes
-    ----------
-    violation : float
-        Worst excess of the smoothed rows as a share of their range.
-    """
+    """Where one attempt ended."""
 
     x: Array
     problem: RampProblem
     violation: float
+    """Worst excess of the smoothed rows as a share of their range."""
     limit: str
 
     @property
@@ -90,14 +79,9 @@ class RampAttempt:
 def shortest(
     problem: RampProblem, guess: SplineRamp, width: float, points: int = _POINTS
 ) -> RampAttempt:
-    """Minimise the duration from a guess, with smoothed friction; the rows grow where they must.
+    """Minimise the duration from a guess, with friction smoothed by a width in m/s.
 
-    Parameters
-    ----------
-    width : float
-        Smoothing of dry friction, m/s.
-    points : int
-        Instants at which limits are held.
+    Limits are held at so many points; the rows grow where they must.
     """
     problem = replace(problem, time_scale=guess.duration)
     x = problem.pack(guess)
@@ -136,18 +120,10 @@ def shortest(
 def find_ramp(
     problem: RampProblem, guesses: Sequence[SplineRamp], name: str, step: float, width: float
 ) -> SplineRamp:
-    """Return the shortest ramp found, a whole number of controller steps long.
+    """Return the shortest ramp found, a whole number of controller steps, s, long.
 
-    Parameters
-    ----------
-    guesses : sequence of SplineRamp
-        Where to start from, in this order; those of almost the same duration count once.
-    name : str
-        Of the segment.
-    step : float
-        Of the controller, s.
-    width : float
-        Smoothing of dry friction, m/s.
+    The guesses are where to start from, in this order; those of almost the same duration count
+    once. Dry friction is smoothed by a width in m/s.
 
     Raises
     ------

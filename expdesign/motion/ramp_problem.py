@@ -31,23 +31,17 @@ class RampProblem:
 
     The variables are the free control points, measured from the start's pose, and the duration,
     each scaled to order one.
-
-    Attributes
-    ----------
-    limits : LimitModel
-        With the one on the struts' jerk: states have the pose's third derivative.
-    scale : (6,)
-        What counts as one in each coordinate: m, rad.
-    time_scale : float
-        What counts as one in the duration, s.
     """
 
     limits: LimitModel
+    """With the one on the struts' jerk: states have the pose's third derivative."""
     start: MotionState
     end: MotionState
     intervals: int
     scale: Array
+    """(6,), what counts as one in each coordinate: m, rad."""
     time_scale: float
+    """What counts as one in the duration, s."""
 
     @property
     def free(self) -> int:

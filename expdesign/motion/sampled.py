@@ -21,19 +21,7 @@ from expdesign.runfolder.described import (
 
 @dataclass(frozen=True, eq=False)
 class SampledMotion:
-    """Pose, struts and forces at N instants; base frame, SI units and radians.
-
-    Attributes
-    ----------
-    time : (N,)
-    pose, pose_rate, pose_acceleration : (N, 6)
-    length, speed, acceleration : (N, 6)
-        Of the struts.
-    alpha, beta : (N, 6)
-        Cardan angles of the struts.
-    force : (N, 6)
-        Actuator forces at the nominal parameters, positive extends.
-    """
+    """Pose, struts and forces, (N, 6) each, at N instants; base frame, SI units and radians."""
 
     time: Annotated[Array, TIME]
     pose: Annotated[Array, POSE_COLUMNS]

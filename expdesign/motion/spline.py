@@ -94,17 +94,12 @@ def _reduction(intervals: int, order: int) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class SplineRamp:
-    """A segment whose pose is a clamped quintic B-spline; its jerk is continuous inside.
-
-    Attributes
-    ----------
-    coefficients : (N, 6)
-        Control points: m, rad.
-    """
+    """A segment whose pose is a clamped quintic B-spline; its jerk is continuous inside."""
 
     name: str
     duration: float
     coefficients: Array
+    """(N, 6), control points: m, rad."""
 
     def __post_init__(self) -> None:
         """Freeze the control points."""

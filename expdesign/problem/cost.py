@@ -32,26 +32,18 @@ def _kernel(terms: tuple[Term, ...], *, slopes: bool) -> BatchFunction:
 
 @dataclass(frozen=True)
 class InformationCost:
-    """Criterion of the smoothed information as a function of the scaled variables.
-
-    Attributes
-    ----------
-    machine : (g,)
-        Geometry and constants, the graph's input.
-    covariance : (6, 6)
-        Full Σ of the force noise, N².
-    columns : (k,) of int
-        Parameters that the criterion judges.
-    scaling : (k,)
-        Every column of A is multiplied by it.
-    """
+    """Criterion of the smoothed information as a function of the scaled variables."""
 
     terms: tuple[Term, ...]
     machine: Array
+    """(g,), geometry and constants, the graph's input."""
     variables: DesignVariables
     covariance: Array
+    """(6, 6), full Σ of the force noise, N²."""
     columns: NDArray[np.intp]
+    """(k,), parameters that the criterion judges."""
     scaling: Array
+    """(k,), every column of A is multiplied by it."""
     criterion: Criterion
     samples: int
 

@@ -23,25 +23,16 @@ from expdesign.trajectory import PhaseBasis
 
 @dataclass(frozen=True)
 class DesignProblem:
-    """What is to be designed, for one robot.
-
-    Attributes
-    ----------
-    limits : LimitModel
-        Robot and limits.
-    cost : InformationCost
-        The smoothed objective; its `samples` and ω bounds are the user's.
-    names : tuple of str
-        Parameters that the criterion judges.
-    even_scaling : (k,) or None
-        Scaling that gives F of a typical motion a unit diagonal: for criteria that do not depend
-        on the scaling, but keep more digits in this one.
-    """
+    """What is to be designed, for one robot."""
 
     limits: LimitModel
     cost: InformationCost
+    """The smoothed objective; its `samples` and ω bounds are the user's."""
     names: tuple[str, ...]
+    """Parameters that the criterion judges."""
     even_scaling: Array | None = None
+    """(k,), gives F of a typical motion a unit diagonal: for criteria that do not depend on the
+    scaling, but keep more digits in this one."""
 
     @property
     def robot(self) -> Robot:
@@ -88,22 +79,11 @@ class DesignProblem:
         samples: int,
         margins: Array | None = None,
     ) -> LimitedProgram:
-        """Return the nonlinear program with the rows of a mask.
+        """Return the nonlinear program with the rows of a mask, (K, R), at phases ωt, (K,).
 
-        Parameters
-        ----------
-        phases : (K,)
-            ωt, rad.
-        mask : (K, R) of bool
-            Which limit holds at which phase.
-        width : float
-            Smoothing of dry friction, m/s.
-        level : float
-            Sharpness of the criterion's surrogate.
-        samples : int
-            Samples of one period in the cost.
-        margins : (K, R), optional
-            How far the natural bounds are drawn in, as shares of their ranges.
+        Dry friction has a width in m/s, the criterion's surrogate a level, the cost a number of
+        samples of one period; the natural bounds are drawn in by margins, (K, R), as shares of
+        their ranges.
         """
         used = np.any(mask, axis=1)
         basis = PhaseBasis.at(phases[used], self.variables.harmonics)
@@ -233,14 +213,10 @@ def build_problem(
     scaling: Array,
     names: tuple[str, ...],
 ) -> DesignProblem:
-    """State the design problem of a robot.
+    """State the design problem of a robot with its limits.
 
     Parameters
     ----------
-    robot : Robot
-        With its limits.
-    harmonics : int
-        n.
     frequency : (float, float)
         Bounds on the base frequency, Hz.
     samples : int

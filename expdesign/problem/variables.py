@@ -29,27 +29,19 @@ class DesignVariables:
 
     A series that starts at rest has Σ k a_k = 0 and Σ k² b_k = 0 in every coordinate. Its variables
     are then coordinates in the null space of these two equations: they hold whatever the values.
-
-    Attributes
-    ----------
-    scale : (6,)
-        What counts as one in each coordinate: m, rad.
-    center : (6,)
-        Pose that the scaled centre is measured from.
-    omega_bounds : (float, float)
-        rad/s.
-    omega_scale : float
-        What counts as one in ω, rad/s.
-    rest : bool
-        True for series whose rate and acceleration vanish at t = 0.
     """
 
     harmonics: int
     scale: Array
+    """(6,), what counts as one in each coordinate: m, rad."""
     center: Array
+    """(6,), pose that the scaled centre is measured from."""
     omega_bounds: tuple[float, float]
+    """rad/s."""
     omega_scale: float
+    """What counts as one in ω, rad/s."""
     rest: bool = False
+    """True for series whose rate and acceleration vanish at t = 0."""
 
     @property
     def size(self) -> int:
@@ -144,14 +136,7 @@ class DesignVariables:
     def to_variables(self, variables: Array, basis: PhaseBasis, sensitivities: Array) -> Array:
         """Carry sensitivities to the states over to the variables, sample by sample.
 
-        Parameters
-        ----------
-        sensitivities : (N, r, 18)
-            Derivatives of r quantities of each sample with respect to its state.
-
-        Returns
-        -------
-        (N, r, size)
+        (N, r, 18), of r quantities of each sample with respect to its state, become (N, r, size).
         """
         omega = float(variables[-1] * self.omega_scale)
         count, rows = sensitivities.shape[:2]

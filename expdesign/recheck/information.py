@@ -22,20 +22,14 @@ from expdesign.trajectory import FourierTrajectory
 
 @dataclass(frozen=True)
 class Evaluator:
-    """How trajectories of a robot are judged: Σ, criterion, scaling and parameters.
-
-    Attributes
-    ----------
-    covariance : (6, 6)
-        Full Σ of the force noise, N².
-    scaling : (m,)
-        Scale of every parameter (1 for SI).
-    """
+    """How trajectories of a robot are judged: Σ, criterion, scaling and parameters."""
 
     robot: Robot
     covariance: Array
+    """(6, 6), full Σ of the force noise, N²."""
     criterion: Criterion
     scaling: Array
+    """(m,), scale of every parameter (1 for SI)."""
     names: tuple[str, ...]
 
     def information(self, trajectory: FourierTrajectory, samples: int) -> Array:

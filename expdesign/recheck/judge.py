@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Annotated, Protocol
+from typing import Annotated, NamedTuple, Protocol
 
 import numpy as np
 
-from constraints import Limit, limit_definitions
+from constraints import limit_definitions
 from constraints.arrays import Array, Mask
 from expdesign.robot import LimitModel
 from expdesign.runfolder import OpenNumber, described
@@ -123,16 +123,24 @@ def judge(
     for limit, columns in zip(limits.limits, limits.columns, strict=True):
         part = violations[:, columns]
         moment, row = np.unravel_index(int(np.argmax(part)), part.shape)
-        worst = _Moment(
-            float(times[moment]),
-            int(row),
-            float(values[moment, columns.start + row]),
-            float(part[moment, row]),
-        )
+        value = values[moment, columns.start + row]
+        worst = _Moment(float(times[moment]), int(row), float(value), float(part[moment, row]))
         if between is not None and np.isfinite(worst.violation):
             alone = replace(limits, limits=(limit,))
             worst = _refined(alone, part, worst, times, between, periodic=periodic)
-        checks.append(_check(limit, worst))
+        checks.append(
+            LimitCheck(
+                key=limit.key,
+                title=limit.definition.title,
+                row=limit.labels[worst.row],
+                unit=limit.unit,
+                value=worst.value,
+                bound=limit.nearest_bound(worst.row, worst.value),
+                violation=worst.violation,
+                time=worst.time,
+                origin=limit.origin,
+            )
+        )
     return tuple(checks)
 
 
@@ -152,8 +160,7 @@ def local_worst(rows: Array, *, periodic: bool) -> Mask:
     return peaks
 
 
-@dataclass(frozen=True)
-class _Moment:
+class _Moment(NamedTuple):
     time: float
     row: int
     value: float
@@ -208,33 +215,14 @@ def _neighbours(rows: Array, *, periodic: bool) -> tuple[Array, Array]:
     return np.concatenate([rows[1:], rows[-1:]]), np.concatenate([rows[:1], rows[:-1]])
 
 
-def _check(limit: Limit, worst: _Moment) -> LimitCheck:
-    return LimitCheck(
-        key=limit.key,
-        title=limit.definition.title,
-        row=limit.labels[worst.row],
-        unit=limit.unit,
-        value=worst.value,
-        bound=limit.nearest_bound(worst.row, worst.value),
-        violation=worst.violation,
-        time=worst.time,
-        origin=limit.origin,
-    )
-
-
 @dataclass(frozen=True)
 class Recheck:
-    """All limits of one motion.
-
-    Attributes
-    ----------
-    span : str
-        What the grid covers, in words.
-    """
+    """All limits of one motion."""
 
     limits: tuple[LimitCheck, ...]
     points: int
     span: str = "one period"
+    """What the grid covers, in words."""
 
     @property
     def worst(self) -> float:

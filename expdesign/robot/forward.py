@@ -41,11 +41,7 @@ def solve_pose(function: LengthsAndJacobian, lengths: Array, guess: Array) -> Ar
     Parameters
     ----------
     function : callable
-        Poses (N, 6) → lengths (N, 6) and their Jacobian to the pose (N, 6, 6).
-    lengths : (N, 6)
-        m.
-    guess : (N, 6)
-        m, rad.
+        Poses (N, 6) → lengths (N, 6) and their Jacobian to the pose (N, 6, 6); m, rad.
 
     Raises
     ------

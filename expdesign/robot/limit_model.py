@@ -127,12 +127,9 @@ class LimitModel:
         return np.nan_to_num(excess, nan=np.inf, posinf=np.inf, neginf=-np.inf)
 
     def smooth_bounds(self, margins: Array | None = None) -> tuple[Array, Array]:
-        """Return bounds on the smooth rows, (R,) each, or with margins (…, R).
+        """Return bounds on the smooth rows, (R,) each, or (…, R) like the margins.
 
-        Parameters
-        ----------
-        margins : (…, R), optional
-            How far the natural bounds are drawn in, as shares of their ranges.
+        These are how far the natural bounds are drawn in, as shares of their ranges.
         """
         if margins is None:
             return self._smooth_bounds

@@ -23,11 +23,7 @@ from expdesign.robot.robot import Robot
 def load_robot(source: str | PathLike[str]) -> Robot:
     """Load a robot that ships by its name, or one from a YAML file.
 
-    Raises
-    ------
-    InputError
-        The file is not a valid robot, or its home pose breaks a limit: what is wrong, where,
-        and what is allowed.
+    An `InputError` tells what is wrong, where, and what is allowed.
     """
     return robot_from(load_robot_description(source))
 
@@ -35,12 +31,9 @@ def load_robot(source: str | PathLike[str]) -> Robot:
 def robot_from(description: ResolvedRobot) -> Robot:
     """Build a robot from its description; refuse it when its home pose breaks a limit at rest.
 
-    Raises
-    ------
-    InputError
-        Every limit that is broken at home, with its value and bound.
+    The `InputError` has every limit that is broken there, with its value and bound.
     """
-    robot = Robot.of(description)
+    robot = Robot(description)
     model = LimitModel.of(robot)
     state = np.concatenate([robot.home, np.zeros(2 * COORDINATES)])[None, :]
     values = model.values(state)[0]

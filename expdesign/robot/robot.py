@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from constraints import Limit
 from constraints.arrays import Array
 from expdesign.configuration import ResolvedRobot
-from expdesign.mechanism.geometry import Geometry, cardan_frames
+from expdesign.mechanism.geometry import cardan_frames
 from expdesign.mechanism.graph import Friction, HexapodGraph, hexapod_graph
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.term import Term, parameters_of
@@ -63,22 +63,10 @@ def _regressor_kernel(terms: tuple[Term, ...]) -> BatchFunction:
 
 @dataclass(frozen=True)
 class Robot:
-    """A 6-UPS hexapod: its geometry and nominal parameters beside the graph that all share."""
+    """A 6-UPS hexapod: what its file says, evaluated by the graph that all share."""
 
     description: ResolvedRobot
     """Everything that its file says, in SI units."""
-    geometry: Geometry
-
-    @classmethod
-    def of(cls, description: ResolvedRobot) -> Robot:
-        """Build a robot from its validated description."""
-        joints, base = description.platform_joints, description.base_joints
-        at_home = description.struts_at(description.home).joints
-        frames = cardan_frames(base, description.alpha_axes, at_home)
-        geometry = Geometry(
-            base, joints, frames, description.platform_joint_axes, description.gravity
-        )
-        return cls(description, geometry)
 
     def __repr__(self) -> str:
         """Name, kind of platform, and what is limited; `description` has everything."""
@@ -138,9 +126,19 @@ class Robot:
         return hexapod_graph(self.terms)
 
     @cached_property
+    def cardan_frames(self) -> Array:
+        """(6, 3, 3), C of each strut, columns x (first cardan axis), y, z in the base frame."""
+        about = self.description
+        joints = about.struts_at(about.home).joints
+        return cardan_frames(about.base_joints, about.alpha_axes, joints)
+
+    @cached_property
     def geometry_vector(self) -> Array:
-        """(g,) geometry input of the graph."""
-        return self.geometry.vector()
+        """(g,) geometry input of the graph, in the order of `GeometrySymbols`."""
+        about = self.description
+        joints = np.ravel(about.base_joints), np.ravel(about.platform_joints)
+        frames, axes = np.ravel(self.cardan_frames), np.ravel(about.platform_joint_axes)
+        return np.concatenate([*joints, frames, axes, about.gravity])
 
     @cached_property
     def machine(self) -> Array:
@@ -170,19 +168,10 @@ class Robot:
         return lengths, jacobian
 
     def forward_kinematics(self, lengths: ArrayLike, guess: ArrayLike | None = None) -> Array:
-        """Return the pose of given strut lengths on the guess's assembly branch.
+        """Return the pose, m and rad, of strut lengths, m, on the guess's assembly branch.
 
-        Parameters
-        ----------
-        lengths : (6,) or (N, 6)
-            m.
-        guess : (6,) or (N, 6), optional
-            Pose to start from (m, rad); the home pose by default.
-
-        Raises
-        ------
-        ForwardKinematicsError
-            No pose with these lengths was found.
+        All are (6,) or (N, 6); the guess is the home pose by default. A `ForwardKinematicsError`
+        tells that no pose with these lengths was found.
         """
         rows, single = _rows("lengths", lengths)
         start, _ = _rows("guess", self.home if guess is None else guess)
@@ -211,14 +200,9 @@ class Robot:
         acceleration: ArrayLike,
         parameters: ArrayLike | None = None,
     ) -> Array:
-        """Return actuator forces, N, positive when they extend: (6,) or (N, 6).
+        """Return actuator forces, N, positive when they extend, at λ, λ̇, λ̈: (6,) or (N, 6) each.
 
-        Parameters
-        ----------
-        pose, rate, acceleration : (6,) or (N, 6)
-            λ, λ̇, λ̈: m, rad, s.
-        parameters : (m,), optional
-            SI, in the order of `parameter_names`; the nominal ones by default.
+        Parameters are (m,), SI, in the order of `parameter_names`; the nominal ones by default.
         """
         values = self.parameters if parameters is None else np.asarray(parameters, dtype=float)
         if values.shape != (len(self.parameter_names),):

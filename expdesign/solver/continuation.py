@@ -44,14 +44,7 @@ def continuation_stages(
     The first stage of a criterion that is flat where a parameter is hardly excited maximises
     log det F instead; from there the condition number's optimum is out of reach (measured). A
     criterion with a surrogate is sharpened over the others; its last levels follow at the last
-    width.
-
-    Parameters
-    ----------
-    widths : sequence of float
-        Decreasing smoothing widths of dry friction, m/s.
-    iterations : int
-        Most iterations of each solve.
+    width. `widths` of the smoothing of dry friction, m/s, decrease.
     """
     n, samples = problem.variables.harmonics, problem.cost.samples
     few = min(n, MOST_BLUNT_HARMONICS)

@@ -34,15 +34,7 @@ GRID_MARGIN = 5e-5
 
 @dataclass(frozen=True)
 class Finished:
-    """A trajectory that was checked.
-
-    Attributes
-    ----------
-    shrink : float
-        Factor by which the motion was shrunk in the end; 1: not at all.
-    record : StageRecord or None
-        Statistics of the solves; None when there were none.
-    """
+    """A trajectory that was checked, and the factor that it was shrunk by; 1: not at all."""
 
     trajectory: FourierTrajectory
     check: Recheck
@@ -54,10 +46,7 @@ class Finished:
 def controller_omega(omega: float, bounds: tuple[float, float], step: float) -> tuple[float, int]:
     """Return the nearest ω within the bounds whose period is a whole number of steps, and how many.
 
-    Raises
-    ------
-    ValueError
-        No whole number of steps fits between the bounds.
+    Raises `ValueError` where no whole number fits between the bounds.
     """
     slack = 1e-12
     fewest = int(np.ceil(2 * np.pi / (bounds[1] * step) * (1 - slack)))
@@ -79,20 +68,8 @@ def finish(
 ) -> Finished:
     """Bring a solution within the limits between the samples, at the ω of the problem's bounds.
 
-    Parameters
-    ----------
-    problem : DesignProblem
-        With both bounds of ω at the value wanted.
-    evaluator : Evaluator
-        Decides which of the rounds' trajectories is the best.
-    start : (z,)
-        Scaled variables.
-    stage : Stage
-        Settings of each round's solve.
-    rounds : int
-        Most rounds.
-    report : callable
-        As for `run_stage`.
+    Both of these are the value wanted. There are at most so many `rounds`, each a solve with the
+    stage's settings; the evaluator decides which of their trajectories is the best.
     """
     x = start.copy()
     x[-1] = problem.variables.bounds()[0][-1]
@@ -168,14 +145,9 @@ def _checked(problem: DesignProblem, x: Array) -> Finished:
 
 @dataclass(frozen=True)
 class Shrunk:
-    """A motion and the factor that its amplitudes were multiplied by.
+    """A motion and the factor that its amplitudes were multiplied by; 1: not at all.
 
-    Attributes
-    ----------
-    factor : float
-        1: not at all.
-    kept : bool
-        False when even `SMALLEST_FACTOR` breaks a limit.
+    `kept` is false when even `SMALLEST_FACTOR` breaks a limit.
     """
 
     trajectory: FourierTrajectory
@@ -188,10 +160,7 @@ def shrink_to_limits(
 ) -> Shrunk:
     """Return the largest multiple (≤ 1) of a motion that keeps all limits on the fine grid.
 
-    Parameters
-    ----------
-    margin : float
-        Share of each limit's range that is kept free.
+    The margin is the share of each limit's range that is kept free.
     """
     times = trajectory.sample_times(grid_points(problem.cost.samples))
     rows = problem.limits.violations(states_at(trajectory, times))

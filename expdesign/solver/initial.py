@@ -32,14 +32,8 @@ def random_start(
     """Draw amplitudes, then shrink the motion about home until every limit is kept.
 
     The amplitudes of harmonic k are normal with a standard deviation of k^−0.7 quarter reaches
-    of their coordinate; ω is uniform in the upper half of its range.
-
-    Parameters
-    ----------
-    points : int
-        Points of one period at which the limits are tested.
-    width : float
-        Smoothing of dry friction, m/s.
+    of their coordinate; ω is uniform in the upper half of its range. The limits are tested at so
+    many points of a period, with dry friction of a width in m/s.
 
     Raises
     ------
@@ -97,14 +91,7 @@ def perturbed(
     """Add normal noise to the scaled variables, then shrink the motion into its limits.
 
     The size of the noise is drawn from three orders, because neither small nor large hops alone
-    find the better basins.
-
-    Parameters
-    ----------
-    origin : (z,)
-        Scaled variables.
-    width : float
-        Smoothing of dry friction, m/s.
+    find the better basins. `origin` has scaled variables (z,); dry friction has a width in m/s.
     """
     variables = problem.variables
     size = rng.choice(_HOP_SIZES)

@@ -45,27 +45,19 @@ class Iteration:
 
 @dataclass(frozen=True)
 class IpoptResult:
-    """Where Ipopt stopped, and why.
-
-    Attributes
-    ----------
-    multipliers : (r,)
-        Lagrange multipliers of the rows; positive at the upper bound.
-    status : str
-        Ipopt's return status, e.g. ``"Solve_Succeeded"``.
-    converged : bool
-        True for ``Solve_Succeeded`` and ``Solved_To_Acceptable_Level``.
-    evaluations : mapping
-        Number of calls of f, g, their derivatives and the Hessian.
-    """
+    """Where Ipopt stopped, and why."""
 
     x: Array
     objective: float
     multipliers: Array
+    """(r,), Lagrange multipliers of the rows; positive at the upper bound."""
     status: str
+    """Ipopt's return status, e.g. ``"Solve_Succeeded"``."""
     converged: bool
+    """True for ``Solve_Succeeded`` and ``Solved_To_Acceptable_Level``."""
     iterations: int
     evaluations: Mapping[str, int]
+    """Number of calls of f, g, their derivatives and the Hessian."""
     seconds: float
 
 

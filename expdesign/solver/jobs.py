@@ -19,7 +19,7 @@ from expdesign.solver.continuation import (
 from expdesign.solver.finish import Finished, controller_omega, finish
 from expdesign.solver.initial import InfeasibleLimitsError, perturbed, random_start
 from expdesign.solver.stage import Watch
-from expdesign.solver.start import Screening, StartResult, infeasible_start, run_start
+from expdesign.solver.start import Screening, StartResult, run_start
 from expdesign.workers import Monitor
 
 _FINISH_ROUNDS = 4
@@ -29,26 +29,18 @@ CAPACITY = 3
 
 @dataclass(frozen=True)
 class SearchPlan:
-    """How to search.
-
-    Attributes
-    ----------
-    starts, hops : int
-        Random starts, and hops after them (0: none).
-    widths : tuple of float
-        Smoothing widths of dry friction, m/s, falling.
-    iterations : int
-        Most iterations of a start's first stage.
-    controller_period : float
-        Step of the controller, s.
-    """
+    """How to search."""
 
     starts: int
     hops: int
+    """After the random starts; 0: none."""
     seed: int
     widths: tuple[float, ...]
+    """Smoothing of dry friction, m/s, falling."""
     iterations: int
+    """At most, of a start's first stage."""
     controller_period: float
+    """s."""
     workers: int
     max_seconds: float | None
 
@@ -68,20 +60,14 @@ Build = Callable[[], DesignTask]
 
 @dataclass(frozen=True)
 class Candidate:
-    """A finished motion, what it is worth, and where it came from.
-
-    Attributes
-    ----------
-    merit : float
-        The judged criterion, larger is better.
-    lineage : int
-        Index of the random start that it descends from.
-    """
+    """A finished motion, what it is worth, and where it came from."""
 
     merit: float
+    """The judged criterion, larger is better."""
     finished: Finished
     start: StartResult
     lineage: int
+    """Index of the random start that it descends from."""
 
     @property
     def rank(self) -> tuple[bool, float]:
@@ -141,7 +127,20 @@ def random_job(
     try:
         start = random_start(first, _rng(plan.seed, index), points, plan.widths[0])
     except InfeasibleLimitsError as error:
-        return infeasible_start(problem, index, str(error), monitor)
+        # No shrinking brings it within the limits.
+        Watch(monitor, index).tell("done", 0, -np.inf, np.inf, str(error))
+        nowhere = np.full(problem.variables.size, np.nan)
+        return StartResult(
+            index,
+            "random",
+            nowhere,
+            -np.inf,
+            str(error),
+            converged=False,
+            stages=(),
+            trace=(),
+            seconds=0,
+        )
     return run_start(
         problem,
         task.evaluator,

@@ -37,13 +37,7 @@ More only when none of them keeps the limits."""
 
 @dataclass(frozen=True)
 class SearchResult:
-    """What the search found.
-
-    Attributes
-    ----------
-    finished_merits : dict of float
-        What the finished ones were worth, by their index.
-    """
+    """What the search found, and what the finished starts were worth, by their index."""
 
     finished: Finished
     best: StartResult
@@ -62,19 +56,9 @@ class NoDesignError(ComputationError):
 
 
 def search(build: Build, plan: SearchPlan, monitor: Monitor) -> SearchResult:
-    """Search for the best trajectory.
+    """Search for the best trajectory; a request to stop ends the search with the best so far.
 
-    Parameters
-    ----------
-    build : callable
-        Picklable; builds problem and evaluator in each worker process.
-    monitor : Monitor
-        Gets every iteration; its request to stop ends the search with the best so far.
-
-    Raises
-    ------
-    NoDesignError
-        No start reached a motion that keeps the limits.
+    `NoDesignError` tells that no start reached a motion that keeps the limits.
     """
     began = time.perf_counter()
 
@@ -87,7 +71,14 @@ def search(build: Build, plan: SearchPlan, monitor: Monitor) -> SearchResult:
     results: list[StartResult] = list(run_jobs(build, jobs, plan.workers, clock))
     ranked = sorted(results, key=lambda result: (-result.merit, result.index))
     if not ranked or not np.isfinite(ranked[0].merit):
-        raise NoDesignError(_why_none(ranked), ranked)
+        states = "; ".join(sorted({result.status for result in ranked}))
+        raise NoDesignError(
+            f"none of {len(ranked)} starts reached a motion that keeps the limits and excites the "
+            f"parameters ({states})"
+            if ranked
+            else "the search was stopped before any start had a result",
+            ranked,
+        )
     tried = _finish_best(build, ranked, plan, monitor)
     population = Population.of(tried)
     for first in range(0, plan.hops, HOPS_AT_ONCE):
@@ -141,13 +132,3 @@ def _finish_best(
         if any(item.finished.check.passed for item in tried) or monitor.stop_requested():
             break
     return tried
-
-
-def _why_none(results: Sequence[StartResult]) -> str:
-    if not results:
-        return "the search was stopped before any start had a result"
-    states = sorted({result.status for result in results})
-    return (
-        f"none of {len(results)} starts reached a motion that keeps the limits and excites the "
-        f"parameters ({'; '.join(states)})"
-    )

@@ -42,39 +42,27 @@ Report = Callable[[int, float, float], bool]
 
 @dataclass(frozen=True)
 class Stage:
-    """Settings of one stage.
-
-    Attributes
-    ----------
-    width : float
-        Smoothing of dry friction, m/s.
-    level : float
-        Sharpness of the criterion's surrogate.
-    samples : int
-        Samples of one period in the cost.
-    points : int
-        Points of one period at which limits are held.
-    near : float
-        Rows closer to their bounds than this share of their range enter the NLP at once.
-    radius : float or None
-        Half-width of the box about the stage's start, in scaled variables.
-    criterion : Criterion or None
-        Criterion of this stage where it is not the problem's own.
-    harmonics : int or None
-        Harmonics of this stage where they are fewer than the problem's.
-    """
+    """Settings of one stage."""
 
     name: str
     width: float
+    """Smoothing of dry friction, m/s."""
     level: float
+    """Sharpness of the criterion's surrogate."""
     samples: int
+    """Of one period, in the cost."""
     points: int
+    """Of one period, at which limits are held."""
     near: float
+    """Rows closer to their bounds than this share of their range enter the NLP at once."""
     radius: float | None
+    """Half-width of the box about the stage's start, in scaled variables."""
     iterations: int
     curvature: Curvature = "limited-memory"
     criterion: Criterion | None = None
+    """Where it is not the problem's own."""
     harmonics: int | None = None
+    """Where they are fewer than the problem's."""
 
 
 @dataclass
@@ -123,31 +111,22 @@ class TracePoint:
 
 @dataclass(frozen=True)
 class SearchEvent:
-    """One iteration, or the end, of one start.
-
-    Attributes
-    ----------
-    start : int
-        Number of the start, from 1; hops go on counting.
-    phase : str
-        ``"blunt"``, ``"sharp"``, ``"hop"``, then ``"done"``; for some ``"finish"``, then
-        ``"finished"``.
-    objective : float
-        The criterion in the units in which it is reported (log det F for ``d``): smoothed, and
-        that of the unsmoothed model when it is done or finished.
-    violation : float
-        Largest violation of the limits in the NLP, as a share of their range.
-    status : str
-        Empty while it runs; then how it ended.
-    """
+    """One iteration, or the end, of one start."""
 
     start: int
+    """Number of the start, from 1; hops go on counting."""
     phase: str
+    """``"blunt"``, ``"sharp"``, ``"hop"``, then ``"done"``; for some ``"finish"``, then
+    ``"finished"``."""
     iteration: int
     objective: float
+    """The criterion in the units in which it is reported (log det F for ``d``): smoothed, and that
+    of the unsmoothed model when it is done or finished."""
     violation: float
+    """Largest violation of the limits in the NLP, as a share of their range."""
     seconds: float
     status: str = ""
+    """Empty while it runs; then how it ended."""
 
 
 @dataclass
@@ -254,7 +233,9 @@ def solve_rows(
     *,
     most: int,
 ) -> tuple[Array, str]:
-    """Run Ipopt once; where it does not converge, its best iterate counts, not its last.
+    """Run Ipopt once and add it to the record; return the variables reached and Ipopt's status.
+
+    Where it does not converge, its best iterate counts, not its last.
 
     Parameters
     ----------
@@ -262,15 +243,8 @@ def solve_rows(
         Phases, which limit holds at which of them, and margins.
     start : ((z,), float or None)
         Where to begin, and the half-width of the box about it.
-    record : StageRecord
-        The solve is added to it.
     most : int
         Most iterations.
-
-    Returns
-    -------
-    (z,), str
-        Variables reached and Ipopt's status.
     """
     (phases, mask, margins), (x, radius) = rows, start
     program = problem.program(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from expdesign.problem.design_problem import DesignProblem
 from expdesign.recheck.information import Evaluator
 from expdesign.recheck.judge import recheck
 from expdesign.solver.finish import Shrunk, shrink_to_limits
-from expdesign.solver.stage import SearchEvent, Stage, StageRecord, TracePoint, Watch, run_stage
+from expdesign.solver.stage import Stage, StageRecord, TracePoint, Watch, run_stage
 from expdesign.workers import Monitor
 
 _BEHIND = {"hop": 0.03, "sharp": 0.01}
@@ -21,28 +22,19 @@ _BEHIND = {"hop": 0.03, "sharp": 0.01}
 
 @dataclass(frozen=True)
 class StartResult:
-    """Where one start (or hop) ended, and how.
-
-    Attributes
-    ----------
-    index : int
-        From 1; hops go on counting.
-    kind : str
-        ``"random"`` or ``"hop"``.
-    variables : (z,)
-        Scaled variables reached.
-    merit : float
-        The judged criterion, larger is better, of the motion shrunk until it keeps every limit;
-        −inf when it cannot be.
-    status : str
-        How the last stage ended, in words.
-    """
+    """Where one start (or hop) ended, and how."""
 
     index: int
+    """From 1; hops go on counting."""
     kind: str
+    """``"random"`` or ``"hop"``."""
     variables: Array
+    """(z,), scaled, that were reached."""
     merit: float
+    """The judged criterion, larger is better, of the motion shrunk until it keeps every limit;
+    −inf when it cannot be."""
     status: str
+    """How the last stage ended, in words."""
     converged: bool
     stages: tuple[StageRecord, ...]
     trace: tuple[TracePoint, ...]
@@ -88,39 +80,19 @@ def _why_useless(problem: DesignProblem, shrunk: Shrunk) -> str:
 
 @dataclass(frozen=True)
 class Screening:
-    """Decides after each stage whether a hop or a new start is worth going on.
-
-    Attributes
-    ----------
-    reference : tuple of StageRecord
-        What the motion that it is measured by had reached after its own stages.
-    """
+    """Decides after each stage whether a hop or a new start is worth going on."""
 
     reference: tuple[StageRecord, ...]
+    """What the motion that it is measured by had reached after its own stages."""
 
     def hopeless(self, record: StageRecord) -> bool:
         """Tell whether it is too far behind what the reference had reached at the same stage.
 
         A later stage says more about the finished motion than an earlier one, and is stricter.
         """
-        alike = [one for one in self.reference if _kind(one) == _kind(record)]
+        same_problem = attrgetter("name", "width", "level", "samples")
+        alike = [one for one in self.reference if same_problem(one) == same_problem(record)]
         return bool(alike) and record.objective > alike[-1].objective + _BEHIND[record.name]
-
-
-def _kind(record: StageRecord) -> tuple[str, float, float, int]:
-    """Return what must agree for two costs to be of the same problem."""
-    return record.name, record.width, record.level, record.samples
-
-
-def infeasible_start(
-    problem: DesignProblem, index: int, status: str, monitor: Monitor
-) -> StartResult:
-    """Return the result of a random draw that no shrinking brings within the limits."""
-    monitor.report(SearchEvent(index, "done", 0, -np.inf, np.inf, 0.0, status))
-    variables = np.full(problem.variables.size, np.nan)
-    return StartResult(
-        index, "random", variables, -np.inf, status, converged=False, stages=(), trace=(), seconds=0
-    )
 
 
 def run_start(

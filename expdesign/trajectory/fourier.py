@@ -25,21 +25,15 @@ class FourierTrajectory:
     """λ_i(t) = λ0_i + Σ_k [μ_ik/(kω) sin kωt − ν_ik/(kω) cos kωt], k = 1 … n.
 
     12 n + 7 variables: λ0, μ, ν and ω.
-
-    Attributes
-    ----------
-    omega : float
-        ω, rad/s.
-    lambda0 : (6,)
-        Centre of the motion: m, rad.
-    mu, nu : (6, n)
-        Rate amplitudes of the harmonics: m/s, rad/s.
     """
 
     omega: float
+    """ω, rad/s."""
     lambda0: Array
+    """(6,), centre of the motion: m, rad."""
     mu: Array
     nu: Array
+    """μ and ν (6, n), rate amplitudes of the harmonics: m/s, rad/s."""
 
     def __post_init__(self) -> None:
         """Freeze the arrays and refuse shapes that do not fit."""

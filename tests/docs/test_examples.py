@@ -168,10 +168,10 @@ def test_the_limit_of_the_docs_bounds_what_it_says():
     states = np.zeros((20, 18))
     states[:, :6] = robot.home + rng.normal(size=(20, 6)) * 0.1
     values = LimitModel(robot, (limit,)).values(states)
-    base = robot.geometry.base_joints
+    base = robot.description.base_joints
     for state, row in zip(states, values, strict=True):
         rotation = ca.evalf(robot_rotation(state[3:6])).full()
-        struts = state[:3] + robot.geometry.platform_joints @ rotation.T - base
+        struts = state[:3] + robot.description.platform_joints @ rotation.T - base
         cosines = np.abs(struts[:, 2]) / np.linalg.norm(struts, axis=1)
         np.testing.assert_allclose(row, np.arccos(cosines), rtol=0, atol=1e-9)
 

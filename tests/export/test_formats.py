@@ -190,7 +190,7 @@ def test_no_jumps_of_a_full_turn(tmp_path):
     work = replace(work, motion=Turned)
     settings = settled(section("linuxcnc-gcode"), work)
     times = uniform_times(turned, STEP)
-    rows = ideal_rows(work, settings, times)
+    rows = ideal_rows(settings, times)
     yaw = rows.position[:, 5]
     assert yaw.min() < 180 < yaw.max()
     assert np.abs(np.diff(rows.position[:, 3:], axis=0)).max() < 5

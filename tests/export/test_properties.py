@@ -1,5 +1,7 @@
 """Writers, readers, interpolators and rotations for all numbers, not only those of a design."""
 
+from types import SimpleNamespace
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -34,7 +36,9 @@ def made(name, digits, start):
     space = section.coordinates
     units = (form.units,) * 6
     axes = Axes(space, form.axes[space], units, np.arange(6), np.ones(6), np.zeros(6))
-    return Settings(section, form, "n", axes, digits, 1e-3, 1e-6, start, (0.0, 1.0))
+    motion = SimpleNamespace(window=(0.0, 1.0))
+    task = SimpleNamespace(name="n", motion=motion)
+    return Settings(section, form, task, axes, digits, 1e-3, 1e-6, start)
 
 
 @given(

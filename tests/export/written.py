@@ -30,4 +30,4 @@ def written(path, **options):
     """Write the small motion in a format and read it as its controller does."""
     task = small_task()
     made = export_table(ExportSection(**options), task, path)
-    return read_table_file(made.path, task, made.settings)
+    return read_table_file(made.path, made.settings)

@@ -235,7 +235,7 @@ def sticky(palida):
     """PaLiDA with so much dry friction in the actuators that the jumps are the extremes."""
     friction = {f"r{j}": 60.0 for j in range(1, 7)} | {f"v{j}": 0.0 for j in range(1, 7)}
     parameters = palida.description.parameters | friction | {"r_alpha": 0.0, "r_beta": 0.0}
-    return Robot.of(dataclasses.replace(palida.description, parameters=parameters))
+    return Robot(dataclasses.replace(palida.description, parameters=parameters))
 
 
 @pytest.mark.parametrize("strut", range(6))
@@ -379,8 +379,8 @@ def test_method_says_what_was_done(palida, motion):
 
 def test_a_value_that_is_not_a_number_counts_as_broken(palida):
     """The TCP on a base joint: a strut without length has no direction."""
-    robot = Robot.of(
-        dataclasses.replace(palida.description, platform_joints=palida.geometry.base_joints)
+    robot = Robot(
+        dataclasses.replace(palida.description, platform_joints=palida.description.base_joints)
     )
     still = FourierTrajectory(1.0, np.zeros(6), np.zeros((6, 1)), np.zeros((6, 1)))
     result = recheck(_model(robot, _limit("alpha", -1, 1)), still, SAMPLES)

@@ -246,7 +246,7 @@ def home_joints(record):
 
 def test_home_joints_are_where_the_inverse_kinematics_says(run):
     record = DesignRecord.read(run.folder)
-    lengths = np.linalg.norm(home_joints(record) - record.robot.geometry.base_joints, axis=1)
+    lengths = np.linalg.norm(home_joints(record) - record.robot.description.base_joints, axis=1)
     np.testing.assert_allclose(lengths, record.robot.inverse_kinematics(record.robot.home))
 
 
@@ -254,7 +254,7 @@ def test_robot_is_drawn_at_home(run):
     record = DesignRecord.read(run.folder)
     robot = draw(run, "path").axes[0]
     found = [np.column_stack(line.get_data_3d()) for line in robot.get_lines()]
-    base, joints = record.robot.geometry.base_joints, home_joints(record)
+    base, joints = record.robot.description.base_joints, home_joints(record)
     for j in range(6):
         strut = 1e3 * np.stack([base[j], joints[j]])
         assert any(line.shape == (2, 3) and np.allclose(line, strut) for line in found)

@@ -32,7 +32,7 @@ def _random_robot(rng, template):
     home = np.concatenate([size * rng.uniform(-1, 1, 3), rng.uniform(-0.5, 0.5, 3)])
     home[:3] += size * 2 * _unit(rng.normal(size=3))
     values = rng.normal(size=29) * 10 ** rng.uniform(-2, 1, 29)
-    return Robot.of(
+    return Robot(
         dataclasses.replace(
             template,
             home=home,
@@ -123,7 +123,7 @@ def test_forces_and_motion_of_random_general_hexapods(seed, template):
 def test_symmetric_is_general_without_lateral_terms(template):
     extra = np.isin(COLUMNS, ["sx", "sy", "Ixy", "Ixz", "Iyz"])
     for robot, states in _cases(11, 5, template):
-        symmetric = Robot.of(
+        symmetric = Robot(
             dataclasses.replace(robot.description, terms=terms_named(DEFAULT, general=False))
         )
         assert symmetric.parameter_names == tuple(np.array(COLUMNS)[~extra])

@@ -84,7 +84,7 @@ def test_the_geometry_is_an_input(palida, states):
     # The same compiled functions, other numbers.
     moved = dataclasses.replace(palida.description, gravity=np.array([3.0, -4.0, 5.0]))
     forces = palida.actuator_forces(*states)
-    turned = Robot.of(moved).actuator_forces(*states)
+    turned = Robot(moved).actuator_forces(*states)
     assert np.min(np.max(np.abs(turned - forces), axis=1)) > 1
     np.testing.assert_array_equal(palida.actuator_forces(*states), forces)
 
@@ -240,7 +240,7 @@ def test_friction_takes_power(palida, states):
 
 
 def _with(robot, **changes):
-    return Robot.of(dataclasses.replace(robot.description, **changes))
+    return Robot(dataclasses.replace(robot.description, **changes))
 
 
 def test_order_of_the_struts(palida, states):

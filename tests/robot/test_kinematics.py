@@ -174,10 +174,10 @@ def test_angles_give_the_strut_direction_in_its_cardan_frame(robot):
     motion = robot.strut_motion(poses, np.zeros(6), np.zeros(6))
     sa, ca, sb, cb = (f(angle) for angle in (motion.alpha, motion.beta) for f in (np.sin, np.cos))
     local = np.stack([sb, -sa * cb, ca * cb], axis=-1)
-    u = np.einsum("jab,njb->nja", robot.geometry.cardan_frames, local)
-    tips = robot.geometry.base_joints + motion.length[:, :, None] * u
+    u = np.einsum("jab,njb->nja", robot.cardan_frames, local)
+    tips = robot.description.base_joints + motion.length[:, :, None] * u
     # Distances between platform joints, and with them the platform, are those of its drawing.
-    joints = robot.geometry.platform_joints
+    joints = robot.description.platform_joints
     for i, j in itertools.combinations(range(6), 2):
         np.testing.assert_allclose(
             np.linalg.norm(tips[:, i] - tips[:, j], axis=1),
@@ -193,10 +193,10 @@ def test_alpha_is_zero_at_home(robot):
 
 
 def test_cardan_frames_are_right_handed(robot):
-    frames = robot.geometry.cardan_frames
+    frames = robot.cardan_frames
     np.testing.assert_allclose(frames.transpose(0, 2, 1) @ frames, [np.eye(3)] * 6, atol=1e-14)
     np.testing.assert_allclose(np.linalg.det(frames), 1, atol=1e-14)
-    radial = robot.geometry.base_joints * [1, 1, 0]
+    radial = robot.description.base_joints * [1, 1, 0]
     radial /= np.linalg.norm(radial, axis=1, keepdims=True)
     np.testing.assert_allclose(frames[:, :, 0], radial, atol=1e-14)
 
@@ -302,13 +302,13 @@ def test_palida_joints(palida):
     base = _on_circle(0.45, azimuth, 0.0)
     azimuth = np.array([120 * k + 52 * s for k in range(3) for s in (-1, 1)])
     joints = _on_circle(0.085, azimuth, 0.104)
-    np.testing.assert_allclose(palida.geometry.base_joints, base, atol=1e-14)
-    np.testing.assert_allclose(palida.geometry.platform_joints, joints, atol=1e-14)
+    np.testing.assert_allclose(palida.description.base_joints, base, atol=1e-14)
+    np.testing.assert_allclose(palida.description.platform_joints, joints, atol=1e-14)
 
 
 def test_mathworks_geometry():
     robot = load_robot("mathworks")
-    base, joints = robot.geometry.base_joints, robot.geometry.platform_joints
+    base, joints = robot.description.base_joints, robot.description.platform_joints
     np.testing.assert_allclose(np.linalg.norm(base, axis=1), 3)
     np.testing.assert_allclose(np.linalg.norm(joints, axis=1), 1)
     np.testing.assert_allclose(robot.home, [0, 0, 2, 0, 0, 0])
@@ -324,13 +324,13 @@ def test_dehaeze_geometry():
     azimuth = np.array([120 * k + 10 * s for k in range(3) for s in (-1, 1)])
     base = _on_circle(0.115, azimuth, 0.0)
     joints = _on_circle(0.090, np.array([-50, 50, 70, 170, 190, -70]), 0.0)
-    np.testing.assert_allclose(robot.geometry.base_joints, base, atol=1e-14)
-    np.testing.assert_allclose(robot.geometry.platform_joints, joints, atol=1e-14)
+    np.testing.assert_allclose(robot.description.base_joints, base, atol=1e-14)
+    np.testing.assert_allclose(robot.description.platform_joints, joints, atol=1e-14)
     np.testing.assert_allclose(robot.home, [0, 0, 0.09, 0, 0, 0])
 
 
 def test_linuxcnc_pairs_share_their_base_joints():
-    base = load_robot("linuxcnc").geometry.base_joints
+    base = load_robot("linuxcnc").description.base_joints
     for i, j in ((1, 2), (3, 4), (0, 5)):
         np.testing.assert_array_equal(base[i], base[j])
     clearance = next(k for k in load_robot("linuxcnc").limits if k.key == "strut_clearance")

@@ -40,12 +40,12 @@ def _all_states(reference):
 
 
 def test_same_robot(reference, robot):
-    geometry = robot.geometry
+    about = robot.description
     for given, ours in (
-        ("gravity", geometry.gravity),
-        ("base_joints", geometry.base_joints),
-        ("platform_joints", geometry.platform_joints),
-        ("cardan_frames", geometry.cardan_frames),
+        ("gravity", about.gravity),
+        ("base_joints", about.base_joints),
+        ("platform_joints", about.platform_joints),
+        ("cardan_frames", robot.cardan_frames),
         ("home", robot.home),
         ("parameters", robot.parameters),
     ):

@@ -77,11 +77,10 @@ def _read(path: Path, settings: Settings) -> Rows:
 
 
 def _write_yaml(path: Path, message: Mapping[str, Any], settings: Settings) -> None:
-    """Write a message."""
     first, last = settings.window
     names = ", ".join(f'"{name}"' for name in message["joint_names"])
     text = [
-        f"# {message_type(settings)}: {settings.name}, m and rad",
+        f"# {message_type(settings)}: {settings.task.name}, m and rad",
         f"# measurement window from {first:.9f} s to {last:.9f} s",
         f"header: {{frame_id: {FRAME}}}",
         f"joint_names: [{names}]",
@@ -111,13 +110,7 @@ def _flow(value: Any, settings: Settings, finer: Settings) -> str:
 
 
 def _read_yaml(path: Path) -> Mapping[str, Any]:
-    """Read a message.
-
-    Raises
-    ------
-    TableError
-        It is no message.
-    """
+    """Return the message of a YAML file."""
     try:
         data = YAML(typ="safe", pure=True).load(path.read_text(encoding="ascii"))
     except RecursionError:
@@ -135,7 +128,7 @@ def _read_yaml(path: Path) -> Mapping[str, Any]:
 
 
 def _write_bag(path: Path, message: Mapping[str, Any], settings: Settings) -> None:
-    """Write a message into a bag of one file."""
+    """Write a bag of one file."""
     rosbag2 = import_module("rosbags.rosbag2")
     store = _store()
     kind = message_type(settings)
@@ -154,13 +147,7 @@ def _write_bag(path: Path, message: Mapping[str, Any], settings: Settings) -> No
 
 
 def _read_bag(path: Path, settings: Settings) -> Mapping[str, Any]:
-    """Read the message of a bag.
-
-    Raises
-    ------
-    TableError
-        It is no bag with one message of this type.
-    """
+    """Return the only message of its type in a bag."""
     highlevel = import_module("rosbags.highlevel")
     errors = import_module("rosbags.rosbag2.errors")
     kind = message_type(settings)
