@@ -93,7 +93,7 @@ def _executed(
         name="roundtrip",
         robot=robot,
         motion=motion,
-        controller_period=run.run.trajectory.controller_period or run.run.experiment.step,
+        controller_period=run.run.controller_period,
         sampling=run.run.experiment.sampling,
         parameters=robot.parameter_names,
         force_covariance=_force_covariance(run),

@@ -5,8 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from os import PathLike
-from typing import Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -26,11 +24,9 @@ from estimation.identification.noise_choice import residual_noise
 from estimation.identification.recording import prepare_recording
 from estimation.identification.result import EstimationResult, RecordSummary
 from estimation.uncertainty import identified_combinations, parameter_rows
-from expdesign.configuration import InputError, RunConfiguration, load_run
+from expdesign.configuration import ConfigurationLike, InputError, RunConfiguration, load_run
 from expdesign.robot import Robot, robot_from
 from expdesign.trajectory import FourierTrajectory
-
-ConfigurationLike = str | PathLike[str] | Mapping[str, Any] | RunConfiguration
 
 _RESIDUAL_ROUNDS = 2
 

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from os import PathLike
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,13 +25,11 @@ from estimation.montecarlo.statistics import (
 from estimation.twin import Truth
 from estimation.uncertainty import interval_width
 from estimation.uncertainty.intervals import IDENTIFIED
-from expdesign.configuration import RunConfiguration, load_run
+from expdesign.configuration import ConfigurationLike, RunConfiguration, load_run
 from expdesign.robot import Robot
 from expdesign.runfolder.manifest import Manifest, text_hash
 from expdesign.trajectory import FourierTrajectory
 from expdesign.workers import Job, Monitor, cluster_jobs, run_jobs
-
-ConfigurationLike = str | PathLike[str] | Mapping[str, Any] | RunConfiguration
 
 
 @dataclass(frozen=True, eq=False)

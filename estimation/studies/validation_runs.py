@@ -17,7 +17,6 @@ from estimation.studies.study import study_section, unknown_parameters, with_sec
 from estimation.twin import Twin
 from estimation.validation.motions import benchmark_motion
 from expdesign.configuration import InputError, RunConfiguration, ValidationMotion
-from expdesign.experiment.design import controller_period
 from expdesign.robot import Robot, robot_from
 from expdesign.trajectory import FourierTrajectory
 
@@ -165,7 +164,7 @@ def _trajectory(
         message = "a recorded motion cannot be repeated on the digital twin"
         raise refused(message, key, "circle | line | spline")
     try:
-        return benchmark_motion(motion, robot.home, controller_period(configuration))
+        return benchmark_motion(motion, robot.home, configuration.run.controller_period)
     except ValueError as error:
         raise refused(str(error), key) from error
 

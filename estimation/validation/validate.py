@@ -26,7 +26,6 @@ from estimation.validation.record import (
     ValidationRecord,
 )
 from expdesign.configuration import InputError, RunConfiguration, ValidationMotion
-from expdesign.experiment.design import controller_period
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.recheck.judge import recheck
 from expdesign.robot import LimitModel, Robot, robot_from
@@ -113,7 +112,7 @@ def _predicted(
     else:
         name = motion.motion
         try:
-            trajectory = benchmark_motion(motion, robot.home, controller_period(configuration))
+            trajectory = benchmark_motion(motion, robot.home, configuration.run.controller_period)
         except ValueError as error:
             raise InputError(
                 str(error), file=configuration.file, key=f"validate[{number}]"

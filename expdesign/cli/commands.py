@@ -239,7 +239,7 @@ def report(
     It shows every stage that the folder holds. Its main tables are also written as LaTeX into
     tables/.
     """
-    from expdesign.cli.terminal import Terminal
+    from expdesign.cli import shown
     from expdesign.stages.report import written_report
     from expdesign.stages.run import refuse_unwritable
 
@@ -247,9 +247,10 @@ def report(
     if place.is_dir():
         refuse_unwritable(place)
     outcome = written_report(place)
-    Terminal(quiet=as_json).finished(outcome)
     if as_json:
         write_json({"status": 0, **outcome.summary})
+    else:
+        shown.report(outcome)
 
 
 def run(run: RunArgument, out: OutOption = None, as_json: JsonOption = False) -> None:

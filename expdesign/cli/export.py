@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable
 from inspect import Parameter, signature
 from pathlib import Path
@@ -144,31 +143,28 @@ def export(
 def _list(*, as_json: bool) -> None:
     from rich.table import Table
 
-    from expdesign.configuration import OFFERS
+    from expdesign.configuration.sections.export import OFFERS, Offer
     from expdesign.export.formats import table_formats
 
-    formats = table_formats()
+    found = [
+        {
+            "name": name,
+            "title": form.title,
+            "suffix": form.suffix,
+            "interpolation": form.interpolation.value,
+            **OFFERS[name]._asdict(),
+        }
+        for name, form in table_formats().items()
+    ]
     if as_json:
-        write_json(
-            [
-                {
-                    "name": name,
-                    "title": form.title,
-                    "suffix": form.suffix,
-                    "interpolation": form.interpolation.value,
-                    "spaces": OFFERS[name].spaces,
-                    "options": OFFERS[name].options,
-                }
-                for name, form in formats.items()
-            ]
-        )
+        write_json(found)
         return
     table = Table()
     for heading in ("format", "for", "coordinates", "options beside segment and tolerance"):
         table.add_column(heading, overflow="fold", no_wrap=heading == "format")
-    for name, form in formats.items():
-        offer = OFFERS[name]
-        table.add_row(name, form.title, ", ".join(offer.spaces), ", ".join(offer.options))
+    for one in found:
+        lists = (", ".join(one[key]) for key in Offer._fields)
+        table.add_row(one["name"], one["title"], *lists)
     results().print(table)
 
 
@@ -205,14 +201,15 @@ def _section(name: str, given: dict[str, Any], configuration: RunConfiguration) 
     stated = _stated(name, given.get("file"), configuration)
     data = {} if stated is None else stated.model_dump(exclude_none=True)
     left_out = {} if stated is None else _left_out(given, stated)
-    for key in itertools.chain.from_iterable(left_out.values()):
+    for key in left_out:
         del data[key]
     data |= {"format": name, **given}
     found, problems = validate(ExportSection, data, document_from_mapping(data))
     if found is None:
         raise InputError(replace(problem, key=_flag(problem.key)) for problem in problems)
-    for option, keys in left_out.items():
-        note(f"left out, since {option} is given: {', '.join(keys)} of the run's export")
+    for option in dict.fromkeys(left_out.values()):
+        keys = ", ".join(key for key, given_option in left_out.items() if given_option == option)
+        note(f"left out, since {option} is given: {keys} of the run's export")
     return found
 
 
@@ -235,27 +232,22 @@ def _stated(name: str, file: str | None, configuration: RunConfiguration) -> Exp
     return named[0] if named else None
 
 
-def _left_out(given: dict[str, Any], stated: ExportSection) -> dict[str, list[str]]:
-    """Return which options of the run do not go with those given, by the option given."""
+def _left_out(given: dict[str, Any], stated: ExportSection) -> dict[str, str]:
+    """Return which options of the run do not go with those given, each with the option given."""
     from expdesign.configuration import STRUT_ONLY
 
-    against: dict[str, tuple[str, ...]] = {}
-    if "counts_per_metre" in given:
-        against["counts_per_metre"] = ("units",)
-    if "units" in given:
-        against["units"] = ("counts_per_metre",)
-    if given.get("space", stated.coordinates) != stated.coordinates:
-        # Its axes are those of the other coordinates.
-        against["space"] = ("axes", *(STRUT_ONLY if given["space"] == "pose" else ()))
-    if given.get("encoding") == "mcap":
-        against["encoding"] = ("digits",)
-    gone: dict[str, list[str]] = {}
+    space = given.get("space", stated.coordinates)
+    # Axes of the run are those of its coordinates.
+    of_space = ("axes", *(STRUT_ONLY if space == "pose" else ()))
+    against = {
+        "counts_per_metre": ("units",),
+        "units": ("counts_per_metre",),
+        "space": of_space if space != stated.coordinates else (),
+        "encoding": ("digits",) if given.get("encoding") == "mcap" else (),
+    }
+    gone: dict[str, str] = {}
     for option, keys in against.items():
-        found = [
-            key
-            for key in keys
-            if getattr(stated, key) is not None and not any(key in known for known in gone.values())
-        ]
-        if found:
-            gone[_flag(option)] = found
+        for key in keys:
+            if option in given and getattr(stated, key) is not None:
+                gone.setdefault(key, _flag(option))
     return gone

@@ -81,7 +81,7 @@ def experiment(outcome: Outcome) -> None:
 
 def noise(outcome: Outcome) -> None:
     """Print size and correlation of the noise, and what was found about it."""
-    console, record, found = results(), outcome.result, outcome.record
+    console, record, found = results(), outcome.result, outcome.record.summary
     console.print(
         f"{record.rows} rows, {record.periods:.6g} periods of {record.period:.6g} s (from the "
         f"{record.source.value})",

@@ -6,7 +6,6 @@ import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from rich.console import Console, Group
@@ -23,6 +22,7 @@ from expdesign.stages.progress import Progress
 
 if TYPE_CHECKING:
     from expdesign.configuration import RunConfiguration
+    from expdesign.information.spectral import Criterion
     from expdesign.solver.stage import SearchEvent
 
 _HEARTBEAT = 5.0
@@ -60,9 +60,11 @@ class Terminal(Progress):
     @contextmanager
     def search(self, configuration: RunConfiguration) -> Iterator[Callable[[SearchEvent], None]]:
         """Show every running start and the best so far."""
+        from expdesign.information.criteria import CRITERIA
+
         section = configuration.run.design
         total = section.starts + (section.hops if section.search == "hopping" else 0)
-        display = SearchDisplay(messages(), Objective.of(configuration), total)
+        display = SearchDisplay(messages(), CRITERIA[section.criterion], total)
         with display.shown():
             yield display.report
 
@@ -86,34 +88,6 @@ class Terminal(Progress):
             yield advanced
 
 
-@dataclass(frozen=True)
-class Objective:
-    """What the numbers of a search are."""
-
-    title: str
-    """The criterion in words."""
-    blunt_title: str
-    """What the blunt stage optimises, in words; the same or another criterion."""
-    larger_is_better: bool
-    """Of the criterion."""
-
-    @classmethod
-    def of(cls, configuration: RunConfiguration) -> Objective:
-        """Return that of a run."""
-        from expdesign.information.criteria import CRITERIA
-
-        criterion = CRITERIA[configuration.run.design.criterion]
-        # The blunt stage of a criterion that is flat far off is that of log det F.
-        blunt = CRITERIA["d"] if criterion.flat else criterion
-        return cls(criterion.title, blunt.title, criterion.larger_is_better)
-
-    def text(self, event: SearchEvent) -> str:
-        """Return an event's objective with its name: criterion, and smoothed or true."""
-        title = self.blunt_title if event.phase == "blunt" else self.title
-        model = "true" if event.phase in _TRUE else "smoothed"
-        return f"{title} {event.objective:.6g} ({model})"
-
-
 class SearchDisplay:
     """Shows every running start and the best so far.
 
@@ -122,13 +96,13 @@ class SearchDisplay:
     console : rich Console
         On a terminal the display is redrawn in place; elsewhere a line is written when a start
         ends and, at most every five seconds, for the start that moves.
-    objective : Objective
+    criterion : Criterion
     total : int
         Number of starts and hops.
     """
 
-    def __init__(self, console: Console, objective: Objective, total: int) -> None:
-        self._console, self._objective, self._total = console, objective, total
+    def __init__(self, console: Console, criterion: Criterion, total: int) -> None:
+        self._console, self._criterion, self._total = console, criterion, total
         self._running: dict[int, SearchEvent] = {}
         self._best: SearchEvent | None = None
         self._ended = 0
@@ -147,8 +121,10 @@ class SearchDisplay:
             self._ended += event.phase == "done"
             # What is done is shrunk into its limits; what is finished may break one by the recheck.
             kept = event.phase == "done" or event.violation <= TOLERANCE
-            if kept and math.isfinite(event.objective) and self._improves(event):
-                self._best = event
+            if kept and math.isfinite(event.objective):
+                best = self._best or event
+                better = max if self._criterion.larger_is_better else min
+                self._best = better(best, event, key=lambda one: one.objective)
             self._line(self._ended_text(event))
         else:
             self._running[event.start] = event
@@ -169,11 +145,15 @@ class SearchDisplay:
     def _seconds(self) -> float:
         return time.monotonic() - self._began
 
-    def _improves(self, event: SearchEvent) -> bool:
-        if self._best is None:
-            return True
-        larger = event.objective > self._best.objective
-        return larger is self._objective.larger_is_better
+    def _objective(self, event: SearchEvent) -> str:
+        """Return an event's objective with its name: criterion, and smoothed or true."""
+        from expdesign.information.criteria import CRITERIA
+
+        # The blunt stage of a criterion that is flat far off is that of log det F.
+        of_d = event.phase == "blunt" and self._criterion.flat
+        title = (CRITERIA["d"] if of_d else self._criterion).title
+        model = "true" if event.phase in _TRUE else "smoothed"
+        return f"{title} {event.objective:.6g} ({model})"
 
     def _line(self, text: str) -> None:
         self._spoke = time.monotonic()
@@ -190,27 +170,27 @@ class SearchDisplay:
                 f"{start}",
                 event.phase,
                 f"{event.iteration}",
-                self._objective.text(event),
+                self._objective(event),
                 f"{max(event.violation, 0.0):.1e}",
                 f"{event.seconds:.0f} s",
             )
-        best = "none yet" if self._best is None else self._objective.text(self._best)
+        best = "none yet" if self._best is None else self._objective(self._best)
         head = Text(f"{self._ended} of {self._total} done, best: {best}, {self._seconds:.0f} s")
         return Group(head, table)
 
     def _ended_text(self, event: SearchEvent) -> str:
         if event.phase == "finished":
-            return f"start {event.start}, finished: {self._objective.text(event)}, {event.status}"
+            return f"start {event.start}, finished: {self._objective(event)}, {event.status}"
         effort = f"{event.iteration} iterations, {event.seconds:.0f} s"
         start = f"start {event.start}/{self._total}"
         if not math.isfinite(event.objective):
             return f"{start}: {event.status} ({effort})"
-        reached = f"{self._objective.text(event)} within the limits"
+        reached = f"{self._objective(event)} within the limits"
         return f"{start}: {reached} after {effort}: {event.status}"
 
     def _running_text(self, event: SearchEvent) -> str:
         return (
             f"start {event.start}: {event.phase}, iteration {event.iteration}, "
-            f"{self._objective.text(event)}, violation {max(event.violation, 0.0):.1e}, "
+            f"{self._objective(event)}, violation {max(event.violation, 0.0):.1e}, "
             f"{event.seconds:.0f} s"
         )

@@ -7,7 +7,7 @@ wrong. `values` are what may stand at a key, `sections` what may stand in a run 
 
 from expdesign.configuration.document import document_from_mapping, read_text
 from expdesign.configuration.limits import row_labels
-from expdesign.configuration.loading import load_run, smoothing_widths
+from expdesign.configuration.loading import ConfigurationLike, load_run, smoothing_widths
 from expdesign.configuration.noise import NoiseDescription
 from expdesign.configuration.problem import (
     ComputationError,
@@ -67,6 +67,7 @@ __all__ = [
     "STRUT_ONLY",
     "Cogging",
     "ComputationError",
+    "ConfigurationLike",
     "DataSection",
     "DesignSection",
     "Dimension",

@@ -36,9 +36,11 @@ _SMOOTHING_WITHOUT_LIMIT = (0.4, 0.2, 0.1)
 _NOISE_USED_BY = ("design", "experiment", "montecarlo")
 
 
-def load_run(
-    source: str | PathLike[str] | Mapping[str, Any] | RunDescription | RunConfiguration,
-) -> RunConfiguration:
+ConfigurationLike = str | PathLike[str] | Mapping[str, Any] | RunDescription | RunConfiguration
+"""What `load_run` takes."""
+
+
+def load_run(source: ConfigurationLike) -> RunConfiguration:
     """Load a run with its robot.
 
     Parameters
@@ -162,7 +164,7 @@ def _undesignable(run: RunDescription, document: Document) -> list[Problem]:
                 f"periodic, or trajectory.harmonics of at least {_LEAST_HARMONICS_AT_REST}",
             )
         )
-    step = run.trajectory.controller_period or run.experiment.step
+    step = run.controller_period
     low, high = run.trajectory.frequency
     if step > 1 / (2 * high):
         problems.append(

@@ -134,6 +134,11 @@ class RunDescription(Section):
         return self
 
     @property
+    def controller_period(self) -> float:
+        """Step of the machine's controller, s; one over the sampling where none is given."""
+        return self.trajectory.controller_period or self.experiment.step
+
+    @property
     def stages(self) -> tuple[str, ...]:
         """The stages that the file names, in the order in which they are done."""
         return tuple(

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
-from os import PathLike
-from typing import Any
 
 import numpy as np
 
 from constraints.arrays import Array
 from expdesign.configuration import (
+    ConfigurationLike,
     InputError,
     RunConfiguration,
     load_run,
@@ -37,8 +35,6 @@ from expdesign.solver.jobs import DesignTask, SearchPlan
 from expdesign.solver.search import NoDesignError, search
 from expdesign.trajectory import FourierTrajectory
 from expdesign.workers import Monitor
-
-ConfigurationLike = str | PathLike[str] | Mapping[str, Any] | RunConfiguration
 
 _PROBES = 3
 _PROBE_ATTEMPTS = 8
@@ -135,7 +131,7 @@ def design_task(configuration: RunConfiguration) -> DesignTask:
         seed=run.design.seed,
         widths=run.design.smoothing or smoothing_widths(configuration.robot),
         iterations=run.design.max_iterations,
-        controller_period=controller_period(configuration),
+        controller_period=run.controller_period,
         workers=run.workers or 1,
         max_seconds=run.design.max_seconds,
     )
@@ -169,12 +165,6 @@ def _probe(problem: DesignProblem, plan: SearchPlan, number: int) -> FourierTraj
         else:
             return problem.variables.trajectory(x)
     raise AssertionError("the last attempt returns or raises")
-
-
-def controller_period(configuration: RunConfiguration) -> float:
-    """Return the step of the machine's controller, s; one over the sampling where none is given."""
-    run = configuration.run
-    return run.trajectory.controller_period or run.experiment.step
 
 
 def force_covariance(configuration: RunConfiguration) -> Array:

@@ -118,7 +118,7 @@ def _plan(configuration: RunConfiguration, trajectory: FourierTrajectory) -> _Pl
     run = configuration.run
     robot = robot_from(configuration.robot)
     limits = LimitModel.of(robot)
-    step = run.trajectory.controller_period or run.experiment.step
+    step = run.controller_period
     _refuse_broken_steps(configuration, trajectory, step)
     _refuse_broken_limits(configuration, limits, trajectory)
     jerk = jerk_limit(configuration, robot, Periods(trajectory, 1))

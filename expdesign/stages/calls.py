@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from expdesign.configuration import InputError, RunConfiguration, load_run
+from expdesign.configuration import ConfigurationLike, InputError, load_run
 from expdesign.trajectory import FourierTrajectory, TrajectoryFile
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ Place = str | PathLike[str]
 
 
 def simulate(
-    config: Place | Mapping[str, Any] | RunConfiguration,
+    config: ConfigurationLike,
     design: DesignResult | FourierTrajectory | Place,
     repetition: int = 1,
 ) -> Measurement:
@@ -50,7 +50,7 @@ def simulate(
 
 
 def estimate(
-    config: Place | Mapping[str, Any] | RunConfiguration,
+    config: ConfigurationLike,
     data: Measurement | Place | Sequence[Measurement | Place] | None = None,
     design: DesignResult | FourierTrajectory | Place | None = None,
 ) -> EstimationResult:

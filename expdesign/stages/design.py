@@ -9,11 +9,10 @@ from expdesign.stages.outcome import Outcome, StageFailed
 from expdesign.stages.progress import ABANDONED, STOP_DESIGN, interruptible, short
 from expdesign.stages.workspace import Workspace
 from expdesign.workers import Monitor
-from results import design_figures
 
 
 def perform(work: Workspace) -> Outcome:
-    """Design, and write the run folder.
+    """Design.
 
     Raises
     ------
@@ -21,13 +20,9 @@ def perform(work: Workspace) -> Outcome:
         There is no design.
     """
     result = _design(work)
-    record = DesignRecord.of(result)
-    files = (*record.write(work.folder), *design_figures(record, work.folder))
     return Outcome(
-        "design",
-        work.folder,
-        result,
-        files,
+        result=result,
+        record=DesignRecord.of(result),
         summary={
             "design_status": result.status,
             "log_det_information": result.log_det_information,
@@ -41,7 +36,6 @@ def perform(work: Workspace) -> Outcome:
         message=result.status_text,
         warnings=result.warnings[len(work.configuration.warnings) :],
         failure="" if result.passed else _what_is_wrong(result, short(work.folder)),
-        record=record,
     )
 
 

@@ -1,4 +1,4 @@
-"""The stages that take a recording: the estimate of the parameters, and the noise alone."""
+"""The stages of a recording: the estimate of the parameters, its validation, the noise alone."""
 
 from __future__ import annotations
 
@@ -12,14 +12,15 @@ from estimation.identification import EstimationResult
 from estimation.identification.period_choice import choose_omega
 from estimation.identification.record import EstimateRecord
 from estimation.processing import PeriodError, make_record
+from estimation.validation import validate
 from expdesign.configuration import InputError
+from expdesign.robot import robot_from
 from expdesign.stages.outcome import Outcome, StageFailed
 from expdesign.stages.workspace import Workspace
-from results import record_figures
 
 
 def perform(work: Workspace) -> Outcome:
-    """Estimate, judge the estimate, and write the run folder.
+    """Estimate, and judge the estimate.
 
     The result is the `EstimationResult` and the `Diagnosis`, which is None where the intervals
     do not cover.
@@ -31,8 +32,7 @@ def perform(work: Workspace) -> Outcome:
     ComputationError
         The data have no motion, or do not determine the parameters.
     """
-    configuration, folder = work.configuration, work.folder
-    files = work.data_files()
+    configuration, files = work.configuration, work.data_files()
     designs = work.recorded_designs(len(files))
     recordings = [work.recording(file) for file in files]
     try:
@@ -46,16 +46,11 @@ def perform(work: Workspace) -> Outcome:
         diagnosis = diagnostics.diagnose(
             result.robot, result.experiments, result.knowledge, result.best
         )
-    record = EstimateRecord.of(result, diagnosis)
-    figures = configuration.run.report.figures
     summary = _summary(result, diagnosis)
     return Outcome(
-        "estimate",
-        folder,
-        (result, diagnosis),
-        (*record.write(folder), *record_figures(record, folder, figures)),
+        result=(result, diagnosis),
+        record=EstimateRecord.of(result, diagnosis),
         summary=summary,
-        record=record,
         message="; ".join(f"{name}: {e.status}" for name, e in result.estimates.items()),
         warnings=result.warnings[len(configuration.warnings) :],
         doubt="" if summary["verdict"] == "accepted" else "a diagnostic failed",
@@ -63,20 +58,19 @@ def perform(work: Workspace) -> Outcome:
 
 
 def analyse_noise(work: Workspace) -> Outcome:
-    """Analyse the noise of a recording without any model, and write the run folder.
+    """Analyse the noise of a recording without any model.
 
     Raises
     ------
     InputError
         The recording cannot be read, or has fewer than two periods.
     """
-    configuration, folder = work.configuration, work.folder
     (file,) = work.data_files()
     (trajectory,) = work.recorded_designs(1)
     recording = work.recording(file)
     for warning in recording.warnings:
         work.progress.warn(warning)
-    omega, source = choose_omega(configuration, recording, trajectory)
+    omega, source = choose_omega(work.configuration, recording, trajectory)
     try:
         samples = make_record(recording, omega, source)
         record = diagnostics.analyse_noise(samples, str(file))
@@ -84,14 +78,34 @@ def analyse_noise(work: Workspace) -> Outcome:
         raise InputError(
             str(error), file=file, key="--data", allowed="two periods or more"
         ) from error
-    figures = record_figures(record, folder, configuration.run.report.figures)
+    return Outcome(result=samples, record=record, summary=record.summary.as_data())
+
+
+def predict(work: Workspace) -> Outcome:
+    """Validate.
+
+    Raises
+    ------
+    InputError
+        The estimate is another robot's, or a motion cannot be made or read.
+    ComputationError
+        No motion has the measured lengths.
+    """
+    configuration = work.configuration
+    record = validate(configuration, work.estimate(robot_from(configuration.robot)))
+    summary, warnings = record.summary, record.summary.warnings
     return Outcome(
-        "noise",
-        folder,
-        samples,
-        (*record.write(folder), *figures),
-        summary=record.summary.as_data(),
-        record=record.summary,
+        result=record,
+        record=record,
+        summary={
+            "accepted": summary.accepted,
+            "motions": {each.name: each.diagnostics.verdict.summary for each in summary.motions},
+            "seconds": summary.seconds,
+            "warnings": list(warnings),
+        },
+        message="accepted" if summary.accepted else "doubtful",
+        warnings=warnings[len(configuration.warnings) :],
+        doubt="" if summary.accepted else "a motion speaks against the model",
     )
 
 

@@ -62,10 +62,8 @@ def perform(work: Workspace) -> Outcome:
     message = "" if status == "done" else f"interrupted after {done} of {repetitions} measurements"
     truth = twin.truth
     return Outcome(
-        NAME,
-        folder,
-        twin,
-        tuple(sorted(files)),
+        result=twin,
+        files=tuple(sorted(files)),
         record=truth,
         summary={
             "repetitions": done,

@@ -81,10 +81,8 @@ def perform(work: Workspace) -> Outcome:
         described = _describe(task, files, *places)
         keep_configuration(configuration, work.folder)
     return Outcome(
-        NAME,
-        work.folder,
-        made,
-        (*(export.path for export in made), *described),
+        result=made,
+        files=(*(export.path for export in made), *described),
         summary=_summary(task, made),
     )
 
@@ -126,7 +124,7 @@ def export_one(section: ExportSection, work: Workspace, out: Path | None) -> Out
             _describe(task, others | entry, *places)
     else:
         _describe_beside(path, task, entry)
-    return Outcome(NAME, work.folder, [made], (path,), summary=_summary(task, [made]))
+    return Outcome(result=[made], files=(path,), summary=_summary(task, [made]))
 
 
 def _refuse_taken_name(path: Path, key: str) -> None:
@@ -161,7 +159,7 @@ def export_task(work: Workspace) -> Task:
         name=run.name,
         robot=robot,
         motion=motion,
-        controller_period=run.trajectory.controller_period or run.experiment.step,
+        controller_period=run.controller_period,
         sampling=run.experiment.sampling,
         parameters=judged_parameters(configuration, robot),
         force_covariance=None if noise is None else noise.force_covariance,

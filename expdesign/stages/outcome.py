@@ -17,14 +17,14 @@ class StageFailed(ComputationError):  # noqa: N818 - it is no bug but a result
 class Outcome:
     """What a stage made."""
 
-    stage: str
-    folder: Path
+    stage: str = ""
+    folder: Path = Path()
     """The run folder."""
     result: Any = None
     """What was computed (a `DesignResult`, a `Twin`, …); None when the stage had been done
     before and was kept."""
     files: tuple[Path, ...] = ()
-    """Those that it wrote."""
+    """Those that it wrote; those of the record are written by who asked for the stage."""
     summary: dict[str, Any] = field(default_factory=dict)
     """What the command prints with ``--json``, beside the folder and the seconds it took."""
     status: str = "done"

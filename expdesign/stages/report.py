@@ -51,10 +51,8 @@ def written_report(
     files = tuple(write_report(folder, reported_stages(), configuration, records))
     page = folder / STAGES["report"].record
     return Outcome(
-        "report",
-        folder,
-        page,
-        files,
+        result=page,
+        files=files,
         summary={
             "folder": str(folder),
             "report": str(page),

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import Any
 
 from expdesign.configuration import (
     ComputationError,
+    ConfigurationLike,
     InputError,
     RunConfiguration,
     load_run,
@@ -21,8 +20,6 @@ from expdesign.stages.progress import Progress, short
 from expdesign.stages.record import is_done, keep_configuration, stage_inputs, write_entry
 from expdesign.stages.table import STAGES, left_out, loaded, named, stages_without_design
 from expdesign.stages.workspace import Workspace
-
-ConfigurationLike = str | PathLike[str] | Mapping[str, Any] | RunConfiguration
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,9 +102,15 @@ def do_stage(name: str, work: Workspace) -> Outcome:
             failed = Outcome(name, work.folder, status="failed", message=error.message)
             write_entry(work, failed, time.perf_counter() - began)
         raise StageFailed(error.message, error.details) from error
+    files, record = outcome.files, outcome.record
+    if record is not None and not files:
+        from results import record_figures
+
+        formats = work.configuration.run.report.figures
+        files = (*record.write(work.folder), *record_figures(record, work.folder, formats))
     seconds = time.perf_counter() - began
     told = {"folder": str(work.folder), "seconds": seconds, **outcome.summary}
-    outcome = replace(outcome, summary=told)
+    outcome = replace(outcome, stage=name, folder=work.folder, files=files, summary=told)
     keep_configuration(work.configuration, work.folder)
     write_entry(work, outcome, seconds)
     work.made[name] = outcome

@@ -17,13 +17,12 @@ from expdesign.stages.record import clear_outdated
 from expdesign.stages.table import STAGES
 from expdesign.stages.workspace import Workspace
 from expdesign.workers import Monitor
-from results import record_figures
 
 _MOST_REASONS = 3
 
 
 def montecarlo(work: Workspace) -> Outcome:
-    """Simulate and estimate many times, and write the run folder.
+    """Simulate and estimate many times.
 
     Raises
     ------
@@ -41,21 +40,13 @@ def montecarlo(work: Workspace) -> Outcome:
         raise StageFailed("interrupted before the first repetition was done")
     if not any(study.estimated(name) for name in study.estimators):
         raise StageFailed(f"no repetition could be estimated: {_reasons(study)}")
-    record = MonteCarloRecord.of(study)
-    files = [
-        *record.write(folder),
-        *record_figures(record, folder, configuration.run.report.figures),
-    ]
     count = f"{len(study.repetitions)} of {study.wanted} repetitions"
     message = f"interrupted after {count}" if study.interrupted else count
     failed = tuple(_failed_repetitions(study))
     pooled = {name: study.pooled(name) for name in study.estimators}
     return Outcome(
-        "montecarlo",
-        folder,
-        study,
-        tuple(files),
-        record=record,
+        result=study,
+        record=MonteCarloRecord.of(study),
         summary={
             "repetitions": len(study.repetitions),
             "estimators": {
@@ -79,7 +70,7 @@ def montecarlo(work: Workspace) -> Outcome:
 
 
 def study(work: Workspace) -> Outcome:
-    """Do the comparison that the run names, and write the run folder.
+    """Do the comparison that the run names.
 
     Raises
     ------
@@ -88,7 +79,7 @@ def study(work: Workspace) -> Outcome:
     ComputationError
         Interrupted, workers died, or something could not be designed or estimated.
     """
-    configuration, folder = work.configuration, work.folder
+    configuration = work.configuration
     trajectory = None
     if STAGES["study"].needed(configuration):
         design = work.design()
@@ -97,21 +88,12 @@ def study(work: Workspace) -> Outcome:
     with _watched(work, "steps of the study") as monitor:
         found = run_study(configuration, trajectory, monitor)
     clear_outdated("study", work)
-    files = [
-        *found.write(folder),
-        *record_figures(found, folder, configuration.run.report.figures),
-    ]
     claims = found.record.summary.claims
     return Outcome(
-        "study",
-        folder,
-        claims,
-        tuple(files),
-        summary={
-            "claims": [asdict(claim) for claim in claims],
-        },
+        result=claims,
+        record=found,
+        summary={"claims": [asdict(claim) for claim in claims]},
         message=_how_many_hold(claims),
-        record=found.record,
     )
 
 

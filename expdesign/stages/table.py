@@ -124,7 +124,7 @@ STAGES: dict[str, Stage] = {
     "validate": Stage(
         does="predicts motions that were not used for the estimate",
         record="validation.json",
-        perform="expdesign.stages.validate:perform",
+        perform="expdesign.stages.estimate:predict",
         needs=("estimate",),
         sections=_sections("trajectory", "experiment", "data", "estimate", "validation"),
         writes=_TABLES,

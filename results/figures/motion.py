@@ -14,7 +14,6 @@ from constraints import Limit
 from constraints.arrays import Array
 from expdesign.configuration import RunConfiguration
 from expdesign.experiment import DesignRecord
-from expdesign.experiment.design import controller_period
 from expdesign.mechanism.hexapod import COORDINATE_NAMES
 from expdesign.motion.executable import ExecutableMotion
 from expdesign.motion.sampled import SampledMotion
@@ -40,7 +39,7 @@ class WholeMotion:
     @classmethod
     def of(cls, configuration: RunConfiguration, motion: ExecutableMotion) -> WholeMotion:
         """Sample a motion of a run."""
-        step = controller_period(configuration)
+        step = configuration.run.controller_period
         robot = robot_from(configuration.robot)
         time = np.minimum(step * np.arange(sum(motion.steps(step)) + 1.0), motion.duration)
         names = tuple(segment.name for segment in motion.segments)

@@ -19,7 +19,7 @@ class Outcome(NamedTuple):
 @pytest.fixture
 def command(expdesign, monkeypatch):
     """Run a command line without its figures; return what came out by name."""
-    monkeypatch.setattr("expdesign.stages.estimate.record_figures", lambda *_: ())
+    monkeypatch.setattr("results.record_figures", lambda *_: ())
 
     def call(*arguments):
         return Outcome(*expdesign(*arguments))

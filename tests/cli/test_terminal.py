@@ -1,14 +1,16 @@
 """The progress of a search: what the numbers are."""
 
+import dataclasses
 import io
 
 import pytest
 from rich.console import Console
 
-from expdesign.cli.terminal import Objective, SearchDisplay
+from expdesign.cli.terminal import SearchDisplay
+from expdesign.information.criteria import CRITERIA
 from expdesign.solver.stage import SearchEvent
 
-CONDITION = Objective("condition number of F", "log det F", larger_is_better=False)
+CONDITION = dataclasses.replace(CRITERIA["condition"], flat=True)
 
 
 @pytest.fixture

@@ -35,9 +35,7 @@ class Heard(expdesign.Progress):
 def run_of(tiny, tiny_result, tmp_path, monkeypatch):
     """Return a maker of a run file; its design is one that was made before."""
     monkeypatch.setattr("expdesign.stages.design.design", lambda *_: tiny_result)
-    monkeypatch.setattr("expdesign.stages.design.design_figures", lambda *_: ())
-    monkeypatch.setattr("expdesign.stages.estimate.record_figures", lambda *_: ())
-    monkeypatch.setattr("expdesign.stages.validate.record_figures", lambda *_: ())
+    monkeypatch.setattr("results.record_figures", lambda *_: ())
 
     def file(**sections):
         path = tmp_path / "input.yaml"
