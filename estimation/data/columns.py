@@ -8,7 +8,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from expdesign.configuration import CHANNELS, InputError, Problem, nearest, shown
+from expdesign.configuration import InputError, Problem, shown
+from expdesign.configuration.problem import nearest
+from expdesign.configuration.sections.data import CHANNELS
 
 OPTIONAL = frozenset({"period"})
 """Channels that a file need not have."""

@@ -13,7 +13,6 @@ from estimation.data.table import MOST_PROBLEMS, RawTable, refuse
 from estimation.data.timebase import TimeBase, gaps, not_increasing
 from estimation.data.units import unit_factor
 from expdesign.configuration import (
-    LENGTH,
     LENGTH_CHANNELS,
     DataSection,
     InputError,
@@ -21,6 +20,7 @@ from expdesign.configuration import (
     ResolvedRobot,
     shown,
 )
+from expdesign.configuration.values.quantity import LENGTH
 
 _WIDEST_TOLERANCE = 0.5
 """Of a step: from there on a sample could belong to the neighbouring point of the grid."""

@@ -5,16 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 from estimation.data.table import RawTable
-from expdesign.configuration import (
+from expdesign.configuration import DataSection, InputError, Problem, shown
+from expdesign.configuration.values.quantity import (
     CURRENT,
     DURATION,
     FORCE,
     LENGTH,
-    DataSection,
     Dimension,
-    InputError,
-    Problem,
-    shown,
     unit_dimension,
 )
 

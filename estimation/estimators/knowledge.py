@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from constraints.arrays import Array
-from expdesign.configuration import ComputationError, EstimateSection
+from expdesign.configuration import ComputationError
+from expdesign.configuration.sections.data import EstimateSection
 from expdesign.information.fisher import ScaledInformation
 from expdesign.robot import Robot
 

@@ -9,7 +9,8 @@ import numpy as np
 
 from estimation.estimators import Knowledge, ParameterEstimate
 from estimation.identification.estimate_file import EstimateFile
-from expdesign.configuration import EstimateSection, InputError
+from expdesign.configuration import InputError
+from expdesign.configuration.sections.data import EstimateSection
 from expdesign.robot import Robot
 from expdesign.runfolder import copied
 

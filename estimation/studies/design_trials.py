@@ -19,7 +19,8 @@ from estimation.studies.study import (
     with_section,
 )
 from estimation.twin import Twin
-from expdesign.configuration import InputError, Kinematics, Problem, RunConfiguration
+from expdesign.configuration import InputError, Problem, RunConfiguration
+from expdesign.configuration.sections.experiment import Kinematics
 from expdesign.experiment import DesignResult, design
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.robot import Robot

@@ -11,13 +11,8 @@ from typing import Any
 
 from estimation.montecarlo.repetition import FAILURES
 from estimation.studies.records import Claim, StudyRecord, StudySummary
-from expdesign.configuration import (
-    ComputationError,
-    Problem,
-    RunConfiguration,
-    StudySection,
-    resolved_yaml,
-)
+from expdesign.configuration import ComputationError, Problem, RunConfiguration, resolved_yaml
+from expdesign.configuration.sections.experiment import StudySection
 from expdesign.robot import Robot
 from expdesign.runfolder import RowTable
 from expdesign.runfolder.atomic import write_text

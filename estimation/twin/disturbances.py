@@ -12,14 +12,8 @@ from enum import IntEnum
 import numpy as np
 
 from constraints.arrays import Array
-from expdesign.configuration import (
-    Cogging,
-    InputError,
-    Outliers,
-    Problem,
-    RunConfiguration,
-    TrackingError,
-)
+from expdesign.configuration import InputError, Problem, RunConfiguration
+from expdesign.configuration.sections.experiment import Cogging, Outliers, TrackingError
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
 from expdesign.trajectory import FourierTrajectory
 

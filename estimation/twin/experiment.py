@@ -32,7 +32,8 @@ from estimation.twin.record import (
 )
 from estimation.twin.sampling import SampleGrid
 from estimation.twin.table_motion import TableMotion, refuse_short_window, window_error
-from expdesign.configuration import ExperimentSection, InputError, RunConfiguration
+from expdesign.configuration import InputError, RunConfiguration
+from expdesign.configuration.sections.experiment import ExperimentSection
 from expdesign.export.table_file import TableFile
 from expdesign.recheck.judge import Motion
 from expdesign.robot import Robot, robot_from

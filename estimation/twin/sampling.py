@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from constraints.arrays import Array
-from expdesign.configuration import ExperimentSection, InputError
+from expdesign.configuration import InputError
+from expdesign.configuration.sections.experiment import ExperimentSection
 
 _ROUNDING = 1e-12
 _WHOLE = 1e-6

@@ -191,12 +191,9 @@ def _section(name: str, given: dict[str, Any], configuration: RunConfiguration) 
     """
     from dataclasses import replace
 
-    from expdesign.configuration import (
-        ExportSection,
-        InputError,
-        document_from_mapping,
-        validate,
-    )
+    from expdesign.configuration import ExportSection, InputError
+    from expdesign.configuration.document import document_from_mapping
+    from expdesign.configuration.section import validate
 
     stated = _stated(name, given.get("file"), configuration)
     data = {} if stated is None else stated.model_dump(exclude_none=True)
@@ -234,7 +231,7 @@ def _stated(name: str, file: str | None, configuration: RunConfiguration) -> Exp
 
 def _left_out(given: dict[str, Any], stated: ExportSection) -> dict[str, str]:
     """Return which options of the run do not go with those given, each with the option given."""
-    from expdesign.configuration import STRUT_ONLY
+    from expdesign.configuration.sections.export import STRUT_ONLY
 
     space = given.get("space", stated.coordinates)
     # Axes of the run are those of its coordinates.

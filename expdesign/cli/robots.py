@@ -21,7 +21,7 @@ def robots(as_json: JsonOption = False) -> None:
 
     Any of the names can stand as `robot:` in a run file; so can the path of a file of your own.
     """
-    from expdesign.configuration import load_robot_description
+    from expdesign.configuration.robot import load_robot_description
     from expdesign.library import robot_files
 
     found = [load_robot_description(name) for name in robot_files()]

@@ -5,104 +5,31 @@ wrong. `values` are what may stand at a key, `sections` what may stand in a run 
 `run` are the two files; `loading` puts them together, `writing` writes the whole again.
 """
 
-from expdesign.configuration.document import document_from_mapping, read_text
-from expdesign.configuration.limits import row_labels
-from expdesign.configuration.loading import ConfigurationLike, load_run, smoothing_widths
-from expdesign.configuration.noise import NoiseDescription
-from expdesign.configuration.problem import (
-    ComputationError,
-    InputError,
-    Problem,
-    format_number,
-    key_path,
-    nearest,
-    shown,
-)
-from expdesign.configuration.robot import (
-    ResolvedRobot,
-    RobotDescription,
-    load_robot_description,
-)
-from expdesign.configuration.run import ReportSection, RunConfiguration, RunDescription
-from expdesign.configuration.section import validate
-from expdesign.configuration.sections.data import (
-    CHANNELS,
-    FORCE_CHANNELS,
-    LENGTH_CHANNELS,
-    DataSection,
-    EstimateSection,
-    MonteCarloSection,
-)
-from expdesign.configuration.sections.design import DesignSection, MotionSection, TrajectorySection
-from expdesign.configuration.sections.experiment import (
-    Cogging,
-    ExperimentSection,
-    Kinematics,
-    Outliers,
-    StudySection,
-    TrackingError,
-    ValidationMotion,
-)
-from expdesign.configuration.sections.export import OFFERS, STRUT_ONLY, ExportSection, Space
-from expdesign.configuration.values.quantity import (
-    CURRENT,
-    DURATION,
-    FORCE,
-    LENGTH,
-    Dimension,
-    quantity_text,
-    unit_dimension,
-)
+from expdesign.configuration.loading import ConfigurationLike, load_run
+from expdesign.configuration.problem import ComputationError, InputError, Problem, shown
+from expdesign.configuration.robot import ResolvedRobot
+from expdesign.configuration.run import RunConfiguration, RunDescription
+from expdesign.configuration.sections.data import FORCE_CHANNELS, LENGTH_CHANNELS, DataSection
+from expdesign.configuration.sections.experiment import ValidationMotion
+from expdesign.configuration.sections.export import ExportSection
+from expdesign.configuration.values.quantity import quantity_text
 from expdesign.configuration.writing import resolved_yaml
 
 __all__ = [
-    "CHANNELS",
-    "CURRENT",
-    "DURATION",
-    "FORCE",
     "FORCE_CHANNELS",
-    "LENGTH",
     "LENGTH_CHANNELS",
-    "OFFERS",
-    "STRUT_ONLY",
-    "Cogging",
     "ComputationError",
     "ConfigurationLike",
     "DataSection",
-    "DesignSection",
-    "Dimension",
-    "EstimateSection",
-    "ExperimentSection",
     "ExportSection",
     "InputError",
-    "Kinematics",
-    "MonteCarloSection",
-    "MotionSection",
-    "NoiseDescription",
-    "Outliers",
     "Problem",
-    "ReportSection",
     "ResolvedRobot",
-    "RobotDescription",
     "RunConfiguration",
     "RunDescription",
-    "Space",
-    "StudySection",
-    "TrackingError",
-    "TrajectorySection",
     "ValidationMotion",
-    "document_from_mapping",
-    "format_number",
-    "key_path",
-    "load_robot_description",
     "load_run",
-    "nearest",
     "quantity_text",
-    "read_text",
     "resolved_yaml",
-    "row_labels",
     "shown",
-    "smoothing_widths",
-    "unit_dimension",
-    "validate",
 ]

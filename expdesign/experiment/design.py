@@ -10,13 +10,8 @@ from functools import partial
 import numpy as np
 
 from constraints.arrays import Array
-from expdesign.configuration import (
-    ConfigurationLike,
-    InputError,
-    RunConfiguration,
-    load_run,
-    smoothing_widths,
-)
+from expdesign.configuration import ConfigurationLike, InputError, RunConfiguration, load_run
+from expdesign.configuration.loading import smoothing_widths
 from expdesign.experiment.result import DesignResult, PredictedPrecision, imprecise, whole
 from expdesign.information.criteria import CRITERIA
 from expdesign.information.fisher import (

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from constraints.arrays import Array
-from expdesign.configuration import ExportSection, Space
+from expdesign.configuration import ExportSection
+from expdesign.configuration.sections.export import Space
 from expdesign.export.rotation import from_roll_pitch_yaw, roll_pitch_yaw
 from expdesign.motion.executable import ExecutableMotion
 from expdesign.robot import Robot

@@ -9,7 +9,8 @@ import numpy as np
 
 from constraints import Limit, plain_limit
 from constraints.arrays import Array
-from expdesign.configuration import InputError, RunConfiguration, row_labels
+from expdesign.configuration import InputError, RunConfiguration
+from expdesign.configuration.limits import row_labels
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
 from expdesign.motion.executable import PERIODS, ExecutableMotion, Periods, Segment
 from expdesign.recheck.judge import (

@@ -8,13 +8,8 @@ import numpy as np
 
 from constraints import Limit
 from constraints.arrays import Array
-from expdesign.configuration import (
-    InputError,
-    Problem,
-    ResolvedRobot,
-    load_robot_description,
-    quantity_text,
-)
+from expdesign.configuration import InputError, Problem, ResolvedRobot, quantity_text
+from expdesign.configuration.robot import load_robot_description
 from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.robot.limit_model import LimitModel
 from expdesign.robot.robot import Robot

@@ -10,7 +10,9 @@ from typing import Annotated, Any, ClassVar, Self
 from pydantic import ConfigDict, ValidationError
 from pydantic_core import PydanticCustomError
 
-from expdesign.configuration import InputError, Problem, format_number, key_path, read_text, shown
+from expdesign.configuration import InputError, Problem, shown
+from expdesign.configuration.document import read_text
+from expdesign.configuration.problem import format_number, key_path
 from expdesign.runfolder.atomic import write_json
 from expdesign.runfolder.described import Column, checker, described, field_columns
 

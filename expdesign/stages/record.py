@@ -8,7 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from expdesign.configuration import RobotDescription, RunConfiguration, resolved_yaml
+from expdesign.configuration import RunConfiguration, resolved_yaml
+from expdesign.configuration.robot import RobotDescription
 from expdesign.runfolder.atomic import write_text
 from expdesign.runfolder.manifest import (
     RUN_FILE,

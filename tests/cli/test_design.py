@@ -10,7 +10,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from expdesign.configuration import load_robot_description, load_run
+from expdesign.configuration import load_run
+from expdesign.configuration.robot import load_robot_description
 from expdesign.robot import load_robot
 from expdesign.trajectory import FourierTrajectory
 

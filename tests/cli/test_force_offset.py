@@ -6,7 +6,7 @@ import json
 import numpy as np
 import pytest
 
-from expdesign.configuration import load_robot_description
+from expdesign.configuration.robot import load_robot_description
 
 PLANTED = dict(zip(("o1", "o2", "o3", "o4", "o5", "o6"), (8, -5, 12, -9, 4, 6), strict=True))
 QUICK = {"starts": 1, "max_iterations": 4}

@@ -9,7 +9,8 @@ import pytest
 import typer
 
 from expdesign.cli.errors import run
-from expdesign.configuration import load_robot_description, load_run, resolved_yaml
+from expdesign.configuration import load_run, resolved_yaml
+from expdesign.configuration.robot import load_robot_description
 from expdesign.library import robot_files
 from expdesign.stages.outcome import StageFailed
 

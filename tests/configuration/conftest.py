@@ -2,7 +2,8 @@ import copy
 
 import pytest
 
-from expdesign.configuration import InputError, load_robot_description, load_run
+from expdesign.configuration import InputError, load_run
+from expdesign.configuration.robot import load_robot_description
 
 
 @pytest.fixture(scope="session")

@@ -3,7 +3,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from expdesign.configuration import load_robot_description, load_run
+from expdesign.configuration import load_run
+from expdesign.configuration.robot import load_robot_description
 from expdesign.library import robot_files, run_files
 
 ROBOTS = ("dehaeze", "linuxcnc", "mathworks", "palida", "rubin")

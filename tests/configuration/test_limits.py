@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from constraints import limit_definitions
-from expdesign.configuration import InputError, load_robot_description, validate
+from expdesign.configuration import InputError
 from expdesign.configuration.document import Document, Placed
 from expdesign.configuration.limits import Limits, limits_as_written, resolve_limits
-from expdesign.configuration.section import Section
+from expdesign.configuration.robot import load_robot_description
+from expdesign.configuration.section import Section, validate
 
 
 class _File(Section):

@@ -3,9 +3,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from expdesign.configuration import InputError, NoiseDescription, validate
+from expdesign.configuration import InputError
 from expdesign.configuration.document import Document, Placed
-from expdesign.configuration.noise import resolve_noise
+from expdesign.configuration.noise import NoiseDescription, resolve_noise
+from expdesign.configuration.section import validate
 
 STD = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]
 RING = [[0.5 ** min(abs(i - j), 6 - abs(i - j)) for j in range(6)] for i in range(6)]

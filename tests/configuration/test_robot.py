@@ -4,13 +4,9 @@ import pickle
 import numpy as np
 import pytest
 
-from expdesign.configuration import (
-    InputError,
-    RobotDescription,
-    load_robot_description,
-)
+from expdesign.configuration import InputError
 from expdesign.configuration.document import Placed, document_from_mapping
-from expdesign.configuration.robot import resolve_robot
+from expdesign.configuration.robot import RobotDescription, load_robot_description, resolve_robot
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from constraints import limit_definitions, limits
-from expdesign.configuration import load_robot_description
+from expdesign.configuration.robot import load_robot_description
 from expdesign.robot import LimitModel, robot_from
 
 NEW = """\

@@ -3,7 +3,8 @@
 import pytest
 
 from estimation.data.reading import read_measurement
-from expdesign.configuration import DataSection, InputError, load_robot_description
+from expdesign.configuration import DataSection, InputError
+from expdesign.configuration.robot import load_robot_description
 from tests.data.recordings import recording
 
 

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from estimation.data.reading import read_measurement
-from expdesign.configuration import DataSection, InputError, load_robot_description
+from expdesign.configuration import DataSection, InputError
+from expdesign.configuration.robot import load_robot_description
 from expdesign.robot import load_robot
 from tests.data.recordings import recording, write_csv, write_hdf5
 

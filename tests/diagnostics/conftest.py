@@ -21,7 +21,7 @@ from estimation.estimators import (
 from estimation.kinematics import fit_motion, pointwise_motion
 from estimation.measurement_model import HarmonicMotion
 from estimation.processing import NoiseEstimate, NoiseModel, PeriodSource, make_record
-from expdesign.configuration import EstimateSection
+from expdesign.configuration.sections.data import EstimateSection
 from expdesign.robot import load_robot
 from expdesign.trajectory import FourierTrajectory
 

@@ -20,23 +20,15 @@ from estimation.twin import Twin
 from estimation.twin.record import MEASUREMENT, Truth
 from estimation.validation.record import ValidationFile
 from expdesign.cli.app import app
-from expdesign.configuration import (
-    DataSection,
-    DesignSection,
-    EstimateSection,
-    ExperimentSection,
-    ExportSection,
-    MonteCarloSection,
-    MotionSection,
-    ReportSection,
-    RobotDescription,
-    RunDescription,
-    TrajectorySection,
-    load_run,
-)
+from expdesign.configuration import DataSection, ExportSection, RunDescription, load_run
 from expdesign.configuration.limits import CHARACTERISTIC_LENGTH
+from expdesign.configuration.robot import RobotDescription
+from expdesign.configuration.run import ReportSection
+from expdesign.configuration.sections.data import EstimateSection, MonteCarloSection
+from expdesign.configuration.sections.design import DesignSection, MotionSection, TrajectorySection
 from expdesign.configuration.sections.experiment import (
     Cogging,
+    ExperimentSection,
     Outliers,
     Quantisation,
     StudySection,

@@ -17,7 +17,7 @@ from estimation.kinematics import fit_motion
 from estimation.measurement_model import HarmonicMotion
 from estimation.measurement_model.prediction import held_regressor_kernel
 from estimation.processing import NoiseModel, PeriodSource, make_record
-from expdesign.configuration import EstimateSection
+from expdesign.configuration.sections.data import EstimateSection
 from tests.estimation.cases import ROBOT, measured, trajectory
 
 NOISE = ROBOT.description.noise

@@ -300,7 +300,7 @@ def test_a_design_may_start_at_rest(tiny, search):
 
 
 def test_the_noise_is_needed(tiny):
-    from expdesign.configuration import load_robot_description
+    from expdesign.configuration.robot import load_robot_description
 
     robot = load_robot_description("palida").description.model_dump(mode="json", by_alias=True)
     del robot["noise"]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from constraints import Limit
-from expdesign.configuration import row_labels
+from expdesign.configuration.limits import row_labels
 from expdesign.motion.limits import STRUT_JERK, moving_states
 from expdesign.motion.ramp_problem import RampProblem, RampProgram
 from expdesign.motion.spline import MotionState

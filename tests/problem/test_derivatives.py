@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from constraints import Limit, limit_definitions
-from expdesign.configuration import load_robot_description, row_labels
+from expdesign.configuration.limits import row_labels
+from expdesign.configuration.robot import load_robot_description
 from expdesign.information.criteria import CRITERIA
 from expdesign.information.fisher import information_matrix
 from expdesign.problem.design_problem import build_problem

@@ -6,7 +6,7 @@ import pytest
 from scipy.optimize import brentq, minimize_scalar
 
 from constraints import Limit, limit_definitions
-from expdesign.configuration import row_labels
+from expdesign.configuration.limits import row_labels
 from expdesign.recheck.judge import TOLERANCE, grid_points, judge, recheck, states_at
 from expdesign.robot import LimitModel, Robot, load_robot
 from expdesign.trajectory import FourierTrajectory, PoseSamples

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from expdesign.configuration import load_robot_description
+from expdesign.configuration.robot import load_robot_description
 from expdesign.mechanism.catalogue import DEFAULT, terms_named
 from expdesign.robot import Robot, load_robot
 from tests.robot.energies import COLUMNS, Energies

@@ -9,7 +9,8 @@ import pytest
 
 from estimation.identification import estimate
 from estimation.measurement_model.prediction import force_kernel
-from expdesign.configuration import InputError, load_robot_description, load_run, resolved_yaml
+from expdesign.configuration import InputError, load_run, resolved_yaml
+from expdesign.configuration.robot import load_robot_description
 from expdesign.mechanism import catalogue
 from expdesign.mechanism.catalogue import DEFAULT, TERMS, known_parameters, terms_named
 from expdesign.mechanism.graph import Friction

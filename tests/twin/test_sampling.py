@@ -4,7 +4,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from estimation.twin.sampling import MOST_SAMPLES, SampleGrid
-from expdesign.configuration import ExperimentSection, InputError
+from expdesign.configuration import InputError
+from expdesign.configuration.sections.experiment import ExperimentSection
 
 
 def grid(period, **experiment):

@@ -7,7 +7,7 @@ from functools import cache
 from importlib import import_module
 from types import MappingProxyType
 
-from expdesign.configuration import OFFERS
+from expdesign.configuration.sections.export import OFFERS
 from expdesign.export.definition import TableFormat
 
 
