@@ -70,30 +70,25 @@ class Knowledge:
     @classmethod
     def of(cls, robot: Robot, section: EstimateSection) -> Knowledge:
         """Take what the run's `estimate:` section says, whose names the loader has checked."""
-        known = robot.parameter_names
-        nominal = robot.parameters
-        values = dict(zip(known, nominal.tolist(), strict=True))
+        known, nominal = robot.parameter_names, np.array(robot.parameters)
         fixed: Mapping[str, float | None] = section.fixed
-        start = [
-            values[n] if n not in fixed or fixed[n] is None else float(fixed[n] or 0.0)
-            for n in known
-        ]
-        priors = section.prior
-        bounds = {name: section.bounds.get(name, (-np.inf, np.inf)) for name in known}
+        priors, bounds = section.prior, section.bounds
+        lower, upper = np.transpose([bounds.get(name, (-np.inf, np.inf)) for name in known])
 
-        def prior_value(name: str) -> float:
-            given = priors[name].value if name in priors else None
-            return values[name] if given is None else given
+        def values(given: Mapping[str, float | None]) -> Array:
+            """Return the nominal values but for those given."""
+            chosen = [given.get(name) for name in known]
+            return np.array([n if c is None else c for n, c in zip(nominal, chosen, strict=True)])
 
         return cls(
             names=known,
-            nominal=np.array(nominal),
+            nominal=nominal,
             free=np.array([name not in fixed for name in known]),
-            start=np.array(start),
-            prior_mean=np.array([prior_value(name) for name in known]),
+            start=values(fixed),
+            prior_mean=values({name: prior.value for name, prior in priors.items()}),
             prior_precision=np.array([priors[n].std ** -2 if n in priors else 0.0 for n in known]),
-            lower=np.array([bounds[name][0] for name in known]),
-            upper=np.array([bounds[name][1] for name in known]),
+            lower=lower,
+            upper=upper,
         )
 
     @property

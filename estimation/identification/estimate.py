@@ -58,16 +58,6 @@ def estimate(
         The data do not determine some parameters at all; it names them.
     """
     configuration = load_run(config)
-    # One thread: the products are small, and the order of their sums must not depend on cores.
-    with threadpool_limits(limits=1, user_api="blas"):
-        return _estimate(configuration, data, design)
-
-
-def _estimate(
-    configuration: RunConfiguration,
-    data: Measurement | Sequence[Measurement],
-    design: FourierTrajectory | Sequence[FourierTrajectory | None] | None,
-) -> EstimationResult:
     began = time.perf_counter()
     recordings = (data,) if isinstance(data, Measurement) else tuple(data)
     if not recordings:
@@ -77,18 +67,16 @@ def _estimate(
     wanted = configuration.run.estimate.estimators
     refuse_ml_without_fit(configuration, wanted, "estimate")
     designs = _one_each(design, len(recordings))
-    records = tuple(
-        prepare_recording(configuration, robot, recording, trajectory)
-        for recording, trajectory in zip(recordings, designs, strict=True)
-    )
-    experiments = [record.experiment for record in records]
-    if any(experiment.noise.forces.includes_model_error for experiment in experiments):
-        experiments = _with_residual_noise(robot, experiments, knowledge)
+    # One thread: the products are small, and the order of their sums must not depend on cores.
+    with threadpool_limits(limits=1, user_api="blas"):
         records = tuple(
-            replace(summary, experiment=experiment)
-            for summary, experiment in zip(records, experiments, strict=True)
+            prepare_recording(configuration, robot, recording, trajectory)
+            for recording, trajectory in zip(recordings, designs, strict=True)
         )
-    estimates = run_estimators(robot, experiments, knowledge, wanted)
+        records = _with_residual_noise(robot, records, knowledge)
+        experiments = [record.experiment for record in records]
+        estimates = run_estimators(robot, experiments, knowledge, wanted)
+        bound = _bound(robot, experiments, knowledge, estimates)
     freedom = min(experiment.noise.forces.freedom for experiment in experiments)
     rows = [
         row
@@ -107,7 +95,7 @@ def _estimate(
         estimates=estimates,
         rows=tuple(rows),
         combinations=combinations,
-        bound=_bound(robot, experiments, knowledge, estimates),
+        bound=bound,
         seconds=time.perf_counter() - began,
         warnings=(
             *configuration.warnings,
@@ -137,20 +125,21 @@ def run_estimators(
 
 
 def _with_residual_noise(
-    robot: Robot, experiments: Sequence[Experiment], knowledge: Knowledge
-) -> list[Experiment]:
-    """Take Σ from the residuals of Gauss–Markov estimates, which are then made anew."""
-    present = list(experiments)
-    used = int(np.count_nonzero(knowledge.free))
-    for _ in range(_RESIDUAL_ROUNDS):
+    robot: Robot, records: tuple[RecordSummary, ...], knowledge: Knowledge
+) -> tuple[RecordSummary, ...]:
+    """Take Σ that nobody knows from residuals of Gauss–Markov estimates, which are made anew."""
+    present = [record.experiment for record in records]
+    used = int(np.count_nonzero(knowledge.free)) // len(present)
+    unknown = [n for n, e in enumerate(present) if e.noise.forces.includes_model_error]
+    for _ in range(_RESIDUAL_ROUNDS if unknown else 0):
         values = gauss_markov(robot, present, knowledge).values
-        for number, experiment in enumerate(present):
-            if experiment.noise.forces.includes_model_error:
-                rest = experiment.forces - experiment.fitted_regressors @ values
-                own = residual_noise(rest, experiment.record.force_counts, used // len(present))
-                noise = replace(experiment.noise, forces=own)
-                present[number] = replace(experiment, noise=noise)
-    return present
+        for number in unknown:
+            experiment = present[number]
+            rest = experiment.forces - experiment.fitted_regressors @ values
+            own = residual_noise(rest, experiment.record.force_counts, used)
+            noise = replace(experiment.noise, forces=own)
+            present[number] = replace(experiment, noise=noise)
+    return tuple(replace(r, experiment=e) for r, e in zip(records, present, strict=True))
 
 
 def _bound(

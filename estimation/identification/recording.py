@@ -111,24 +111,19 @@ def _fitted(
     least: int,
 ) -> tuple[NoiseModel, MotionFit]:
     section = configuration.run.estimate
-    free = section.frequency == "estimated"
+    fitting = choose_harmonics if section.harmonics is None else fit_motion
     start = _start(robot, record, design)
     # A Δ that nobody knows comes from the fit that it weights: a few rounds settle both.
     rounds = _RESIDUAL_ROUNDS if noise.lengths.includes_model_error else 1
     for remaining in reversed(range(rounds)):
-        if section.harmonics is None:
-            fit = choose_harmonics(
-                robot, record, noise.lengths.covariance, least, start=start, free_frequency=free
-            )
-        else:
-            fit = fit_motion(
-                robot,
-                record,
-                noise.lengths.covariance,
-                section.harmonics,
-                start=start,
-                free_frequency=free,
-            )
+        fit = fitting(
+            robot,
+            record,
+            noise.lengths.covariance,
+            section.harmonics or least,
+            start=start,
+            free_frequency=section.frequency == "estimated",
+        )
         if noise.lengths.includes_model_error:
             found = residual_noise(fit.residuals, record.length_counts, len(fit.covariance))
             noise = replace(noise, lengths=found)

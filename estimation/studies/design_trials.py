@@ -16,7 +16,6 @@ from estimation.studies.study import (
     study_section,
     unknown_parameters,
     with_exact_lengths,
-    with_section,
 )
 from estimation.twin import Twin
 from expdesign.configuration import InputError, Problem, RunConfiguration
@@ -149,8 +148,8 @@ def _designed(
     configuration: RunConfiguration, monitor: Monitor, number: int, criterion: str
 ) -> DesignResult:
     run = configuration.run
-    changed = with_section(
-        configuration, "design", criterion=criterion, seed=run.design.seed + number - 1
+    changed = configuration.with_section(
+        "design", criterion=criterion, seed=run.design.seed + number - 1
     )
     name = f"{run.name}-{trial_name(number, criterion)}"
     own = changed.run.model_copy(update={"name": name, "workers": 1, "study": None})
@@ -184,9 +183,9 @@ def _workbench(
 ) -> Workbench:
     """Return what repeats one design's experiment; no two designs share their noise."""
     seed = configuration.run.montecarlo.seed + _SEEDS_APART * (index + 1)
-    changed = with_section(configuration, "montecarlo", estimators=ESTIMATORS, seed=seed)
+    changed = configuration.with_section("montecarlo", estimators=ESTIMATORS, seed=seed)
     differentiation = "central" if kinematics == "central" else "fourier"
-    changed = with_section(changed, "estimate", differentiation=differentiation)
+    changed = changed.with_section("estimate", differentiation=differentiation)
     if kinematics == "exact":
         changed = with_exact_lengths(changed)
     return Workbench.of(changed, result.trajectory)

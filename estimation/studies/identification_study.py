@@ -30,7 +30,6 @@ from estimation.studies.study import (
     all_estimated,
     repeated,
     study_section,
-    with_section,
 )
 from estimation.twin import Twin
 from estimation.uncertainty.differences import FAMILY_LEVEL, Differences, difference_test
@@ -116,7 +115,7 @@ class IdentificationBench:
     """What all experiments share: the robot and the twins, built once per process."""
 
     def __init__(self, configuration: RunConfiguration, design: FourierTrajectory) -> None:
-        self.configuration = with_section(configuration, "estimate", differentiation="fourier")
+        self.configuration = configuration.with_section("estimate", differentiation="fourier")
         self.design = design
         self.robot: Robot = robot_from(configuration.robot)
         self.knowledge = parameter_knowledge(configuration, self.robot)
@@ -124,7 +123,7 @@ class IdentificationBench:
         errors = {False: None, True: study_section(configuration).tracking_error}
         self.twins = {
             tracking: Twin.of(
-                with_section(configuration, "experiment", tracking_error=error), design, seed
+                configuration.with_section("experiment", tracking_error=error), design, seed
             )
             for tracking, error in errors.items()
         }
@@ -159,7 +158,7 @@ class IdentificationBench:
         }
         estimates = dict(own)
         if case.disturbed:
-            configuration = with_section(self.configuration, "estimate", **changes[case.key])
+            configuration = self.configuration.with_section("estimate", **changes[case.key])
             try:
                 experiment = prepare_experiment(configuration, self.robot, data, self.design)
                 estimates |= run_estimators(self.robot, [experiment], self.knowledge, ("ls", "gm"))

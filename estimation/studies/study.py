@@ -102,12 +102,6 @@ def study_section(configuration: RunConfiguration) -> StudySection:
     return section
 
 
-def with_section(configuration: RunConfiguration, name: str, **changes: Any) -> RunConfiguration:
-    """Return the run with keys of one of its sections changed."""
-    section = getattr(configuration.run, name).model_copy(update=changes)
-    return replace(configuration, run=configuration.run.model_copy(update={name: section}))
-
-
 def with_exact_lengths(configuration: RunConfiguration) -> RunConfiguration:
     """Return the run with lengths that are measured a million times better."""
     noise = configuration.robot.noise

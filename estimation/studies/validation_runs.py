@@ -13,7 +13,7 @@ from estimation.diagnostics.residuals import VarianceComparison
 from estimation.estimators import Experiment, ParameterEstimate
 from estimation.identification import prepare_experiment, run_estimators
 from estimation.identification.estimate import parameter_knowledge
-from estimation.studies.study import study_section, unknown_parameters, with_section
+from estimation.studies.study import study_section, unknown_parameters
 from estimation.twin import Twin
 from estimation.validation.motions import benchmark_motion
 from expdesign.configuration import InputError, RunConfiguration, ValidationMotion
@@ -70,15 +70,15 @@ class ValidationBench:
         self.trajectories = refuse_unfit_validation_study(configuration, self.robot)
         self.wrong = section.wrong
         machines = {
-            cogging: with_section(
-                configuration, "experiment", cogging=section.cogging if cogging else None
+            cogging: configuration.with_section(
+                "experiment", cogging=section.cogging if cogging else None
             )
             for cogging in (False, True)
         }
         self.identified = {key: Twin.of(made, design, seed) for key, made in machines.items()}
         self.predicted_on = {
             key: tuple(
-                Twin.of(with_section(made, "experiment", periods=motion.periods), trajectory, seed)
+                Twin.of(made.with_section("experiment", periods=motion.periods), trajectory, seed)
                 for motion, trajectory in zip(section.motions, self.trajectories, strict=True)
             )
             for key, made in machines.items()

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from estimation.data.measurement import Measurement
 from estimation.data.reading import read_measurement
 from estimation.diagnostics import Diagnosis, Status, diagnose
 from estimation.estimators import Experiment
@@ -117,7 +116,8 @@ def _predicted(
             raise InputError(
                 str(error), file=configuration.file, key=f"validate[{number}]"
             ) from error
-        data = _simulated(configuration, trajectory, motion.periods, number)
+        changed = configuration.with_section("experiment", periods=motion.periods)
+        data = Twin.of(changed, trajectory).measurement(FIRST_REPETITION + number - 1)
     if motion.mirror != "none":
         name += f", mirrored {motion.mirror}"
     if trajectory is not None:
@@ -142,15 +142,6 @@ def _predicted(
         _actuator_rows(number, name, experiment, diagnosis),
         warnings,
     )
-
-
-def _simulated(
-    configuration: RunConfiguration, trajectory: FourierTrajectory, periods: int, number: int
-) -> Measurement:
-    section = configuration.run.experiment.model_copy(update={"periods": periods})
-    run = configuration.run.model_copy(update={"experiment": section})
-    changed = RunConfiguration(run, configuration.robot, configuration.file)
-    return Twin.of(changed, trajectory).measurement(FIRST_REPETITION + number - 1)
 
 
 def _actuator_rows(

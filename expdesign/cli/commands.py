@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -11,7 +10,7 @@ import typer
 from expdesign.cli.output import JsonOption, RunArgument, note, warn, write_json
 
 if TYPE_CHECKING:
-    from expdesign.configuration import RunConfiguration
+    pass
 
 _MOST_EXPERIMENTS = 100_000
 _MOST_REPETITIONS = 10_000_000
@@ -293,7 +292,7 @@ def _do(
     for warning in configuration.warnings:
         terminal.warn(warning)
     if repetitions is not None:
-        configuration = _with_repetitions(configuration, repetitions)
+        configuration = configuration.with_section("montecarlo", repetitions=repetitions)
     folder = run_folder(configuration, out)
     work = Workspace(configuration, folder, terminal, Sources(**(sources or {})))
     outcome = do_stage(stage, work)
@@ -305,9 +304,3 @@ def _do(
 
 def _given(path: Path | None) -> tuple[Path, ...]:
     return () if path is None else (path,)
-
-
-def _with_repetitions(configuration: RunConfiguration, repetitions: int) -> RunConfiguration:
-    run = configuration.run
-    section = run.montecarlo.model_copy(update={"repetitions": repetitions})
-    return replace(configuration, run=run.model_copy(update={"montecarlo": section}))

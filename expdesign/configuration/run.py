@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -175,6 +175,11 @@ class RunConfiguration:
     def name(self) -> str:
         """The run's name."""
         return self.run.name
+
+    def with_section(self, section: str, **changes: Any) -> RunConfiguration:
+        """Return the run with keys of one of its sections changed."""
+        changed = getattr(self.run, section).model_copy(update=changes)
+        return replace(self, run=self.run.model_copy(update={section: changed}))
 
     @property
     def stages(self) -> tuple[str, ...]:

@@ -21,7 +21,7 @@ from estimation.studies.identification_study import (
     Identification,
     bias_claim,
 )
-from estimation.studies.study import with_exact_lengths, with_section
+from estimation.studies.study import with_exact_lengths
 from estimation.studies.validation_runs import Prediction
 from estimation.twin import Twin
 from expdesign.configuration import InputError, load_run
@@ -76,7 +76,7 @@ def test_linear_covariances_equal_plain_sums():
 
 
 def test_what_is_achieved_agrees_with_what_is_predicted():
-    config = with_section(case({"kind": "design"}), "montecarlo", estimators=("ls", "gm"))
+    config = case({"kind": "design"}).with_section("montecarlo", estimators=("ls", "gm"))
     bench = Workbench.of(with_exact_lengths(config), MOTION)
     outcomes = [bench.repeat(number).outcomes for number in range(1, 61)]
     trial = Trial(
