@@ -1,6 +1,7 @@
 """The main job at full size, one seed, against what is known to be reachable."""
 
 import numpy as np
+import pytest
 
 import expdesign
 from tests.experiment.off_the_grids import assert_limits_kept
@@ -8,10 +9,11 @@ from tests.experiment.off_the_grids import assert_limits_kept
 BEST_KNOWN = 104.54
 
 
+@pytest.mark.slow
 def test_main_job_reaches_what_is_known():
-    # A quarter of the starts of the shipped run: fewer starts can only make the claim harder.
+    # One of the eight starts of the shipped run: fewer starts can only make the claim harder.
     result = expdesign.design(
-        {"name": "main-job", "robot": "palida", "design": {"starts": 2, "seed": 0}}
+        {"name": "main-job", "robot": "palida", "design": {"starts": 1, "seed": 0}}
     )
     assert result.passed
     assert (result.trajectory.harmonics, result.samples) == (5, 200)
