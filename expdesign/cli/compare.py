@@ -67,13 +67,7 @@ def compare(
 
 
 def precision_share(text: str) -> float:
-    """Return a relative precision: ``"1 %"`` or ``"0.01"`` → 0.01.
-
-    Raises
-    ------
-    InputError
-        It is no number above 0 and at most 1.
-    """
+    """Return a relative precision: ``"1 %"`` or ``"0.01"`` → 0.01."""
     from expdesign.configuration import InputError
 
     number = text.strip().removesuffix("%")

@@ -183,11 +183,6 @@ def _section(name: str, given: dict[str, Any], configuration: RunConfiguration) 
     """Return what is asked for: the run's own options for the format, overridden by these.
 
     Options of the run that do not go with what is given are left out, and named.
-
-    Raises
-    ------
-    InputError
-        An option cannot be kept, or the run has several tables of the format and none is named.
     """
     from dataclasses import replace
 

@@ -161,12 +161,7 @@ def load_robot_description(name_or_path: str | PathLike[str]) -> ResolvedRobot:
 
 
 def read_robot(path: Path) -> Placed[RobotDescription]:
-    """Read and validate a robot file, without resolving it.
-
-    Raises
-    ------
-    InputError
-    """
+    """Read and validate a robot file, without resolving it."""
     document = read_yaml(path)
     description, problems = validate(RobotDescription, document.data, document)
     if description is None:
@@ -179,13 +174,7 @@ def resolve_robot(
     limits: Sequence[Placed[Mapping[str, Any]]] = (),
     noise: Sequence[Placed[NoiseDescription]] = (),
 ) -> ResolvedRobot:
-    """Resolve a robot together with the limits and noise by which a run overrides its own.
-
-    Raises
-    ------
-    InputError
-        With everything that is wrong.
-    """
+    """Resolve a robot together with the limits and noise by which a run overrides its own."""
     description, document = source.value, source.document
     own_limits = Placed(description.limits, document, (*source.key, "limits"))
     resolved_limits, length = resolve_limits([own_limits, *limits])

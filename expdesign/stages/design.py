@@ -12,13 +12,7 @@ from expdesign.workers import Monitor
 
 
 def perform(work: Workspace) -> Outcome:
-    """Design.
-
-    Raises
-    ------
-    ComputationError
-        There is no design.
-    """
+    """Design."""
     result = _design(work)
     return Outcome(
         result=result,

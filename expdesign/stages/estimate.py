@@ -24,13 +24,6 @@ def perform(work: Workspace) -> Outcome:
 
     The result is the `EstimationResult` and the `Diagnosis`, which is None where the intervals
     do not cover.
-
-    Raises
-    ------
-    InputError
-        Run, data or design do not fit.
-    ComputationError
-        The data have no motion, or do not determine the parameters.
     """
     configuration, files = work.configuration, work.data_files()
     designs = work.recorded_designs(len(files))
@@ -58,13 +51,7 @@ def perform(work: Workspace) -> Outcome:
 
 
 def analyse_noise(work: Workspace) -> Outcome:
-    """Analyse the noise of a recording without any model.
-
-    Raises
-    ------
-    InputError
-        The recording cannot be read, or has fewer than two periods.
-    """
+    """Analyse the noise of a recording without any model."""
     (file,) = work.data_files()
     (trajectory,) = work.recorded_designs(1)
     recording = work.recording(file)
@@ -82,15 +69,7 @@ def analyse_noise(work: Workspace) -> Outcome:
 
 
 def predict(work: Workspace) -> Outcome:
-    """Validate.
-
-    Raises
-    ------
-    InputError
-        The estimate is another robot's, or a motion cannot be made or read.
-    ComputationError
-        No motion has the measured lengths.
-    """
+    """Validate."""
     configuration = work.configuration
     record = validate(configuration, work.estimate(robot_from(configuration.robot)))
     summary, warnings = record.summary, record.summary.warnings

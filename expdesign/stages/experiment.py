@@ -21,13 +21,7 @@ NAME = "experiment"
 
 
 def perform(work: Workspace) -> Outcome:
-    """Simulate, and write the run folder; Ctrl-C keeps the repetitions that are complete.
-
-    Raises
-    ------
-    InputError
-        The table is none of the design, or the run cannot be simulated.
-    """
+    """Simulate, and write the run folder; Ctrl-C keeps the repetitions that are complete."""
     configuration, folder, sources = work.configuration, work.folder, work.sources
     design = work.design()
     warnings = work.warn_of(design)

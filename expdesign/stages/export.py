@@ -51,13 +51,6 @@ def perform(work: Workspace) -> Outcome:
     """Write every table that the run names, with README.txt and exports.json.
 
     Both go on telling of the tables of the same motion that were exported by hand.
-
-    Raises
-    ------
-    InputError
-        An option cannot be kept.
-    ComputationError
-        A table is beyond a tolerance, or the machine cannot get into the motion.
     """
     configuration, target = work.configuration, work.folder / FOLDER
     sections = configuration.run.export
@@ -97,11 +90,6 @@ def export_one(section: ExportSection, work: Workspace, out: Path | None) -> Out
         Of the run folder whose design is exported.
     out : Path or None
         The file; in ``exports/`` of the run folder by default.
-
-    Raises
-    ------
-    InputError, ComputationError
-        As `perform`.
     """
     refuse_missing_library(section)
     target = work.folder / FOLDER

@@ -25,13 +25,7 @@ from expdesign.stages.workspace import Workspace
 
 
 def stage_inputs(name: str, work: Workspace) -> str:
-    """Return the hash of what a stage is made from: sections of the run, what it needs, versions.
-
-    Raises
-    ------
-    InputError
-        What it needs is not there.
-    """
+    """Return the hash of what a stage is made from: sections of the run, its needs, versions."""
     stage, configuration = STAGES[name], work.configuration
     made_from = " ".join(work.made_from(need) for need in stage.needed(configuration))
     if stage.sections is None:

@@ -16,13 +16,7 @@ from results.report.run_report import write_report
 
 
 def perform(work: Workspace) -> Outcome:
-    """Write the report as the last stage of a run.
-
-    Raises
-    ------
-    InputError
-        The folder has no results, or a file of it does not hold what it should.
-    """
+    """Write the report as the last stage of a run."""
     if work.folder.is_dir():
         # It is shown in the report. All other stages of the run are done by now.
         keep_configuration(work.configuration, work.folder)
@@ -42,11 +36,6 @@ def written_report(
         Whose `report` section counts; the folder's `run.yaml` by default.
     records : iterable
         What the run has just made, and is not read from the folder therefore.
-
-    Raises
-    ------
-    InputError
-        It is no run folder, or a file of it does not hold what it should.
     """
     files = tuple(write_report(folder, reported_stages(), configuration, records))
     page = folder / STAGES["report"].record

@@ -128,13 +128,7 @@ def run_folder(configuration: RunConfiguration, out: str | PathLike[str] | None)
 
 
 def refuse_unwritable(folder: Path) -> None:
-    """Find out before the work, not after it, that its result cannot be written.
-
-    Raises
-    ------
-    InputError
-        The folder cannot be made or written to.
-    """
+    """Find out before the work, not after it, that its result cannot be written."""
     existing = next(path for path in (folder, *folder.parents) if path.exists())
     try:
         with TemporaryFile(dir=existing):
@@ -146,13 +140,7 @@ def refuse_unwritable(folder: Path) -> None:
 
 
 def refuse_study(configuration: RunConfiguration) -> None:
-    """Refuse a study that cannot be done before anything else is.
-
-    Raises
-    ------
-    InputError
-        Too few repetitions, parameters that the robot does not have, motions that cannot be.
-    """
+    """Refuse a study that cannot be done before anything else is."""
     if configuration.run.study is not None:
         from estimation.studies import refuse_unfit_study
         from expdesign.robot import robot_from

@@ -22,15 +22,7 @@ _MOST_REASONS = 3
 
 
 def montecarlo(work: Workspace) -> Outcome:
-    """Simulate and estimate many times.
-
-    Raises
-    ------
-    InputError
-        The run cannot be simulated or estimated.
-    ComputationError
-        Workers died, nothing could be estimated, or Ctrl-C came before the first repetition ended.
-    """
+    """Simulate and estimate many times."""
     configuration, folder = work.configuration, work.folder
     design = work.design()
     warnings = work.warn_of(design)
@@ -70,15 +62,7 @@ def montecarlo(work: Workspace) -> Outcome:
 
 
 def study(work: Workspace) -> Outcome:
-    """Do the comparison that the run names.
-
-    Raises
-    ------
-    InputError
-        The run cannot be designed, simulated or estimated.
-    ComputationError
-        Interrupted, workers died, or something could not be designed or estimated.
-    """
+    """Do the comparison that the run names."""
     configuration = work.configuration
     trajectory = None
     if STAGES["study"].needed(configuration):

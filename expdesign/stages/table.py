@@ -42,7 +42,8 @@ class Stage:
     """The file without which a run folder does not hold the stage."""
     perform: str
     """Function ``(Workspace) -> Outcome`` that does it, as ``module:function``: its imports take
-    seconds, and are only made when it is done."""
+    seconds, and are only made when it is done. It raises `InputError` for what cannot be used, and
+    `ComputationError` where there is no result."""
     sections: Mapping[str, Keys] | None
     """Sections of the run file, or keys of them, that the result depends on; None: on all."""
     needs: tuple[str, ...] = ()

@@ -48,7 +48,7 @@ class Sources:
 
 @dataclass(frozen=True, eq=False)
 class Workspace:
-    """What a stage works with."""
+    """What a stage works with. What is missing or cannot be used is an `InputError`."""
 
     configuration: RunConfiguration
     folder: Path
@@ -71,13 +71,7 @@ class Workspace:
         return self.folder / STAGES[_DESIGN].record
 
     def design(self) -> TrajectoryFile:
-        """Return the design that is to be executed.
-
-        Raises
-        ------
-        InputError
-            There is none.
-        """
+        """Return the design that is to be executed."""
         if self.sources.designs:
             return TrajectoryFile.read(self.sources.designs[0].absolute())
         result = self._result(_DESIGN)
@@ -110,13 +104,7 @@ class Workspace:
         return found
 
     def data_files(self) -> list[Path]:
-        """Return the files of the recordings: those given, the run's, or the run folder's.
-
-        Raises
-        ------
-        InputError
-            There is none.
-        """
+        """Return the files of the recordings: those given, the run's, or the run folder's."""
         if self.sources.data:
             return [path.absolute() for path in self.sources.data]
         file = self.configuration.run.data.file
@@ -134,13 +122,7 @@ class Workspace:
         )
 
     def recording(self, file: Path) -> Measurement:
-        """Return a recording: as this run has just simulated it, or read from its file.
-
-        Raises
-        ------
-        InputError
-            The file cannot be read, or its content cannot be used.
-        """
+        """Return a recording: as this run has just simulated it, or read from its file."""
         from estimation.data.reading import measurement_of, read_measurement
 
         section, robot = self.configuration.run.data, self.configuration.robot
@@ -150,13 +132,7 @@ class Workspace:
         return measurement_of(_table(twin.measurement(), file), section, robot)
 
     def recorded_designs(self, recordings: int) -> list[FourierTrajectory | None]:
-        """Return what was executed in each recording; None where it is not known.
-
-        Raises
-        ------
-        InputError
-            A design that was given cannot be read, or their number does not fit.
-        """
+        """Return what was executed in each recording; None where it is not known."""
         given = self.sources.designs
         if not given:
             known = self._result(_DESIGN) is not None or self.design_file.is_file()
@@ -171,13 +147,7 @@ class Workspace:
         return [*named] * (recordings if len(named) == 1 else 1)
 
     def estimate(self, robot: Robot) -> SavedEstimate:
-        """Return the estimate that is to be validated.
-
-        Raises
-        ------
-        InputError
-            There is none, or it is another robot's.
-        """
+        """Return the estimate that is to be validated."""
         from estimation.identification.saved import read_estimate, saved_estimate
 
         made = self.made.get(_ESTIMATE)
