@@ -12,8 +12,7 @@ if TYPE_CHECKING:
     from expdesign.experiment import DesignResult, design
     from expdesign.robot import Robot, load_robot
     from expdesign.stages.calls import estimate, report, simulate
-    from expdesign.stages.outcome import StageFailed
-    from expdesign.stages.progress import Progress
+    from expdesign.stages.outcome import Progress, StageFailed
     from expdesign.stages.run import RunResult, run
     from expdesign.trajectory import FourierTrajectory
 
@@ -42,7 +41,7 @@ _HOMES = {
     "design": "expdesign.experiment",
     "load_robot": "expdesign.robot",
     "load_run": "expdesign.configuration",
-    "Progress": "expdesign.stages.progress",
+    "Progress": "expdesign.stages.outcome",
     "StageFailed": "expdesign.stages.outcome",
     "RunResult": "expdesign.stages.run",
     "run": "expdesign.stages.run",

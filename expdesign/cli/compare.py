@@ -39,7 +39,7 @@ def compare(
     Designs: criteria in common scalings, precision, limits, effort. Estimates: parameters with
     intervals, and whether they differ. Studies: achieved standard deviations.
     """
-    from expdesign.stages.progress import short
+    from expdesign.stages.outcome import short
     from expdesign.stages.report import reported_stages
     from expdesign.stages.run import refuse_unwritable
     from results.report.comparison.comparison import write_comparison

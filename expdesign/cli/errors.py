@@ -11,7 +11,7 @@ import typer
 from rich.text import Text
 
 from expdesign.cli.output import messages, write_json
-from expdesign.stages.progress import short
+from expdesign.stages.outcome import short
 
 if TYPE_CHECKING:
     from expdesign.configuration import Problem

@@ -117,7 +117,7 @@ def export(
     from expdesign.configuration import InputError
     from expdesign.export.formats import table_formats
     from expdesign.stages.export import export_one
-    from expdesign.stages.progress import short
+    from expdesign.stages.outcome import short
     from expdesign.stages.workspace import Workspace
 
     if name == _LIST or (not name and folder == Path(_LIST) and not folder.exists()):

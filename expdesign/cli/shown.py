@@ -12,8 +12,7 @@ from rich import box
 from rich.table import Table
 
 from expdesign.cli.output import note, results
-from expdesign.stages.outcome import Outcome
-from expdesign.stages.progress import short
+from expdesign.stages.outcome import Outcome, short
 
 if TYPE_CHECKING:
     from estimation.diagnostics.finding import Finding

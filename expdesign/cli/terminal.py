@@ -17,8 +17,7 @@ from rich.text import Text
 
 from expdesign.cli import shown
 from expdesign.cli.output import messages, note, warn
-from expdesign.stages.outcome import Outcome
-from expdesign.stages.progress import Progress
+from expdesign.stages.outcome import Outcome, Progress
 
 if TYPE_CHECKING:
     from expdesign.configuration import RunConfiguration

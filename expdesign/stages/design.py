@@ -5,8 +5,14 @@ from __future__ import annotations
 from expdesign.configuration import quantity_text
 from expdesign.experiment import DesignRecord, DesignResult, design
 from expdesign.information.fisher import SingularInformationError
-from expdesign.stages.outcome import Outcome, StageFailed
-from expdesign.stages.progress import ABANDONED, STOP_DESIGN, interruptible, short
+from expdesign.stages.outcome import (
+    ABANDONED,
+    STOP_DESIGN,
+    Outcome,
+    StageFailed,
+    interruptible,
+    short,
+)
 from expdesign.stages.workspace import Workspace
 from expdesign.workers import Monitor
 

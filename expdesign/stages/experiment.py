@@ -12,8 +12,7 @@ from estimation.twin.record import (
 from expdesign.export.table_file import find_table_file
 from expdesign.robot import robot_from
 from expdesign.runfolder.manifest import text_hash
-from expdesign.stages.outcome import Outcome
-from expdesign.stages.progress import short
+from expdesign.stages.outcome import Outcome, short
 from expdesign.stages.record import clear_outdated
 from expdesign.stages.workspace import Workspace
 

@@ -31,8 +31,7 @@ from expdesign.motion.planning import executable_motion
 from expdesign.robot import robot_from
 from expdesign.runfolder.atomic import write_text
 from expdesign.runfolder.manifest import package_versions, text_hash
-from expdesign.stages.outcome import Outcome
-from expdesign.stages.progress import Progress, short
+from expdesign.stages.outcome import Outcome, Progress, short
 from expdesign.stages.record import (
     added_to,
     clear_outdated,

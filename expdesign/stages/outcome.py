@@ -1,12 +1,97 @@
-"""What a stage makes, or why it failed."""
+"""What a stage tells while it goes on, how Ctrl-C ends it, and what it makes or why it failed."""
 
 from __future__ import annotations
 
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from types import FrameType
+from typing import TYPE_CHECKING, Any
 
-from expdesign.configuration import ComputationError
+from expdesign.configuration import ComputationError, RunConfiguration
+
+if TYPE_CHECKING:
+    from expdesign.solver.stage import SearchEvent
+
+STOP_DESIGN = (
+    "stopping: if a start has a result by now, the best so far is finished and saved; "
+    "Ctrl-C again abandons the design …"
+)
+ABANDONED = "abandoned: nothing of this design is saved"
+
+
+class Progress:
+    """Takes what a run tells. This one ignores it: override what is to be shown."""
+
+    def warn(self, text: str) -> None:
+        """Take a warning."""
+
+    def note(self, text: str) -> None:
+        """Take a remark: a stage that is kept or left out, what takes long."""
+
+    def finished(self, outcome: Outcome) -> None:
+        """Take what a stage has made."""
+
+    @contextmanager
+    def search(self, configuration: RunConfiguration) -> Iterator[Callable[[SearchEvent], None]]:
+        """Show the search for a design; give what takes its events."""
+        del configuration
+        yield lambda _event: None
+
+    @contextmanager
+    def count(self, what: str) -> Iterator[Callable[[int, int], None]]:
+        """Show how many of `what` (a plural) are done; give what takes that number and all."""
+        del what
+        yield lambda _done, _total: None
+
+
+@contextmanager
+def interruptible(
+    note: Callable[[str], None], stopping: str, abandoned: str = ""
+) -> Iterator[Callable[[], bool]]:
+    """Take Ctrl-C as a request to stop, a second one as the end.
+
+    Parameters
+    ----------
+    note : callable
+        Takes the two texts.
+    stopping, abandoned : str
+        What is said after the first Ctrl-C and after the second.
+
+    Yields
+    ------
+    callable
+        Tells whether to stop. In a thread of its own, where signals do not arrive, it never does.
+    """
+    stop = threading.Event()
+
+    def ask(_number: int, _frame: FrameType | None) -> None:
+        if stop.is_set():
+            if abandoned:
+                note(abandoned)
+            raise KeyboardInterrupt
+        stop.set()
+        note(stopping)
+
+    if threading.current_thread() is not threading.main_thread():
+        yield stop.is_set
+        return
+    previous = signal.signal(signal.SIGINT, ask)
+    try:
+        yield stop.is_set
+    finally:
+        signal.signal(signal.SIGINT, previous)
+
+
+def short(path: Path) -> str:
+    """Return a path as a user would write it in the current folder."""
+    try:
+        return str(path.relative_to(Path.cwd()))
+    except (ValueError, OSError):
+        return str(path)
 
 
 class StageFailed(ComputationError):  # noqa: N818 - it is no bug but a result

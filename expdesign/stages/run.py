@@ -15,8 +15,7 @@ from expdesign.configuration import (
     RunConfiguration,
     load_run,
 )
-from expdesign.stages.outcome import Outcome, StageFailed
-from expdesign.stages.progress import Progress, short
+from expdesign.stages.outcome import Outcome, Progress, StageFailed, short
 from expdesign.stages.record import is_done, keep_configuration, stage_inputs, write_entry
 from expdesign.stages.table import STAGES, left_out, loaded, named, stages_without_design
 from expdesign.stages.workspace import Workspace

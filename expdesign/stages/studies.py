@@ -11,8 +11,7 @@ from estimation.montecarlo import run_study as run_montecarlo
 from estimation.montecarlo.journal import NAME as JOURNAL
 from estimation.montecarlo.record import MonteCarloRecord
 from estimation.studies import Claim, run_study
-from expdesign.stages.outcome import Outcome, StageFailed
-from expdesign.stages.progress import interruptible, short
+from expdesign.stages.outcome import Outcome, StageFailed, interruptible, short
 from expdesign.stages.record import clear_outdated
 from expdesign.stages.table import STAGES
 from expdesign.stages.workspace import Workspace

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from expdesign.configuration import Problem, RunConfiguration
-from expdesign.stages.progress import short
+from expdesign.stages.outcome import short
 
 Keys = bool | set[str]
 

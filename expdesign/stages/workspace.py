@@ -16,8 +16,7 @@ from expdesign.configuration import (
     RunConfiguration,
 )
 from expdesign.runfolder.manifest import Manifest, file_hash
-from expdesign.stages.outcome import Outcome
-from expdesign.stages.progress import Progress
+from expdesign.stages.outcome import Outcome, Progress
 from expdesign.stages.table import STAGES
 from expdesign.trajectory import FourierTrajectory, TrajectoryFile, fourier_keys
 

@@ -6,7 +6,7 @@ import threading
 
 import pytest
 
-from expdesign.stages.progress import ABANDONED, STOP_DESIGN, Progress, interruptible
+from expdesign.stages.outcome import ABANDONED, STOP_DESIGN, Progress, interruptible
 
 
 def test_ctrl_c_asks_to_stop_and_a_second_one_stops():
