@@ -11,9 +11,8 @@ if TYPE_CHECKING:
     from expdesign.configuration import InputError, load_run
     from expdesign.experiment import DesignResult, design
     from expdesign.robot import Robot, load_robot
-    from expdesign.stages.calls import estimate, report, simulate
     from expdesign.stages.outcome import Progress, StageFailed
-    from expdesign.stages.run import RunResult, run
+    from expdesign.stages.run import RunResult, estimate, report, run, simulate
     from expdesign.trajectory import FourierTrajectory
 
 __all__ = [
@@ -43,9 +42,7 @@ _HOMES = {
     "load_run": "expdesign.configuration",
     "Progress": "expdesign.stages.outcome",
     "StageFailed": "expdesign.stages.outcome",
-    "RunResult": "expdesign.stages.run",
-    "run": "expdesign.stages.run",
-    **dict.fromkeys(("estimate", "report", "simulate"), "expdesign.stages.calls"),
+    **dict.fromkeys(("RunResult", "estimate", "report", "run", "simulate"), "expdesign.stages.run"),
 }
 
 
