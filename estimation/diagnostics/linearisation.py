@@ -186,8 +186,8 @@ def linearise(
         regressors, slope, rate = map(np.concatenate, zip(*parts, strict=True))
         delay = -rate
         sign_variance = _sign_variance(robot, state, signs, values)
-        length_times = record.length_times
-        length_cells = _cells(experiment, length_times, record.length_counts)
+        length_times = record.lengths.times
+        length_cells = _cells(experiment, length_times, record.lengths.counts)
         lengths = length_residuals(robot, record, motion)
         slopes = [
             predict_lengths(robot, motion, length_times[part])[1] for part in chunks(record.samples)
@@ -207,7 +207,7 @@ def linearise(
         lengths=None if lengths is None else length_cells.mean(lengths),
         length_counts=length_cells.totals,
         length_columns=length_columns,
-        force_scatter=record.force_scatter if cells.index is None else cells.scatter(rows),
+        force_scatter=record.forces.scatter if cells.index is None else cells.scatter(rows),
         position=cells.mean(struts.length),
         speed=cells.mean(struts.length_rate),
         force_rows=rows,

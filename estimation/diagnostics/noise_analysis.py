@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from constraints.arrays import Array
 from estimation.diagnostics.findings import noise_findings
 from estimation.diagnostics.noise_record import (
     NoiseFile,
@@ -16,7 +15,6 @@ from estimation.diagnostics.noise_record import (
 )
 from estimation.diagnostics.noise_tests import noise_tests
 from estimation.processing import NoiseModel, Record
-from estimation.processing.noise import scatter_about_series, series_harmonics
 
 
 def analyse_noise(record: Record, source: str = "") -> NoiseRecord:
@@ -27,18 +25,19 @@ def analyse_noise(record: Record, source: str = "") -> NoiseRecord:
     ValueError
         Fewer periods show no scatter.
     """
-    forces, lengths = record.force_scatter, record.length_scatter
+    forces, lengths = record.forces.scatter, record.lengths.scatter
     if forces is None or lengths is None:
         raise ValueError(
             f"{record.periods:.3g} periods show no scatter between periods: the noise of a "
             "recording takes two periods or more"
         )
     noise = NoiseModel(forces, lengths)
-    tests = noise_tests(
-        record,
-        _residuals(record, record.force_times, record.forces),
-        _residuals(record, record.length_times, record.lengths),
+    # What a long Fourier series leaves; the periods serve where there are any.
+    force_rows, length_rows = (
+        each.values if record.averaged else record.about_series(each)[1]
+        for each in (record.forces, record.lengths)
     )
+    tests = noise_tests(record, force_rows, length_rows)
     summary = NoiseFile(
         **noise_keys(noise),
         recording=source,
@@ -54,11 +53,3 @@ def analyse_noise(record: Record, source: str = "") -> NoiseRecord:
         findings=noise_findings(tests.whiteness, tests.normality, tests.drift),
     )
     return NoiseRecord(summary=summary, **NoiseRecord.parts(noise, tests))
-
-
-def _residuals(record: Record, times: Array, values: Array) -> Array:
-    """Return what a long Fourier series leaves; the periods serve where there are any."""
-    if record.averaged:
-        return values
-    harmonics = series_harmonics(len(values), record.period / record.step)
-    return scatter_about_series(times, values, record.omega, harmonics)[1]

@@ -261,10 +261,10 @@ def noise_tests(
         Residuals of the record's rows, which serve where periods cannot be compared; None: there
         are none.
     """
-    samples, white, normal, change = _of_one_kind(record, record.force_periods, forces, level)
+    samples, white, normal, change = _of_one_kind(record, record.forces.periods, forces, level)
     if samples is None or normal is None or change is None:
         raise AssertionError("forces leave residuals")
-    lengths_tested = _of_one_kind(record, record.length_periods, lengths, level)
+    lengths_tested = _of_one_kind(record, record.lengths.periods, lengths, level)
     _, length_white, length_normal, length_change = lengths_tested
     return NoiseTests(
         samples.reshape(-1, forces.shape[1]),

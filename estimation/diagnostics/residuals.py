@@ -58,7 +58,7 @@ class VarianceComparison:
 
 def variance_comparison(experiment: Experiment, part: Linearisation) -> VarianceComparison:
     """Compare as the paper does, over the single samples where periods were averaged."""
-    single, periods = part.force_rows, experiment.record.force_periods
+    single, periods = part.force_rows, experiment.record.forces.periods
     if periods is not None:
         if experiment.pointwise is not None:
             periods = periods[:, experiment.pointwise.rows]

@@ -41,7 +41,7 @@ class Experiment:
         cls, robot: Robot, record: Record, noise: NoiseModel, fit: MotionFit
     ) -> Experiment:
         """Build from a fitted motion."""
-        spread = rate_spread(robot, fit.motion, record.force_times, fit.covariance)
+        spread = rate_spread(robot, fit.motion, record.forces.times, fit.covariance)
         return cls.along(robot, record, noise, fit, spread)
 
     @classmethod
@@ -49,8 +49,8 @@ class Experiment:
         cls, robot: Robot, record: Record, noise: NoiseModel, fit: MotionFit, spread: Array
     ) -> Experiment:
         """Build from a motion whose rates have the spread given: zero for a known motion."""
-        signs = expected_signs(robot, fit.motion, record.force_times, spread)
-        regressors = regressors_along(robot, fit.motion, record.force_times, signs)
+        signs = expected_signs(robot, fit.motion, record.forces.times, spread)
+        regressors = regressors_along(robot, fit.motion, record.forces.times, signs)
         return cls(record, noise, fit, spread, regressors)
 
     @classmethod
@@ -69,27 +69,27 @@ class Experiment:
     @property
     def forces(self) -> Array:
         """(R, 6) measured forces at the samples whose motion is known, N."""
-        return self.used(self.record.forces)
+        return self.used(self.record.forces.values)
 
     @property
     def counts(self) -> Array:
         """(R,) how many single samples each row is the mean of."""
-        return self.used(self.record.force_counts)
+        return self.used(self.record.forces.counts)
 
     @property
     def times(self) -> Array:
         """(R,) s."""
-        return self.used(self.record.force_times)
+        return self.used(self.record.forces.times)
 
     def signs(self, robot: Robot, motion: HarmonicMotion) -> Array:
         """Return the expected friction signs along a motion, (S, s)."""
         if self.spread is None:
             raise ValueError("pointwise kinematics have no spread of their rates")
-        return expected_signs(robot, motion, self.record.force_times, self.spread)
+        return expected_signs(robot, motion, self.record.forces.times, self.spread)
 
     def regressors(self, robot: Robot, motion: HarmonicMotion) -> Array:
         """Return A at the force samples along a motion, (S, 6, m)."""
-        return regressors_along(robot, motion, self.record.force_times, self.signs(robot, motion))
+        return regressors_along(robot, motion, self.record.forces.times, self.signs(robot, motion))
 
 
 def regressors_along(robot: Robot, motion: HarmonicMotion, times: Array, signs: Array) -> Array:

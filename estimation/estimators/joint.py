@@ -48,10 +48,10 @@ def force_equations(
     signs = experiment.signs(robot, motion)
 
     def rows(part: slice) -> Rows:
-        forces = predict_forces(robot, motion, record.force_times[part], signs[part], values)
+        forces = predict_forces(robot, motion, record.forces.times[part], signs[part], values)
         columns = np.concatenate([forces.regressors[:, :, free], forces.slope], axis=2)
-        residuals = record.forces[part] - forces.regressors @ values
-        return residuals, columns, record.force_counts[part]
+        residuals = record.forces.values[part] - forces.regressors @ values
+        return residuals, columns, record.forces.counts[part]
 
     weighted_by = experiment.noise.forces.covariance if covariance is None else covariance
     return NormalEquations.of(map(rows, chunks(record.samples)), weighted_by)

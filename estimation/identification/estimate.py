@@ -136,7 +136,7 @@ def _with_residual_noise(
         for number in unknown:
             experiment = present[number]
             rest = experiment.forces - experiment.fitted_regressors @ values
-            own = residual_noise(rest, experiment.record.force_counts, used)
+            own = residual_noise(rest, experiment.record.forces.counts, used)
             noise = replace(experiment.noise, forces=own)
             present[number] = replace(experiment, noise=noise)
     return tuple(replace(r, experiment=e) for r, e in zip(records, present, strict=True))

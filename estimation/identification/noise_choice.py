@@ -9,7 +9,6 @@ import numpy as np
 from constraints.arrays import Array
 from estimation.identification.period_choice import UnsuitableDataError
 from estimation.processing import NoiseEstimate, NoiseModel, Record
-from estimation.processing.noise import scatter_about_series, series_harmonics
 from estimation.uncertainty import correlation
 from expdesign.configuration import InputError, RunConfiguration
 
@@ -42,7 +41,7 @@ def choose_noise(configuration: RunConfiguration, record: Record, source: str = 
         "forces": None if noise is None else noise.force_covariance,
         "lengths": None if noise is None else noise.length_covariance,
     }
-    scatter = {"forces": record.force_scatter, "lengths": record.length_scatter}
+    measured = {"forces": record.forces, "lengths": record.lengths}
     missing = [name for name, covariance in given.items() if covariance is None]
     if wanted == "given" and missing:
         raise InputError(
@@ -52,7 +51,7 @@ def choose_noise(configuration: RunConfiguration, record: Record, source: str = 
             key="noise",
             allowed="force_std and length_std, or force_covariance and length_covariance",
         )
-    if wanted == "estimated" and None in scatter.values():
+    if wanted == "estimated" and any(each.scatter is None for each in measured.values()):
         raise InputError(
             f"estimate.noise is 'estimated', but {record.periods:.3g} periods do not show the "
             "scatter between periods",
@@ -65,12 +64,15 @@ def choose_noise(configuration: RunConfiguration, record: Record, source: str = 
     )
 
     def chosen(name: str) -> NoiseEstimate:
-        repeated, stated = scatter[name], given[name]
+        repeated, stated = measured[name].scatter, given[name]
         if enough and repeated is not None:
             return repeated
         if stated is not None:
             return NoiseEstimate(stated, np.inf, "given")
-        return _first_noise(record, name)
+        first, _ = record.about_series(measured[name])
+        # Means over periods scatter less than the single samples that a covariance is stated for.
+        covariance = first.covariance * float(np.mean(measured[name].counts))
+        return NoiseEstimate(covariance, first.freedom, "residuals")
 
     found = NoiseModel(chosen("forces"), chosen("lengths"))
     _refuse_singular("q", found.lengths, source)
@@ -93,20 +95,6 @@ def _refuse_singular(letter: str, noise: NoiseEstimate, source: str) -> None:
         file=Path(source) if source else None,
         allowed="six channels that were measured, or noise: given",
     )
-
-
-def _first_noise(record: Record, name: str) -> NoiseEstimate:
-    """Return the covariance of the scatter about a long Fourier series of what was recorded."""
-    per_period = record.samples if record.averaged else record.period / record.step
-    harmonics = series_harmonics(record.samples, per_period)
-    times, values, counts = (
-        (record.force_times, record.forces, record.force_counts)
-        if name == "forces"
-        else (record.length_times, record.lengths, record.length_counts)
-    )
-    found, _ = scatter_about_series(times, values, record.omega, harmonics)
-    # Means over periods scatter less than the single samples that a covariance is stated for.
-    return NoiseEstimate(found.covariance * float(np.mean(counts)), found.freedom, "residuals")
 
 
 def residual_noise(residuals: Array, counts: Array, used: int) -> NoiseEstimate:

@@ -151,24 +151,24 @@ def clock_error(
     To first order: right while the periods move by a small part of a period. Less than two periods
     tell little: the std is then inf.
     """
-    pose, rate, _ = np.split(motion.at(record.length_times).state(), 3, axis=1)
+    pose, rate, _ = np.split(motion.at(record.lengths.times).state(), 3, axis=1)
     lengths, jacobian = robot.lengths_and_jacobian(pose)
     speeds = np.einsum("sij,sj->si", jacobian, rate)
     weighted = speeds @ np.linalg.inv(covariance)
-    if record.length_periods is not None:
-        count = len(record.length_periods)
+    if record.lengths.periods is not None:
+        count = len(record.lengths.periods)
         late = (np.arange(count) - (count - 1) / 2) * record.period
-        moved = np.tensordot(late, record.length_periods, axes=1)
+        moved = np.tensordot(late, record.lengths.periods, axes=1)
         known = float(np.sum(late**2) * np.sum(speeds * weighted))
         right = float(np.sum(moved * weighted))
     else:
         # Whole periods: what of ε t l̇ repeats with them is in the fitted motion already.
-        elapsed = record.length_times - np.min(record.length_times)
+        elapsed = record.lengths.times - np.min(record.lengths.times)
         late = np.floor(elapsed / record.period + _ON_TIME) * record.period
-        late -= np.average(late, weights=record.length_counts)
-        counted = late * record.length_counts
+        late -= np.average(late, weights=record.lengths.counts)
+        counted = late * record.lengths.counts
         known = float(np.sum((counted * late)[:, None] * speeds * weighted))
-        right = float(np.sum(counted[:, None] * (record.lengths - lengths) * weighted))
+        right = float(np.sum(counted[:, None] * (record.lengths.values - lengths) * weighted))
     if record.periods < 2 or known <= 0:  # noqa: PLR2004 - a slope takes two
         return 0.0, np.inf
     return right / known, float(1 / np.sqrt(known))

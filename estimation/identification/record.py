@@ -85,13 +85,13 @@ class EstimatedMotion:
         """Evaluate the best estimate at the samples of a recording, counted from 0."""
         experiment, motion = result.records[number].experiment, result.best.motions[number]
         record = experiment.record
-        length_state = motion.at(record.length_times).state()
+        length_state = motion.at(record.lengths.times).state()
         return cls(
-            record.force_times + record.origin,
-            motion.at(record.force_times).state(),
-            record.lengths,
+            record.forces.times + record.origin,
+            motion.at(record.forces.times).state(),
+            record.lengths.values,
             result.robot.inverse_kinematics(length_state[:, :COORDINATES]),
-            record.forces,
+            record.forces.values,
             experiment.regressors(result.robot, motion) @ result.best.values,
         )
 

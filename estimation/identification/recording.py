@@ -125,7 +125,7 @@ def _fitted(
             free_frequency=section.frequency == "estimated",
         )
         if noise.lengths.includes_model_error:
-            found = residual_noise(fit.residuals, record.length_counts, len(fit.covariance))
+            found = residual_noise(fit.residuals, record.lengths.counts, len(fit.covariance))
             noise = replace(noise, lengths=found)
         if remaining:
             start = fit.motion

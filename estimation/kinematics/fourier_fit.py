@@ -121,9 +121,9 @@ def start_motion(robot: Robot, record: Record, harmonics: int) -> HarmonicMotion
         The forward kinematics found no pose.
     """
     # Evenly in phase: a stride through samples that are not averaged could meet a few phases only.
-    order = np.argsort(np.mod(record.omega * record.length_times, 2 * np.pi), kind="stable")
+    order = np.argsort(np.mod(record.omega * record.lengths.times, 2 * np.pi), kind="stable")
     rows = order[:: max(1, record.samples // _START_POINTS)]
-    lengths, times = record.lengths[rows], record.length_times[rows]
+    lengths, times = record.lengths.values[rows], record.lengths.times[rows]
     try:
         poses = robot.forward_kinematics(lengths)
     except ForwardKinematicsError as error:
@@ -135,8 +135,8 @@ def start_motion(robot: Robot, record: Record, harmonics: int) -> HarmonicMotion
 
 def length_residuals(robot: Robot, record: Record, motion: HarmonicMotion) -> Array:
     """Return measured minus modelled lengths, (S, 6), m."""
-    basis = PhaseBasis.at(motion.omega * record.length_times, motion.harmonics).value
-    return record.lengths - robot.inverse_kinematics(basis @ motion.table.T)
+    basis = PhaseBasis.at(motion.omega * record.lengths.times, motion.harmonics).value
+    return record.lengths.values - robot.inverse_kinematics(basis @ motion.table.T)
 
 
 def length_equations(
@@ -145,8 +145,8 @@ def length_equations(
     """Return the normal equations of ξ from the lengths, whose covariance is Δ, (6, 6)."""
 
     def rows(part: slice) -> Rows:
-        lengths, slope = predict_lengths(robot, motion, record.length_times[part])
-        return record.lengths[part] - lengths, slope, record.length_counts[part]
+        lengths, slope = predict_lengths(robot, motion, record.lengths.times[part])
+        return record.lengths.values[part] - lengths, slope, record.lengths.counts[part]
 
     return NormalEquations.of(map(rows, chunks(record.samples)), covariance)
 
@@ -207,13 +207,13 @@ def _p_values(robot: Robot, record: Record, covariance: Array, fit: MotionFit, m
     white = whitening(covariance)
     motion = fit.motion
     # Evenly in phase, so that no harmonic is an alias of another.
-    order = np.argsort(np.mod(fit.motion.omega * record.length_times, 2 * np.pi), kind="stable")
+    order = np.argsort(np.mod(fit.motion.omega * record.lengths.times, 2 * np.pi), kind="stable")
     rows = order[::stride]
-    times = record.length_times[rows]
+    times = record.lengths.times[rows]
     phases = motion.omega * times
     poses = PhaseBasis.at(phases, motion.harmonics).value @ motion.table.T
     _, jacobian = robot.lengths_and_jacobian(poses)
-    weight = np.sqrt(record.length_counts[rows])
+    weight = np.sqrt(record.lengths.counts[rows])
     slope = np.matmul(white, jacobian) * weight[:, None, None]
     residual = fit.residuals[rows] @ white.T * weight[:, None]
     score = np.einsum("sri,sr->si", slope, residual)

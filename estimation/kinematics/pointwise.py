@@ -50,12 +50,12 @@ def pointwise_motion(
         raise MotionFitError(
             "pointwise differentiation needs uniform time; stamped data need the Fourier fit"
         )
-    if not np.allclose(record.length_times, record.force_times, rtol=0, atol=1e-9):
+    if not np.allclose(record.lengths.times, record.forces.times, rtol=0, atol=1e-9):
         raise MotionFitError(
             "pointwise differentiation cannot shift channels by their delays; use the Fourier fit"
         )
     try:
-        poses = robot.forward_kinematics(record.lengths)
+        poses = robot.forward_kinematics(record.lengths.values)
     except ForwardKinematicsError as error:
         raise MotionFitError(f"no pose has the measured lengths: {error}") from error
     count, wrap = len(poses), record.averaged

@@ -2,6 +2,14 @@
 
 from estimation.processing.noise import NoiseEstimate, NoiseModel
 from estimation.processing.period import PeriodError, PeriodSource
-from estimation.processing.record import Record, make_record
+from estimation.processing.record import Channels, Record, make_record
 
-__all__ = ["NoiseEstimate", "NoiseModel", "PeriodError", "PeriodSource", "Record", "make_record"]
+__all__ = [
+    "Channels",
+    "NoiseEstimate",
+    "NoiseModel",
+    "PeriodError",
+    "PeriodSource",
+    "Record",
+    "make_record",
+]

@@ -7,7 +7,9 @@ its own time and nothing is rounded.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -26,6 +28,34 @@ from estimation.processing.period import PeriodError, PeriodSource, whole_sample
 
 _REPEATED = 2
 
+_Collected = tuple[Array, Array, NoiseEstimate | None, Array | None]
+"""Values, counts, scatter and periods of `Channels`."""
+
+
+@dataclass(frozen=True, eq=False)
+class Channels:
+    """Forces (N) or lengths (m) of a record.
+
+    Attributes
+    ----------
+    times : (S,)
+        When they were what was recorded, s: stamps less the channels' delay.
+    values : (S, 6)
+        Means over the periods, or single samples.
+    counts : (S,)
+        How many samples (or how much weight) each mean is made of.
+    scatter : NoiseEstimate or None
+        Covariance of one sample from the repetition; None with less than two periods.
+    periods : (M, N, 6) or None
+        The single periods, when they could be averaged.
+    """
+
+    times: Array
+    values: Array
+    counts: Array
+    scatter: NoiseEstimate | None
+    periods: Array | None
+
 
 @dataclass(frozen=True, eq=False)
 class Record:
@@ -37,20 +67,8 @@ class Record:
         rad/s.
     source : PeriodSource
         Where ω came from.
-    length_times, force_times : (S,)
-        When lengths and forces were what was recorded, s: stamps less the channels' delays.
-    lengths, forces : (S, 6)
-        Means over the periods, or single samples; m and N.
-    length_counts, force_counts : (S,)
-        How many samples (or how much weight) each mean is made of.
-    rows : int
-        Rows of the recording that were used.
-    dropped : int
-        Rows of incomplete periods that were not.
-    force_scatter, length_scatter : NoiseEstimate or None
-        Covariance of one sample from the repetition; None with less than two periods.
-    length_periods, force_periods : (M, N, 6) or None
-        The single periods, when they could be averaged.
+    rows, dropped : int
+        Rows of the recording that were used, and those of incomplete periods that were not.
     step : float
         Between two rows of the recording, s.
     origin : float
@@ -60,19 +78,11 @@ class Record:
 
     omega: float
     source: PeriodSource
-    length_times: Array
-    lengths: Array
-    length_counts: Array
-    force_times: Array
-    forces: Array
-    force_counts: Array
+    forces: Channels
+    lengths: Channels
     periods: float
     rows: int
     dropped: int
-    force_scatter: NoiseEstimate | None
-    length_scatter: NoiseEstimate | None
-    length_periods: Array | None
-    force_periods: Array | None
     step: float
     stamped: bool
     origin: float = 0.0
@@ -80,17 +90,23 @@ class Record:
     @property
     def samples(self) -> int:
         """S."""
-        return len(self.lengths)
+        return len(self.lengths.values)
 
     @property
     def averaged(self) -> bool:
         """True when the samples are means over whole periods."""
-        return self.length_periods is not None
+        return self.lengths.periods is not None
 
     @property
     def period(self) -> float:
         """Length of a period, s."""
         return float(2 * np.pi / self.omega)
+
+    def about_series(self, channels: Channels) -> tuple[NoiseEstimate, Array]:
+        """Return the scatter of its channels about a long Fourier series, and the residuals."""
+        per_period = self.samples if self.averaged else self.period / self.step
+        harmonics = series_harmonics(self.samples, per_period)
+        return scatter_about_series(channels.times, channels.values, self.omega, harmonics)
 
 
 def make_record(
@@ -128,14 +144,13 @@ def make_record(
             f"{per_period:.6g}"
         )
     whole = None if data.stamped else whole_samples(omega, data.step, complete)
+    collected: Callable[[Array], _Collected]
     if whole is not None and average:
         rows, origin = complete * whole, 0.0
         periods: float = complete
-        forces, lengths = (
-            _mean_period(data.time, values, omega, slice(start, start + rows), whole, robust=robust)
-            for values in (data.forces, data.lengths)
-        )
+        used = slice(start, start + rows)
         times = data.time[start : start + whole]
+        collected = partial(_mean_period, data.time[used], omega, whole, robust=robust)
     else:
         rows = min(int(np.ceil(complete * per_period * (1 - 1e-12))), available)
         used = slice(start, start + rows)
@@ -148,28 +163,17 @@ def make_record(
         near = abs(rows / per_period - nearest) * per_period < 1
         periods = nearest if near else rows / per_period
         repeated = periods >= _REPEATED - 0.5 / per_period
-        forces, lengths = (
-            _single_samples(
-                times, values[used], omega, per_period, repeated=repeated, robust=robust
-            )
-            for values in (data.forces, data.lengths)
+        collected = partial(
+            _single_samples, times, omega, per_period, repeated=repeated, robust=robust
         )
     return Record(
         omega=omega,
         source=source,
-        length_times=times - data.length_delay,
-        lengths=lengths.values,
-        length_counts=lengths.counts,
-        force_times=times - data.force_delay,
-        forces=forces.values,
-        force_counts=forces.counts,
+        forces=Channels(times - data.force_delay, *collected(data.forces[used])),
+        lengths=Channels(times - data.length_delay, *collected(data.lengths[used])),
         periods=float(periods),
         rows=rows,
         dropped=len(data) - rows,
-        force_scatter=forces.scatter,
-        length_scatter=lengths.scatter,
-        length_periods=lengths.periods,
-        force_periods=forces.periods,
         step=data.step,
         stamped=data.stamped,
         origin=origin,
@@ -187,41 +191,29 @@ def _first_row(data: Measurement) -> int:
     return first if first < second - 1 else 0
 
 
-@dataclass(frozen=True, eq=False)
-class _Channels:
-    """Six channels as a record holds them."""
-
-    values: Array
-    counts: Array
-    scatter: NoiseEstimate | None
-    periods: Array | None
-
-
 def _mean_period(
-    times: Array, values: Array, omega: float, rows: slice, samples: int, *, robust: bool
-) -> _Channels:
-    flat = values[rows]
-    periods = flat.reshape(-1, samples, flat.shape[1])
+    times: Array, omega: float, samples: int, values: Array, *, robust: bool
+) -> _Collected:
+    periods = values.reshape(-1, samples, values.shape[1])
     weights = np.ones(periods.shape[:2])
     if robust and len(periods) >= FEWEST_PERIODS:
         weights = huber_weights(periods)
     elif robust:
-        harmonics = series_harmonics(len(flat), samples)
-        weights = series_weights(times[rows], flat, omega, harmonics)[1].reshape(weights.shape)
+        harmonics = series_harmonics(len(values), samples)
+        weights = series_weights(times, values, omega, harmonics)[1].reshape(weights.shape)
     counts = weights.sum(axis=0)
     mean = np.einsum("mn,mnj->nj", weights, periods) / counts[:, None]
     repeated = len(periods) >= _REPEATED
-    scatter = scatter_between_periods(periods, weights) if repeated else None
-    return _Channels(mean, counts, scatter, periods)
+    return mean, counts, scatter_between_periods(periods, weights) if repeated else None, periods
 
 
 def _single_samples(
-    times: Array, values: Array, omega: float, per_period: float, *, repeated: bool, robust: bool
-) -> _Channels:
+    times: Array, omega: float, per_period: float, values: Array, *, repeated: bool, robust: bool
+) -> _Collected:
     harmonics = series_harmonics(len(values), per_period)
     counts, scatter = np.ones(len(values)), None
     if robust:
         scatter, counts = series_weights(times, values, omega, harmonics)
     elif repeated:
         scatter, _ = scatter_about_series(times, values, omega, harmonics)
-    return _Channels(values, counts, scatter if repeated else None, None)
+    return values, counts, scatter if repeated else None, None

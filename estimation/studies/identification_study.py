@@ -33,6 +33,7 @@ from estimation.studies.study import (
 )
 from estimation.twin import Twin
 from estimation.uncertainty.differences import FAMILY_LEVEL, Differences, difference_test
+from estimation.uncertainty.intervals import IDENTIFIED
 from expdesign.configuration import RunConfiguration
 from expdesign.mechanism.catalogue import parameter_unit
 from expdesign.robot import Robot, robot_from
@@ -42,9 +43,6 @@ from expdesign.workers import Monitor
 
 _FEWEST = 3
 _RARE = 0.05
-
-IDENTIFIED = 0.5
-"""Largest standard deviation, in units of its scale, of a parameter that counts as identified."""
 
 _WHOLE = 10.0
 """From here on numbers are shown without a decimal point."""

@@ -103,7 +103,7 @@ class Laboratory:
 
 
 def estimated(record):
-    return NoiseModel(record.force_scatter, record.length_scatter)
+    return NoiseModel(record.forces.scatter, record.lengths.scatter)
 
 
 def _normal(rng, covariance, rows):

@@ -83,7 +83,7 @@ def test_residuals_of_every_period_average_to_the_mean(laboratory, sound):
     experiment, estimate = sound
     diagnosis = _diagnose(laboratory, [experiment], estimate).experiments[0]
     record, rest = experiment.record, diagnosis.residuals.forces
-    periods = record.force_periods - (record.forces - rest)
+    periods = record.forces.periods - (record.forces.values - rest)
     np.testing.assert_allclose(periods.mean(axis=0), rest, atol=1e-9)
     comparison = diagnosis.tests.variance_comparison
     np.testing.assert_allclose(comparison.model_error, np.mean(periods**2, (0, 1)))

@@ -21,7 +21,9 @@ def test_contrasts_are_independent_and_have_the_noise_s_variance():
 
 
 def test_without_periods_the_residuals_serve(sound):
-    record = replace(sound[0].record, force_periods=None, length_periods=None)
+    record = sound[0].record
+    forces, lengths = replace(record.forces, periods=None), replace(record.lengths, periods=None)
+    record = replace(record, forces=forces, lengths=lengths)
     residuals = np.random.default_rng(2).standard_normal((300, 6)) + 5
     tests = noise_tests(record, residuals, None)
     assert tests.normality.source == "residuals"

@@ -73,7 +73,7 @@ def test_the_share_of_the_kinematic_noise_is_how_estimates_move_with_the_motion(
                 step[k] = sign * 1e-7
                 moved = case.fit.motion.moved(step)
                 # Signs as they were: their change is no part of the derivative.
-                rows = regressors_along(ROBOT, moved, case.record.force_times, signs)
+                rows = regressors_along(ROBOT, moved, case.record.forces.times, signs)
                 other = Experiment(case.record, GIVEN, case.fit, case.spread, rows)
                 ends.append(estimator(ROBOT, [other], known).values)
             slope.append((ends[0] - ends[1]) / 2e-7)
@@ -90,7 +90,7 @@ def test_maximum_likelihood_equals_an_independent_least_squares():
     signs = case.signs(ROBOT, found.motions[0])
     force_white = np.linalg.inv(np.linalg.cholesky(NOISE.force_covariance))
     length_white = np.linalg.inv(np.linalg.cholesky(NOISE.length_covariance))
-    times = case.record.force_times
+    times = case.record.forces.times
     root = np.sqrt(case.counts[0])
     scales = np.concatenate([found.std, np.sqrt(np.diag(case.fit.covariance))])
 
@@ -103,7 +103,9 @@ def test_maximum_likelihood_equals_an_independent_least_squares():
         kernel = held_regressor_kernel(ROBOT.terms)
         (regressors,) = kernel(frozen, signs, ROBOT.machine)
         force = (case.forces - regressors @ values[:24]) @ force_white.T
-        length = (case.record.lengths - ROBOT.inverse_kinematics(states.pose)) @ length_white.T
+        length = (
+            case.record.lengths.values - ROBOT.inverse_kinematics(states.pose)
+        ) @ length_white.T
         return root * np.concatenate([force.ravel(), length.ravel()])
 
     first = np.concatenate([start.values, case.fit.motion.table.ravel()]) / scales

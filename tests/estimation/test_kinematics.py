@@ -33,7 +33,7 @@ def test_the_fit_spreads_as_its_covariance_says():
         fit = fit_motion(ROBOT, record, DELTA, 2, start=true)
         offs.append((fit.motion.table - true.table).ravel())
         rest, freedom = fit.residuals, fit.residuals.size - len(fit.covariance)
-        chi_square = np.einsum("s,si,ij,sj->", record.length_counts, rest, weights, rest)
+        chi_square = np.einsum("s,si,ij,sj->", record.lengths.counts, rest, weights, rest)
         chi.append(chi_square / freedom)
     normal = np.linalg.solve(np.linalg.cholesky(fit.covariance), np.array(offs).T)
     # 60 × 30 standard normal values: their mean square is 1 ± 0.033.
@@ -86,7 +86,7 @@ def test_central_differences_of_clean_lengths():
     motion = trajectory()
     record = record_of(motion, length_scale=0)
     found = pointwise_motion(ROBOT, record)
-    truth = motion.sample(record.force_times)
+    truth = motion.sample(record.forces.times)
     np.testing.assert_allclose(found.state[:, :6], truth.pose, atol=1e-9)
     # Second order in the step: (2 ω h)²/6 of the rate.
     np.testing.assert_allclose(found.state[:, 6:12], truth.rate, atol=5e-3)
@@ -96,11 +96,11 @@ def test_central_differences_of_clean_lengths():
 def test_the_low_pass_quietens_the_accelerations_without_delay():
     motion = trajectory()
     record = record_of(motion)
-    truth = motion.sample(record.force_times).acceleration
+    truth = motion.sample(record.forces.times).acceleration
     rough = pointwise_motion(ROBOT, record).state[:, 12:] - truth
     smooth = pointwise_motion(ROBOT, record, cutoff=10.0).state[:, 12:] - truth
     assert np.std(smooth) < 0.1 * np.std(rough)
-    slope = motion.sample(record.force_times + 1e-6).acceleration - truth
+    slope = motion.sample(record.forces.times + 1e-6).acceleration - truth
     lag = np.sum(smooth * slope) / np.sum(slope**2) * 1e-6
     assert abs(lag) < 0.1 * record.step
 
@@ -109,7 +109,7 @@ def test_single_samples_lose_their_ends_and_nothing_else():
     motion = trajectory(200.4)
     record = record_of(motion, length_scale=0)
     found = pointwise_motion(ROBOT, record)
-    truth = motion.sample(record.force_times[found.rows])
+    truth = motion.sample(record.forces.times[found.rows])
     np.testing.assert_allclose(found.state[:, 12:], truth.acceleration, atol=5e-2)
 
 
@@ -125,7 +125,7 @@ def test_expected_signs_are_the_mean_of_the_signs_of_drawn_motions():
     motion = trajectory()
     record = record_of(motion, length_scale=30)
     fit = fit_motion(ROBOT, record, 900 * DELTA, 2)
-    times = record.force_times
+    times = record.forces.times
     spread = rate_spread(ROBOT, fit.motion, times, fit.covariance)
     expected = expected_signs(ROBOT, fit.motion, times, spread)
     rng = np.random.default_rng(0)

@@ -16,8 +16,8 @@ def test_covariances_agree_with_the_truth_within_their_own_uncertainty(samples):
     for seed in range(40):
         record = make_record(measured(motion, seed, periods=6), motion.omega, PeriodSource.DESIGN)
         for found, true in (
-            (record.force_scatter, NOISE.force_covariance),
-            (record.length_scatter, NOISE.length_covariance),
+            (record.forces.scatter, NOISE.force_covariance),
+            (record.lengths.scatter, NOISE.length_covariance),
         ):
             error = NoiseEstimate(true, found.freedom).std_error()
             scores.append((found.covariance - true) / error)
@@ -39,12 +39,12 @@ def test_an_outlier_hardly_touches_robust_means_and_covariances():
     reference = make_record(clean, motion.omega, PeriodSource.DESIGN)
 
     def off(record):
-        return np.sqrt(np.mean((record.forces - reference.forces) ** 2))
+        return np.sqrt(np.mean((record.forces.values - reference.forces) ** 2))
 
     assert off(robust) < 0.1 * off(plain)
-    ratio = np.diag(robust.force_scatter.covariance) / np.diag(NOISE.force_covariance)
+    ratio = np.diag(robust.forces.scatter.covariance) / np.diag(NOISE.force_covariance)
     assert np.all(ratio < 1.2)
-    assert np.all(np.diag(plain.force_scatter.covariance) > 5 * np.diag(NOISE.force_covariance))
+    assert np.all(np.diag(plain.forces.scatter.covariance) > 5 * np.diag(NOISE.force_covariance))
 
 
 def dirty(motion, periods, seed=0):
@@ -60,12 +60,12 @@ def test_a_robust_record_has_the_covariance_of_clean_data(samples, periods):
     motion = trajectory(samples)
     clean = make_record(measured(motion, periods=periods), motion.omega, PeriodSource.DESIGN)
     record = make_record(dirty(motion, periods), motion.omega, PeriodSource.DESIGN, robust=True)
-    lost = len(record.forces) * (periods if record.averaged else 1) / 53
-    assert record.force_counts.sum() < clean.force_counts.sum() - 0.9 * lost
-    if clean.force_scatter is not None:
+    lost = len(record.forces.values) * (periods if record.averaged else 1) / 53
+    assert record.forces.counts.sum() < clean.forces.counts.sum() - 0.9 * lost
+    if clean.forces.scatter is not None:
         for found, true in (
-            (record.force_scatter, NOISE.force_covariance),
-            (record.length_scatter, NOISE.length_covariance),
+            (record.forces.scatter, NOISE.force_covariance),
+            (record.lengths.scatter, NOISE.length_covariance),
         ):
             ratio = np.diag(found.covariance) / np.diag(true)
             assert np.all((ratio > 0.75) & (ratio < 1.3))
@@ -83,8 +83,8 @@ def test_robust_weights_leave_clean_data_alone_whatever_the_number_of_periods(pe
         )
         for seed in range(10)
     ]
-    for counts in ("force_counts", "length_counts"):
-        share = np.mean([getattr(record, counts) for record in kept]) / periods
+    for channels in ("forces", "lengths"):
+        share = np.mean([getattr(record, channels).counts for record in kept]) / periods
         assert share > 0.998
 
 
@@ -99,7 +99,7 @@ def test_outliers_of_coarsely_quantised_channels_lose_their_weight(periods):
     coarse = Measurement(data.time, data.lengths, forces, data.step)
     record = make_record(coarse, motion.omega, PeriodSource.DESIGN, robust=True)
     hit = np.unique(np.arange(0, len(data), 53) % 200)
-    assert np.all(record.force_counts[hit] < periods - 0.9)
+    assert np.all(record.forces.counts[hit] < periods - 0.9)
 
 
 def test_two_periods_have_no_median():

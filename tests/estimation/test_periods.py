@@ -86,13 +86,13 @@ def test_means_and_scatter_equal_plain_loops():
     for k in range(200):
         rows = [k + 200 * m for m in range(4)]
         mean = sum(data.forces[row] for row in rows) / 4
-        np.testing.assert_allclose(record.forces[k], mean, rtol=1e-13)
+        np.testing.assert_allclose(record.forces.values[k], mean, rtol=1e-13)
         for row in rows:
             total += np.outer(data.forces[row] - mean, data.forces[row] - mean)
-    np.testing.assert_allclose(record.force_scatter.covariance, total / (3 * 200), rtol=1e-12)
-    assert record.force_scatter.freedom == 600
+    np.testing.assert_allclose(record.forces.scatter.covariance, total / (3 * 200), rtol=1e-12)
+    assert record.forces.scatter.freedom == 600
     assert record.dropped == 0
-    assert np.all(record.force_counts == 4)
+    assert np.all(record.forces.counts == 4)
 
 
 def test_incomplete_periods_are_dropped_and_counted():
@@ -101,7 +101,7 @@ def test_incomplete_periods_are_dropped_and_counted():
     assert (record.periods, record.rows, record.dropped) == (4, 800, 80)
     late = with_column(data, 200, start=60)
     record = make_record(late, 2 * np.pi, PeriodSource.COLUMN)
-    assert record.force_times[0] == pytest.approx(140 * STEP)
+    assert record.forces.times[0] == pytest.approx(140 * STEP)
     assert (record.periods, record.dropped) == (3, 880 - 600)
 
 
@@ -111,7 +111,7 @@ def test_a_period_that_is_no_whole_number_is_never_rounded():
     record = make_record(data, motion.omega, PeriodSource.DESIGN)
     assert not record.averaged
     assert record.samples == len(data) == 10_000
-    np.testing.assert_array_equal(record.forces, data.forces)
+    np.testing.assert_array_equal(record.forces.values, data.forces)
 
 
 def test_less_than_a_period_is_refused():
