@@ -99,8 +99,8 @@ def _parts(record: Drawn) -> Iterator[tuple[Iterable[FigureDefinition[Any]], Any
             yield ESTIMATE_FIGURES, record
             for number, experiment in enumerate(record.experiments, start=1):
                 ending = f"_{number}" if len(record.experiments) > 1 else ""
-                yield [figure.ending(ending) for figure in DIAGNOSTIC_FIGURES], experiment
-                yield [figure.ending(ending) for figure in NOISE_FIGURES], experiment
+                own = (*DIAGNOSTIC_FIGURES, *NOISE_FIGURES)
+                yield [figure.ending(ending) for figure in own], experiment
         case ValidationRecord():
             for number, motion in enumerate(record.motions, start=1):
                 yield [prediction_figure.ending(f"_{number}")], motion

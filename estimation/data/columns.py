@@ -23,18 +23,9 @@ _MOST_SHOWN = 30
 class Column:
     """A column as the file names it.
 
-    Attributes
-    ----------
-    text : str
-        Its full name in the file, as messages show it and `data.columns` may give it.
-    place : hashable
-        By what the reader finds it, different for each column: a position, a path.
-    name : str
-        The same without a unit; `text` unless given.
-    short : str
-        The same without the struct or group that it is in; `name` unless given.
-    unit : str or None
-        What the file says about the unit.
+    `text` is its full name, as messages show it and `data.columns` may give it, `name` the same
+    without a unit, and `short` without the struct or group that it is in; each is the one before
+    unless given. By its place the reader finds it: a position or path, different for each column.
     """
 
     text: str
@@ -91,8 +82,6 @@ def pick(
 
     Parameters
     ----------
-    columns : sequence of Column
-        What the file has.
     names : mapping
         Channel → name, from `data.columns`.
     file, line

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from constraints.arrays import Array
 from estimation.data.table import MOST_PROBLEMS, RawTable, refuse
-from estimation.data.timebase import TimeBase, gaps, not_increasing
 from estimation.data.units import unit_factor
 from expdesign.configuration import (
     LENGTH_CHANNELS,
@@ -21,9 +20,6 @@ from expdesign.configuration import (
     shown,
 )
 from expdesign.configuration.values.quantity import LENGTH
-
-_WIDEST_TOLERANCE = 0.5
-"""Of a step: from there on a sample could belong to the neighbouring point of the grid."""
 
 _UNITS = ("m", "mm", "cm", "in", "ft", "µm", "dm", "km")
 """Units that are tried when the lengths do not fit, the likeliest first."""
@@ -83,48 +79,6 @@ def refuse_periods(table: RawTable) -> None:
     for messages in (fractions, falls):
         problems = [table.problem(text, "period", int(row)) for row, text in messages.items()]
         refuse(problems, table.file, "rows are like that")
-
-
-def refuse_time(table: RawTable) -> None:
-    """Refuse time that does not increase."""
-    time = table.values["t"]
-    problems = []
-    for row in not_increasing(time).tolist():
-        what = "the same time as" if time[row] == time[row - 1] else "time goes back from"
-        message = f"{what} {table.row_name(row - 1)}: {_times(time, row)}"
-        problems.append(table.problem(message, "t", row))
-    refuse(problems, table.file, "rows are not later than the one before")
-
-
-def _times(time: Array, row: int) -> str:
-    return f"{time[row - 1]:.9g} s, then {time[row]:.9g} s"
-
-
-def refuse_gaps(table: RawTable) -> None:
-    """Refuse missing samples; the row named is the one after the gap."""
-    time = table.values["t"]
-    problems = []
-    for row, missing in gaps(time):
-        count = f"{missing} sample{'' if missing == 1 else 's'}"
-        message = f"a gap of {count} after {table.row_name(row - 1)}: {_times(time, row)}"
-        problems.append(table.problem(message, "t", row))
-    refuse(problems, table.file, "gaps")
-
-
-def refuse_uneven(table: RawTable, grid: TimeBase, tolerance: float) -> None:
-    """Refuse time that deviates from its uniform grid by more than a share of a step.
-
-    Missing samples are reported as such.
-    """
-    if grid.jitter <= tolerance:
-        return
-    refuse_gaps(table)
-    off = f"{100 * grid.jitter:.3g} % of a step ({grid.step:.6g} s)"
-    message = f"time is not uniform: {off} off the fitted grid"
-    allowed = f"up to {100 * tolerance:g} %; data.time: stamped"
-    if grid.jitter < _WIDEST_TOLERANCE:
-        allowed += f", or a time_tolerance above {grid.jitter:.3g}"
-    raise InputError(table.problem(message, "t", grid.worst, allowed))
 
 
 @dataclass(frozen=True, eq=False)

@@ -50,8 +50,9 @@ class FileFormat:
         True for a library that can end the process on damaged files: it is read in another one,
         to which the functions go by their names.
     accepts : callable or None
-        ``accepts(path)``, for formats that share an extension or are folders; by default the
-        extension decides.
+        ``accepts(path)``, for formats that share an extension.
+    folder_file : str
+        The file by which a folder is of this format; without one no folder is.
     """
 
     title: str
@@ -61,12 +62,14 @@ class FileFormat:
     extra: str | None = None
     may_crash: bool = False
     accepts: Callable[[Path], bool] | None = None
+    folder_file: str = ""
 
     def claims(self, path: Path) -> bool:
         """Tell whether a file or folder that exists is of this format."""
-        if self.accepts is not None:
-            return self.accepts(path)
-        return path.is_file() and path.suffix.lower() in self.extensions
+        if path.is_dir():
+            return bool(self.folder_file) and (path / self.folder_file).is_file()
+        known = path.suffix.lower() in self.extensions
+        return known and (self.accepts is None or self.accepts(path))
 
     def load(self, path: Path, section: DataSection) -> RawTable:
         """Read a file with the format's library.

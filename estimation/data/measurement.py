@@ -21,9 +21,9 @@ class Measurement:
         Time stamps, s, strictly increasing. Uniform recordings hold the fitted grid, stamped
         ones the stamps as they were.
     lengths : (T, 6)
-        Measured strut lengths q1…q6, m.
+        q1…q6, m.
     forces : (T, 6)
-        Measured actuator forces Q1…Q6, N, positive when they extend.
+        Q1…Q6, N, positive when they extend.
     step : float
         Time between two samples, s (the mean one when stamped).
     stamped : bool
@@ -35,8 +35,6 @@ class Measurement:
         at t − length_delay.
     jitter : float
         Largest deviation of the stamps from the uniform grid, as a share of a step.
-    source : str
-        Where it came from, for messages.
     warnings : tuple of str
         What a user should know about how it was read.
     """

@@ -14,16 +14,13 @@ from estimation.data import readers
 from estimation.data.defects import (
     refuse_cells,
     refuse_few_rows,
-    refuse_gaps,
     refuse_implausible_lengths,
     refuse_periods,
-    refuse_time,
-    refuse_uneven,
 )
 from estimation.data.formats import FileFormat
 from estimation.data.measurement import Measurement
 from estimation.data.table import RawTable
-from estimation.data.timebase import TimeBase, fitted_grid, stamped
+from estimation.data.timebase import time_base
 from estimation.data.units import in_si
 from expdesign.configuration import (
     FORCE_CHANNELS,
@@ -112,7 +109,7 @@ def measurement_of(
     refuse_few_rows(table, len(description.parameter_names))
     refuse_cells(table, tuple(table.values), section.decimal)
     refuse_periods(table)
-    base = _time_base(table, section)
+    base = time_base(table, section)
     lengths = np.column_stack([table.values[channel] for channel in LENGTH_CHANNELS])
     refuse_implausible_lengths(table, lengths, description, section)
     period = table.values.get("period")
@@ -154,14 +151,3 @@ def _within(table: RawTable, section: DataSection) -> RawTable:
         span = f"the file has {finite.min():g} to {finite.max():g} s"
         raise InputError(table.problem(message, "t", allowed=span))
     return table.part(first, end)
-
-
-def _time_base(table: RawTable, section: DataSection) -> TimeBase:
-    refuse_time(table)
-    time = table.values["t"]
-    if section.time == "stamped":
-        refuse_gaps(table)
-        return stamped(time)
-    grid = fitted_grid(time)
-    refuse_uneven(table, grid, section.time_tolerance)
-    return grid

@@ -1,13 +1,14 @@
-"""Time of a recording: the uniform grid behind it, or its stamps as they are."""
+"""Time of a recording: the uniform grid behind it, or its stamps; what makes either unusable."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from constraints.arrays import Array
+from estimation.data.table import RawTable, refuse
+from expdesign.configuration import DataSection, InputError
 
 _LARGE = 1.5
 """Interval, in steps, from which on samples may be missing."""
@@ -18,21 +19,15 @@ _NEIGHBOURS = 10
 _LATE = 0.75
 """By how much of a step they are late when a sample is missing: the neighbours jitter too."""
 
+_WIDEST_TOLERANCE = 0.5
+"""Of a step: from there on a sample could belong to the neighbouring point of the grid."""
+
 
 @dataclass(frozen=True, eq=False)
 class TimeBase:
-    """Time of the samples.
+    """Time of the samples, (T,), s, strictly increasing; its step, of stamps the mean one.
 
-    Attributes
-    ----------
-    time : (T,)
-        s, strictly increasing.
-    step : float
-        Of the grid; the mean one of stamps, s.
-    jitter : float
-        Largest deviation of the stamps from the fitted grid, in steps.
-    worst : int
-        Row of that.
+    `jitter` is the largest deviation of the stamps from the fitted grid, in steps, `worst` its row.
     """
 
     time: Array
@@ -41,14 +36,68 @@ class TimeBase:
     worst: int
 
 
-def fitted_grid(stamps: Array) -> TimeBase:
-    """Return the uniform grid t₀ + i h that fits best in the least-squares sense.
+def time_base(table: RawTable, section: DataSection) -> TimeBase:
+    """Return the time of a recording: the grid behind it, or its stamps when these are asked for.
 
-    Parameters
-    ----------
-    stamps : (T,)
-        Increasing, s; at least two.
+    Raises
+    ------
+    InputError
+        Time does not increase, samples are missing, or it is not uniform.
     """
+    refuse_time(table)
+    time = table.values["t"]
+    if section.time == "stamped":
+        refuse_gaps(table)
+        return stamped(time)
+    grid = fitted_grid(time)
+    refuse_uneven(table, grid, section.time_tolerance)
+    return grid
+
+
+def refuse_time(table: RawTable) -> None:
+    """Refuse time that does not increase."""
+    time = table.values["t"]
+    problems = []
+    for row in (np.flatnonzero(np.diff(time) <= 0) + 1).tolist():
+        what = "the same time as" if time[row] == time[row - 1] else "time goes back from"
+        message = f"{what} {table.row_name(row - 1)}: {_times(time, row)}"
+        problems.append(table.problem(message, "t", row))
+    refuse(problems, table.file, "rows are not later than the one before")
+
+
+def _times(time: Array, row: int) -> str:
+    return f"{time[row - 1]:.9g} s, then {time[row]:.9g} s"
+
+
+def refuse_gaps(table: RawTable) -> None:
+    """Refuse missing samples; the row named is the one after the gap."""
+    time = table.values["t"]
+    problems = []
+    for row, missing in gaps(time):
+        count = f"{missing} sample{'' if missing == 1 else 's'}"
+        message = f"a gap of {count} after {table.row_name(row - 1)}: {_times(time, row)}"
+        problems.append(table.problem(message, "t", row))
+    refuse(problems, table.file, "gaps")
+
+
+def refuse_uneven(table: RawTable, grid: TimeBase, tolerance: float) -> None:
+    """Refuse time that deviates from its uniform grid by more than a share of a step.
+
+    Missing samples are reported as such.
+    """
+    if grid.jitter <= tolerance:
+        return
+    refuse_gaps(table)
+    off = f"{100 * grid.jitter:.3g} % of a step ({grid.step:.6g} s)"
+    message = f"time is not uniform: {off} off the fitted grid"
+    allowed = f"up to {100 * tolerance:g} %; data.time: stamped"
+    if grid.jitter < _WIDEST_TOLERANCE:
+        allowed += f", or a time_tolerance above {grid.jitter:.3g}"
+    raise InputError(table.problem(message, "t", grid.worst, allowed))
+
+
+def fitted_grid(stamps: Array) -> TimeBase:
+    """Return the uniform grid t₀ + i h that fits increasing stamps best, by least squares; s."""
     count = len(stamps)
     index = np.arange(count) - (count - 1) / 2
     relative = stamps - stamps[0]  # stamps since 1970 would lose digits in the sums
@@ -67,21 +116,11 @@ def stamped(stamps: Array) -> TimeBase:
     return TimeBase(stamps, mean, fit.jitter, fit.worst)
 
 
-def not_increasing(stamps: Array) -> NDArray[np.int64]:
-    """Return the rows whose stamp is not later than the one before."""
-    return np.flatnonzero(np.diff(stamps) <= 0) + 1
-
-
 def gaps(stamps: Array) -> list[tuple[int, int]]:
     """Return where samples are missing: the row after the gap, and how many.
 
-    An interval that is too long is a gap when the stamps after it stay late. After a stamp that
-    is late by itself the following ones are back on the grid.
-
-    Parameters
-    ----------
-    stamps : (T,)
-        Increasing, s.
+    An interval between increasing stamps, (T,), that is too long is a gap when the stamps after it
+    stay late. After a stamp that is late by itself the following ones are back on the grid.
     """
     intervals = np.diff(stamps)
     # Over several samples, so that jitter averages out, but few, so that most have no gap.

@@ -19,8 +19,8 @@ from expdesign.experiment.record import Iteration
 from expdesign.information.criteria import CRITERIA
 from expdesign.recheck.judge import TOLERANCE
 from results.figures.drawing import centred_text, figure_definition
+from results.notation import plain_number
 from results.style import EMPHASIS, GREY, INK, ORANGE
-from results.units import plain_number
 
 FLOOR = TOLERANCE
 """Smaller violations are drawn here: the recheck counts such a limit as kept."""
@@ -85,8 +85,7 @@ def convergence_figure(figure: Figure, record: DesignRecord) -> None:
     violation.set_yscale("log")
     violation.set_ylim(bottom=FLOOR / 2)
     violation.set_title("Largest violation of a limit")
-    violation.set_ylabel("Share of its range (1)")
-    violation.set_xlabel(_iteration_label(record, found))
+    violation.set(ylabel="Share of its range (1)", xlabel=_iteration_label(record, found))
     if not found:
         centred_text(objective, "no iterations were recorded", height=0.7)
     first = min((float(trace.iteration[0]) for trace in found), default=0.0)

@@ -18,9 +18,8 @@ from results.figures.drawing import centred_text, figure_definition, legend_abov
 from results.figures.motion import cardan_angles_figure, excitation_figure, struts_figure
 from results.figures.parameters import precision_figure
 from results.figures.path import path_figure
+from results.notation import handy_unit, symbol
 from results.style import ALERT, EMPHASIS, INK, MUTED, SECOND
-from results.symbols import symbol
-from results.units import handy_unit
 
 _ACTIVE = 99.0
 """From this share on, %, a limit counts as one that holds the design back."""

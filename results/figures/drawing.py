@@ -18,6 +18,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from constraints.arrays import Array
 from expdesign.runfolder.atomic import written_beside
+from results.notation import symbol
 from results.style import (
     ALERT,
     MUTED,
@@ -27,7 +28,6 @@ from results.style import (
     house_style,
     new_figure,
 )
-from results.symbols import symbol
 
 Record = TypeVar("Record", contravariant=True)  # noqa: PLC0105 - the word is the reader's
 
@@ -169,9 +169,12 @@ def named_places(axes: Axes, names: Sequence[str]) -> None:
     axes.grid(visible=False, axis="x")
 
 
-def parameter_axis(axes: Axes, names: Sequence[str], *, parted: bool = False) -> None:
+def parameter_axis(
+    axes: Axes, names: Sequence[str], label: str = "Parameter", *, parted: bool = False
+) -> None:
     """Put parameters on the horizontal axis, from 0; `parted`: a faint line between each two."""
     named_places(axes, [symbol(name) for name in names])
+    axes.set_xlabel(label)
     if parted:
         axes.set_xticks(np.arange(len(names) - 1) + 0.5, minor=True)
         axes.grid(visible=True, axis="x", which="minor")

@@ -97,9 +97,7 @@ def bias_figure(figure: Figure, rows: Rows) -> None:
     axes.set_ylim(-room * largest, room * largest)
     margin_text(axes, 0.0, f"±{CLEAR:g} standard\nerrors at\nthe bound", MUTED)
     parameter_axis(axes, _parameters(rows), parted=True)
-    axes.set_xlabel("Parameter")
-    axes.set_ylabel("Bias / Cramér–Rao bound")
-    axes.set_title("Bias")
+    axes.set(ylabel="Bias / Cramér–Rao bound", title="Bias")
     legend_above(axes, handles)
 
 
@@ -124,17 +122,15 @@ def efficiency_figure(figure: Figure, rows: Rows) -> None:
         ratio, cover = _interval(own, "rmse_over_bound"), 100 * _interval(own, "coverage")
         handles.append(_points(above, rows, estimator, ratio[:, 0], _bars(ratio)))
         _points(below, rows, estimator, cover[:, 0], _bars(cover))
-    for axes, target in ((above, 1.0), (below, NOMINAL)):
+    for axes, target, label in ((above, 1.0, ""), (below, NOMINAL, "Parameter")):
         axes.axhline(target, color=MUTED, linewidth=1.0, zorder=2)
-        parameter_axis(axes, _parameters(rows), parted=True)
+        parameter_axis(axes, _parameters(rows), label, parted=True)
     _ratio_scale(above, _interval(rows, "rmse_over_bound"))
-    above.set_ylabel("RMSE / Cramér–Rao bound")
-    above.set_title("Efficiency")
+    above.set(ylabel="RMSE / Cramér–Rao bound", title="Efficiency")
     legend_above(above, handles)
     below.set_ylim(top=101.0)
     below.set_ylabel("Intervals that hold the truth (%)")
     below.set_title(f"Coverage of the {NOMINAL:g} % intervals")
-    below.set_xlabel("Parameter")
 
 
 def _interval(rows: Rows, key: str) -> Array:

@@ -19,9 +19,8 @@ from expdesign.motion.executable import ExecutableMotion
 from expdesign.motion.sampled import SampledMotion
 from expdesign.robot import robot_from
 from results.figures.drawing import figure_definition, legend_above, strut_legend
+from results.notation import DisplayUnit, handy_unit, symbol
 from results.style import AXIS_COLOURS, AXIS_DASHES, FAINT, FORBIDDEN, INK, MUTED, STRUT_COLOURS
-from results.symbols import symbol
-from results.units import DisplayUnit, handy_unit
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,8 +185,7 @@ def _limited_panel(axes: Axes, quantity: StrutQuantity, record: DesignRecord | W
     unit = handy_unit(quantity.unit, finite[np.isfinite(finite)])
     for j, colour in enumerate(STRUT_COLOURS):
         axes.plot(motion.time, unit.shown(values[:, j]), color=colour, label=f"strut {j + 1}")
-    axes.set_title(quantity.title)
-    axes.set_ylabel(unit.label(quantity.label))
+    axes.set(title=quantity.title, ylabel=unit.label(quantity.label))
     _show_bounds(axes, unit, values, lower, upper)
 
 
@@ -280,8 +278,7 @@ def excitation_figure(figure: Figure, record: DesignRecord) -> None:
         ):
             shown = unit.shown(values[:, part][:, k])
             axes.plot(time, shown, color=colour, linestyle=dashes, label=symbol(name))
-        axes.set_title(title)
-        axes.set_ylabel(unit.label(label))
+        axes.set(title=title, ylabel=unit.label(label))
         axes.set_xlim(0, record.motion.period)
         legend_above(axes, axes.get_lines()[1:])
     panels[-1].set_xlabel("Time (s)")

@@ -17,8 +17,8 @@ from results.figures.drawing import (
     named_places,
     strut_panels,
 )
+from results.notation import handy_unit, plain_number
 from results.style import BLUE, INK, STRUT_COLOURS, VERMILLION
-from results.units import handy_unit, plain_number
 
 
 @figure_definition(

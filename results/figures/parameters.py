@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -23,8 +23,8 @@ from results.figures.drawing import (
     plain_ticks,
     standing_text,
 )
+from results.notation import symbol
 from results.style import ALERT, EMPHASIS, ESTIMATOR_LOOKS, MUTED, PALETTE, SECOND
-from results.symbols import symbol
 
 _IDENTIFIABLE = 100 * IDENTIFIABLE
 _WIDTH = 0.38
@@ -71,9 +71,7 @@ def precision_figure(figure: Figure, record: DesignRecord) -> None:
     axes.axhline(_IDENTIFIABLE, color=ALERT, linewidth=1.0, zorder=3)
     margin_text(axes, _IDENTIFIABLE, f"{_IDENTIFIABLE:g} %\nidentifiable\nbelow", ALERT)
     parameter_axis(axes, [parameter.name for parameter in parameters])
-    axes.set_xlabel("Parameter")
-    axes.set_ylabel("Standard deviation / |nominal| (%)")
-    axes.set_title("Predicted precision")
+    axes.set(ylabel="Standard deviation / |nominal| (%)", title="Predicted precision")
     legend_above(axes, handles)
 
 
@@ -126,7 +124,6 @@ def estimates_figure(figure: Figure, record: EstimateRecord) -> None:
     standing_text(axes, position[~free], "fixed")
     axes.axhline(0.0, color=MUTED, linewidth=0.8, zorder=1)
     parameter_axis(axes, names)
-    axes.set_xlabel("Parameter")
     axes.set_ylabel(f"(Estimate − a priori) / std of {best.upper()}")
     axes.set_title("Estimates against the a-priori values, 95 % intervals")
     legend_above(axes, handles)
@@ -156,42 +153,36 @@ MARKERS = ("o", "s", "^", "D", "v", "P")
 
 
 @dataclass(frozen=True, eq=False)
-class Series:
-    """Values of one folder, (m,), NaN where there is none; `error`: half-widths of intervals."""
-
-    label: str
-    values: Array
-    error: Array | None = None
-
-
-@dataclass(frozen=True, eq=False)
 class ParameterSeries:
-    """Several folders side by side; `names` are the parameters."""
+    """Several folders side by side: values of the parameters by folder, (m,), NaN where unknown.
+
+    The errors are half-widths of intervals.
+    """
 
     names: tuple[str, ...]
-    series: tuple[Series, ...]
+    values: dict[str, Array]
+    errors: dict[str, Array] = field(default_factory=dict)
 
 
 def draw_series(axes: Axes, record: ParameterSeries) -> None:
     """Draw a mark for each folder beside each other over every parameter."""
-    count = len(record.series)
+    count = len(record.values)
     step = min(0.18, 0.7 / max(count, 1))
     places = np.arange(len(record.names))
-    for number, series in enumerate(record.series):
+    for number, (label, values) in enumerate(record.values.items()):
         axes.errorbar(
             places + step * (number - (count - 1) / 2),
-            series.values,
-            yerr=series.error,
+            values,
+            yerr=record.errors.get(label),
             color=PALETTE[number % len(PALETTE)],
             marker=MARKERS[number // len(PALETTE) % len(MARKERS)],
             markersize=3.6,
             linestyle="none",
             elinewidth=1.0,
             # A name that begins with an underscore would be left out of the legend.
-            label=f"\u200b{series.label}",
+            label=f"\u200b{label}",
         )
     parameter_axis(axes, record.names)
-    axes.set_xlabel("Parameter")
 
 
 @figure_definition(

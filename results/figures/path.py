@@ -14,8 +14,8 @@ from matplotlib.transforms import Bbox
 from constraints.arrays import Array
 from expdesign.experiment import DesignRecord
 from results.figures.drawing import figure_definition
+from results.notation import DisplayUnit, handy_unit
 from results.style import EMPHASIS, FAINT, INK, MUTED, STRUT_COLOURS
-from results.units import DisplayUnit, handy_unit
 
 _ELEVATION, _AZIMUTH = 20.0, -62.0
 _NAME_AT = 0.3

@@ -18,8 +18,8 @@ from results.figures.drawing import (
     plain_decades,
     strut_panels,
 )
+from results.notation import handy_unit
 from results.style import ALERT, FAINT, MUTED, STRUT_COLOURS
-from results.units import handy_unit
 
 _BAND = 1.96
 _REACH = 0.9995

@@ -24,8 +24,8 @@ from results.figures.drawing import (
     plain_decades,
     plain_ticks,
 )
+from results.notation import symbol
 from results.style import ALERT, BLUE, ESTIMATOR_LOOKS, FAINT, GREEN, INK, MUTED, VERMILLION
-from results.symbols import symbol
 
 _WIDTH = 0.5
 """Of the points of one parameter, side by side."""
@@ -69,8 +69,7 @@ def precision_figure(figure: Figure, study: StudyRecord) -> None:
     axes.axhline(1.0, color=INK, linewidth=0.9, zorder=2)
     axes.set_yscale("log")
     plain_decades(axes.yaxis)
-    _parameter_axis(axes, names)
-    axes.set_xlabel(_BY_SET)
+    _parameter_axis(axes, names, _BY_SET)
     axes.set_ylabel(f"Std with '{second}' / std with '{first}'")
     axes.set_title(f"Above the line '{first}' knows the parameter better")
 
@@ -100,8 +99,7 @@ def means_figure(figure: Figure, study: StudyRecord) -> None:
     axes.yaxis.set_major_formatter(plain_ticks())
     room = 1.6 if largest > _LINEAR_REACH else 1.1
     axes.set_ylim(-room * largest, room * largest)
-    _parameter_axis(axes, names)
-    axes.set_xlabel(_BY_SET)
+    _parameter_axis(axes, names, _BY_SET)
     axes.set_ylabel("Difference of means / standard error")
     figure.legend(loc="outside upper center", ncols=len(kinds))
 
@@ -144,10 +142,9 @@ def bias_figure(figure: Figure, study: StudyRecord) -> None:
         limit = (2.2 if curved else 1.15) * largest
         axes.set_ylim(-limit, limit)
         axes.yaxis.set_major_formatter(plain_ticks())
-        _parameter_axis(axes, names)
+        _parameter_axis(axes, names, "Parameter" if axes is panels[-1] else "")
         axes.set_title(f"{case.key}: {case.title}")
     panels[0].tick_params(labelbottom=False)
-    panels[-1].set_xlabel("Parameter")
     figure.supylabel("Bias / standard deviation of one ML estimate", fontsize="medium")
     handles, labels = panels[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncols=3)
@@ -157,9 +154,9 @@ def _shifts(count: int) -> Array:
     return np.linspace(-_WIDTH / 2, _WIDTH / 2, count) if count > 1 else np.zeros(1)
 
 
-def _parameter_axis(axes: Axes, names: Sequence[str]) -> None:
+def _parameter_axis(axes: Axes, names: Sequence[str], label: str) -> None:
     """Label the axis with the parameters; a line parts rigid bodies from friction."""
-    parameter_axis(axes, names, parted=True)
+    parameter_axis(axes, names, label, parted=True)
     rigid = np.count_nonzero(rigid_body(names))
     if 0 < rigid < len(names):
         axes.axvline(rigid - 0.5, color=MUTED, linewidth=0.9, zorder=1)

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import re
 
-from results.report.numerals import parts
+from results.notation import parts, symbol
 from results.report.table import Column, ReportTable, Value, cell_text
-from results.symbols import symbol
 
 _SPECIAL = {
     "\\": r"\textbackslash{}",

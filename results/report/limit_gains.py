@@ -14,8 +14,8 @@ from expdesign.experiment.sensitivity import FREQUENCY, LimitSensitivity, sensit
 from expdesign.information.fisher import SingularInformationError
 from expdesign.recheck.information import Evaluator
 from expdesign.solver.initial import InfeasibleLimitsError
+from results.notation import readable
 from results.report.content import Fact
-from results.report.numerals import readable
 from results.report.table import Column, ReportTable
 
 EXPLAINED = 0.1

@@ -12,9 +12,9 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 from plotly.offline import get_plotlyjs
 
+from results.notation import GREEK, symbol_parts
 from results.report.content import Page
 from results.report.table import cell_text, sort_key
-from results.symbols import GREEK, symbol_parts
 
 _TEMPLATES = "templates"
 _POWER = re.compile(r"\^(-?\d+)")

@@ -14,6 +14,7 @@ from expdesign.configuration import RunConfiguration
 from expdesign.experiment import DesignRecord
 from expdesign.export.record import ExportsRecord
 from expdesign.runfolder.atomic import write_text
+from results.notation import duration
 from results.report.content import (
     Block,
     Fact,
@@ -29,7 +30,6 @@ from results.report.content import (
 )
 from results.report.folder import ReportedStage, RunFolder
 from results.report.latex import latex_table
-from results.report.numerals import duration
 from results.report.rendering import rendered
 from results.report.table import Column, ReportTable, text_columns
 from results.report.view import robot_view

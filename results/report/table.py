@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Literal, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from results.report.numerals import readable
+from results.notation import readable
 
 Value = str | float | bool | None
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from estimation.data.timebase import fitted_grid, gaps, not_increasing, stamped
+from estimation.data.timebase import fitted_grid, gaps, stamped
 
 STEPS = st.floats(1e-5, 10)
 STARTS = st.floats(-1e4, 1e4)
@@ -48,10 +48,6 @@ def test_stamps_stay_as_they_are():
     assert np.array_equal(found.time, stamps)
     assert found.step == pytest.approx((stamps[-1] - stamps[0]) / 199)
     assert 0.2 < found.jitter < 0.35
-
-
-def test_rows_that_do_not_increase():
-    assert list(not_increasing(np.array([0, 1, 1, 2, 1.5, 3]))) == [2, 4]
 
 
 @given(

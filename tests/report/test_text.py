@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import pytest
 
+from results.notation import duration, readable
 from results.report.comparison.comparison import csv_table
 from results.report.latex import escaped, latex_table
-from results.report.numerals import duration, readable
 from results.report.rendering import symbol_html, unit_html
 from results.report.table import Column, ReportTable, cell_text, sort_key
 

@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from results.symbols import symbol
-from results.units import DisplayUnit, handy_unit
+from results.notation import DisplayUnit, handy_unit, symbol
 
 
 @pytest.mark.parametrize(

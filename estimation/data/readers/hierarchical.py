@@ -152,24 +152,14 @@ def _loaded(picked: Mapping[str, Column], load: Callable[[Any], NDArray[Any]]) -
     return values
 
 
-def _is_matlab(path: Path) -> bool:
-    return path.is_file() and path.suffix.lower() == ".mat" and not _is_hdf5(path)
-
-
-def _is_matlab73(path: Path) -> bool:
-    return path.is_file() and path.suffix.lower() == ".mat" and _is_hdf5(path)
+def _is_not_hdf5(path: Path) -> bool:
+    return not _is_hdf5(path)
 
 
 FORMATS = (
     FileFormat("HDF5", (".h5", ".hdf5", ".hdf"), read_hdf5, "h5py", "hdf5", may_crash=True),
     FileFormat(
-        "MATLAB v7.3",
-        (".mat",),
-        read_matlab73,
-        "h5py",
-        "mat73",
-        may_crash=True,
-        accepts=_is_matlab73,
+        "MATLAB v7.3", (".mat",), read_matlab73, "h5py", "mat73", may_crash=True, accepts=_is_hdf5
     ),
-    FileFormat("MATLAB up to v7", (".mat",), read_matlab, may_crash=True, accepts=_is_matlab),
+    FileFormat("MATLAB up to v7", (".mat",), read_matlab, may_crash=True, accepts=_is_not_hdf5),
 )

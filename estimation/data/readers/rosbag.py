@@ -25,7 +25,6 @@ _MESSAGE = "sensor_msgs/msg/JointState"
 _FIELDS = ("position", "velocity", "effort")
 _STAMP, _LOG_TIME = "header.stamp", "log_time"
 _NANOSECOND = 1e-9
-_EXTENSIONS = (".mcap", ".db3")
 
 
 def read(path: Path, section: DataSection) -> RawTable:
@@ -150,10 +149,8 @@ def _too_short(message: Any, number: int, path: Path) -> Problem:
     return Problem(text, path, key=f"message {number}")
 
 
-def _accepts(path: Path) -> bool:
-    if path.is_dir():
-        return (path / "metadata.yaml").is_file()
-    return path.suffix.lower() in _EXTENSIONS
-
-
-FORMATS = (FileFormat("rosbag2, MCAP", _EXTENSIONS, read, "rosbags", "ros", accepts=_accepts),)
+FORMATS = (
+    FileFormat(
+        "rosbag2, MCAP", (".mcap", ".db3"), read, "rosbags", "ros", folder_file="metadata.yaml"
+    ),
+)

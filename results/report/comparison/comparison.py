@@ -20,6 +20,7 @@ from results.figures.parameters import (
     compared_estimates_figure,
     compared_precision_figure,
 )
+from results.notation import counted
 from results.report.comparison.design_report import designs_report, precision_series
 from results.report.comparison.designs import ComparedDesign, DesignComparison
 from results.report.comparison.estimates import (
@@ -31,7 +32,6 @@ from results.report.comparison.sources import open_folders, sources_section
 from results.report.content import FigureBlock, Level, Page, StageReport, TextBlock, Verdict
 from results.report.folder import ReportedStage, RunFolder, embedded
 from results.report.latex import latex_table
-from results.report.numerals import counted
 from results.report.rendering import rendered
 from results.report.run_report import NAME
 from results.report.stages.estimate import NAMES

@@ -6,11 +6,11 @@ import numpy as np
 
 from constraints.arrays import Array
 from expdesign.experiment.sensitivity import LimitSensitivity
-from results.figures.parameters import ParameterSeries, Series
+from results.figures.parameters import ParameterSeries
+from results.notation import counted, duration, percent
 from results.report.comparison.designs import COUNTED, ComparedDesign, DesignComparison
 from results.report.content import Block, Fact, FigureBlock, Level, StageReport, TextBlock, Verdict
 from results.report.limit_gains import EXPLAINED, costliest_fact, gains_table
-from results.report.numerals import counted, duration, percent
 from results.report.table import Column, ReportTable, Value
 
 
@@ -186,10 +186,8 @@ def _precision_table(comparison: DesignComparison) -> ReportTable:
 def precision_series(comparison: DesignComparison) -> ParameterSeries:
     """Return what the figure of the precision is drawn from."""
     relative = _relative_std(comparison, comparison.experiment_samples)
-    return ParameterSeries(
-        comparison.designs[0].names,
-        tuple(Series(label, 100 * values) for label, values in relative.items()),
-    )
+    shown = {label: 100 * values for label, values in relative.items()}
+    return ParameterSeries(comparison.designs[0].names, shown)
 
 
 def _effort_table(comparison: DesignComparison) -> ReportTable:

@@ -14,7 +14,8 @@ from estimation.twin.record import Truth
 from estimation.uncertainty.differences import Differences, difference_test
 from expdesign.mechanism.catalogue import parameter_unit
 from expdesign.runfolder.manifest import file_hash
-from results.figures.parameters import ParameterSeries, Series
+from results.figures.parameters import ParameterSeries
+from results.notation import counted
 from results.report.content import (
     Block,
     Fact,
@@ -31,7 +32,6 @@ from results.report.findings import (
     information_test,
 )
 from results.report.folder import RunFolder
-from results.report.numerals import counted
 from results.report.stages.estimate import NAMES
 from results.report.table import Column, ReportTable
 
@@ -113,11 +113,10 @@ def estimates_series(found: tuple[ComparedEstimate, ...]) -> ParameterSeries:
     """Return what the figure of the estimates is drawn from."""
     names = common_parameters(found)
     first, std = _chosen(found[0], names)
-    series = []
-    for each in found:
-        values, own = _chosen(each, names)
-        series.append(Series(each.label, (values - first) / std, _TWO_SIDED * own / std))
-    return ParameterSeries(names, tuple(series))
+    chosen = {each.label: _chosen(each, names) for each in found}
+    deviations = {label: (values - first) / std for label, (values, _) in chosen.items()}
+    errors = {label: _TWO_SIDED * own / std for label, (_, own) in chosen.items()}
+    return ParameterSeries(names, deviations, errors)
 
 
 def not_independent(one: ComparedEstimate, other: ComparedEstimate) -> str:

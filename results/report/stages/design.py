@@ -9,6 +9,7 @@ from expdesign.experiment.result import IDENTIFIABLE
 from expdesign.experiment.sensitivity import LimitSensitivity
 from expdesign.information.criteria import CRITERIA
 from expdesign.recheck.judge import LimitCheck
+from results.notation import DisplayUnit, duration, handy_unit, percent, readable
 from results.report.content import (
     Block,
     Fact,
@@ -25,9 +26,7 @@ from results.report.limit_gains import (
     design_sensitivity,
     gains_table,
 )
-from results.report.numerals import duration, percent, readable
 from results.report.table import Column, ReportTable
-from results.units import DisplayUnit, handy_unit
 
 FIGURES = (
     "excitation",

@@ -11,6 +11,7 @@ from estimation.identification.estimate_file import EstimateFile
 from estimation.identification.record import EstimateRecord
 from estimation.twin.record import Truth
 from estimation.uncertainty import ParameterRow
+from results.notation import readable
 from results.report.content import (
     Block,
     Fact,
@@ -29,7 +30,6 @@ from results.report.findings import (
     verdict_level,
 )
 from results.report.folder import RunFolder
-from results.report.numerals import readable
 from results.report.stages.noise import FIGURES as NOISE_FIGURES
 from results.report.stages.noise import shows_noise
 from results.report.table import Column, ReportTable, Value

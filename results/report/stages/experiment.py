@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from estimation.twin.record import Truth
+from results.notation import readable
 from results.report.content import Fact, Facts, Level, StageReport, Verdict
 from results.report.folder import RunFolder
-from results.report.numerals import readable
 from results.report.table import Column, ReportTable
 
 

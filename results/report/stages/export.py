@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from constraints import limit_definitions
 from expdesign.export.record import ExportsRecord, FileEntry
 from expdesign.runfolder.manifest import file_hash
+from results.notation import counted, percent, readable
 from results.report.content import (
     Block,
     Fact,
@@ -18,7 +19,6 @@ from results.report.content import (
     Verdict,
 )
 from results.report.folder import RunFolder
-from results.report.numerals import counted, percent, readable
 from results.report.table import Column, ReportTable, text_columns
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from estimation.montecarlo.record import EstimatorKeys, MonteCarloRecord
+from results.notation import percent, readable
 from results.report.content import Block, Fact, Level, StageReport, Verdict
 from results.report.folder import RunFolder
-from results.report.numerals import percent, readable
 from results.report.stages.estimate import NAMES
 from results.report.table import Column, ReportTable
 

@@ -11,6 +11,7 @@ from estimation.diagnostics import Outcome
 from estimation.diagnostics.noise_record import NoiseFile, covariance_rows
 from estimation.diagnostics.noise_tests import Normality, Whiteness
 from estimation.identification.record import EstimateRecord
+from results.notation import readable
 from results.report.content import (
     Block,
     Fact,
@@ -22,7 +23,6 @@ from results.report.content import (
 )
 from results.report.findings import failures, findings_table
 from results.report.folder import RunFolder
-from results.report.numerals import readable
 from results.report.table import Column, ReportTable
 
 FIGURES = ("noise_distribution", "noise_quantiles", "noise_covariance")
