@@ -42,7 +42,7 @@ class FolderRecord:
     def fields_in(cls, folder: Path, number: int | None = None) -> dict[str, Any]:
         """Read the fields that are files; `number` as in `Table.numbered`."""
         names = {field.name for field in fields(cls)}  # type: ignore[arg-type]
-        found: dict[str, Any] = {name: file.read(folder) for name, file in cls._files().items()}
+        found: dict[str, Any] = {name: file.read(folder) for name, file in cls.files().items()}
         for name, table in cls.TABLES.items():
             if name in names:
                 found[name] = table.numbered(number).read(folder)
@@ -56,11 +56,12 @@ class FolderRecord:
     def write(self, folder: Path) -> list[Path]:
         """Write the files into a run folder; return them."""
         written = [path for table, rows in self.contents() for path in table.write(folder, rows)]
-        written += [getattr(self, name).write(folder) for name in self._files()]
+        written += [getattr(self, name).write(folder) for name in self.files()]
         return list(dict.fromkeys(written))
 
     @classmethod
-    def _files(cls) -> dict[str, type[JsonFile]]:
+    def files(cls) -> dict[str, type[JsonFile]]:
+        """Return the fields that are JSON files, with their types."""
         return {
             name: kind
             for name, kind in get_type_hints(cls).items()

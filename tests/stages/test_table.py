@@ -6,14 +6,29 @@ from fnmatch import fnmatch
 
 import pytest
 
+from estimation.diagnostics.noise_record import NoiseRecord
+from estimation.identification.record import EstimateRecord
+from estimation.montecarlo.record import MonteCarloRecord
+from estimation.studies.records import StudyRecord
+from estimation.validation.record import ValidationRecord
 from expdesign.cli import shown
 from expdesign.configuration import RunDescription, load_run
 from expdesign.configuration.run import STAGES as NAMED
+from expdesign.experiment import DesignRecord
 from expdesign.runfolder.manifest import Manifest
 from expdesign.stages.record import stage_inputs
 from expdesign.stages.report import reported_stages
 from expdesign.stages.table import STAGES, loaded, performed, stages_without_design
 from expdesign.stages.workspace import Workspace
+
+RECORDS = {
+    "design": DesignRecord,
+    "noise": NoiseRecord,
+    "montecarlo": MonteCarloRecord,
+    "estimate": EstimateRecord,
+    "validate": ValidationRecord,
+    "study": StudyRecord,
+}
 
 NEEDS = {"design", "recording", "estimate", "folder"}
 
@@ -48,6 +63,14 @@ def test_what_a_stage_names_is_there(name):
     assert parameter == "work"
     assert callable(getattr(shown, name))
     assert stage.reported_after in {"", *STAGES}
+
+
+@pytest.mark.parametrize("name", RECORDS)
+def test_a_stage_writes_what_its_record_holds(name):
+    stage, kind = STAGES[name], RECORDS[name]
+    assert [file.FILE for file in kind.files().values()] == [stage.record]
+    for table in kind.TABLES.values():
+        assert any(fnmatch(table.file, pattern) for pattern in stage.writes)
 
 
 def test_the_report_has_a_section_for_every_stage_but_its_own():
