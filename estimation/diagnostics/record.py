@@ -117,15 +117,10 @@ class ExperimentRecord(NoisePictures):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ExperimentDiagnosis(ExperimentRecord):
-    """Diagnostics of one experiment, with what stands in no file.
-
-    Attributes
-    ----------
-    pointwise : bool
-        Its motion was differentiated sample by sample: its error is in the residuals.
-    """
+    """Diagnostics of one experiment, with what stands in no file."""
 
     pointwise: bool
+    """Its motion was differentiated sample by sample: its error is in the residuals."""
     attribution: Attribution
 
 

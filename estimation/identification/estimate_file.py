@@ -56,12 +56,11 @@ class RecordingKeys:
         record, noise = summary.experiment.record, summary.experiment.noise
         fit = summary.experiment.fit
         free = fit is not None and fit.motion.free_frequency
-        return cls(
+        return copied(
+            cls,
+            record,
             source=summary.source,
-            rows=record.rows,
             dropped_rows=record.dropped,
-            samples=record.samples,
-            averaged=record.averaged,
             periods=float(record.periods),
             omega=float(record.omega if fit is None else fit.motion.omega),
             omega_std=float(np.sqrt(fit.covariance[-1, -1])) if fit and free else None,

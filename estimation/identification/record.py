@@ -96,7 +96,11 @@ class EstimatedMotion:
         )
 
 
-_MATRIX_KEYS = (Column("estimator", "", "ls, gm or ml"), Column("parameter", "", "name of the row"))
+def _matrix_table(name: str, unit: str) -> MatrixTable:
+    keys = (Column("estimator", "", "ls, gm or ml"), Column("parameter", "", "name of the row"))
+    entry = Column("<parameter>", unit, name)
+    return MatrixTable(f"tables/{name}.csv", _WRITTEN_BY, keys, entry)
+
 
 ESTIMATES = RowTable("estimates.csv", _WRITTEN_BY, ParameterRow)
 MOTION = ArrayTable("tables/estimated_motion.csv", _WRITTEN_BY, EstimatedMotion)
@@ -106,31 +110,13 @@ MOTION = ArrayTable("tables/estimated_motion.csv", _WRITTEN_BY, EstimatedMotion)
 class EstimateRecord(FolderRecord):
     """An estimate, from memory or from its run folder: what figures and reports are made from.
 
-    Attributes
-    ----------
-    summary : EstimateFile
-    rows : tuple of ParameterRow
-        Every parameter by every estimator.
-    experiments : tuple of ExperimentRecord
-        The diagnosis of every recording; empty without one, and of a folder whose version did
-        not keep its tables.
-    motions : dict of EstimatedMotion
-        By the recording's number, from 1; none after pointwise differentiation.
+    There are no experiments without a diagnosis, and in a folder whose version did not keep their
+    tables; and no motions, by the recording's number from 1, after pointwise differentiation.
     """
 
     TABLES: ClassVar = {
-        "correlations": MatrixTable(
-            "tables/correlation.csv",
-            _WRITTEN_BY,
-            _MATRIX_KEYS,
-            Column("<parameter>", "1", "correlation"),
-        ),
-        "covariances": MatrixTable(
-            "tables/covariance.csv",
-            _WRITTEN_BY,
-            _MATRIX_KEYS,
-            Column("<parameter>", "SI", "covariance"),
-        ),
+        "correlations": _matrix_table("correlation", "1"),
+        "covariances": _matrix_table("covariance", "SI"),
         "precision": RowTable("tables/precision.csv", _WRITTEN_BY, PrecisionRow),
         "noise": RowTable("tables/noise.csv", _WRITTEN_BY, NoiseRow),
     }

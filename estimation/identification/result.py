@@ -13,20 +13,14 @@ from expdesign.robot import Robot
 
 @dataclass(frozen=True, eq=False)
 class RecordSummary:
-    """One recording of the estimate.
-
-    Attributes
-    ----------
-    least_harmonics : int or None
-        The fewest that were tried; None when their number was given.
-    jitter : float
-        Of the time stamps, as a share of a step.
-    """
+    """One recording of the estimate."""
 
     source: str
     experiment: Experiment
     least_harmonics: int | None
+    """The fewest that were tried; None when their number was given."""
     jitter: float
+    """Of the time stamps, as a share of a step."""
     warnings: tuple[str, ...] = ()
 
     @property
@@ -38,19 +32,7 @@ class RecordSummary:
 
 @dataclass(frozen=True, eq=False)
 class EstimationResult:
-    """Parameters with honest error bars.
-
-    Attributes
-    ----------
-    records : tuple of RecordSummary
-        One per recording, in the order given.
-    rows : tuple of ParameterRow
-        The table of all estimators.
-    combinations : dict
-        By estimator, what is known of parameters that are not identified.
-    bound : (m, m)
-        Cramér–Rao bound as a covariance, at the best estimate.
-    """
+    """Parameters with honest error bars."""
 
     configuration: RunConfiguration
     robot: Robot
@@ -59,7 +41,9 @@ class EstimationResult:
     estimates: dict[str, ParameterEstimate]
     rows: tuple[ParameterRow, ...]
     combinations: dict[str, tuple[Combination, ...]]
+    """What is known of parameters that are not identified."""
     bound: Array | None
+    """(m, m) Cramér–Rao bound as a covariance, at the best estimate."""
     seconds: float
     warnings: tuple[str, ...]
 

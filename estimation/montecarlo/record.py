@@ -134,13 +134,7 @@ class StatisticsRow(ParameterStatistics, _Subject):
 
 @dataclass(frozen=True)
 class RepetitionTable(Table[Iterable[Repetition], None]):
-    """One row per repetition and estimator, those that failed included.
-
-    Attributes
-    ----------
-    parameters : tuple of str
-        Two columns each: the estimate, and its stated standard deviation.
-    """
+    """One row per repetition and estimator, those that failed included."""
 
     parameters: tuple[str, ...]
 
@@ -196,13 +190,7 @@ def repetition_table(parameters: Iterable[str]) -> RepetitionTable:
 class MonteCarloRecord(FolderRecord):
     """A study, from memory or from its run folder: what figures and reports are made from.
 
-    Attributes
-    ----------
-    summary : MonteCarloFile
-    rows : tuple of StatisticsRow
-        One per estimator and estimated parameter.
-    repetitions : tuple of Repetition
-        Empty when read from a folder.
+    The repetitions are not read again.
     """
 
     TABLES: ClassVar = {

@@ -61,18 +61,7 @@ def _percent(share: float) -> str:
 class DesignResult:
     """A designed trajectory with everything that is reported about it.
 
-    Attributes
-    ----------
-    trajectory : FourierTrajectory
-        The one that was checked.
-    samples : int
-        Samples of one period over which the information is counted.
-    samples_per_period : float
-        Controller steps per period; whole unless the frequency was fixed otherwise.
-    parameter_names : tuple of str
-        Parameters that were judged.
-    information : (k, k)
-        F of one period by the unsmoothed model with the full Σ, SI.
+    It is judged by the `parameter_names` and over the `samples` of one period.
     """
 
     configuration: RunConfiguration
@@ -80,8 +69,10 @@ class DesignResult:
     trajectory: FourierTrajectory
     samples: int
     samples_per_period: float
+    """Controller steps; whole unless the frequency was fixed otherwise."""
     parameter_names: tuple[str, ...]
     information: Array
+    """(k, k) F of one period by the unsmoothed model with the full Σ, SI."""
     log_det_information: float
     criterion_value: float
     per_period: PredictedPrecision

@@ -86,7 +86,7 @@ def _columns(record: type[Any], name: str, hint: Any) -> tuple[Column, ...]:
     return tuple(found)
 
 
-def copied(kind: type[Record], source: object, **others: Any) -> Record:
+def copied(kind: type[Record], source: object, /, **others: Any) -> Record:
     """Make a record of what `source` has under the names of its fields, and of `others`."""
     names = [field.name for field in fields(kind)]  # type: ignore[arg-type]
     return kind(**{n: getattr(source, n) for n in names if hasattr(source, n)} | others)
