@@ -22,18 +22,9 @@ _JSON = "--json"
 
 
 def run(app: typer.Typer, arguments: Sequence[str]) -> int:
-    """Run the command line.
+    """Run the command line with arguments, the program's name not among them; return 0, 1 or 2.
 
-    Parameters
-    ----------
-    app : typer.Typer
-    arguments : sequence of str
-        Without the name of the program.
-
-    Returns
-    -------
-    int
-        Exit status 0, 1 or 2. Problems are on standard error, with ``--json`` on standard output.
+    Problems are on standard error, with ``--json`` on standard output.
     """
     as_json = _JSON in arguments
     try:

@@ -96,10 +96,7 @@ class Placed(Generic[Value_co]):
 def document_from_mapping(mapping: Mapping[Any, Any]) -> Document:
     """Copy a mapping to plain data: tuples and arrays become lists, NumPy numbers Python's.
 
-    Raises
-    ------
-    InputError
-        If a key is no text, or the mapping contains itself or far too many values.
+    Refuse one with a key that is no text, that contains itself or far too many values.
     """
     copier = _Copier()
     data = copier.copy(mapping, (), 0)
@@ -148,17 +145,7 @@ class _Copier:
 
 
 def read_yaml(path: Path) -> Document:
-    """Read one YAML file whose top level is a mapping.
-
-    Parameters
-    ----------
-    path : Path
-        A file in UTF-8 of at most `LARGEST_FILE` bytes.
-
-    Returns
-    -------
-    Document
-        Its data and the line of every key.
+    """Read one YAML file in UTF-8, of at most `LARGEST_FILE` bytes, whose top level is a mapping.
 
     Raises
     ------
@@ -181,20 +168,9 @@ def read_yaml(path: Path) -> Document:
 
 
 def read_text(path: Path, largest: int, allowed: str) -> str:
-    """Return the text of a file in UTF-8.
+    """Return the text of a file in UTF-8 of at most so many bytes; refuse any other.
 
-    Parameters
-    ----------
-    path : Path
-    largest : int
-        Bytes that it may have.
-    allowed : str
-        What the file should hold, for messages.
-
-    Raises
-    ------
-    InputError
-        It is missing, a folder, too large, binary or not UTF-8.
+    `allowed` is what the file should hold, for messages.
     """
     try:
         with path.open("rb") as stream:

@@ -90,11 +90,9 @@ def resolve_noise(
 
     Returns
     -------
-    description : NoiseDescription or None
-        The merged section; None without sources.
-    noise : ResolvedNoise or None
-        None without sources or with problems.
-    problems : list of Problem
+    description, noise
+        The merged section and its covariances; None without sources or with problems.
+    problems
     """
     if not sources:
         return None, None, []

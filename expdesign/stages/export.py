@@ -31,7 +31,7 @@ from expdesign.motion.planning import executable_motion
 from expdesign.robot import robot_from
 from expdesign.runfolder.atomic import write_text
 from expdesign.runfolder.manifest import package_versions, text_hash
-from expdesign.stages.outcome import Outcome, Progress, short
+from expdesign.stages.outcome import Outcome, short
 from expdesign.stages.record import (
     added_to,
     clear_outdated,
@@ -60,9 +60,10 @@ def perform(work: Workspace) -> Outcome:
     before = ExportsRecord.known(target / RECORD)
     clear_outdated(NAME, work)
     own = {file_name(section) for section in sections}
-    files = _described_files(before, target, task, own, work.progress)
+    motion = MotionEntry.of(task)
+    files = _described_files(before, motion, own, work)
     places = target / RECORD, target / README
-    described = _describe(task, files, *places) if files else ()
+    described = _describe(ExportsRecord(motion, files), *places) if files else ()
     made = []
     for number, section in enumerate(sections, start=1):
         path = target / file_name(section)
@@ -70,12 +71,12 @@ def perform(work: Workspace) -> Outcome:
         # After each: when the next one fails, this one is not without its description, and
         # `expdesign export` does not replace it by one with the options of an earlier run.
         files[path.name] = FileEntry.of(made[-1])
-        described = _describe(task, files, *places)
+        described = _describe(ExportsRecord(motion, files), *places)
         keep_configuration(configuration, work.folder)
     return Outcome(
         result=made,
         files=(*(export.path for export in made), *described),
-        summary=_summary(task, made),
+        summary=_summary(motion, made),
     )
 
 
@@ -102,16 +103,16 @@ def export_one(section: ExportSection, work: Workspace, out: Path | None) -> Out
         work.progress.warn(warning)
     task = export_task(work)
     made = export_table(section, task, path)
-    entry = {path.name: FileEntry.of(made)}
+    motion, entry = MotionEntry.of(task), {path.name: FileEntry.of(made)}
     if in_folder:
         known = ExportsRecord.known(target / RECORD)
-        others = _described_files(known, target, task, {path.name}, work.progress)
+        others = _described_files(known, motion, {path.name}, work)
         places = target / RECORD, target / README
         with added_to(work.folder, places):
-            _describe(task, others | entry, *places)
+            _describe(ExportsRecord(motion, others | entry), *places)
     else:
-        _describe_beside(path, task, entry)
-    return Outcome(result=[made], files=(path,), summary=_summary(task, [made]))
+        _describe_beside(path, ExportsRecord(motion, entry))
+    return Outcome(result=[made], files=(path,), summary=_summary(motion, [made]))
 
 
 def _refuse_taken_name(path: Path, key: str) -> None:
@@ -179,59 +180,54 @@ def _known_motion(
 
 
 def _described_files(
-    before: ExportsRecord | None, folder: Path, task: Task, replaced: set[str], progress: Progress
+    before: ExportsRecord | None, motion: MotionEntry, replaced: set[str], work: Workspace
 ) -> dict[str, FileEntry]:
-    """Return what is known of the tables of this motion in a folder; warn of those of another.
+    """Return what is known of the folder's tables of this motion; warn of those of another.
 
     `before` is what exports.json says, or said before outdated files were removed. Of the tables
     that are `replaced` now, nothing is warned.
     """
     if before is None:
         return {}
+    folder = work.folder / FOLDER
     present = {name: entry for name, entry in before.files.items() if (folder / name).is_file()}
-    if before.motion == MotionEntry.of(task):
+    if before.motion == motion:
         return present
     if others := sorted(present.keys() - replaced):
-        progress.warn(
+        work.progress.warn(
             f"not of the motion that is exported now, and no longer in {README} and {RECORD}: "
             f"{', '.join(others)}"
         )
     return {}
 
 
-def _describe(
-    task: Task, files: dict[str, FileEntry], record: Path, guide: Path
-) -> tuple[Path, Path]:
-    """Write what tables are, for programs and for people; return both paths."""
-    return _written(ExportsRecord(MotionEntry.of(task), files), record, guide)
-
-
-def _describe_beside(path: Path, task: Task, files: dict[str, FileEntry]) -> None:
+def _describe_beside(path: Path, record: ExportsRecord) -> None:
     """Write the same of one table beside it, under names that tell whose they are.
 
     Where the table has replaced one of another run's `exports/`, what is said there of the old
     one goes.
     """
-    _describe(task, files, record_of_one(path), path.with_name(f"{path.name}.{README}"))
+    _describe(record, record_of_one(path), path.with_name(f"{path.name}.{README}"))
     shared, guide = path.with_name(RECORD), path.with_name(README)
     other = ExportsRecord.known(shared)
     if other is not None and path.name in other.files:
         rest = {name: entry for name, entry in other.files.items() if name != path.name}
         if rest:
-            _written(replace(other, files=rest), shared, guide)
+            _describe(replace(other, files=rest), shared, guide)
         else:
             shared.unlink()
             guide.unlink(missing_ok=True)
 
 
-def _written(record: ExportsRecord, path: Path, guide: Path) -> tuple[Path, Path]:
+def _describe(record: ExportsRecord, path: Path, guide: Path) -> tuple[Path, Path]:
+    """Write what tables are, for programs and for people; return both paths."""
     record.write_as(path)
     write_text(guide, readme(record))
     return path, guide
 
 
-def _summary(task: Task, made: list[Export]) -> dict[str, Any]:
-    record = ExportsRecord(MotionEntry.of(task), {str(one.path): FileEntry.of(one) for one in made})
+def _summary(motion: MotionEntry, made: list[Export]) -> dict[str, Any]:
+    record = ExportsRecord(motion, {str(one.path): FileEntry.of(one) for one in made})
     data = record.as_data()
     data["motion"].pop("ways")
     return data
