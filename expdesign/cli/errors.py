@@ -11,7 +11,6 @@ import typer
 from rich.text import Text
 
 from expdesign.cli.output import messages, write_json
-from expdesign.stages.outcome import short
 
 if TYPE_CHECKING:
     from expdesign.configuration import Problem
@@ -61,8 +60,13 @@ def _status_of(error: BaseException, as_json: bool) -> int | None:
 
 def _bad_input(problems: Iterable[Problem], as_json: bool) -> int:
     if as_json:
-        write_json({"status": BAD_INPUT, "problems": [_as_data(p) for p in problems]})
+        data = [
+            asdict(problem) | {"file": problem.file and str(problem.file)} for problem in problems
+        ]
+        write_json({"status": BAD_INPUT, "problems": data})
         return BAD_INPUT
+    from expdesign.stages.outcome import short
+
     console = messages()
     for problem in problems:
         place = replace(problem, file=problem.file and Path(short(problem.file))).place
@@ -81,7 +85,3 @@ def _failed(message: str, as_json: bool, details: dict[str, Any] | None = None) 
     else:
         messages().print(Text.assemble(("failed: ", "bold red"), message))
     return FAILED
-
-
-def _as_data(problem: Problem) -> dict[str, Any]:
-    return asdict(problem) | {"file": problem.file and str(problem.file)}
