@@ -12,7 +12,7 @@ from constraints.arrays import Array
 from estimation.diagnostics.attribution import Attribution, attribute
 from estimation.diagnostics.channel_test import LACK_OF_FIT, NOISE
 from estimation.diagnostics.column_test import DelayTest
-from estimation.diagnostics.finding import Outcome, Status, Verdict, of_experiment
+from estimation.diagnostics.finding import Outcome, Status, Verdict
 from estimation.diagnostics.findings import experiment_findings
 from estimation.diagnostics.joint_system import joint_systems
 from estimation.diagnostics.lack_of_fit import chi_square, lack_of_fit
@@ -44,7 +44,7 @@ from expdesign.robot import Robot
 def verdict(experiments: Sequence[ExperimentDiagnosis]) -> Verdict:
     """Judge an estimate by the diagnostics of its experiments."""
     findings = tuple(
-        of_experiment(finding, number) if len(experiments) > 1 else finding
+        finding.of_experiment(number) if len(experiments) > 1 else finding
         for number, experiment in enumerate(experiments, 1)
         for finding in experiment_findings(experiment)
     )

@@ -44,6 +44,12 @@ class Finding:
         """Whether the assumption fails."""
         return self.outcome is Outcome.FAILS
 
+    def of_experiment(self, number: int) -> Finding:
+        """Return the finding with the number of its experiment in its words."""
+        prefix = f"experiment {number}: "
+        contradiction = self.contradiction and prefix + self.contradiction
+        return replace(self, sentence=prefix + self.sentence, contradiction=contradiction)
+
 
 @dataclass(frozen=True)
 class Assumption:
@@ -71,13 +77,6 @@ class Assumption:
         return Finding(
             self.text, Outcome.FAILS, sentence, advice, self.serious, contradiction, p, level
         )
-
-
-def of_experiment(finding: Finding, number: int) -> Finding:
-    """Return the finding with the number of its experiment in its words."""
-    prefix = f"experiment {number}: "
-    contradiction = prefix + finding.contradiction if finding.contradiction else ""
-    return replace(finding, sentence=prefix + finding.sentence, contradiction=contradiction)
 
 
 class Status(StrEnum):

@@ -62,32 +62,21 @@ def chi_square(residuals: Array, counts: Array, law: ResidualLaw) -> ChiSquare:
     inverse = np.asarray(np.linalg.inv(law.noise.covariance), dtype=np.float64)
     value = float(np.einsum("r,ri,ij,rj->", counts, residuals, inverse, residuals))
     freedom = _expectation(law, inverse)
+    ratio, upper, lower, refused = value / freedom, np.nan, np.nan, ""
     if law.noise.includes_model_error:
-        return ChiSquare(
-            value,
-            freedom,
-            value / freedom,
-            np.nan,
-            np.nan,
-            "the noise comes from these residuals: their χ² says nothing",
-        )
-    if not np.isfinite(law.noise.freedom):
+        refused = "the noise comes from these residuals: their χ² says nothing"
+    elif not np.isfinite(law.noise.freedom):
         upper, lower = stats.chi2.sf(value, freedom), stats.chi2.cdf(value, freedom)
-        return ChiSquare(value, freedom, value / freedom, float(upper), float(lower))
-    p, h, nu = channels, freedom / channels, law.noise.freedom
-    big = (nu + h - p - 1) * (nu - 1) / ((nu - p - 3) * (nu - p))
-    a = p * h
-    b = 4 + (a + 2) / (big - 1)
-    c = a * (b - 2) / (b * (nu - p - 1))
-    f = value / nu / c
-    expected = nu * p * h / (nu - p - 1)
-    return ChiSquare(
-        value,
-        freedom,
-        value / expected,
-        float(stats.f.sf(f, a, b)),
-        float(stats.f.cdf(f, a, b)),
-    )
+    else:
+        p, h, nu = channels, freedom / channels, law.noise.freedom
+        big = (nu + h - p - 1) * (nu - 1) / ((nu - p - 3) * (nu - p))
+        a = p * h
+        b = 4 + (a + 2) / (big - 1)
+        c = a * (b - 2) / (b * (nu - p - 1))
+        f = value / nu / c
+        ratio = value / (nu * p * h / (nu - p - 1))
+        upper, lower = stats.f.sf(f, a, b), stats.f.cdf(f, a, b)
+    return ChiSquare(value, freedom, ratio, float(upper), float(lower), refused)
 
 
 def _expectation(law: ResidualLaw, inverse: Array) -> float:

@@ -38,16 +38,12 @@ class PitchScan:
 
     Attributes
     ----------
-    strut : int
-        From 0.
-    pitches : (P,)
-        m, descending; empty when the strut moves too little or too fast for any.
-    statistic : (P,)
-        With two degrees of freedom each.
-    best_pitch : float
-        Where it is largest, refined between the points of the scan; NaN for an empty scan.
-    best : float
-        Its largest value.
+    pitches, statistic : (P,)
+        m, descending, and the statistic of each, with two degrees of freedom; empty when the strut
+        moves too little or too fast for any.
+    best_pitch, best : float
+        Where it is largest, refined between the points of the scan, and its value there; NaN and 0
+        for an empty scan.
     log_p : float
         Logarithm of the probability of one so large, over all pitches of this strut.
     critical : float
@@ -124,12 +120,7 @@ def scan_pitches(
 def log_exceedance(statistic: float, reach: float, freedom: float) -> float:
     """Return the logarithm of the bound on P(largest statistic of one strut > statistic).
 
-    Parameters
-    ----------
-    reach : float
-        ∫ √λ₂ df over the scan.
-    freedom : float
-        Behind Σ.
+    `reach` is ∫ √λ₂ df over the scan, `freedom` that behind Σ.
     """
     log_p = float(log_pair_tail(np.array(statistic), freedom))
     return min(0.0, log_p + float(np.log1p(np.sqrt(statistic / (2 * np.pi)) * reach)))

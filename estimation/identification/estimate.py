@@ -221,16 +221,14 @@ def _warnings(
         if dropped:
             found.append(f"{where}{dropped} rows of incomplete periods were left out")
         noise = record.experiment.noise
-        if noise.forces.includes_model_error:
-            found.append(
-                f"{where}too few periods to tell noise from model error, and none is given: Σ "
-                "comes from the residuals and includes the model's error"
+        found += [
+            f"{where}too few periods to tell noise from model error, and none is given: {source}"
+            for own, source in (
+                (noise.forces, "Σ comes from the residuals and includes the model's error"),
+                (noise.lengths, "Δ comes from what the fitted motion leaves of the lengths"),
             )
-        if noise.lengths.includes_model_error:
-            found.append(
-                f"{where}too few periods to tell noise from model error, and none is given: Δ "
-                "comes from what the fitted motion leaves of the lengths"
-            )
+            if own.includes_model_error
+        ]
         found += [where + warning for warning in record.warnings]
         if record.experiment.fit is None:
             found.append(

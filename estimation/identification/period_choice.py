@@ -13,6 +13,7 @@ from estimation.processing import Record
 from estimation.processing.period import (
     PeriodError,
     PeriodSource,
+    changes_after,
     omega_from_column,
     omega_from_data,
     refined_omega,
@@ -79,13 +80,9 @@ def choose_omega(
 def _refuse_other_period(data: Measurement, omega: float, source: PeriodSource) -> None:
     """Refuse a period with which the lengths do not repeat."""
     period = 2 * np.pi / omega
-    later = data.time + period
-    inside = later <= data.time[-1]
-    if np.count_nonzero(inside) < max(2, 0.1 * period / data.step):
+    difference = changes_after(data, period)
+    if len(difference) < max(2, 0.1 * period / data.step):
         return
-    columns = data.lengths.T
-    shifted = np.stack([np.interp(later[inside], data.time, column) for column in columns], axis=1)
-    difference = shifted - data.lengths[inside]
     # Quantiles: outliers are no evidence against a period, and a machine may rest for most of it.
     off = np.quantile(np.abs(difference - np.median(difference, axis=0)), _MOST, axis=0)
     moving = np.quantile(np.abs(data.lengths - np.median(data.lengths, axis=0)), _MOST, axis=0)

@@ -112,25 +112,27 @@ def _fundamental(data: Measurement, omega: float) -> float:
     A second harmonic much larger than the first makes halves of a period look alike.
     """
     period = 2 * np.pi / omega
-    shares = {1: _change_after(data, period)}
+
+    def change(later: float) -> float:
+        """Return the mean square of the change, drift left out."""
+        return float(np.mean(np.var(changes_after(data, later), axis=0)))
+
+    shares = {1: change(period)}
     for count in _MULTIPLES:
         if count * period * _FEWEST_PERIODS <= data.time[-1] - data.time[0]:
-            shares[count] = _change_after(data, count * period)
+            shares[count] = change(count * period)
     best = min(shares, key=shares.__getitem__)
     if best == 1 or shares[1] < _MUCH_BETTER * shares[best]:
         return omega
     return refined_omega(data, omega / best)
 
 
-def _change_after(data: Measurement, period: float) -> float:
-    """Return the mean square of how much the lengths change over a period, drift left out."""
+def changes_after(data: Measurement, period: float) -> Array:
+    """Return how much the lengths change over a period, s, from every row that has a later one."""
     later = data.time + period
     inside = later <= data.time[-1]
-    shifted = np.stack(
-        [np.interp(later[inside], data.time, column) for column in data.lengths.T], axis=1
-    )
-    change = shifted - data.lengths[inside]
-    return float(np.mean((change - change.mean(axis=0)) ** 2))
+    columns = [np.interp(later[inside], data.time, column) for column in data.lengths.T]
+    return np.stack(columns, axis=1) - data.lengths[inside]
 
 
 def refined_omega(data: Measurement, omega: float, spread: float | None = None) -> float:

@@ -46,7 +46,8 @@ def benchmark_motion(motion: ValidationMotion, home: Array, step: float) -> Four
         raise ValueError(f"the motion '{motion.motion}' is recorded, not computed")
     unit = makers[motion.motion](motion, home)
     # Built for ω = 1 rad/s: speed grows with ω.
-    fastest = _largest_speed(unit)
+    rates = unit.sample(unit.sample_times(_SPLINE_POINTS)).rate
+    fastest = float(np.max(np.linalg.norm(rates[:, :3], axis=1)))
     if not fastest > 0:
         raise ValueError("its poses do not move the TCP: no speed can be kept")
     omega, _ = controller_omega(motion.speed / fastest, (_SLOWEST, _FASTEST), step)
@@ -97,8 +98,3 @@ def _spline(motion: ValidationMotion, _home: Array) -> FourierTrajectory:
     return FourierTrajectory.from_displacements(
         1.0, table[:, 0], table[:, 1 : harmonics + 1], table[:, harmonics + 1 :]
     )
-
-
-def _largest_speed(trajectory: FourierTrajectory) -> float:
-    times = trajectory.sample_times(_SPLINE_POINTS)
-    return float(np.max(np.linalg.norm(trajectory.sample(times).rate[:, :3], axis=1)))

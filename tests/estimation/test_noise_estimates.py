@@ -39,7 +39,7 @@ def test_an_outlier_hardly_touches_robust_means_and_covariances():
     reference = make_record(clean, motion.omega, PeriodSource.DESIGN)
 
     def off(record):
-        return np.sqrt(np.mean((record.forces.values - reference.forces) ** 2))
+        return np.sqrt(np.mean((record.forces.values - reference.forces.values) ** 2))
 
     assert off(robust) < 0.1 * off(plain)
     ratio = np.diag(robust.forces.scatter.covariance) / np.diag(NOISE.force_covariance)
