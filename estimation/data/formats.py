@@ -31,38 +31,27 @@ _COMMAND = f"from {__name__} import serve; serve()"
 
 @dataclass(frozen=True)
 class FileFormat:
-    """A format that measurements come in, declared in :mod:`estimation.data.readers`.
-
-    Attributes
-    ----------
-    title : str
-        For messages and the documentation.
-    extensions : tuple of str
-        Lower case, with the dot.
-    read : callable
-        ``read(path, section)``: lists the columns of the file, has
-        :func:`estimation.data.columns.pick` choose, and loads those. An `InputError` says
-        what is wrong; any other exception counts as a damaged file.
-    library, extra : str or None
-        The optional library that it needs, and by what to install it: ``pip install
-        expdesign[extra]``.
-    may_crash : bool
-        True for a library that can end the process on damaged files: it is read in another one,
-        to which the functions go by their names.
-    accepts : callable or None
-        ``accepts(path)``, for formats that share an extension.
-    folder_file : str
-        The file by which a folder is of this format; without one no folder is.
-    """
+    """A format that measurements come in, declared in :mod:`estimation.data.readers`."""
 
     title: str
+    """For messages and the documentation."""
     extensions: tuple[str, ...]
+    """Lower case, with the dot."""
     read: Callable[[Path, DataSection], RawTable]
+    """``read(path, section)``: lists the columns of the file, has
+    :func:`estimation.data.columns.pick` choose, and loads those. An `InputError` says what is
+    wrong; any other exception counts as a damaged file."""
     library: str | None = None
     extra: str | None = None
+    """The optional library that it needs, and by what to install it: ``pip install
+    expdesign[extra]``."""
     may_crash: bool = False
+    """True for a library that can end the process on damaged files: it is read in another one, to
+    which the functions go by their names."""
     accepts: Callable[[Path], bool] | None = None
+    """``accepts(path)``, for formats that share an extension."""
     folder_file: str = ""
+    """The file by which a folder is of this format; without one no folder is."""
 
     def claims(self, path: Path) -> bool:
         """Tell whether a file or folder that exists is of this format."""

@@ -13,43 +13,30 @@ from expdesign.mechanism.hexapod import ACTUATORS
 
 @dataclass(frozen=True, eq=False)
 class Measurement:
-    """Strut lengths and actuator forces over time.
-
-    Attributes
-    ----------
-    time : (T,)
-        Time stamps, s, strictly increasing. Uniform recordings hold the fitted grid, stamped
-        ones the stamps as they were.
-    lengths : (T, 6)
-        q1…q6, m.
-    forces : (T, 6)
-        Q1…Q6, N, positive when they extend.
-    step : float
-        Time between two samples, s (the mean one when stamped).
-    stamped : bool
-        True when the stamps jitter and are to be used as they are.
-    period : (T,) or None
-        Number of the period that each row belongs to, when the file has that column.
-    length_delay, force_delay : float
-        By how much the channels lag behind the time stamps, s: a length recorded at t is the one
-        at t − length_delay.
-    jitter : float
-        Largest deviation of the stamps from the uniform grid, as a share of a step.
-    warnings : tuple of str
-        What a user should know about how it was read.
-    """
+    """Strut lengths and actuator forces over time."""
 
     time: Array
+    """(T,), time stamps, s, strictly increasing. Uniform recordings hold the fitted grid, stamped
+    ones the stamps as they were."""
     lengths: Array
+    """(T, 6), q1…q6, m."""
     forces: Array
+    """(T, 6), Q1…Q6, N, positive when they extend."""
     step: float
+    """Time between two samples, s (the mean one when stamped)."""
     stamped: bool = False
+    """True when the stamps jitter and are to be used as they are."""
     period: NDArray[np.int64] | None = None
+    """(T,), number of the period that each row belongs to, when the file has that column."""
     length_delay: float = 0.0
     force_delay: float = 0.0
+    """By how much the channels lag behind the time stamps, s: a length recorded at t is the
+    one at t − length_delay."""
     jitter: float = 0.0
+    """Largest deviation of the stamps from the uniform grid, as a share of a step."""
     source: str = ""
     warnings: tuple[str, ...] = ()
+    """What a user should know about how it was read."""
 
     def __post_init__(self) -> None:
         """Refuse shapes that do not fit together."""

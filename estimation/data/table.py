@@ -27,32 +27,22 @@ MOST_PROBLEMS = 5
 
 @dataclass(frozen=True, eq=False)
 class RawTable:
-    """Columns of a file by channel.
-
-    Attributes
-    ----------
-    values : mapping of str to (T,)
-        Channel → numbers in the file's unit; NaN where there is no number.
-    columns : mapping of str to Column
-        Channel → what the file calls the column, and its unit.
-    row_noun : {"line", "sample", "message"}
-        What the rows are to the user. Lines are those of an editor, the header being line 1;
-        samples and messages count from one.
-    first_row : int
-        Number of the first row.
-    rows : (T,) or None
-        Numbers of the rows where they do not follow each other.
-    texts : mapping of (str, int) to str
-        (channel, row from zero) → what stands in a cell that is no finite number.
-    """
+    """Columns of a file by channel."""
 
     file: Path
     values: Mapping[str, Array]
+    """Channel → (T,), numbers in the file's unit; NaN where there is no number."""
     columns: Mapping[str, Column]
+    """Channel → what the file calls the column, and its unit."""
     row_noun: RowNoun = "sample"
+    """What the rows are to the user. Lines are those of an editor, the header being line 1; samples
+    and messages count from one."""
     first_row: int = 1
+    """Number of the first row."""
     rows: NDArray[np.int64] | None = None
+    """(T,), numbers of the rows where they do not follow each other."""
     texts: Mapping[tuple[str, int], str] = field(default_factory=dict)
+    """(channel, row from zero) → what stands in a cell that is no finite number."""
 
     def __len__(self) -> int:
         """Return the number of rows T."""

@@ -57,47 +57,31 @@ class Effect:
 
 @dataclass(frozen=True, eq=False)
 class EffectTests:
-    """The search for effects in the residuals of one experiment, with some taken as known.
-
-    Attributes
-    ----------
-    solved : SolvedSystem
-        The fit with these effects among its unknowns.
-    scans : tuple of PitchScan
-        Of the six struts.
-    families : mapping
-        The test of every family of columns, by its kind.
-    """
+    """The search for effects in the residuals of one experiment, with some taken as known."""
 
     solved: SolvedSystem
+    """The fit with these effects among its unknowns."""
     scans: tuple[PitchScan, ...]
+    """Of the six struts."""
     families: Mapping[str, ColumnTest]
+    """The test of every family of columns, by its kind."""
 
 
 @dataclass(frozen=True, eq=False)
 class Attribution:
-    """All tests of effects.
-
-    Attributes
-    ----------
-    causes : tuple of Cause
-        The families of columns that were tested.
-    effects : tuple of Effect
-        What was selected, most significant first.
-    first, last : EffectTests
-        Before any effect is taken as known, and with all of them.
-    best_forces : tuple of PeriodicForce or None
-        The best-fitting position-periodic force of every strut, significant or not.
-    periodic_level : float
-        Of all scans together.
-    """
+    """All tests of effects."""
 
     causes: tuple[Cause, ...]
+    """The families of columns that were tested."""
     effects: tuple[Effect, ...]
+    """What was selected, most significant first."""
     first: EffectTests
     last: EffectTests
+    """Before any effect is taken as known, and with all of them."""
     best_forces: tuple[PeriodicForce | None, ...]
+    """The best-fitting position-periodic force of every strut, significant or not."""
     periodic_level: float
+    """Of all scans together."""
 
 
 @dataclass(frozen=True, eq=False)

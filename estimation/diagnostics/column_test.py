@@ -38,43 +38,30 @@ Label = tuple[str, int | None]
 
 @dataclass(frozen=True, eq=False)
 class Cause:
-    """A family of candidate causes that are tested alike and named in the same words.
-
-    Attributes
-    ----------
-    kind : str
-        Of the effects that are found.
-    columns : (R, 6, q)
-        N per unit of the effect.
-    assumption : Assumption
-        That there is no such effect.
-    words : str
-        What such an effect is, in the advice on a bias.
-    present, absent : str
-        The sentences when effects were found and when none was; the latter is a format of `p`,
-        `value` and `std` of the most significant column.
-    untested : str
-        Why there is no test when no column is left.
-    scale : float
-        From SI to the unit shown.
-    number : str
-        Format of a value.
-    unit : callable
-        From the parameter to the unit shown.
-    """
+    """A family of candidate causes that are tested alike and named in the same words."""
 
     kind: str
+    """Of the effects that are found."""
     labels: tuple[Label, ...]
     columns: Array
+    """(R, 6, q), N per unit of the effect."""
     level: float
     assumption: Assumption
+    """That there is no such effect."""
     words: str
+    """What such an effect is, in the advice on a bias."""
     present: str
     absent: str
+    """The sentences when effects were found and when none was; the latter is a format of `p`,
+    `value` and `std` of the most significant column."""
     untested: str
+    """Why there is no test when no column is left."""
     scale: float = 1.0
+    """From SI to the unit shown."""
     number: str = "+.3g"
+    """Format of a value."""
     unit: Callable[[str], str] = parameter_unit
+    """From the parameter to the unit shown."""
 
 
 @dataclass(frozen=True)

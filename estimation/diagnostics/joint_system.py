@@ -29,30 +29,21 @@ _DETERMINED = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class JointSystem:
-    """Whitened rows of one experiment, with what is known of the unknowns from elsewhere.
-
-    Attributes
-    ----------
-    white : (6, 6)
-        S: S Σ Sᵀ = 1.
-    counts : (R,)
-        Samples that each row is the mean of.
-    forces, columns : (R, 6), (R, 6, u)
-        Whitened: residuals before the step; columns of the unknowns (free parameters, motion,
-        effects that were included).
-    information, gradient : (u, u), (u,)
-        Of the unknowns from the lengths, from other experiments and from priors.
-    freedom : float
-        Degrees of freedom behind Σ; inf when it was given.
-    """
+    """Whitened rows of one experiment, with what is known of the unknowns from elsewhere."""
 
     white: Array
+    """(6, 6), S: S Σ Sᵀ = 1."""
     counts: Array
+    """(R,), samples that each row is the mean of."""
     forces: Array
     columns: Array
+    """(R, 6) and (R, 6, u), whitened: residuals before the step; columns of the unknowns (free parameters,
+    motion, effects that were included)."""
     information: Array
     gradient: Array
+    """(u, u) and (u,), of the unknowns from the lengths, from other experiments and from priors."""
     freedom: float
+    """Degrees of freedom behind Σ; inf when it was given."""
 
     @cached_property
     def solved(self) -> SolvedSystem:
@@ -85,20 +76,14 @@ class JointSystem:
 
 @dataclass(frozen=True, eq=False)
 class SolvedSystem:
-    """A system after its step.
-
-    Attributes
-    ----------
-    inverse, root : (u, u), (u, r)
-        J⁻¹ = root rootᵀ.
-    rest : (R, 6)
-        Whitened e*.
-    """
+    """A system after its step."""
 
     system: JointSystem
     inverse: Array
     root: Array
+    """(u, u) and (u, r), J⁻¹ = root rootᵀ."""
     rest: Array
+    """(R, 6), whitened e*."""
 
     def scores(self, columns: Array) -> tuple[Array, Array, Array]:
         """Return scores, information and zᵀ W z, (q,), of columns, (R, 6, q), one by one."""

@@ -39,21 +39,14 @@ _UNSURE = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class PhaseCells:
-    """Which cell every row belongs to.
-
-    Attributes
-    ----------
-    index : (T,) of int or None
-        Cell of each row; None: every row is its own cell (averaged records).
-    weights : (T,)
-        How many samples (or how much weight) each row stands for.
-    totals : (R,)
-        Weight of each cell.
-    """
+    """Which cell every row belongs to."""
 
     index: NDArray[np.intp] | None
+    """(T,), cell of each row; None: every row is its own cell (averaged records)."""
     weights: Array
+    """(T,), how many samples (or how much weight) each row stands for."""
     totals: Array
+    """(R,), weight of each cell."""
 
     @classmethod
     def rows(cls, weights: Array) -> PhaseCells:
@@ -92,57 +85,39 @@ class PhaseCells:
 
 @dataclass(frozen=True, eq=False)
 class Linearisation:
-    """Residuals and columns of one experiment, one row per phase.
-
-    Attributes
-    ----------
-    times : (R,)
-        Of the rows, s.
-    counts : (R,)
-        Samples that each row is the mean of.
-    forces : (R, 6)
-        Measured minus predicted, N: means over the periods.
-    regressors : (R, 6, m)
-        A, all parameters.
-    motion_columns : (R, 6, x)
-        G; x = 0 after pointwise kinematics.
-    delay_column : (R, 6) or None
-        Change of the predicted force per second that the force channel lags, N/s.
-    free : (m,) of bool
-        Parameters that were estimated.
-    sign_variance : (R, 6)
-        Variance of the predicted force that the unknown signs of dry friction make, N².
-    lengths : (R', 6) or None
-        Measured minus predicted, m; None after pointwise kinematics.
-    length_counts : (R',)
-    length_columns : (R', 6, x)
-        L.
-    force_scatter : NoiseEstimate or None
-        Of one sample about the means, from repetition alone.
-    position, speed : (R, 6)
-        Strut lengths and rates along the motion, m and m/s.
-    force_rows : (T, 6)
-        Residuals of the record's single rows, N.
-    length_rows : (T, 6) or None
-        Likewise, m.
-    """
+    """Residuals and columns of one experiment, one row per phase."""
 
     times: Array
+    """(R,), of the rows, s."""
     counts: Array
+    """(R,), samples that each row is the mean of."""
     forces: Array
+    """(R, 6), measured minus predicted, N: means over the periods."""
     regressors: Array
+    """(R, 6, m), A, all parameters."""
     motion_columns: Array
+    """(R, 6, x), G; x = 0 after pointwise kinematics."""
     delay_column: Array | None
+    """(R, 6), change of the predicted force per second that the force channel lags, N/s."""
     free: NDArray[np.bool_]
+    """(m,), parameters that were estimated."""
     sign_variance: Array
+    """(R, 6), variance of the predicted force that the unknown signs of dry friction make, N²."""
     lengths: Array | None
+    """(R', 6), measured minus predicted, m; None after pointwise kinematics."""
     length_counts: Array
+    """(R',)."""
     length_columns: Array
+    """(R', 6, x), L."""
     force_scatter: NoiseEstimate | None
+    """Of one sample about the means, from repetition alone."""
     position: Array
     speed: Array
+    """(R, 6), strut lengths and rates along the motion, m and m/s."""
     force_rows: Array
+    """(T, 6), residuals of the record's single rows, N."""
     length_rows: Array | None
+    """(T, 6), likewise, m."""
 
     @property
     def columns(self) -> Array:

@@ -34,29 +34,21 @@ _SEEN = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class PitchScan:
-    """What was found in one strut.
-
-    Attributes
-    ----------
-    pitches, statistic : (P,)
-        m, descending, and the statistic of each, with two degrees of freedom; empty when the strut
-        moves too little or too fast for any.
-    best_pitch, best : float
-        Where it is largest, refined between the points of the scan, and its value there; NaN and 0
-        for an empty scan.
-    log_p : float
-        Logarithm of the probability of one so large, over all pitches of this strut.
-    critical : float
-        What the statistic must exceed to be significant over all struts and pitches.
-    """
+    """What was found in one strut."""
 
     strut: int
     pitches: Array
     statistic: Array
+    """(P,), m, descending, and the statistic of each, with two degrees of freedom; empty when
+    the strut moves too little or too fast for any."""
     best_pitch: float
     best: float
+    """Where it is largest, refined between the points of the scan, and its value there; NaN
+    and 0 for an empty scan."""
     log_p: float
+    """Logarithm of the probability of one so large, over all pitches of this strut."""
     critical: float
+    """What the statistic must exceed to be significant over all struts and pitches."""
 
 
 @dataclass(frozen=True)

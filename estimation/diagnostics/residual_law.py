@@ -29,24 +29,17 @@ from estimation.processing import NoiseEstimate
 
 @dataclass(frozen=True, eq=False)
 class ResidualLaw:
-    """First-order covariance of the residuals of all channels.
-
-    Attributes
-    ----------
-    columns, partner : (R, 6, u)
-        U and V, times the roots of the counts.
-    cross, covariance : (u, u)
-        X and C.
-    extra : (R, 6)
-        Further variances, times the counts.
-    """
+    """First-order covariance of the residuals of all channels."""
 
     noise: NoiseEstimate
     columns: Array
     partner: Array
+    """(R, 6, u), U and V, times the roots of the counts."""
     cross: Array
     covariance: Array
+    """(u, u), X and C."""
     extra: Array
+    """(R, 6), further variances, times the counts."""
 
     def weights(self, channel: int) -> Array:
         """Return the eigenvalues of B = Cov(e_j) / σ_j², (R,): variances of independent parts.

@@ -17,23 +17,16 @@ from expdesign.robot import Robot
 
 @dataclass(frozen=True, eq=False)
 class Experiment:
-    """Measured forces with the motion that was estimated from the lengths.
-
-    Attributes
-    ----------
-    fit : MotionFit or None
-        None after pointwise differentiation.
-    spread : (S, s) or None
-        Standard deviations of the rates of friction at the force samples.
-    fitted_regressors : (R, 6, m)
-        A at the samples, along the motion that was estimated from the lengths.
-    """
+    """Measured forces with the motion that was estimated from the lengths."""
 
     record: Record
     noise: NoiseModel
     fit: MotionFit | None
+    """None after pointwise differentiation."""
     spread: Array | None
+    """(S, s), standard deviations of the rates of friction at the force samples."""
     fitted_regressors: Array
+    """(R, 6, m), A at the samples, along the motion that was estimated from the lengths."""
     pointwise: PointwiseMotion | None = None
 
     @classmethod

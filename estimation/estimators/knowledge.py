@@ -41,31 +41,22 @@ class UnidentifiableError(ComputationError):
 
 @dataclass(frozen=True, eq=False)
 class Knowledge:
-    """Constraints and priors on the m parameters, SI.
-
-    Attributes
-    ----------
-    nominal : (m,)
-        A-priori values of the robot file, shown beside the estimates.
-    free : (m,) of bool
-        False: fixed at `start`.
-    start : (m,)
-        Values to begin from; those of the fixed parameters are kept.
-    prior_mean : (m,)
-    prior_precision : (m,)
-        1/std²; 0 without a prior.
-    lower, upper : (m,)
-        Bounds; ±inf where there is none.
-    """
+    """Constraints and priors on the m parameters, SI."""
 
     names: tuple[str, ...]
     nominal: Array
+    """(m,), a-priori values of the robot file, shown beside the estimates."""
     free: NDArray[np.bool_]
+    """(m,), false: fixed at `start`."""
     start: Array
+    """(m,), values to begin from; those of the fixed parameters are kept."""
     prior_mean: Array
+    """(m,)."""
     prior_precision: Array
+    """(m,), 1/std²; 0 without a prior."""
     lower: Array
     upper: Array
+    """(m,), bounds; ±inf where there is none."""
 
     @classmethod
     def of(cls, robot: Robot, section: EstimateSection) -> Knowledge:

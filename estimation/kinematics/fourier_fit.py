@@ -46,19 +46,13 @@ class MotionFitError(ComputationError):
 
 @dataclass(frozen=True, eq=False)
 class MotionFit:
-    """A motion fitted to measured lengths.
-
-    Attributes
-    ----------
-    covariance : (x, x)
-        Of ξ.
-    residuals : (S, 6)
-        Measured minus fitted lengths, m.
-    """
+    """A motion fitted to measured lengths."""
 
     motion: HarmonicMotion
     covariance: Array
+    """(x, x), of ξ."""
     residuals: Array
+    """(S, 6), measured minus fitted lengths, m."""
 
 
 def fit_motion(

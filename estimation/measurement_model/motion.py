@@ -13,21 +13,14 @@ from expdesign.trajectory import FourierTrajectory, PhaseBasis
 
 @dataclass(frozen=True, eq=False)
 class HarmonicMotion:
-    """The kinematic unknowns ξ of one experiment.
-
-    Attributes
-    ----------
-    table : (6, 2 H + 1)
-        Centre, sine and cosine amplitudes of each pose coordinate: m, rad.
-    omega : float
-        rad/s.
-    free_frequency : bool
-        ω is one of the unknowns: ξ is the table row by row, then ω.
-    """
+    """The kinematic unknowns ξ of one experiment."""
 
     table: Array
+    """(6, 2 H + 1), centre, sine and cosine amplitudes of each pose coordinate: m, rad."""
     omega: float
+    """rad/s."""
     free_frequency: bool = False
+    """ω is one of the unknowns: ξ is the table row by row, then ω."""
 
     @property
     def harmonics(self) -> int:
@@ -94,17 +87,12 @@ class HarmonicMotion:
 
 @dataclass(frozen=True, eq=False)
 class SampledMotion:
-    """A motion at S instants, s.
-
-    Attributes
-    ----------
-    basis : tuple of four (S, 2 H + 1)
-        Derivatives 0 … 3 of 1, sin kωt, cos kωt with respect to time.
-    """
+    """A motion at S instants, s."""
 
     motion: HarmonicMotion
     times: Array
     basis: tuple[Array, ...]
+    """(S, 2 H + 1), derivatives 0 … 3 of 1, sin kωt, cos kωt with respect to time."""
 
     def state(self, first: int = 0) -> Array:
         """Return λ, λ̇, λ̈, or from another derivative on, (S, 18)."""

@@ -29,21 +29,14 @@ def whitened(values: Array, white: Array, counts: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class NormalEquations:
-    """The weighted sum of squares around where its rows were taken: cost − 2 gᵀs + sᵀ N s.
-
-    Attributes
-    ----------
-    cost : float
-        Σ c rᵀ Σ⁻¹ r.
-    matrix : (u, u)
-        N = Σ c Uᵀ Σ⁻¹ U.
-    gradient : (u,)
-        g = Σ c Uᵀ Σ⁻¹ r.
-    """
+    """The weighted sum of squares around where its rows were taken: cost − 2 gᵀs + sᵀ N s."""
 
     cost: float
+    """Σ c rᵀ Σ⁻¹ r."""
     matrix: Array
+    """(u, u), N = Σ c Uᵀ Σ⁻¹ U."""
     gradient: Array
+    """(u,), g = Σ c Uᵀ Σ⁻¹ r."""
 
     @classmethod
     def of(cls, parts: Iterable[Rows], covariance: Array) -> NormalEquations:
@@ -90,18 +83,12 @@ class NormalEquations:
 
 @dataclass(frozen=True, eq=False)
 class Elimination:
-    """Normal equations of the parameters alone, and the motion that goes with a step s of them.
-
-    Attributes
-    ----------
-    information : (k, k)
-        F_pp − F_pξ F_ξξ⁻¹ F_ξp.
-    gradient : (k,)
-    slope, offset : (x, k), (x,)
-        The motion's step is offset − slope s.
-    """
+    """Normal equations of the parameters alone, and the motion that goes with a step s of them."""
 
     information: Array
+    """(k, k), F_pp − F_pξ F_ξξ⁻¹ F_ξp."""
     gradient: Array
+    """(k,)."""
     slope: Array
     offset: Array
+    """(x, k) and (x,), the motion's step is offset − slope s."""

@@ -34,23 +34,17 @@ from expdesign.workers import Job, Monitor, cluster_jobs, run_jobs
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """What a study found.
-
-    Attributes
-    ----------
-    bound : (m, m)
-        Cramér–Rao bound at the truth as a covariance; zero for fixed parameters.
-    wanted : int
-        K. Fewer are done when the study was interrupted.
-    """
+    """What a study found."""
 
     configuration: RunConfiguration
     robot: Robot
     knowledge: Knowledge
     truth: Truth
     bound: Array
+    """(m, m), Cramér–Rao bound at the truth as a covariance; zero for fixed parameters."""
     repetitions: tuple[Repetition, ...]
     wanted: int
+    """K. Fewer are done when the study was interrupted."""
 
     @property
     def interrupted(self) -> bool:

@@ -25,22 +25,15 @@ _NEARLY_ALL = 0.95
 
 @dataclass(frozen=True, eq=False)
 class NoiseEstimate:
-    """The covariance of one kind of channel.
-
-    Attributes
-    ----------
-    covariance : (6, 6)
-        Of one sample.
-    freedom : float
-        Degrees of freedom that it rests on; inf when it was given.
-    source : str
-        ``"estimated"`` (scatter between periods), ``"given"`` (robot or run file) or
-        ``"residuals"`` (of the fit itself: it includes the error of the model).
-    """
+    """The covariance of one kind of channel."""
 
     covariance: Array
+    """(6, 6), of one sample."""
     freedom: float
+    """Degrees of freedom that it rests on; inf when it was given."""
     source: str = "estimated"
+    """``"estimated"`` (scatter between periods), ``"given"`` (robot or run file) or ``"residuals"``
+    (of the fit itself: it includes the error of the model)."""
 
     @property
     def includes_model_error(self) -> bool:

@@ -34,58 +34,40 @@ _Collected = tuple[Array, Array, NoiseEstimate | None, Array | None]
 
 @dataclass(frozen=True, eq=False)
 class Channels:
-    """Forces (N) or lengths (m) of a record.
-
-    Attributes
-    ----------
-    times : (S,)
-        When they were what was recorded, s: stamps less the channels' delay.
-    values : (S, 6)
-        Means over the periods, or single samples.
-    counts : (S,)
-        How many samples (or how much weight) each mean is made of.
-    scatter : NoiseEstimate or None
-        Covariance of one sample from the repetition; None with less than two periods.
-    periods : (M, N, 6) or None
-        The single periods, when they could be averaged.
-    """
+    """Forces (N) or lengths (m) of a record."""
 
     times: Array
+    """(S,), when they were what was recorded, s: stamps less the channels' delay."""
     values: Array
+    """(S, 6), means over the periods, or single samples."""
     counts: Array
+    """(S,), how many samples (or how much weight) each mean is made of."""
     scatter: NoiseEstimate | None
+    """Covariance of one sample from the repetition; None with less than two periods."""
     periods: Array | None
+    """(M, N, 6), the single periods, when they could be averaged."""
 
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """Samples of one periodic motion.
-
-    Attributes
-    ----------
-    omega : float
-        rad/s.
-    source : PeriodSource
-        Where ω came from.
-    rows, dropped : int
-        Rows of the recording that were used, and those of incomplete periods that were not.
-    step : float
-        Between two rows of the recording, s.
-    origin : float
-        What was taken off the recording's times, s: whole periods, so that phases are those of the
-        recording. Far from the origin phases and ω could not be told from each other.
-    """
+    """Samples of one periodic motion."""
 
     omega: float
+    """rad/s."""
     source: PeriodSource
+    """Where ω came from."""
     forces: Channels
     lengths: Channels
     periods: float
     rows: int
     dropped: int
+    """Rows of the recording that were used, and those of incomplete periods that were not."""
     step: float
+    """Between two rows of the recording, s."""
     stamped: bool
     origin: float = 0.0
+    """What was taken off the recording's times, s: whole periods, so that phases are those of the
+    recording. Far from the origin phases and ω could not be told from each other."""
 
     @property
     def samples(self) -> int:

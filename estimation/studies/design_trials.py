@@ -31,24 +31,17 @@ _SEEDS_APART = 1_000_003
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """One criterion from one set of initial parameters.
-
-    Attributes
-    ----------
-    predicted : dict of (m, m)
-        Covariances of LS and GM with exact kinematics.
-    values : dict of dict of (K, m)
-        Estimates, by kinematics and estimator, SI.
-    failed : dict of int
-        Repetitions without an estimate, by kinematics.
-    """
+    """One criterion from one set of initial parameters."""
 
     number: int
     criterion: str
     design: DesignResult
     predicted: dict[str, Array]
+    """(m, m), covariances of LS and GM with exact kinematics."""
     values: dict[str, dict[str, Array]]
+    """(K, m), estimates by kinematics and estimator, SI."""
     failed: dict[str, int]
+    """Repetitions without an estimate, by kinematics."""
 
     @property
     def name(self) -> str:

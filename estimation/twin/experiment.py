@@ -49,21 +49,17 @@ class Twin:
 
     Motion and forces without noise are computed once, when it is built; a repetition costs its
     random draws. It can be pickled, and every process draws the same repetition k.
-
-    Attributes
-    ----------
-    lengths : (T, 6)
-        What the length sensors would read without noise, outliers and quantisation, m: the
-        executed motion's lengths and the drift.
-    forces : (T, 6)
-        The same of the forces, N: those of the model with the exact friction signs, and cogging.
     """
 
     truth: Truth
     section: ExperimentSection
     grid: SampleGrid
     lengths: Array
+    """(T, 6), what the length sensors would read without noise, outliers and quantisation, m: the
+    executed motion's lengths and the drift."""
     forces: Array
+    """(T, 6), the same of the forces, N: those of the model with the exact friction signs, and
+    cogging."""
 
     @classmethod
     def of(

@@ -19,27 +19,20 @@ _RANK = 1e-10
 
 @dataclass(frozen=True, eq=False)
 class Differences:
-    """The test of a difference against its covariance.
-
-    Attributes
-    ----------
-    difference, std, z : (m,)
-        Second estimate minus first, its standard deviation, and their ratio; NaN where there is
-        none.
-    p_values : (m,)
-        Two-sided, each corrected for the family (Holm); NaN where not judged.
-    statistic, freedom, p_joint : float, int, float
-        Wald statistic of all parameters together, its degrees of freedom and p-value; 0, 0 and
-        NaN where nothing can be judged.
-    """
+    """The test of a difference against its covariance."""
 
     difference: Array
     std: Array
     z: Array
+    """(m,), second estimate minus first, its standard deviation, and their ratio; NaN where
+    there is none."""
     p_values: Array
+    """(m,), two-sided, each corrected for the family (Holm); NaN where not judged."""
     statistic: float
     freedom: int
     p_joint: float
+    """Wald statistic of all parameters together, its degrees of freedom and p-value; 0, 0 and
+    NaN where nothing can be judged."""
 
     @property
     def differs(self) -> NDArray[np.bool_]:

@@ -18,21 +18,14 @@ Record = TypeVar("Record")
 
 @dataclass(frozen=True)
 class Column:
-    """One column of a table, or one key of a JSON file. Values are SI and radians.
-
-    Attributes
-    ----------
-    name : str
-        As it stands in the file; empty in an annotation: the name of the field.
-    unit : str
-        ``"1"`` for a pure number, empty for a text, ``"see unit"`` where another column tells it.
-    meaning : str
-        In words.
-    """
+    """One column of a table, or one key of a JSON file. Values are SI and radians."""
 
     name: str
+    """As it stands in the file; empty in an annotation: the name of the field."""
     unit: str
+    """``"1"`` for a pure number, empty for a text, ``"see unit"`` where another column tells it."""
     meaning: str
+    """In words."""
 
 
 def described(unit: str, meaning: str, name: str = "") -> Column:

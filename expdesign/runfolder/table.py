@@ -39,21 +39,14 @@ Matrices = Iterable[tuple[Sequence[Sequence[str]], Sequence[str], Array]]
 
 @dataclass(frozen=True)
 class Table(Generic[Written, Found]):
-    """A CSV file: its place, its columns and its format.
-
-    Attributes
-    ----------
-    file : str
-        Path in the run folder.
-    written_by : str
-        What writes it, for the message that it is missing.
-    format : int
-        Number of the format, one more whenever a reader of the number before would go wrong.
-    """
+    """A CSV file: its place, its columns and its format."""
 
     file: str
+    """Path in the run folder."""
     written_by: str
+    """What writes it, for the message that it is missing."""
     format: int = field(default=1, kw_only=True)
+    """Number of the format, one more whenever a reader of the number before would go wrong."""
 
     @property
     def columns(self) -> tuple[Column, ...]:
@@ -201,18 +194,12 @@ class ArrayTable(Table[Block, Block], Generic[Block]):
 
 @dataclass(frozen=True)
 class MatrixTable(Table[Matrices, tuple[tuple[tuple[str, ...], ...], tuple[str, ...], Array]]):
-    """A table with further columns whose names are data: one for every parameter.
-
-    Attributes
-    ----------
-    keys : tuple of Column
-        The columns in front, texts.
-    entry : Column
-        What all the further columns hold; its name stands for theirs, ``"<parameter>"``.
-    """
+    """A table with further columns whose names are data: one for every parameter."""
 
     keys: tuple[Column, ...]
+    """The columns in front, texts."""
     entry: Column
+    """What all the further columns hold; its name stands for theirs, ``"<parameter>"``."""
 
     @property
     def columns(self) -> tuple[Column, ...]:
