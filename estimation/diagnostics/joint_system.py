@@ -37,8 +37,8 @@ class JointSystem:
     """(R,), samples that each row is the mean of."""
     forces: Array
     columns: Array
-    """(R, 6) and (R, 6, u), whitened: residuals before the step; columns of the unknowns (free parameters,
-    motion, effects that were included)."""
+    """(R, 6) and (R, 6, u), whitened: residuals before the step; columns of the unknowns (free
+    parameters, motion, effects that were included)."""
     information: Array
     gradient: Array
     """(u, u) and (u,), of the unknowns from the lengths, from other experiments and from priors."""
