@@ -21,6 +21,7 @@ from scipy import stats
 from constraints.arrays import Array
 from estimation.diagnostics.channel_test import NOISE, ChannelTest, below_level, no_numbers
 from estimation.processing import Record
+from estimation.processing.noise import NORMAL_MEDIAN
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.runfolder import OpenNumbers, described
 
@@ -29,7 +30,6 @@ _NOTICEABLE = 0.05
 """Autocorrelation that changes a standard error by about as many percent."""
 _SKEWED, _KURTIC = 0.1, 0.3
 """Sizes of skewness and excess kurtosis below which they change nothing that is estimated here."""
-_NORMAL_MEDIAN = 0.6745
 _FAR = 4.5
 """Distance of an outlier in robust standard deviations: 7 of a million normal samples."""
 
@@ -131,7 +131,7 @@ def normality(values: Array, level: float = NOISE) -> Normality:
     """Test independent samples, (K, N, 6): K series at N instants, 20 samples or more."""
     samples = values.reshape(-1, values.shape[2])
     centred = np.abs(values - np.median(samples, axis=0))
-    scale = np.median(centred, axis=(0, 1)) / _NORMAL_MEDIAN
+    scale = np.median(centred, axis=(0, 1)) / NORMAL_MEDIAN
     far = centred > _FAR * np.where(scale > 0, scale, np.inf)
     outliers = np.count_nonzero(np.any(far, axis=0), axis=0)
     chance = -np.expm1(len(values) * np.log1p(-2 * stats.norm.sf(_FAR)))

@@ -14,11 +14,8 @@ import numpy as np
 from scipy import stats
 
 from constraints.arrays import Array
+from estimation.uncertainty.intervals import LEVEL
 from expdesign.runfolder import OpenNumber, described
-
-LEVEL = 0.95
-"""Of the intervals about the statistics themselves."""
-
 
 _LOW, _HIGH = "lower end of its 95 % interval", "upper end of its 95 % interval"
 

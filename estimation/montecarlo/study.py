@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -158,7 +157,14 @@ def run_study(
     missing = [number for number in range(1, wanted + 1) if number not in done]
     monitor = monitor or Monitor()
     monitor.advanced(len(done), wanted)
-    for repetition in _repetitions(configuration, recipe, missing, monitor):
+    jobs = [Job(_repetition, (number,)) for number in missing]
+    scheduler, workers = configuration.run.scheduler, configuration.run.workers or 1
+    results = (
+        run_jobs(recipe, jobs, workers, Monitor(monitor.stop_requested))
+        if scheduler is None or not jobs
+        else cluster_jobs(scheduler, recipe, jobs, monitor.stop_requested)
+    )
+    for repetition in results:
         if kept is not None:
             kept.add(repetition)
         done[repetition.number] = repetition
@@ -187,23 +193,6 @@ def study_inputs(configuration: RunConfiguration, design: FourierTrajectory) -> 
     )
     coefficients = " ".join(value.hex() for value in design.vector().tolist())
     return text_hash(sections, coefficients, sorted(Manifest.new({}).versions.items()))
-
-
-def _repetitions(
-    configuration: RunConfiguration,
-    recipe: Callable[[], Workbench],
-    numbers: Sequence[int],
-    monitor: Monitor,
-) -> Iterator[Repetition]:
-    if not numbers:
-        return
-    jobs = [Job(_repetition, (number,)) for number in numbers]
-    if configuration.run.scheduler is not None:
-        yield from cluster_jobs(configuration.run.scheduler, recipe, jobs, monitor.stop_requested)
-        return
-    yield from run_jobs(
-        recipe, jobs, configuration.run.workers or 1, Monitor(monitor.stop_requested)
-    )
 
 
 def _repetition(bench: Workbench, _monitor: Monitor, number: int) -> Repetition:

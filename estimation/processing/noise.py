@@ -8,7 +8,7 @@ import numpy as np
 
 from constraints.arrays import Array
 
-_NORMAL_MEDIAN = 0.6745
+NORMAL_MEDIAN = 0.6745
 """Median of |x| for a standard normal x: turns a median absolute deviation into a std."""
 
 _CUT = 4.0
@@ -179,7 +179,7 @@ def series_weights(
 def _robust_std(values: Array) -> Array:
     """Return the standard deviation of each column, (6,), whatever a few outliers are."""
     size = np.abs(values)
-    middle = np.median(size, axis=0) / _NORMAL_MEDIAN
+    middle = np.median(size, axis=0) / NORMAL_MEDIAN
     # Where more than half is exactly zero, as after coarse quantisation, the median says nothing.
     most = np.minimum(size, np.quantile(size, _NEARLY_ALL, axis=0))
     return np.where(middle > 0, middle, np.sqrt(np.mean(most**2, axis=0)))

@@ -15,7 +15,7 @@ from estimation.identification import prepare_experiment, run_estimators
 from estimation.identification.estimate import parameter_knowledge
 from estimation.studies.study import study_section, unknown_parameters
 from estimation.twin import Twin
-from estimation.validation.motions import benchmark_motion
+from estimation.validation.motions import motion_of_run
 from expdesign.configuration import InputError, RunConfiguration, ValidationMotion
 from expdesign.robot import Robot, robot_from
 from expdesign.trajectory import FourierTrajectory
@@ -154,19 +154,16 @@ def refuse_unfit_validation_study(
 def _trajectory(
     configuration: RunConfiguration, robot: Robot, key: str, motion: ValidationMotion
 ) -> FourierTrajectory:
-    def refused(message: str, key: str, allowed: str = "") -> InputError:
-        return InputError(message, file=configuration.file, key=key, allowed=allowed)
-
+    message, allowed = "", ""
     if motion.periods < _FEWEST_PERIODS:
+        key, allowed = f"{key}.periods", f"{_FEWEST_PERIODS} or more"
         message = "one period shows no scatter between periods to test against"
-        raise refused(message, f"{key}.periods", f"{_FEWEST_PERIODS} or more")
-    if motion.motion == "file":
+    elif motion.motion == "file":
         message = "a recorded motion cannot be repeated on the digital twin"
-        raise refused(message, key, "circle | line | spline")
-    try:
-        return benchmark_motion(motion, robot.home, configuration.run.controller_period)
-    except ValueError as error:
-        raise refused(str(error), key) from error
+        allowed = "circle | line | spline"
+    if message:
+        raise InputError(message, file=configuration.file, key=key, allowed=allowed)
+    return motion_of_run(configuration, motion, robot.home, key)
 
 
 def _judged(diagnosis: Diagnosis) -> Prediction:

@@ -40,7 +40,8 @@ from estimation.studies.validation_runs import (
     ValidationBench,
     ValidationRun,
 )
-from expdesign.configuration import RunConfiguration, ValidationMotion
+from estimation.validation.motions import motion_name
+from expdesign.configuration import RunConfiguration
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.runfolder import RowTable
 from expdesign.trajectory import FourierTrajectory
@@ -91,7 +92,7 @@ class ValidationStudy(Study):
         return cls(
             configuration,
             bench.robot,
-            tuple(_motion_name(motion) for motion in study_section(configuration).motions),
+            tuple(map(motion_name, study_section(configuration).motions)),
             tuple(done[number - 1] for number in numbers),
             len(done) - len(numbers),
             bench.predicted(numbers[0], bench.estimates(numbers[0])),
@@ -230,10 +231,6 @@ class ValidationStudy(Study):
                 share.high,
                 "; ".join(f"{test}: {count}" for test, count in self.tests_against(name)),
             )
-
-
-def _motion_name(motion: ValidationMotion) -> str:
-    return motion.motion + ("" if motion.mirror == "none" else f", mirrored {motion.mirror}")
 
 
 def _listed(places: Any) -> str:

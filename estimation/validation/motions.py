@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 from scipy.interpolate import CubicSpline
 
 from constraints.arrays import Array
-from expdesign.configuration import ValidationMotion
+from expdesign.configuration import InputError, RunConfiguration, ValidationMotion
 from expdesign.solver.finish import controller_omega
 from expdesign.trajectory import FourierTrajectory, PhaseBasis
 
@@ -58,6 +60,28 @@ def benchmark_motion(motion: ValidationMotion, home: Array, step: float) -> Four
         signs[:, None] * unit.sine,
         signs[:, None] * unit.cosine,
     )
+
+
+def motion_of_run(
+    configuration: RunConfiguration, motion: ValidationMotion, home: Array, key: str
+) -> FourierTrajectory:
+    """Return a motion that stands at this key of a run.
+
+    Raises
+    ------
+    InputError
+        It cannot be made.
+    """
+    try:
+        return benchmark_motion(motion, home, configuration.run.controller_period)
+    except ValueError as error:
+        raise InputError(str(error), file=configuration.file, key=key) from error
+
+
+def motion_name(motion: ValidationMotion) -> str:
+    """Return the name of a motion: what it is, or its file, and whether it is mirrored."""
+    name = Path(str(motion.file)).name if motion.motion == "file" else motion.motion
+    return name if motion.mirror == "none" else f"{name}, mirrored {motion.mirror}"
 
 
 def _circle(motion: ValidationMotion, home: Array) -> FourierTrajectory:

@@ -15,7 +15,7 @@ from estimation.estimators import Experiment
 from estimation.identification import prepare_experiment
 from estimation.identification.saved import SavedEstimate
 from estimation.twin import Twin
-from estimation.validation.motions import benchmark_motion
+from estimation.validation.motions import motion_name, motion_of_run
 from estimation.validation.record import (
     ActuatorRow,
     MotionKeys,
@@ -104,23 +104,14 @@ def _predicted(
 ) -> _Prediction:
     trajectory: FourierTrajectory | None = None
     warnings: list[str] = []
+    name = motion_name(motion)
     if motion.motion == "file":
         path = Path(str(motion.file))
-        name = path.name
         data = read_measurement(path, configuration.run.data, configuration.robot)
     else:
-        name = motion.motion
-        try:
-            trajectory = benchmark_motion(motion, robot.home, configuration.run.controller_period)
-        except ValueError as error:
-            raise InputError(
-                str(error), file=configuration.file, key=f"validate[{number}]"
-            ) from error
+        trajectory = motion_of_run(configuration, motion, robot.home, f"validate[{number}]")
         changed = configuration.with_section("experiment", periods=motion.periods)
         data = Twin.of(changed, trajectory).measurement(FIRST_REPETITION + number - 1)
-    if motion.mirror != "none":
-        name += f", mirrored {motion.mirror}"
-    if trajectory is not None:
         check = recheck(LimitModel.of(robot), trajectory, _RECHECK_SAMPLES)
         if not check.passed:
             worst = max(check.limits, key=lambda limit: limit.violation)
