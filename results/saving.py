@@ -31,19 +31,6 @@ _NOTES = {
 }
 """What the figures of a design say that did not come to a good end, by its status."""
 
-ALL_FIGURES: tuple[FigureDefinition[Any], ...] = (
-    *DESIGN_FIGURES,
-    motion_figure,
-    *ESTIMATE_FIGURES,
-    *DIAGNOSTIC_FIGURES,
-    *NOISE_FIGURES,
-    prediction_figure,
-    *STUDY_FIGURES,
-    distributions_figure,
-    *(figure for figures in RECORD_FIGURES.values() for figure in figures),
-)
-"""Those of a run folder."""
-
 
 def record_figures(
     record: Drawn, folder: Path, formats: Collection[str] = FORMATS

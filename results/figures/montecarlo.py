@@ -125,7 +125,10 @@ def efficiency_figure(figure: Figure, rows: Rows) -> None:
     for axes, target, label in ((above, 1.0, ""), (below, NOMINAL, "Parameter")):
         axes.axhline(target, color=MUTED, linewidth=1.0, zorder=2)
         parameter_axis(axes, _parameters(rows), label, parted=True)
-    _ratio_scale(above, _interval(rows, "rmse_over_bound"))
+    ratios = _interval(rows, "rmse_over_bound")
+    if np.max(ratios[np.isfinite(ratios)], initial=0.0) >= _LINEAR_RATIO:
+        above.set_yscale("log")
+        plain_decades(above.yaxis)
     above.set(ylabel="RMSE / Cramér–Rao bound", title="Efficiency")
     legend_above(above, handles)
     below.set_ylim(top=101.0)
@@ -140,15 +143,6 @@ def _interval(rows: Rows, key: str) -> Array:
 
 def _bars(values: Array) -> Array:
     return np.stack([values[:, 0] - values[:, 1], values[:, 2] - values[:, 0]])
-
-
-def _ratio_scale(axes: Axes, ratios: Array) -> None:
-    """Make the axis logarithmic when the ratios differ much."""
-    known = ratios[np.isfinite(ratios) & (ratios > 0)]
-    if not len(known) or np.max(known) < _LINEAR_RATIO:
-        return
-    axes.set_yscale("log")
-    plain_decades(axes.yaxis)
 
 
 STUDY_FIGURES = (bias_figure, efficiency_figure)

@@ -150,18 +150,14 @@ def position_periodic_figure(figure: Figure, record: ExperimentRecord) -> None:
                 f"position-periodic:\n{force.amplitude:.3g} ± {force.amplitude_std:.1g} N\n"
                 f"pitch {1e3 * force.pitch:.3f} mm",
             )
-    _scales(panels[0], tests.position_periodic[0].critical)
+    shared, critical = panels[0], tests.position_periodic[0].critical
+    shared.set_xscale("log")
+    plain_decades(shared.xaxis)
+    linear = 2 * critical if np.isfinite(critical) else 60.0
+    shared.set_yscale("symlog", linthresh=linear, linscale=1.6)
+    shared.set_ylim(bottom=0)
     figure.supxlabel("Pitch (mm)", fontsize="medium")
     figure.supylabel("Statistic (χ² of sine and cosine)", fontsize="medium")
-
-
-def _scales(axes: Axes, critical: float) -> None:
-    """Set the axes that all panels share."""
-    axes.set_xscale("log")
-    plain_decades(axes.xaxis)
-    linear = 2 * critical if np.isfinite(critical) else 60.0
-    axes.set_yscale("symlog", linthresh=linear, linscale=1.6)
-    axes.set_ylim(bottom=0)
 
 
 DIAGNOSTIC_FIGURES = (residuals_figure, residual_dependence_figure, position_periodic_figure)

@@ -10,10 +10,8 @@ from typing import Any, Protocol, Self, TypeVar
 
 from expdesign.configuration import InputError, RunConfiguration, load_run
 from expdesign.runfolder.manifest import Manifest, StageEntry
+from results.figures.drawing import FigureDefinition
 from results.report.content import FigureBlock, StageReport
-from results.saving import ALL_FIGURES
-
-_CAPTIONS = {figure.key: figure.caption for figure in ALL_FIGURES}
 
 
 @dataclass(frozen=True)
@@ -114,14 +112,23 @@ class RunFolder:
         except ValueError as error:
             raise InputError(f"no text: {error}", path) from error
 
-    def figures(self, *stems: str) -> tuple[FigureBlock, ...]:
-        """Return the figures of these names that the folder has, numbered ones in their order."""
+    def figures(self, *figures: FigureDefinition[Any] | str) -> tuple[FigureBlock, ...]:
+        """Return those of figures, or of stems of files, that it has; numbered ones in order."""
+        place = self.path / "figures"
         found: list[FigureBlock] = []
-        for stem in stems:
-            for path in self._figure_files(stem):
-                number = path.stem.removeprefix(stem).lstrip("_")
-                caption = _CAPTIONS.get(stem, stem.replace("_", " "))
-                found.append(embedded(path, f"{number}. {caption}" if number else caption))
+        for figure in figures:
+            stem, caption = (
+                (figure, figure.replace("_", " "))
+                if isinstance(figure, str)
+                else (figure.key, figure.caption)
+            )
+            if (single := place / f"{stem}.svg").is_file():
+                found.append(embedded(single, caption))
+                continue
+            endings = {path: path.stem[len(stem) + 1 :] for path in place.glob(f"{stem}_*.svg")}
+            numbered = {path: int(text) for path, text in endings.items() if text.isdigit()}
+            paths = sorted(numbered, key=lambda path: numbered[path])
+            found += [embedded(path, f"{numbered[path]}. {caption}") for path in paths]
         return tuple(found)
 
     def other_figures(self, known: set[str]) -> tuple[FigureBlock, ...]:
@@ -129,16 +136,6 @@ class RunFolder:
         place = self.path / "figures"
         files = sorted(place.glob("*.svg")) if place.is_dir() else []
         return tuple(embedded(p, p.stem.replace("_", " ")) for p in files if p.stem not in known)
-
-    def _figure_files(self, stem: str) -> list[Path]:
-        place = self.path / "figures"
-        single = place / f"{stem}.svg"
-        if single.is_file():
-            return [single]
-        numbered = [
-            path for path in place.glob(f"{stem}_*.svg") if path.stem[len(stem) + 1 :].isdigit()
-        ]
-        return sorted(numbered, key=lambda path: int(path.stem[len(stem) + 1 :]))
 
 
 def embedded(path: Path, caption: str) -> FigureBlock:

@@ -21,24 +21,20 @@ def robot_view(folder: RunFolder) -> ViewBlock | None:
     """Return the motion of a folder: of its design, else of its estimate; None without either."""
     if folder.has("design"):
         motion = folder.record(DesignRecord).motion
-        caption = (
-            "The designed trajectory over one period, struts coloured by the actuator force at the "
-            "nominal parameters; positive extends. Drag to rotate, scroll to zoom."
-        )
-        return _view(folder, motion.time, motion.pose, motion.force, caption)
-    motions = folder.record(EstimateRecord).motions if folder.has("estimate") else {}
-    if 1 not in motions or len(motions[1].time) < 2:  # noqa: PLR2004 - it begins and ends
-        return None
-    estimated = motions[1]
-    pose = estimated.state[:, :COORDINATES]
+        time, pose, force = motion.time, motion.pose, motion.force
+        what, model = "The designed trajectory", "at the nominal parameters"
+    else:
+        motions = folder.record(EstimateRecord).motions if folder.has("estimate") else {}
+        if 1 not in motions or len(motions[1].time) < 2:  # noqa: PLR2004 - it begins and ends
+            return None
+        executed = motions[1]
+        time, force = executed.time, executed.forces_model
+        pose = executed.state[:, :COORDINATES]
+        what, model = "The executed motion as it was estimated,", "of the estimated model"
     caption = (
-        "The executed motion as it was estimated, over one period, struts coloured by the actuator "
-        "force of the estimated model; positive extends. Drag to rotate, scroll to zoom."
+        f"{what} over one period, struts coloured by the actuator force {model}; positive extends. "
+        "Drag to rotate, scroll to zoom."
     )
-    return _view(folder, estimated.time, pose, estimated.forces_model, caption)
-
-
-def _view(folder: RunFolder, time: Array, pose: Array, force: Array, caption: str) -> ViewBlock:
     robot = folder.configuration.robot
     period = float(time[-1] - time[0]) * time.size / (time.size - 1)
     chosen = np.unique(np.linspace(0, time.size, _FRAMES, endpoint=False).astype(int))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -35,16 +36,6 @@ def _is_hdf5(path: Path) -> bool:
     return False
 
 
-def read_hdf5(path: Path, section: DataSection) -> RawTable:
-    """Read datasets, also members of compound ones; a name in a group is ``group/q1``."""
-    return _read_hdf5(path, section, separator="/")
-
-
-def read_matlab73(path: Path, section: DataSection) -> RawTable:
-    """Read MATLAB's variables; fields of structs have names such as ``recording.q1``."""
-    return _read_hdf5(path, section, separator=".")
-
-
 def read_matlab(path: Path, section: DataSection) -> RawTable:
     """Read variables; fields of structs have names such as ``recording.q1``.
 
@@ -61,7 +52,11 @@ def read_matlab(path: Path, section: DataSection) -> RawTable:
     return RawTable(path, _loaded(picked, arrays.__getitem__), picked)
 
 
-def _read_hdf5(path: Path, section: DataSection, separator: str) -> RawTable:
+def read_hdf5(path: Path, section: DataSection, separator: str) -> RawTable:
+    """Read datasets, also members of compound ones; a name in a group is ``group/q1``.
+
+    In MATLAB's files the groups are structs, and their fields have names such as ``recording.q1``.
+    """
     h5py = import_module("h5py")
     with h5py.File(path, "r") as file:
         columns: list[Column] = []
@@ -157,9 +152,22 @@ def _is_not_hdf5(path: Path) -> bool:
 
 
 FORMATS = (
-    FileFormat("HDF5", (".h5", ".hdf5", ".hdf"), read_hdf5, "h5py", "hdf5", may_crash=True),
     FileFormat(
-        "MATLAB v7.3", (".mat",), read_matlab73, "h5py", "mat73", may_crash=True, accepts=_is_hdf5
+        "HDF5",
+        (".h5", ".hdf5", ".hdf"),
+        partial(read_hdf5, separator="/"),
+        "h5py",
+        "hdf5",
+        may_crash=True,
+    ),
+    FileFormat(
+        "MATLAB v7.3",
+        (".mat",),
+        partial(read_hdf5, separator="."),
+        "h5py",
+        "mat73",
+        may_crash=True,
+        accepts=_is_hdf5,
     ),
     FileFormat("MATLAB up to v7", (".mat",), read_matlab, may_crash=True, accepts=_is_not_hdf5),
 )

@@ -37,7 +37,10 @@ def _table(file: Any, path: Path, section: DataSection) -> RawTable:
     picked = pick(_columns(file), section.columns, path, optional=OPTIONAL | {"t"})
     if "t" not in section.columns:
         picked.pop("t", None)
-    signals = {channel: _signal(file, column) for channel, column in picked.items()}
+    signals: dict[str, Any] = {}
+    for channel, column in picked.items():
+        group, index = column.place
+        signals[channel] = file.get(group=group, index=index, ignore_invalidation_bits=True)
     columns = {
         channel: replace(column, unit=str(signals[channel].unit).strip() or None)
         for channel, column in picked.items()
@@ -69,11 +72,6 @@ def _columns(file: Any) -> list[Column]:
             text = name if len(places) == 1 else f"{group}/{name}"
             found.append(Column(text, (group, index), name=name))
     return found
-
-
-def _signal(file: Any, column: Column) -> Any:
-    group, index = column.place
-    return file.get(group=group, index=index, ignore_invalidation_bits=True)
 
 
 def _refuse_other_times(

@@ -166,15 +166,6 @@ def _claims_report(studies: dict[str, RunFolder]) -> StageReport:
 
 def _achieved_report(folders: dict[str, RunFolder]) -> StageReport:
     """Return what is to be said of Monte-Carlo studies side by side."""
-    number = counted(len(folders), "study", "studies")
-    sentence = f"{number}: achieved standard deviations beside the bound."
-    title = "Monte-Carlo studies"
-    verdict = Verdict(title, Level.NEUTRAL, "compared", sentence, "studies")
-    return StageReport(verdict, (_achieved_table(folders),))
-
-
-def _achieved_table(folders: dict[str, RunFolder]) -> ReportTable:
-    """Return bound and spread of every estimator in every folder, one row per parameter."""
     found = {label: folder.record(MonteCarloRecord).rows for label, folder in folders.items()}
     keys = dict.fromkeys((row.parameter, row.unit) for rows in found.values() for row in rows)
     columns = [
@@ -193,4 +184,8 @@ def _achieved_table(folders: dict[str, RunFolder]) -> ReportTable:
         "Standard deviations that the estimators achieved in simulated experiments, beside the "
         "Cramér–Rao bound of each, SI units"
     )
-    return ReportTable.of_columns("achieved", caption, columns)
+    table = ReportTable.of_columns("achieved", caption, columns)
+    number = counted(len(folders), "study", "studies")
+    sentence = f"{number}: achieved standard deviations beside the bound."
+    title = "Monte-Carlo studies"
+    return StageReport(Verdict(title, Level.NEUTRAL, "compared", sentence, "studies"), (table,))

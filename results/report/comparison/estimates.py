@@ -47,32 +47,27 @@ class ComparedEstimate:
     folder: RunFolder
     summary: EstimateFile
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The parameters."""
-        return self.summary.parameters
+    def of(self, names: tuple[str, ...]) -> tuple[Array, Array]:
+        """Return values, (m,), and standard deviations, NaN for fixed ones, of parameters, SI."""
+        variance = np.diag(self.covariance(names))
+        return (
+            estimated_values(self.summary, self.summary.best)[self._places(names)],
+            np.sqrt(np.where(variance > 0, variance, np.nan)),
+        )
 
-    @property
-    def values(self) -> Array:
-        """Values, (m,), SI."""
-        return estimated_values(self.summary, self.summary.best)
+    def covariance(self, names: tuple[str, ...]) -> Array:
+        """Return the covariance of parameters, (m, m), SI."""
+        at = self._places(names)
+        return self.summary.best_estimator.covariance[np.ix_(at, at)]
 
-    @property
-    def covariance(self) -> Array:
-        """Covariance, (m, m), SI."""
-        return self.summary.best_estimator.covariance
-
-    @property
-    def std(self) -> Array:
-        """Standard deviations, (m,); NaN for fixed parameters."""
-        variance = np.diag(self.covariance)
-        return np.sqrt(np.where(variance > 0, variance, np.nan))
+    def _places(self, names: tuple[str, ...]) -> list[int]:
+        return [self.summary.parameters.index(name) for name in names]
 
 
 def common_parameters(found: tuple[ComparedEstimate, ...]) -> tuple[str, ...]:
     """Return the parameters of all estimates, in the order of the first."""
-    first, *others = found
-    return tuple(name for name in first.names if all(name in other.names for other in others))
+    first, *others = (each.summary.parameters for each in found)
+    return tuple(name for name in first if all(name in other for other in others))
 
 
 def estimates_report(found: tuple[ComparedEstimate, ...], figure: FigureBlock) -> StageReport:
@@ -87,7 +82,8 @@ def estimates_report(found: tuple[ComparedEstimate, ...], figure: FigureBlock) -
             text = f"{title}: not tested. {reason}"
             blocks.append(TextBlock(text, Level.CAUTION))
             continue
-        test = _difference(one, other, names)
+        covariance = one.covariance(names) + other.covariance(names)
+        test = difference_test(one.of(names)[0], other.of(names)[0], covariance)
         tested += 1
         different += test.differ_jointly or bool(np.any(test.differs))
         blocks.append(TextBlock(_sentence(title, test)))
@@ -112,8 +108,8 @@ def estimates_report(found: tuple[ComparedEstimate, ...], figure: FigureBlock) -
 def estimates_series(found: tuple[ComparedEstimate, ...]) -> ParameterSeries:
     """Return what the figure of the estimates is drawn from."""
     names = common_parameters(found)
-    first, std = _chosen(found[0], names)
-    chosen = {each.label: _chosen(each, names) for each in found}
+    first, std = found[0].of(names)
+    chosen = {each.label: each.of(names) for each in found}
     deviations = {label: (values - first) / std for label, (values, _) in chosen.items()}
     errors = {label: _TWO_SIDED * own / std for label, (_, own) in chosen.items()}
     return ParameterSeries(names, deviations, errors)
@@ -147,16 +143,6 @@ def _recordings(each: ComparedEstimate) -> set[str]:
     return found
 
 
-def _difference(
-    one: ComparedEstimate, other: ComparedEstimate, names: tuple[str, ...]
-) -> Differences:
-    covariance = np.zeros((len(names), len(names)))
-    for each in (one, other):
-        at = [each.names.index(name) for name in names]
-        covariance += each.covariance[np.ix_(at, at)]
-    return difference_test(_chosen(one, names)[0], _chosen(other, names)[0], covariance)
-
-
 def _sentence(title: str, test: Differences) -> str:
     which = int(np.sum(test.differs))
     outcome = "differ" if test.differ_jointly or which else "agree"
@@ -167,11 +153,6 @@ def _sentence(title: str, test: Differences) -> str:
     )
 
 
-def _chosen(each: ComparedEstimate, names: tuple[str, ...]) -> tuple[Array, Array]:
-    at = [each.names.index(name) for name in names]
-    return each.values[at], each.std[at]
-
-
 def _values_table(found: tuple[ComparedEstimate, ...], names: tuple[str, ...]) -> ReportTable:
     units = [parameter_unit(name) for name in names]
     columns = [
@@ -180,7 +161,7 @@ def _values_table(found: tuple[ComparedEstimate, ...], names: tuple[str, ...]) -
     ]
     for each in found:
         estimator = NAMES.get(each.summary.best, each.summary.best)
-        values, std = _chosen(each, names)
+        values, std = each.of(names)
         half = _TWO_SIDED * std
         columns += [
             Column(f"{each.label}, {estimator}", digits=5, of=values),

@@ -9,6 +9,7 @@ from expdesign.experiment.result import IDENTIFIABLE
 from expdesign.experiment.sensitivity import LimitSensitivity
 from expdesign.information.criteria import CRITERIA
 from expdesign.recheck.judge import LimitCheck
+from results.figures.design import DESIGN_FIGURES
 from results.notation import DisplayUnit, duration, handy_unit, percent, readable
 from results.report.content import (
     Block,
@@ -27,17 +28,6 @@ from results.report.limit_gains import (
     gains_table,
 )
 from results.report.table import Column, ReportTable
-
-FIGURES = (
-    "excitation",
-    "path",
-    "struts",
-    "cardan_angles",
-    "limits_used",
-    "precision",
-    "eigenvalues",
-    "convergence",
-)
 
 _LEVELS = {
     "converged": Level.GOOD,
@@ -59,11 +49,11 @@ def design_report(folder: RunFolder) -> StageReport:
         Facts((*_details(record), *([] if cost is None else [cost]))),
         limits_table(record),
         *_gains(sensitivity),
-        *folder.figures(*FIGURES[:5]),
+        *folder.figures(*DESIGN_FIGURES[:5]),
         parameters_table(record),
-        *folder.figures("precision", "eigenvalues"),
+        *folder.figures(*DESIGN_FIGURES[5:7]),
         _starts_table(record),
-        *folder.figures("convergence"),
+        *folder.figures(*DESIGN_FIGURES[7:]),
     )
     return StageReport(_verdict(record), blocks, _facts(record), record.summary.warnings)
 

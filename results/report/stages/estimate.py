@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import PurePath
 
 import numpy as np
 
-from constraints.arrays import Array
 from estimation.identification.estimate_file import EstimateFile
 from estimation.identification.record import EstimateRecord
 from estimation.twin.record import Truth
 from estimation.uncertainty import ParameterRow
-from results.notation import readable
+from results.figures.noise import NOISE_FIGURES
+from results.figures.parameters import ESTIMATE_FIGURES
+from results.figures.residuals import DIAGNOSTIC_FIGURES
+from results.notation import counted, readable
 from results.report.content import (
     Block,
     Fact,
@@ -30,12 +33,9 @@ from results.report.findings import (
     verdict_level,
 )
 from results.report.folder import RunFolder
-from results.report.stages.noise import FIGURES as NOISE_FIGURES
 from results.report.stages.noise import shows_noise
 from results.report.table import Column, ReportTable, Value
 
-FIGURES = ("estimates", "correlation")
-DIAGNOSTIC_FIGURES = ("residuals", "residual_dependence", "position_periodic")
 NAMES = {"ls": "LS", "gm": "GM", "ml": "ML"}
 _TITLE = "Estimate"
 
@@ -52,7 +52,7 @@ def estimate_report(folder: RunFolder) -> StageReport:
     )
 
 
-def estimates_table(record: EstimateRecord, truth: Array | None) -> ReportTable:
+def estimates_table(record: EstimateRecord, truth: Mapping[str, float] | None) -> ReportTable:
     """Return the parameters of the best estimator, beside the truth where it is known."""
     best = record.summary.best
     columns = [
@@ -67,13 +67,12 @@ def estimates_table(record: EstimateRecord, truth: Array | None) -> ReportTable:
         Column("identified", kind="outcome", of=lambda row: "yes" if row.identified else "no"),
     ]
     if truth is not None:
-        true = dict(zip(record.summary.parameters, truth.tolist(), strict=True))
 
         def error(row: ParameterRow) -> float | None:
-            return (row.value - true[row.parameter]) / row.std if row.std > 0 else None
+            return (row.value - truth[row.parameter]) / row.std if row.std > 0 else None
 
         columns += [
-            Column("truth", of=lambda row: true[row.parameter]),
+            Column("truth", of=lambda row: truth[row.parameter]),
             Column("error / σ", digits=2, of=error),
         ]
     known = ", beside the truth of the simulated experiment" if truth is not None else ""
@@ -97,7 +96,9 @@ def _estimators_table(record: EstimateRecord) -> ReportTable:
     return ReportTable.of_columns("estimators", caption, columns, folded=True)
 
 
-def _blocks(folder: RunFolder, record: EstimateRecord, truth: Array | None) -> tuple[Block, ...]:
+def _blocks(
+    folder: RunFolder, record: EstimateRecord, truth: Mapping[str, float] | None
+) -> tuple[Block, ...]:
     summary = record.summary
     blocks: list[Block] = [Facts(_details(summary))]
     if not summary.intervals_cover:
@@ -107,7 +108,7 @@ def _blocks(folder: RunFolder, record: EstimateRecord, truth: Array | None) -> t
     if weak:
         text = "Combinations of parameters that the data do not tell apart: " + "; ".join(weak)
         blocks.append(TextBlock(text, Level.CAUTION))
-    blocks += folder.figures(*FIGURES)
+    blocks += folder.figures(*ESTIMATE_FIGURES)
     if len(summary.estimators) > 1:
         blocks.append(_estimators_table(record))
     test = information_test(summary)
@@ -145,22 +146,19 @@ def _noise_table(summary: EstimateFile) -> ReportTable:
     return ReportTable.of("noise", caption, columns, rows, folded=True)
 
 
-def _truth(folder: RunFolder, summary: EstimateFile) -> Array | None:
+def _truth(folder: RunFolder, summary: EstimateFile) -> Mapping[str, float] | None:
     """Return the true parameters when the estimate is of the folder's own simulated experiment."""
     sources = [PurePath(recording.source).name for recording in summary.recordings]
     own = folder.configuration.run.data.file is None and sources == ["measurement.csv"]
     if not own or not folder.has("experiment"):
         return None
     true = folder.record(Truth).parameters
-    if any(name not in true for name in summary.parameters):
-        return None
-    return np.array([true[name] for name in summary.parameters])
+    return true if all(name in true for name in summary.parameters) else None
 
 
 def _verdict(summary: EstimateFile) -> Verdict:
-    count = len(summary.recordings)
     name = NAMES.get(summary.best, summary.best)
-    begin = f"{name} from {count} recording{'s' if count > 1 else ''}"
+    begin = f"{name} from {counted(len(summary.recordings), 'recording')}"
     estimator = summary.best_estimator
     if not estimator.converged:
         sentence = f"{begin}; the estimator did not converge: {estimator.status}."
@@ -179,7 +177,7 @@ def _verdict(summary: EstimateFile) -> Verdict:
     return Verdict(_TITLE, verdict_level(verdict), verdict.status.value, sentence, "estimate")
 
 
-def _facts(record: EstimateRecord, truth: Array | None) -> tuple[Fact, ...]:
+def _facts(record: EstimateRecord, truth: Mapping[str, float] | None) -> tuple[Fact, ...]:
     best = record.summary.best
     rows = record.by_estimator()[best]
     relative = [row.rel_std_percent for row in rows if np.isfinite(row.rel_std_percent)]
@@ -195,11 +193,12 @@ def _facts(record: EstimateRecord, truth: Array | None) -> tuple[Fact, ...]:
             Fact("median σ", f"{readable(np.median(relative), 3)} %", "of the a-priori value")
         )
     if truth is not None:
-        judged = [(r, true) for r, true in zip(rows, truth, strict=True) if r.std > 0]
+        judged = [row for row in rows if row.std > 0]
+        held = sum(row.ci_low <= truth[row.parameter] <= row.ci_high for row in judged)
         facts.append(
             Fact(
                 "intervals that hold the truth",
-                f"{sum(r.ci_low <= true <= r.ci_high for r, true in judged)} of {len(judged)}",
+                f"{held} of {len(judged)}",
                 "95 % intervals, simulated experiment",
             )
         )

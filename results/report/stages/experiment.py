@@ -24,14 +24,10 @@ def experiment_report(folder: RunFolder) -> StageReport:
         f"samples. Disturbances besides the noise: {disturbances}."
     )
     entry = folder.entry("experiment")
-    done = entry is None or entry.status == "done"
-    verdict = Verdict(
-        "Experiment",
-        Level.NEUTRAL if done else Level.BAD,
-        "simulated" if done else entry.status if entry else "",
-        sentence,
-        "experiment",
-    )
+    level, word = Level.NEUTRAL, "simulated"
+    if entry is not None and entry.status != "done":
+        level, word = Level.BAD, entry.status
+    verdict = Verdict("Experiment", level, word, sentence, "experiment")
     facts = (Fact("samples", f"{experiment.samples}", f"simulated, {periods} periods"),)
     details = Facts(
         (
@@ -43,15 +39,11 @@ def experiment_report(folder: RunFolder) -> StageReport:
             Fact("seed", str(truth.seeds.experiment)),
         )
     )
-    blocks = (details, _noise_table(truth))
-    return StageReport(verdict, blocks, facts)
-
-
-def _noise_table(truth: Truth) -> ReportTable:
     force, length = (np.sqrt(np.diag(c)) for c in (truth.force_covariance, truth.length_covariance))
     columns = (
         Column("strut", of=range(1, len(force) + 1)),
         Column("force noise σ", "N", of=force),
         Column("length noise σ", "mm", of=length, factor=1e3),
     )
-    return ReportTable.of_columns("true_noise", "True noise of one sample", columns)
+    noise = ReportTable.of_columns("true_noise", "True noise of one sample", columns)
+    return StageReport(verdict, (details, noise), facts)

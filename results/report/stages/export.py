@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from constraints import limit_definitions
 from expdesign.export.record import ExportsRecord, FileEntry
 from expdesign.runfolder.manifest import file_hash
+from results.figures.motion import motion_figure
 from results.notation import counted, percent, readable
 from results.report.content import (
     Block,
@@ -68,7 +69,7 @@ def export_report(folder: RunFolder) -> StageReport:
     listed = [_File(name, entry) for name, entry in files.items()]
     blocks: list[Block] = [
         details,
-        *folder.figures("motion"),
+        *folder.figures(motion_figure),
         _files_table(listed),
         _read_back_table(listed),
         _axes_table(files),

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from estimation.montecarlo.record import EstimatorKeys, MonteCarloRecord
+from results.figures.montecarlo import STUDY_FIGURES
 from results.notation import percent, readable
 from results.report.content import Block, Fact, Level, StageReport, Verdict
 from results.report.folder import RunFolder
 from results.report.stages.estimate import NAMES
 from results.report.table import Column, ReportTable
-
-FIGURES = ("montecarlo_bias", "montecarlo_efficiency")
 
 
 def montecarlo_report(folder: RunFolder) -> StageReport:
@@ -28,7 +27,7 @@ def montecarlo_report(folder: RunFolder) -> StageReport:
     level = Level.BAD if summary.interrupted else Level.CAUTION if failures else Level.GOOD
     word = "interrupted" if summary.interrupted else "done"
     blocks: list[Block] = [_pooled_table(estimators)]
-    blocks += folder.figures(*FIGURES)
+    blocks += folder.figures(*STUDY_FIGURES)
     blocks.append(_statistics_table(record))
     verdict = Verdict("Monte-Carlo study", level, word, sentence, "montecarlo")
     return StageReport(verdict, tuple(blocks), _facts(estimators))

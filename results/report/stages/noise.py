@@ -11,6 +11,7 @@ from estimation.diagnostics import Outcome
 from estimation.diagnostics.noise_record import NoiseFile, covariance_rows
 from estimation.diagnostics.noise_tests import Normality, Whiteness
 from estimation.identification.record import EstimateRecord
+from results.figures.noise import NOISE_FIGURES
 from results.notation import readable
 from results.report.content import (
     Block,
@@ -24,9 +25,6 @@ from results.report.content import (
 from results.report.findings import failures, findings_table
 from results.report.folder import RunFolder
 from results.report.table import Column, ReportTable
-
-FIGURES = ("noise_distribution", "noise_quantiles", "noise_covariance")
-"""Figures of the noise; an estimate of the same recording draws the same ones."""
 
 _MM = 1e3
 
@@ -74,7 +72,7 @@ def noise_report(folder: RunFolder) -> StageReport:
         blocks.append(TextBlock(text, Level.CAUTION))
     blocks.append(findings_table("noise_findings", noise.findings, "the noise"))
     if shows_noise(folder):
-        blocks += folder.figures(*FIGURES)
+        blocks += folder.figures(*NOISE_FIGURES)
     blocks.append(_covariance_table(noise))
     return StageReport(Verdict("Noise", level, word, sentence, "noise"), tuple(blocks))
 

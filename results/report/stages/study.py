@@ -17,6 +17,7 @@ from estimation.studies.records import (
 )
 from expdesign.runfolder import RowTable
 from results.figures.residuals import prediction_figure
+from results.figures.studies import RECORD_FIGURES, distributions_figure
 from results.report.content import (
     Block,
     Fact,
@@ -33,11 +34,6 @@ _TITLES = {
     "design": "Two criteria of design",
     "identification": "LS, GM and ML with a disturbed information matrix",
     "validation": "What the validation sees",
-}
-_FIGURES = {
-    "design": ("study_distributions", "study_precision", "study_means"),
-    "identification": ("study_bias",),
-    "validation": ("study_variances",),
 }
 _NO_UNITS = ("", "1", "see unit")
 SIMULATED = (
@@ -145,7 +141,7 @@ def study_report(folder: RunFolder) -> StageReport:
         "study_claims", "What the study shows", CLAIM_COLUMNS, [claim_row(one) for one in claims]
     )
     blocks: list[Block] = [TextBlock(SIMULATED), table]
-    blocks += folder.figures(*_FIGURES[kind])
+    blocks += folder.figures(distributions_figure, *RECORD_FIGURES[kind])
     if kind == "validation":
         blocks += folder.figures(*_predictions(folder, record))
     blocks += [_report_table(shown, record) for shown in _TABLES[kind]]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import astuple
 
 from estimation.validation.record import ValidationRecord
+from results.notation import counted
 from results.report.content import (
     Block,
     Fact,
@@ -22,7 +23,7 @@ from results.report.table import Column, ReportTable
 def validation_report(folder: RunFolder) -> StageReport:
     """Describe the validation in a folder."""
     record = folder.record(ValidationRecord)
-    summary, count = record.summary, len(record.summary.motions)
+    summary = record.summary
     passed = f"{sum(row.verdict == 'passes' for row in record.rows)} of {len(record.rows)}"
     blocks: list[Block] = [_actuators_table(record)]
     for number, motion in enumerate(summary.motions, start=1):
@@ -33,7 +34,7 @@ def validation_report(folder: RunFolder) -> StageReport:
         blocks += folder.figures(f"prediction_{number}")
         title = f"the prediction of motion {number}"
         blocks.append(findings_table(f"findings_{number}", verdict.findings, title))
-    motions = f"{count} motion{'s' if count > 1 else ''}"
+    motions = counted(len(summary.motions), "motion")
     sentence = (
         f"The {NAMES.get(summary.estimator, summary.estimator)} estimate predicts the forces of "
         f"{motions} ({'; '.join(motion.name for motion in summary.motions)}): {passed} actuator "
