@@ -47,8 +47,8 @@ class ReadBack:
     rows: int = 0
     points: int = 0
     """Of the grid on which the rows were executed."""
-    shortest: float = np.nan
-    longest: float = np.nan
+    shortest_step: float = np.nan
+    longest_step: float = np.nan
     """Shortest and longest time between two rows, s."""
     duration: float = np.nan
     row_error: float = np.nan
@@ -76,8 +76,8 @@ def read_back(path: Path, settings: Settings) -> ReadBack:
     steps = np.diff(rows.times)
     found = ReadBack(
         rows=len(rows.times),
-        shortest=float(steps.min()),
-        longest=float(steps.max()),
+        shortest_step=float(steps.min()),
+        longest_step=float(steps.max()),
         duration=float(rows.times[-1]),
     )
     apart, failures = _row_error(rows, settings)
@@ -143,7 +143,7 @@ def _wrong_times(rows: Rows, settings: Settings) -> list[str]:
 def _executed(found: ReadBack, table: ExecutedTable) -> ReadBack:
     """Add deviations and limits, on a grid finer than the rows."""
     linear = table.interpolation is Interpolation.LINEAR
-    points = FINER if linear else max(FINER, int(np.ceil(found.longest / _FINEST)))
+    points = FINER if linear else max(FINER, int(np.ceil(found.longest_step / _FINEST)))
     grid = refined(table.rows.times, points)
     limits = LimitModel.of(table.robot)
     quick, rest = (

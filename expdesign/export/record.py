@@ -47,14 +47,12 @@ class MotionEntry:
     @classmethod
     def of(cls, task: Task) -> MotionEntry:
         """Return the entry of a task's motion."""
-        first, last = task.motion.window
-        return cls(
+        return copied(
+            cls,
+            task.motion,
             name=task.name,
             robot=task.robot.name,
             units="SI and radians, unless stated",
-            duration=task.motion.duration,
-            window=(first, last),
-            periods=task.motion.periods,
             period=task.motion.trajectory.period,
             sampling=task.sampling,
             controller_period=task.controller_period,
@@ -147,9 +145,11 @@ class FileEntry:
         settings, check = export.settings, export.check
         form, axes, off = settings.form, settings.axes, check.deviation
         moved = COORDINATE_NAMES if axes.space == "pose" else numbered("q")
-        step = f"{1e3 * check.longest:.6g} ms"
+        step = f"{1e3 * check.longest_step:.6g} ms"
         entries = zip(axes.names, axes.units, axes.source, settings.start, strict=True)
-        return cls(
+        return copied(
+            cls,
+            check,
             sha256=export.digest,
             format=settings.section.format,
             title=form.title,
@@ -160,14 +160,10 @@ class FileEntry:
             ),
             options=settings.section.model_dump(exclude_none=True),
             digits=settings.digits,
-            rows=check.rows,
-            shortest_step=check.shortest,
-            longest_step=check.longest,
-            duration=check.duration,
             interpolation=form.interpolation.value,
-            read_back=CheckEntry(
-                points=check.points,
-                row_error=check.row_error,
+            read_back=copied(
+                CheckEntry,
+                check,
                 position_error=off.position,
                 velocity_error=off.velocity,
                 acceleration_error_share=off.acceleration,
@@ -175,7 +171,6 @@ class FileEntry:
                 limits={
                     one.key: copied(LimitEntry, one, tolerance=LIMIT_SHARE) for one in check.limits
                 },
-                information=check.information,
                 tolerances=Tolerances(settings.tolerance),
                 limits_in_words=limits_in_words(check.limits),
             ),

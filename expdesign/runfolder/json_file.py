@@ -14,7 +14,7 @@ from expdesign.configuration import InputError, Problem, shown
 from expdesign.configuration.document import read_text
 from expdesign.configuration.problem import format_number, key_path
 from expdesign.runfolder.atomic import write_json
-from expdesign.runfolder.described import Column, checker, described, field_columns
+from expdesign.runfolder.described import checker, described
 
 LARGEST_FILE = 64 * 1024 * 1024
 """Bytes that are read of a file at most."""
@@ -133,11 +133,6 @@ class JsonFile:
     def as_data(self) -> dict[str, Any]:
         """Return the keys of the file and their values."""
         return checker(type(self)).dump_python(self, by_alias=True)
-
-    @classmethod
-    def described_keys(cls) -> tuple[Column, ...]:
-        """Return name, unit and meaning of every key."""
-        return tuple(column for _, columns in field_columns(cls) for column in columns)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
