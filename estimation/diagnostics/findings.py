@@ -233,10 +233,7 @@ def _white(
 
 
 def _noise_white(tests: Whitenesses) -> Finding:
-    kinds = {
-        "forces of actuator": tests.force_noise,
-        "lengths of strut": tests.length_noise,
-    }
+    kinds = {"forces of actuator": tests.force_noise, "lengths of strut": tests.length_noise}
     done = {kind: test for kind, test in kinds.items() if test is not None}
     if not done:
         return _NOISE_WHITE.untested("no two periods can be compared sample by sample")

@@ -56,9 +56,9 @@ def linear_estimate(
     free, start, prior = knowledge.free, knowledge.start, knowledge.precision
     information, spread = prior, prior
     gradient = prior @ (knowledge.prior_mean - start)[free]
-    for experiment in experiments:
-        noise = experiment.noise.forces.covariance
-        weighting = weighting_covariance(estimator, noise)
+    noises = [experiment.noise.forces.covariance for experiment in experiments]
+    weightings = [weighting_covariance(estimator, noise) for noise in noises]
+    for experiment, noise, weighting in zip(experiments, noises, weightings, strict=True):
         rows = (
             experiment.forces - experiment.fitted_regressors @ start,
             experiment.fitted_regressors[:, :, free],
@@ -76,7 +76,13 @@ def linear_estimate(
     values[free] += knowledge.best_step(information, gradient, start)
     inverse = knowledge.inverse(information)
     force_share = inverse @ spread @ inverse
-    kinematic_share = _kinematic_share(robot, experiments, knowledge, estimator, values, inverse)
+    kinematic_share = _kinematic_share(robot, experiments, knowledge, weightings, values, inverse)
+    # Σ c (q − A p)ᵀ W (q − A p)
+    cost = 0.0
+    for experiment, weighting in zip(experiments, weightings, strict=True):
+        rest = experiment.forces - experiment.fitted_regressors @ values
+        inner = np.linalg.inv(weighting)
+        cost += float(np.einsum("s,si,ij,sj->", experiment.counts, rest, inner, rest))
     total = force_share if kinematic_share is None else force_share + kinematic_share
     return ParameterEstimate(
         estimator=estimator,
@@ -85,7 +91,7 @@ def linear_estimate(
         covariance_forces=knowledge.full(force_share),
         covariance_kinematics=None if kinematic_share is None else knowledge.full(kinematic_share),
         motions=tuple(e.fit.motion for e in experiments if e.fit is not None),
-        cost=sum(_cost(experiment, values, estimator) for experiment in experiments),
+        cost=cost,
         iterations=1,
         converged=True,
         status="solved (linear)",
@@ -93,28 +99,20 @@ def linear_estimate(
     )
 
 
-def _cost(experiment: Experiment, values: Array, estimator: str) -> float:
-    """Return Σ c (q − A p)ᵀ W (q − A p)."""
-    rest = experiment.forces - experiment.fitted_regressors @ values
-    weights = np.linalg.inv(weighting_covariance(estimator, experiment.noise.forces.covariance))
-    return float(np.einsum("s,si,ij,sj->", experiment.counts, rest, weights, rest))
-
-
 def _kinematic_share(
     robot: Robot,
     experiments: Sequence[Experiment],
     knowledge: Knowledge,
-    estimator: str,
+    weightings: Sequence[Array],
     values: Array,
     inverse: Array,
 ) -> Array | None:
     """Return B Cov(ξ̂) Bᵀ, B = −∂p̂/∂ξ = F⁻¹ Σ c Aᵀ W ∂(A p)/∂ξ; None after pointwise kinematics."""
     total, count = np.zeros_like(inverse), len(inverse)
-    for experiment in experiments:
+    for experiment, weighting in zip(experiments, weightings, strict=True):
         fit = experiment.fit
         if fit is None:
             return None
-        weighting = weighting_covariance(estimator, experiment.noise.forces.covariance)
         equations = force_equations(
             robot, experiment, fit.motion, values, knowledge.free, weighting
         )
