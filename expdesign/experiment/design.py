@@ -163,13 +163,7 @@ def _probe(problem: DesignProblem, plan: SearchPlan, number: int) -> FourierTraj
 
 
 def force_covariance(configuration: RunConfiguration) -> Array:
-    """Return Σ, (6, 6), N².
-
-    Raises
-    ------
-    InputError
-        Neither robot nor run state the noise of the forces.
-    """
+    """Return Σ, (6, 6), N²; refuse a run that states no noise of the forces."""
     noise = configuration.robot.noise
     if noise is None or noise.force_covariance is None:
         raise InputError(
@@ -220,11 +214,9 @@ def _blame_unexcited(task: DesignTask, error: NoDesignError) -> None:
 def _precision(
     evaluator: Evaluator, information: Array, samples: int, periods: float
 ) -> PredictedPrecision:
-    covariance = parameter_covariance(information, evaluator.names)
-    std = np.sqrt(np.diag(covariance))
-    return PredictedPrecision(
-        samples, periods, dict(zip(evaluator.names, (float(s) for s in std), strict=True))
-    )
+    std = np.sqrt(np.diag(parameter_covariance(information, evaluator.names)))
+    named = dict(zip(evaluator.names, std.tolist(), strict=True))
+    return PredictedPrecision(samples, periods, named)
 
 
 def _experiment_precision(

@@ -59,13 +59,7 @@ class LimitSensitivity:
 def limit_sensitivity(
     configuration: RunConfiguration, trajectory: FourierTrajectory
 ) -> LimitSensitivity:
-    """Return what every limit costs a design of this run.
-
-    Raises
-    ------
-    InputError
-        The run cannot be designed for.
-    """
+    """Return what every limit costs a design of this run."""
     task = design_task(configuration)
     problem, plan = task.problem, task.plan
     stage = replace(finish_stage(problem, plan.widths, plan.iterations), radius=_RADIUS)
@@ -74,14 +68,7 @@ def limit_sensitivity(
 
 
 def sensitivity_at_design(task: DesignTask, trajectory: FourierTrajectory) -> LimitSensitivity:
-    """Return about what every limit costs a finished design, without another solve.
-
-    Parameters
-    ----------
-    task : DesignTask
-        Of the run that the design is of.
-    trajectory : FourierTrajectory
-    """
+    """Return about what every limit costs a finished design of a run, without another solve."""
     return _sensitivity(task, task.problem.variables.pack(trajectory), _NEAR_A_DESIGN)
 
 
@@ -136,7 +123,8 @@ def _active_rows(
     above = values - program.row_upper > program.row_lower - values
     keys = [problem.limits.keys[column] for column in columns]
     sign = np.where(above, 1.0, -1.0)
-    room = np.where(above, _room(problem)[1][columns], _room(problem)[0][columns])
+    room_below, room_above = _room(problem)
+    room = np.where(above, room_above[columns], room_below[columns])
     slopes = sign[:, None] * slopes
     bounds = _frequency_rows(problem, x, near)
     return (
