@@ -19,7 +19,7 @@ from expdesign.experiment.record import Iteration
 from expdesign.information.criteria import CRITERIA
 from expdesign.recheck.judge import TOLERANCE
 from results.figures.drawing import centred_text, figure_definition
-from results.notation import plain_number
+from results.notation import counted, plain_number
 from results.style import EMPHASIS, GREY, INK, ORANGE
 
 FLOOR = TOLERANCE
@@ -115,9 +115,7 @@ def _role(trace: Trace, best: int) -> str:
 def _label(role: str, roles: Sequence[str]) -> str:
     if role == _BEST:
         return "best start"
-    count = roles.count(role)
-    noun = {_OTHER: "other start", _HOP: "hop"}[role]
-    return f"{count} {noun}{'s' * (count != 1)}"
+    return counted(roles.count(role), {_OTHER: "other start", _HOP: "hop"}[role])
 
 
 def _mark_stages(axes: Axes, trace: Trace, longest: float) -> None:

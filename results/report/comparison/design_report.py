@@ -142,36 +142,31 @@ def _spectrum(design: ComparedDesign, samples: float, *, scaled: bool) -> tuple[
     return float(np.trace(inverse)), smallest, largest / smallest
 
 
-def _relative_std(comparison: DesignComparison, samples: float) -> dict[str, Array]:
-    """Return σ relative to each design's own nominal values, (m,); NaN where there is none."""
-    return {
-        design.label: design.std(samples)
-        / np.where(design.nominal == 0, np.nan, np.abs(design.nominal))
-        for design in comparison.designs
-    }
+def _relative_std(design: ComparedDesign, samples: float) -> Array:
+    """Return σ relative to the design's own nominal values, (m,); NaN where there is none."""
+    return design.std(samples) / np.where(design.nominal == 0, np.nan, np.abs(design.nominal))
 
 
 def _periods_needed(comparison: DesignComparison) -> dict[str, Array]:
     """Return the periods that each parameter needs for the precision wanted, by design."""
-    found = {}
-    for design in comparison.designs:
-        one = _relative_std(comparison, design.period * comparison.sampling)[design.label]
-        found[design.label] = np.maximum(np.ceil((one / comparison.precision) ** 2 - 1e-9), 1.0)
-    return found
+    one = {d.label: _relative_std(d, d.period * comparison.sampling) for d in comparison.designs}
+    return {
+        label: np.maximum(np.ceil((relative / comparison.precision) ** 2 - 1e-9), 1.0)
+        for label, relative in one.items()
+    }
 
 
 def _precision_table(comparison: DesignComparison) -> ReportTable:
     """Return predicted standard deviations and the periods needed, one row per parameter."""
-    relative = _relative_std(comparison, comparison.experiment_samples)
-    periods = _periods_needed(comparison)
-    designs = comparison.designs
+    designs, periods = comparison.designs, _periods_needed(comparison)
     shown = designs[:1] if comparison.same_nominal else designs
     columns = [Column("parameter", kind="parameter", of=designs[0].names)]
     for design in shown:
         whose = "" if comparison.same_nominal else f", {design.label}"
         columns.append(Column(f"nominal{whose}", of=design.nominal))
     columns += [
-        Column(f"σ, {label}", "%", digits=3, of=own, factor=100) for label, own in relative.items()
+        Column(f"σ, {label}", "%", digits=3, of=percents)
+        for label, percents in precision_series(comparison).values.items()
     ]
     columns += [Column(f"periods, {label}", of=own) for label, own in periods.items()]
     caption = (
@@ -185,9 +180,9 @@ def _precision_table(comparison: DesignComparison) -> ReportTable:
 
 def precision_series(comparison: DesignComparison) -> ParameterSeries:
     """Return what the figure of the precision is drawn from."""
-    relative = _relative_std(comparison, comparison.experiment_samples)
-    shown = {label: 100 * values for label, values in relative.items()}
-    return ParameterSeries(comparison.designs[0].names, shown)
+    samples, designs = comparison.experiment_samples, comparison.designs
+    percents = {design.label: 100 * _relative_std(design, samples) for design in designs}
+    return ParameterSeries(designs[0].names, percents)
 
 
 def _effort_table(comparison: DesignComparison) -> ReportTable:
