@@ -60,8 +60,8 @@ def difference_test(first: Array, second: Array, covariance: Array) -> Differenc
     Gauss–Markov against maximum likelihood is the test of Hausman (1978) of whether the
     information matrix is disturbed. While the motion enters the regressor without error, the
     Gauss–Markov estimate is efficient with the covariance F⁻¹, and what the maximum-likelihood
-    estimate has more, by estimating the motion too (`kinematic_share`), is the covariance of their
-    difference. A larger difference means that errors of the motion bias the Gauss–Markov estimate.
+    estimate has more, by estimating the motion too (`covariance_kinematics`), is the covariance of
+    their difference. A larger difference means that errors of the motion bias Gauss–Markov.
     """
     difference = np.asarray(second, dtype=np.float64) - np.asarray(first, dtype=np.float64)
     variance = np.diag(covariance)
