@@ -69,7 +69,7 @@ def analyse_noise(work: Workspace) -> Outcome:
 
 
 def predict(work: Workspace) -> Outcome:
-    """Validate."""
+    """Predict motions that were not used for the estimate, and compare with what was measured."""
     configuration = work.configuration
     record = validate(configuration, work.estimate(robot_from(configuration.robot)))
     summary, warnings = record.summary, record.summary.warnings

@@ -106,17 +106,17 @@ def do_stage(name: str, work: Workspace) -> Outcome:
     began = time.perf_counter()
     try:
         outcome: Outcome = loaded(STAGES[name].perform)(work)
+        files, record = outcome.files, outcome.record
+        if record is not None and not files:
+            from results import record_figures
+
+            formats = work.configuration.run.report.figures
+            files = (*record.write(work.folder), *record_figures(record, work.folder, formats))
     except ComputationError as error:
         if work.folder.is_dir():
             failed = Outcome(name, work.folder, status="failed", message=error.message)
             write_entry(work, failed, time.perf_counter() - began)
         raise StageFailed(error.message, error.details) from error
-    files, record = outcome.files, outcome.record
-    if record is not None and not files:
-        from results import record_figures
-
-        formats = work.configuration.run.report.figures
-        files = (*record.write(work.folder), *record_figures(record, work.folder, formats))
     seconds = time.perf_counter() - began
     told = {"folder": str(work.folder), "seconds": seconds, **outcome.summary}
     outcome = replace(outcome, stage=name, folder=work.folder, files=files, summary=told)
