@@ -37,19 +37,15 @@ class Repeated(IntEnum):
 
 def experiment_stream(seed: int, purpose: Shared) -> np.random.Generator:
     """Return the stream of what all repetitions share."""
-    return _stream(seed, _EXPERIMENT, purpose)
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_EXPERIMENT, purpose)))
 
 
 def repetition_stream(seed: int, repetition: int, purpose: Repeated) -> np.random.Generator:
     """Return a stream of one repetition, counted from 1."""
     if repetition < 1:
         raise ValueError(f"repetitions count from 1; there is no repetition {repetition}")
-    return _stream(seed, repetition, purpose)
-
-
-def _stream(seed: int, *key: int) -> np.random.Generator:
-    # The child that SeedSequence(seed, spawn_key=key[:1]).spawn() gives at the place key[1].
-    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))
+    # The child that SeedSequence(seed, spawn_key=(repetition,)).spawn() gives at that place.
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(repetition, purpose)))
 
 
 def noise_covariances(configuration: RunConfiguration) -> tuple[Array, Array]:
