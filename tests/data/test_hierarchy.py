@@ -91,7 +91,7 @@ def test_matlab73_matrices_and_structs(tmp_path, rec):
         file["#refs#/q"] = rec.q.T
         text = file.create_dataset("rec/t1", data=np.full((1, 60), 65, dtype=np.uint16))
         text.attrs["MATLAB_class"] = np.bytes_("char")
-    table = hierarchical.read_matlab73(path, DataSection())
+    table = hierarchical.read_hdf5(path, DataSection(), separator=".")
     _check(table, rec)
     assert table.column_name("q2") == "rec.q(:,2)"
 

@@ -52,7 +52,7 @@ def read_matlab(path: Path, section: DataSection) -> RawTable:
     return RawTable(path, _loaded(picked, arrays.__getitem__), picked)
 
 
-def read_hdf5(path: Path, section: DataSection, separator: str) -> RawTable:
+def read_hdf5(path: Path, section: DataSection, separator: str = "/") -> RawTable:
     """Read datasets, also members of compound ones; a name in a group is ``group/q1``.
 
     In MATLAB's files the groups are structs, and their fields have names such as ``recording.q1``.
@@ -152,14 +152,7 @@ def _is_not_hdf5(path: Path) -> bool:
 
 
 FORMATS = (
-    FileFormat(
-        "HDF5",
-        (".h5", ".hdf5", ".hdf"),
-        partial(read_hdf5, separator="/"),
-        "h5py",
-        "hdf5",
-        may_crash=True,
-    ),
+    FileFormat("HDF5", (".h5", ".hdf5", ".hdf"), read_hdf5, "h5py", "hdf5", may_crash=True),
     FileFormat(
         "MATLAB v7.3",
         (".mat",),
