@@ -51,6 +51,9 @@ class LimitDefinition:
     smooth: Callable[[Quantities], ca.SX] | None = None
     """Quantities → column of the same rows in an equivalent form that an optimiser can
     differentiate (tan α for α). None: `natural` is smooth."""
+    numerical: Callable[[Array], Array] | None = None
+    """Values of `natural`, (N, k), → the rows that the user reads, (N, R), where no expression
+    gives them: singular values. None: they are those of `natural`."""
     transform: Callable[[NDArray[np.float64]], NDArray[np.float64]] = field(default=_identity)
     """Maps bounds on `natural` to bounds on `smooth`; strictly monotone."""
     decreasing: bool = False

@@ -1,36 +1,23 @@
 """Condition number of the inverse Jacobian: distance from a singular pose."""
 
-import itertools
+import math
 
 import casadi as ca
 import numpy as np
 
+from constraints.arrays import Array
 from constraints.definition import LimitDefinition, Quantities
 
-_SWEEPS = 9
 _POWER_DOUBLINGS = 4
 
 
-def _singular_value_ratio(q: Quantities) -> ca.SX:
-    """Largest over smallest singular value, by one-sided Jacobi rotations (Hestenes).
-
-    The number of sweeps is fixed; convergence is quadratic and nine leave nothing but rounding
-    for 6 × 6 matrices of condition up to 1e6 (tested against LAPACK).
-    """
-    matrix = q["inverse_jacobian"]
-    columns = [matrix[:, k] for k in range(matrix.shape[1])]
-    for _ in range(_SWEEPS):
-        for i, j in itertools.combinations(range(len(columns)), 2):
-            a, b = columns[i], columns[j]
-            cross = ca.dot(a, b)
-            difference = ca.dot(a, a) - ca.dot(b, b)
-            # The smaller rotation angle that makes both columns orthogonal.
-            angle = ca.atan2(2 * cross, ca.fabs(difference)) / 2
-            angle = ca.if_else(difference < 0, -angle, angle)
-            cosine, sine = ca.cos(angle), ca.sin(angle)
-            columns[i], columns[j] = cosine * a + sine * b, cosine * b - sine * a
-    norms = ca.vertcat(*(ca.dot(c, c) for c in columns))
-    return ca.sqrt(ca.mmax(norms) / ca.mmin(norms))
+def _singular_value_ratio(entries: Array) -> Array:
+    """Return largest over smallest singular value, (N, 1), of matrices (N, n²); NaN stays."""
+    size = math.isqrt(entries.shape[1])
+    ratio = np.full((len(entries), 1), np.nan)
+    finite = np.all(np.isfinite(entries), axis=1)
+    ratio[finite, 0] = np.linalg.cond(entries[finite].reshape(-1, size, size))
+    return ratio
 
 
 def _power_norm_bound(q: Quantities) -> ca.SX:
@@ -58,7 +45,8 @@ LIMIT = LimitDefinition(
     unit="1",
     kind="upper",
     requires=("inverse_jacobian",),
-    natural=_singular_value_ratio,
+    natural=lambda quantities: ca.vec(quantities["inverse_jacobian"]),
+    numerical=_singular_value_ratio,
     smooth=_power_norm_bound,
     transform=lambda bound: 2 * np.log(bound),
     conservative=True,

@@ -37,7 +37,8 @@ def _kernel(
 ) -> BatchFunction:
     """State, machine, parameters, characteristic length (, friction's width) → rows (, slopes).
 
-    Rows are natural for the exact friction, those of the optimiser for the smooth one.
+    With exact friction every limit's natural expression by itself, and no slopes; with the smooth
+    one all rows of the optimiser in one.
     """
     graph = hexapod_graph(terms)
     state, *fixed = graph.inputs(friction)
@@ -53,10 +54,9 @@ def _kernel(
             what = ", ".join(sorted(missing))
             raise ValueError(f"limit '{definition.key}' needs {what}: the mechanism has no such")
     if friction is Friction.EXACT:
-        fixed = fixed[:-1]
-        rows = ca.vertcat(*(ca.densify(one.natural(quantities)) for one in definitions))
-    else:
-        rows = ca.cse(ca.vertcat(*(one.rows(quantities) for one in definitions)))
+        natural = [ca.densify(one.natural(quantities)) for one in definitions]
+        return BatchFunction("limits", [state], fixed[:-1], natural)
+    rows = ca.cse(ca.vertcat(*(one.rows(quantities) for one in definitions)))
     outputs = [rows, ca.cse(ca.jacobian(rows, state))] if slopes else [rows]
     return BatchFunction("limits", [state], fixed, outputs)
 
@@ -114,8 +114,12 @@ class LimitModel:
         States may have the third derivative though no limit needs it.
         """
         needed = states[..., : self._state_size]
-        (values,) = self._kernel(Friction.EXACT, slopes=False)(needed, *self._fixed())
-        return values
+        natural = self._kernel(Friction.EXACT, slopes=False)(needed, *self._fixed())
+        rows = [
+            values if limit.definition.numerical is None else limit.definition.numerical(values)
+            for limit, values in zip(self.limits, natural, strict=True)
+        ]
+        return np.concatenate([np.empty((len(states), 0)), *rows], axis=1)
 
     def violations(self, states: Array) -> Array:
         """Return (N, R) excess over the bounds as a share of each range; NaN counts as broken."""

@@ -67,7 +67,7 @@ def test_the_window_of_a_recording_of_the_whole_motion(tmp_path):
     duration = table.executed.motion.duration
     # The recording goes on for more than a period after the machine has come to rest.
     times = np.arange(round((duration + 3) * SAMPLING)) / SAMPLING
-    moving = table.executed.smoothed(np.minimum(times, duration)).states
+    moving = np.hstack(table.executed.smoothed(np.minimum(times, duration)).states)
     moving[times > duration, 6:] = 0
     noise = ROBOT.description.noise
     rng = np.random.default_rng(5)
