@@ -7,6 +7,7 @@ import pytest
 
 from expdesign.configuration import InputError, load_run
 from expdesign.experiment.design import design_task
+from expdesign.motion import planning
 from expdesign.motion import ramp as ramp_module
 from expdesign.motion.limits import check_motion
 from expdesign.motion.planning import executable_motion
@@ -150,7 +151,8 @@ def test_the_same_input_gives_the_same_motion(motion, configuration, orbit):
 
 
 @pytest.mark.slow
-def test_the_best_phase_is_not_longer(motion, configuration, orbit, with_motion):
+def test_the_best_phase_is_not_longer(monkeypatch, motion, configuration, orbit, with_motion):
+    monkeypatch.setattr(planning, "_PHASES", 4)
     settings = with_motion(configuration("palida", 5), phase="best")
     best = executable_motion(settings, orbit("palida", 5))
     assert check_motion(settings, best).passed
