@@ -17,12 +17,7 @@ import numpy as np
 
 from constraints.arrays import Array
 from estimation.diagnostics.channel_test import POSITION_PERIODIC, Strut
-from estimation.diagnostics.column_test import (
-    Cause,
-    ColumnTest,
-    causes,
-    column_test,
-)
+from estimation.diagnostics.column_test import Cause, ColumnTest, causes, column_test
 from estimation.diagnostics.joint_system import JointSystem, SolvedSystem
 from estimation.diagnostics.linearisation import Linearisation
 from estimation.diagnostics.position_periodic import (

@@ -23,11 +23,7 @@ from scipy import sparse
 from constraints.arrays import Array
 from estimation.estimators.experiment import Experiment
 from estimation.kinematics.fourier_fit import length_residuals
-from estimation.measurement_model import (
-    HarmonicMotion,
-    predict_forces,
-    predict_lengths,
-)
+from estimation.measurement_model import HarmonicMotion, predict_forces, predict_lengths
 from estimation.measurement_model.prediction import chunks, force_kernel
 from estimation.processing import NoiseEstimate
 from expdesign.mechanism.hexapod import ACTUATORS

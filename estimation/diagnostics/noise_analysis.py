@@ -8,11 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from estimation.diagnostics.findings import noise_findings
-from estimation.diagnostics.noise_record import (
-    NoiseFile,
-    NoiseRecord,
-    noise_keys,
-)
+from estimation.diagnostics.noise_record import NoiseFile, NoiseRecord, noise_keys
 from estimation.diagnostics.noise_tests import noise_tests
 from estimation.processing import NoiseModel, Record
 

@@ -11,6 +11,7 @@ by Rice's rate at which the envelope of the two components crosses a level upwar
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -82,13 +83,12 @@ def scan_pitches(
     if not len(frequencies):
         nothing = np.zeros(0)
         return PitchScan(strut, nothing, nothing, np.nan, 0.0, 0.0, np.inf)
-    centred = length - np.mean(length)
-    own = _OwnColumn.of(solved, strut)
-    statistic = own.statistic(centred, frequencies)
+    pair_statistic = _pair_statistic(solved, strut, length - np.mean(length))
+    statistic = pair_statistic(frequencies)
     top = int(np.argmax(statistic))
     spacing = frequencies[1] - frequencies[0]
     found = minimize_scalar(
-        lambda f: -float(own.statistic(centred, np.array([f]))[0]),
+        lambda f: -float(pair_statistic(f)[0]),
         bounds=(
             max(frequencies[0], frequencies[top] - spacing),
             min(frequencies[-1], frequencies[top] + spacing),
@@ -187,36 +187,29 @@ def _frequencies(length: Array, speed: Array, step: float) -> Array:
     return (1 + np.arange(count) / _OVERSAMPLING) / stroke
 
 
-@dataclass(frozen=True, eq=False)
-class _OwnColumn:
-    """What columns in one actuator meet: z becomes S_j √c z."""
+def _pair_statistic(
+    solved: SolvedSystem, strut: int, length: Array
+) -> Callable[[Array | float], Array]:
+    """Return what tells χ² of sine and cosine of a strut's length from their frequencies."""
+    system = solved.system
+    # What columns in one actuator meet: z becomes S_j √c z.
+    column, root = system.white[:, strut], np.sqrt(system.counts)
+    residual = solved.rest @ column * root
+    mixed = np.einsum("i,riu->ru", column, system.columns) @ solved.root * root[:, None]
+    weight = float(column @ column) * root**2
 
-    residual: Array
-    mixed: Array
-    weight: Array
-
-    @classmethod
-    def of(cls, solved: SolvedSystem, strut: int) -> _OwnColumn:
-        system = solved.system
-        column = system.white[:, strut]
-        residual = solved.rest @ column * np.sqrt(system.counts)
-        mixed = np.einsum("i,riu->ru", column, system.columns) @ solved.root
-        return cls(
-            residual,
-            mixed * np.sqrt(system.counts)[:, None],
-            float(column @ column) * np.sqrt(system.counts) ** 2,
-        )
-
-    def statistic(self, length: Array, frequencies: Array) -> Array:
-        angle = 2 * np.pi * np.multiply.outer(frequencies, length)
+    def statistic(frequencies: Array | float) -> Array:
+        angle = 2 * np.pi * np.multiply.outer(np.atleast_1d(frequencies), length)
         sin, cos = np.sin(angle), np.cos(angle)
-        scores = np.stack([sin @ self.residual, cos @ self.residual], axis=1)
-        sin_mixed, cos_mixed = sin @ self.mixed, cos @ self.mixed
-        ss = (sin * sin) @ self.weight - np.sum(sin_mixed**2, axis=1)
-        sc = (sin * cos) @ self.weight - np.sum(sin_mixed * cos_mixed, axis=1)
-        cc = (cos * cos) @ self.weight - np.sum(cos_mixed**2, axis=1)
+        scores = np.stack([sin @ residual, cos @ residual], axis=1)
+        sin_mixed, cos_mixed = sin @ mixed, cos @ mixed
+        ss = (sin * sin) @ weight - np.sum(sin_mixed**2, axis=1)
+        sc = (sin * cos) @ weight - np.sum(sin_mixed * cos_mixed, axis=1)
+        cc = (cos * cos) @ weight - np.sum(cos_mixed**2, axis=1)
         determinant = ss * cc - sc**2
-        seen = determinant > _SEEN * np.sum(self.weight) ** 2 / 4
+        seen = determinant > _SEEN * np.sum(weight) ** 2 / 4
         value = cc * scores[:, 0] ** 2 - 2 * sc * scores[:, 0] * scores[:, 1]
         value = value + ss * scores[:, 1] ** 2
         return np.where(seen, value / np.where(seen, determinant, 1.0), 0.0)
+
+    return statistic

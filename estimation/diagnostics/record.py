@@ -16,12 +16,7 @@ from estimation.diagnostics.noise_record import Histogram, NoisePictures, Quanti
 from estimation.diagnostics.noise_tests import Drifts, Normalities, Whitenesses
 from estimation.diagnostics.position_periodic import PeriodicForce
 from estimation.diagnostics.residuals import BinRow, ForceResiduals, VarianceComparison
-from expdesign.runfolder import (
-    ArrayTable,
-    OpenNumber,
-    RowTable,
-    described,
-)
+from expdesign.runfolder import ArrayTable, OpenNumber, RowTable, described
 
 
 @dataclass(frozen=True, eq=False)

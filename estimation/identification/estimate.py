@@ -23,7 +23,7 @@ from estimation.estimators import (
 from estimation.identification.noise_choice import residual_noise
 from estimation.identification.recording import prepare_recording
 from estimation.identification.result import EstimationResult, RecordSummary
-from estimation.uncertainty import identified_combinations, parameter_rows
+from estimation.uncertainty.intervals import identified_combinations, parameter_rows
 from expdesign.configuration import ConfigurationLike, InputError, RunConfiguration, load_run
 from expdesign.robot import Robot, robot_from
 from expdesign.trajectory import FourierTrajectory

@@ -12,7 +12,7 @@ from estimation.diagnostics.noise_record import NoiseKeys, noise_keys
 from estimation.diagnostics.record import DiagnosisKeys
 from estimation.estimators import ParameterEstimate
 from estimation.identification.result import EstimationResult, RecordSummary
-from estimation.uncertainty import Combination
+from estimation.uncertainty.intervals import Combination
 from expdesign.runfolder import Numbers, RunFile, copied, described
 from expdesign.trajectory import FourierKeys
 

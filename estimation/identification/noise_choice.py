@@ -9,7 +9,7 @@ import numpy as np
 from constraints.arrays import Array
 from estimation.identification.period_choice import UnsuitableDataError
 from estimation.processing import NoiseEstimate, NoiseModel, Record
-from estimation.uncertainty import correlation
+from estimation.uncertainty.intervals import correlation
 from expdesign.configuration import InputError, RunConfiguration
 
 _STILL = 1e-12

@@ -10,14 +10,11 @@ import numpy as np
 
 from constraints.arrays import Array
 from estimation.diagnostics import Diagnosis
-from estimation.diagnostics.noise_record import (
-    CovarianceRow,
-    covariance_rows,
-)
+from estimation.diagnostics.noise_record import CovarianceRow, covariance_rows
 from estimation.diagnostics.record import ExperimentRecord
 from estimation.identification.estimate_file import EstimateFile
 from estimation.identification.result import EstimationResult
-from estimation.uncertainty import ParameterRow, correlation
+from estimation.uncertainty.intervals import ParameterRow, correlation
 from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.runfolder import (
     ArrayTable,

@@ -14,8 +14,14 @@ from estimation.identification.period_choice import (
     period_warning,
 )
 from estimation.identification.result import RecordSummary
-from estimation.kinematics import MotionFit, choose_harmonics, fit_motion, pointwise_motion
-from estimation.kinematics.fourier_fit import MotionFitError, start_motion
+from estimation.kinematics.fourier_fit import (
+    MotionFit,
+    MotionFitError,
+    choose_harmonics,
+    fit_motion,
+    start_motion,
+)
+from estimation.kinematics.pointwise import pointwise_motion
 from estimation.measurement_model import HarmonicMotion
 from estimation.processing import NoiseModel, PeriodError, Record, make_record
 from expdesign.configuration import InputError, Problem, RunConfiguration

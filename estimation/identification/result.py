@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from constraints.arrays import Array
 from estimation.estimators import Experiment, Knowledge, ParameterEstimate
-from estimation.uncertainty import Combination, ParameterRow
+from estimation.uncertainty.intervals import Combination, ParameterRow
 from expdesign.configuration import RunConfiguration
 from expdesign.robot import Robot
 

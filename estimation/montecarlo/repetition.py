@@ -11,16 +11,11 @@ from pydantic import ConfigDict
 from constraints.arrays import Array
 from estimation.data.measurement import Measurement
 from estimation.diagnostics.noise_record import Freedom
-from estimation.estimators import (
-    Experiment,
-    Knowledge,
-    ParameterEstimate,
-    cramer_rao_covariance,
-)
+from estimation.estimators import Experiment, Knowledge, ParameterEstimate, cramer_rao_covariance
 from estimation.identification.estimate import parameter_knowledge, run_estimators
 from estimation.identification.period_choice import UnsuitableDataError
 from estimation.identification.recording import prepare_experiment
-from estimation.kinematics import MotionFit
+from estimation.kinematics.fourier_fit import MotionFit
 from estimation.measurement_model import HarmonicMotion
 from estimation.processing import NoiseModel, PeriodSource, make_record
 from estimation.twin import Twin

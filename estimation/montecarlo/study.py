@@ -22,8 +22,7 @@ from estimation.montecarlo.statistics import (
     pooled_statistics,
 )
 from estimation.twin import Truth
-from estimation.uncertainty import interval_width
-from estimation.uncertainty.intervals import IDENTIFIED
+from estimation.uncertainty.intervals import IDENTIFIED, interval_width
 from expdesign.configuration import ConfigurationLike, RunConfiguration, load_run
 from expdesign.robot import Robot
 from expdesign.runfolder.manifest import Manifest, text_hash

@@ -8,14 +8,7 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar
 
 from expdesign.mechanism.hexapod import numbered
-from expdesign.runfolder import (
-    Contents,
-    FolderRecord,
-    OpenNumber,
-    RowTable,
-    RunFile,
-    described,
-)
+from expdesign.runfolder import Contents, FolderRecord, OpenNumber, RowTable, RunFile, described
 
 _WRITTEN_BY = "`expdesign run` of a run with `study:`"
 

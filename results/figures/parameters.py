@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from constraints.arrays import Array
 from estimation.identification.record import EstimateRecord
-from estimation.uncertainty import correlation
+from estimation.uncertainty.intervals import correlation
 from expdesign.experiment import DesignRecord
 from expdesign.experiment.result import IDENTIFIABLE
 from results.figures.drawing import (

@@ -18,7 +18,8 @@ from estimation.estimators import (
     least_squares,
     maximum_likelihood,
 )
-from estimation.kinematics import fit_motion, pointwise_motion
+from estimation.kinematics.fourier_fit import fit_motion
+from estimation.kinematics.pointwise import pointwise_motion
 from estimation.measurement_model import HarmonicMotion
 from estimation.processing import NoiseEstimate, NoiseModel, PeriodSource, make_record
 from expdesign.configuration.sections.data import EstimateSection

@@ -3,9 +3,9 @@ import pytest
 from scipy.special import erf
 
 from estimation.data.measurement import Measurement
-from estimation.kinematics import choose_harmonics, expected_signs, fit_motion, pointwise_motion
-from estimation.kinematics.fourier_fit import MotionFitError
-from estimation.kinematics.friction_signs import rate_spread
+from estimation.kinematics.fourier_fit import MotionFitError, choose_harmonics, fit_motion
+from estimation.kinematics.friction_signs import expected_signs, rate_spread
+from estimation.kinematics.pointwise import pointwise_motion
 from estimation.measurement_model import HarmonicMotion
 from estimation.processing import PeriodSource, make_record
 from tests.estimation.cases import ROBOT, measured, trajectory

@@ -10,7 +10,7 @@ import numpy as np
 from estimation.identification.estimate_file import EstimateFile
 from estimation.identification.record import EstimateRecord
 from estimation.twin.record import Truth
-from estimation.uncertainty import ParameterRow
+from estimation.uncertainty.intervals import ParameterRow
 from results.figures.noise import NOISE_FIGURES
 from results.figures.parameters import ESTIMATE_FIGURES
 from results.figures.residuals import DIAGNOSTIC_FIGURES
