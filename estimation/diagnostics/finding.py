@@ -78,6 +78,12 @@ class Assumption:
             self.text, Outcome.FAILS, sentence, advice, self.serious, contradiction, p, level
         )
 
+    def judged(self, where: str, absent: str, present: str, p: float, level: float) -> Finding:
+        """Say what the test found: where it rejects the assumption, or nothing."""
+        if where:
+            return self.fails(present, p, level, where)
+        return self.holds(absent, p, level)
+
 
 class Status(StrEnum):
     """Of an estimate or a prediction as a whole."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -220,16 +220,16 @@ def _white(
     p = _family_p(test.p_values)
     verb = "are" if what.endswith("s") else "is"
     known = " " * bool(left) + left
-    if not np.any(test.failed):
-        worst = float(np.max(np.abs(test.autocorrelation)))
-        sentence = (
-            f"the {what} {verb} not correlated in time to an extent that matters{known} (largest "
-            f"autocorrelation {worst:.3f})"
-        )
-        return assumption.holds(sentence, p, test.level)
+    worst = float(np.max(np.abs(test.autocorrelation)))
     where = _channels(kind, test.failed)
-    sentence = f"the {what} {verb} correlated in time{known} in {where}"
-    return assumption.fails(sentence, p, test.level, where)
+    return assumption.judged(
+        where,
+        f"the {what} {verb} not correlated in time to an extent that matters{known} (largest "
+        f"autocorrelation {worst:.3f})",
+        f"the {what} {verb} correlated in time{known} in {where}",
+        p,
+        test.level,
+    )
 
 
 def _noise_white(tests: Whitenesses) -> Finding:
@@ -240,17 +240,14 @@ def _noise_white(tests: Whitenesses) -> Finding:
     p = min(_family_p(test.p_values) for test in done.values())
     level = next(iter(done.values())).level
     largest = max(float(np.max(np.abs(test.autocorrelation))) for test in done.values())
-    where = [_channels(kind, test.failed) for kind, test in done.items() if np.any(test.failed)]
-    if not where:
-        sentence = f"largest autocorrelation between periods {largest:.3f}"
-        return _NOISE_WHITE.holds(sentence, p, level)
-    listed = _listed(where)
-    sentence = f"the noise is correlated in time ({listed}; up to {largest:.2f})"
-    return _NOISE_WHITE.fails(sentence, p, level, listed)
+    where = _listed([_channels(kind, test.failed) for kind, test in done.items()])
+    absent = f"largest autocorrelation between periods {largest:.3f}"
+    present = f"the noise is correlated in time ({where}; up to {largest:.2f})"
+    return _NOISE_WHITE.judged(where, absent, present, p, level)
 
 
-def _distribution(tests: Normalities) -> tuple[Finding, Finding]:
-    """Whether there are outliers, and whether the noise is normal."""
+def _distribution(tests: Normalities) -> Iterator[Finding]:
+    """Yield whether there are outliers, and whether the noise is normal."""
     kinds = {"force": tests.forces, "length": tests.lengths}
     done = {kind: test for kind, test in kinds.items() if test is not None}
     level = tests.forces.level
@@ -260,11 +257,10 @@ def _distribution(tests: Normalities) -> tuple[Finding, Finding]:
         for kind, test in done.items()
         for j in np.flatnonzero(test.with_outliers)
     }
-    first = _NO_OUTLIERS.holds("no more samples are far off than in normal noise", p, level)
-    if outliers:
-        counts = ", ".join(f"{channel}: {count}" for channel, count in outliers.items())
-        sentence = f"more samples are far off than normal noise has ({counts})"
-        first = _NO_OUTLIERS.fails(sentence, p, level, ", ".join(outliers))
+    counts = ", ".join(f"{channel}: {count}" for channel, count in outliers.items())
+    absent = "no more samples are far off than in normal noise"
+    present = f"more samples are far off than normal noise has ({counts})"
+    yield _NO_OUTLIERS.judged(", ".join(outliers), absent, present, p, level)
     p = min(_family_p(test.p_values) for test in done.values())
     shapes = {
         f"{kind} {j + 1}": f"skewness {test.skewness[j]:.2f}, excess kurtosis "
@@ -272,11 +268,10 @@ def _distribution(tests: Normalities) -> tuple[Finding, Finding]:
         for kind, test in done.items()
         for j in np.flatnonzero(test.failed)
     }
-    if not shapes:
-        sentence = "skewness and kurtosis are those of normal noise"
-        return first, _NORMAL.holds(sentence, p, level)
     numbers = "; ".join(f"{channel} ({shape})" for channel, shape in shapes.items())
-    return first, _NORMAL.fails(f"the noise is not normal: {numbers}", p, level, ", ".join(shapes))
+    absent = "skewness and kurtosis are those of normal noise"
+    present = f"the noise is not normal: {numbers}"
+    yield _NORMAL.judged(", ".join(shapes), absent, present, p, level)
 
 
 def _periods(tests: Drifts) -> Finding:
@@ -294,10 +289,9 @@ def _periods(tests: Drifts) -> Finding:
         p = min(p, _family_p(test.p_values))
         for j in np.flatnonzero(test.failed):
             changes[f"{kind} {j + 1}"] = f"by {factor * test.extent[j]:.2g} {unit}"
-    if not changes:
-        return _ALIKE.holds("the means of the periods do not differ", p, force.level)
     listed = ", ".join(f"{channel} {change}" for channel, change in changes.items())
-    return _ALIKE.fails(f"period means change: {listed}", p, force.level, ", ".join(changes))
+    absent, present = "the means of the periods do not differ", f"period means change: {listed}"
+    return _ALIKE.judged(", ".join(changes), absent, present, p, force.level)
 
 
 def _family_p(p_values: Array) -> float:
@@ -311,12 +305,12 @@ def _effect_p(effects: Sequence[Effect], kind: str) -> float:
 
 
 def _channels(kind: str, flags: NDArray[np.bool_]) -> str:
-    """Return ``"struts 3 and 4"`` for the channels with these flags, (6,)."""
+    """Return ``"struts 3 and 4"`` for the channels with these flags, (6,); empty for none."""
     numbers = [str(j + 1) for j in np.flatnonzero(flags)]
-    return f"{kind}{'s' * (len(numbers) > 1)} {_listed(numbers)}"
+    return f"{kind}{'s' * (len(numbers) > 1)} {_listed(numbers)}" if numbers else ""
 
 
 def _listed(words: Iterable[str]) -> str:
-    """Return ``"a, b and c"``."""
-    *first, last = words
+    """Return ``"a, b and c"`` of the words that are not empty."""
+    *first, last = [word for word in words if word] or [""]
     return f"{', '.join(first)} and {last}" if first else last

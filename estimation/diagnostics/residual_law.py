@@ -136,13 +136,9 @@ def length_law(
 ) -> ResidualLaw:
     """Return the law of the length residuals; `motion_covariance` is Cov(ξ̂), (x, x)."""
     columns = part.length_columns * np.sqrt(part.length_counts)[:, None, None]
+    extra = np.zeros(columns.shape[:2])
     return ResidualLaw(
-        noise=experiment.noise.lengths,
-        columns=columns,
-        partner=columns,
-        cross=motion_covariance,
-        covariance=motion_covariance,
-        extra=np.zeros(columns.shape[:2]),
+        experiment.noise.lengths, columns, columns, motion_covariance, motion_covariance, extra
     )
 
 
