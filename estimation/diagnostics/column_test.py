@@ -115,7 +115,7 @@ def causes(
             "one",
         )
     labels, columns = _parameter_columns(part, names, held_out=held_out)
-    delay = part.delay_column
+    delays = part.delay_column.shape[2]
     return (
         Cause(
             kind="column",
@@ -130,8 +130,8 @@ def causes(
         ),
         Cause(
             kind="delay",
-            labels=() if delay is None else (("", None),),
-            columns=np.zeros((*part.forces.shape, 0)) if delay is None else delay[:, :, None],
+            labels=(("", None),) * delays,
+            columns=part.delay_column,
             level=DELAY / experiments,
             assumption=Assumption(
                 "forces and lengths are sampled at the same time",
@@ -141,9 +141,9 @@ def causes(
             words="a delay between the channels",
             present="the forces lag behind the lengths",
             absent="the forces lag by {value:.3g} ± {std:.1g} ms",
-            untested="pointwise kinematics give no derivative of the forces in time"
-            if delay is None
-            else "the forces do not change in time",
+            untested="the forces do not change in time"
+            if delays
+            else "pointwise kinematics give no derivative of the forces in time",
             scale=1e3,
             number=".3g",
             unit=lambda _: "ms",

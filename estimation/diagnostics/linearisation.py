@@ -93,8 +93,9 @@ class Linearisation:
     """(R, 6, m), A, all parameters."""
     motion_columns: Array
     """(R, 6, x), G; x = 0 after pointwise kinematics."""
-    delay_column: Array | None
-    """(R, 6), change of the predicted force per second that the force channel lags, N/s."""
+    delay_column: Array
+    """(R, 6, 1), change of the predicted force per second that the force channel lags, N/s; none
+    after pointwise kinematics."""
     free: NDArray[np.bool_]
     """(m,), parameters that were estimated."""
     sign_variance: Array
@@ -145,7 +146,7 @@ def linearise(
         if experiment.pointwise is None:
             raise ValueError("an experiment has a fitted or a pointwise motion")
         state, regressors = experiment.pointwise.state, experiment.fitted_regressors
-        slope, delay = np.zeros((len(times), ACTUATORS, 0)), None
+        slope = delay = np.zeros((len(times), ACTUATORS, 0))
         sign_variance = np.zeros((len(times), ACTUATORS))
     else:
         state = motion.at(times).state()
@@ -155,7 +156,7 @@ def linearise(
             for part in chunks(len(times))
         ]
         regressors, slope, rate = map(np.concatenate, zip(*parts, strict=True))
-        delay = -rate
+        delay = -rate[:, :, None]
         sign_variance = _sign_variance(robot, state, signs, values)
         length_times = record.lengths.times
         length_cells = _cells(experiment, length_times, record.lengths.counts)
@@ -172,7 +173,7 @@ def linearise(
         forces=cells.mean(rows),
         regressors=cells.mean(regressors),
         motion_columns=cells.mean(slope),
-        delay_column=None if delay is None else cells.mean(delay),
+        delay_column=cells.mean(delay),
         free=free,
         sign_variance=cells.mean(sign_variance),
         lengths=None if lengths is None else length_cells.mean(lengths),

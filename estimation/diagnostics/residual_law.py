@@ -150,14 +150,9 @@ def _force_law(
     covariance: Array,
     partner: Array | None = None,
 ) -> ResidualLaw:
-    return ResidualLaw(
-        noise=experiment.noise.forces,
-        columns=columns,
-        partner=columns if partner is None else partner,
-        cross=cross,
-        covariance=covariance,
-        extra=part.sign_variance * part.counts[:, None],
-    )
+    partner = columns if partner is None else partner
+    extra = part.sign_variance * part.counts[:, None]
+    return ResidualLaw(experiment.noise.forces, columns, partner, cross, covariance, extra)
 
 
 def _errors(part: Linearisation, experiment: Experiment, estimate: ParameterEstimate) -> Array:

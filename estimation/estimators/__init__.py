@@ -3,7 +3,7 @@
 from estimation.estimators.experiment import Experiment
 from estimation.estimators.joint import cramer_rao_covariance
 from estimation.estimators.knowledge import Knowledge, UnidentifiableError
-from estimation.estimators.linear import gauss_markov, least_squares
+from estimation.estimators.linear import linear_estimate
 from estimation.estimators.maximum_likelihood import maximum_likelihood
 from estimation.estimators.result import ParameterEstimate
 
@@ -13,7 +13,6 @@ __all__ = [
     "ParameterEstimate",
     "UnidentifiableError",
     "cramer_rao_covariance",
-    "gauss_markov",
-    "least_squares",
+    "linear_estimate",
     "maximum_likelihood",
 ]

@@ -28,24 +28,10 @@ def weighting_covariance(estimator: str, covariance: Array) -> Array:
     return np.eye(len(covariance)) * np.trace(covariance) / len(covariance)
 
 
-def least_squares(
-    robot: Robot, experiments: Sequence[Experiment], knowledge: Knowledge
-) -> ParameterEstimate:
-    """Estimate the parameters with equal weights (see `linear_estimate`)."""
-    return linear_estimate(robot, experiments, knowledge, "ls")
-
-
-def gauss_markov(
-    robot: Robot, experiments: Sequence[Experiment], knowledge: Knowledge
-) -> ParameterEstimate:
-    """Estimate the parameters with the full Σ, equation (7) (see `linear_estimate`)."""
-    return linear_estimate(robot, experiments, knowledge, "gm")
-
-
 def linear_estimate(
     robot: Robot, experiments: Sequence[Experiment], knowledge: Knowledge, estimator: str
 ) -> ParameterEstimate:
-    """Solve the weighted linear problem over all experiments.
+    """Estimate the parameters with equal weights, ``"ls"``, or with the full Σ, ``"gm"``.
 
     Raises
     ------

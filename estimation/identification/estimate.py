@@ -16,8 +16,7 @@ from estimation.estimators import (
     Knowledge,
     ParameterEstimate,
     cramer_rao_covariance,
-    gauss_markov,
-    least_squares,
+    linear_estimate,
     maximum_likelihood,
 )
 from estimation.identification.noise_choice import residual_noise
@@ -112,16 +111,16 @@ def run_estimators(
     wanted: Sequence[str],
 ) -> dict[str, ParameterEstimate]:
     """Return the estimates wanted, in the order ls, gm, ml."""
-    results: dict[str, ParameterEstimate] = {}
-    if "ls" in wanted:
-        results["ls"] = least_squares(robot, experiments, knowledge)
-    if "gm" in wanted or "ml" in wanted:
-        start = gauss_markov(robot, experiments, knowledge)
-        if "gm" in wanted:
-            results["gm"] = start
-        if "ml" in wanted:
-            results["ml"] = maximum_likelihood(robot, experiments, knowledge, start)
-    return results
+    # Maximum likelihood begins from Gauss–Markov.
+    needed = {*wanted, "gm"} if "ml" in wanted else wanted
+    results = {
+        name: linear_estimate(robot, experiments, knowledge, name)
+        for name in ("ls", "gm")
+        if name in needed
+    }
+    if "ml" in wanted:
+        results["ml"] = maximum_likelihood(robot, experiments, knowledge, results["gm"])
+    return {name: found for name, found in results.items() if name in wanted}
 
 
 def _with_residual_noise(
@@ -132,7 +131,7 @@ def _with_residual_noise(
     used = int(np.count_nonzero(knowledge.free)) // len(present)
     unknown = [n for n, e in enumerate(present) if e.noise.forces.includes_model_error]
     for _ in range(_RESIDUAL_ROUNDS if unknown else 0):
-        values = gauss_markov(robot, present, knowledge).values
+        values = linear_estimate(robot, present, knowledge, "gm").values
         for number in unknown:
             experiment = present[number]
             rest = experiment.forces - experiment.fitted_regressors @ values

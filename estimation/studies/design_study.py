@@ -29,7 +29,6 @@ from estimation.studies.records import (
     DETERMINANTS,
     MEANS,
     PRECISION,
-    AgreementRow,
     Claim,
     DesignRow,
     DeterminantRow,
@@ -125,7 +124,11 @@ class DesignStudy(Study):
             DESIGNS: self._designs(),
             PRECISION: self._precision(),
             DETERMINANTS: self._determinants(),
-            AGREEMENT: self._agreement(),
+            AGREEMENT: [
+                trial.agreement("exact", estimator)
+                for trial, estimator in product(self.trials, ESTIMATORS)
+                if "exact" in self.section.kinematics
+            ],
             MEANS: self._means(),
         }
 
@@ -279,12 +282,6 @@ class DesignStudy(Study):
                 int(np.count_nonzero(better & rigid)),
                 int(np.count_nonzero(better & ~rigid)),
             )
-
-    def _agreement(self) -> Iterator[AgreementRow]:
-        if "exact" not in self.section.kinematics:
-            return
-        for trial, estimator in product(self.trials, ESTIMATORS):
-            yield trial.agreement("exact", estimator)
 
     def _means(self) -> Iterator[MeanRow]:
         for pair, kinematics in product(self.sets, self.section.kinematics):

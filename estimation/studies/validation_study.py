@@ -11,11 +11,12 @@ from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
+from itertools import product
 from typing import Any
 
 import numpy as np
 
-from constraints.arrays import Array, Mask
+from constraints.arrays import Mask
 from estimation.studies.records import (
     POWER,
     VARIANCES,
@@ -33,13 +34,7 @@ from estimation.studies.study import (
     repeated,
     study_section,
 )
-from estimation.studies.validation_runs import (
-    SITUATIONS,
-    Predicted,
-    Prediction,
-    ValidationBench,
-    ValidationRun,
-)
+from estimation.studies.validation_runs import SITUATIONS, Predicted, ValidationBench, ValidationRun
 from estimation.validation.motions import motion_name
 from expdesign.configuration import RunConfiguration
 from expdesign.mechanism.hexapod import ACTUATORS
@@ -124,15 +119,13 @@ class ValidationStudy(Study):
 
     def claims(self) -> Iterator[Claim]:
         """Yield what the study was to show."""
-        for situation in SITUATIONS:
-            for number in range(len(self.motions)):
-                yield self._verdict_claim(situation, number)
+        for situation, number in self._predicted():
+            yield self._verdict_claim(situation, number)
         struts = np.flatnonzero(self.expected("unknown"))
         for number, motion in enumerate(self.motions):
-            model, noise = (
-                " and ".join(f"{values[j]:.1f}" for j in struts)
-                for values in self._mean_variances("unknown", number)
-            )
+            rows = self._variances("unknown", number)
+            model = " and ".join(f"{rows[j].variance_model_error:.1f}" for j in struts)
+            noise = " and ".join(f"{rows[j].variance_measurement_error:.1f}" for j in struts)
             yield Claim(
                 f"{motion}: variance about the prediction of actuators {_listed(struts)} with "
                 "cogging that the model does not know",
@@ -151,15 +144,24 @@ class ValidationStudy(Study):
 
     def rows(self) -> dict[RowTable[Any], Iterable[Any]]:
         """Return the rows of every table."""
-        return {VARIANCES: self._variances(), POWER: self._power(), VERDICTS: self._verdicts()}
+        return {
+            VARIANCES: [row for motion in self._predicted() for row in self._variances(*motion)],
+            POWER: self._power(),
+            VERDICTS: self._verdicts(),
+        }
+
+    def _predicted(self) -> Iterator[tuple[str, int]]:
+        """Return every situation with the number of every motion, from 0."""
+        return product(SITUATIONS, range(len(self.motions)))
 
     def _verdict_claim(self, situation: str, number: int) -> Claim:
         title = f"{SITUATIONS[situation]}, {self.motions[number]}"
         if situation == "known":
-            fails = np.mean([p.bias.failed for p in self._predictions(situation, number)], axis=0)
+            rows = self._variances(situation, number)
+            most = [row.actuator - 1 for row in rows if row.fails > _MOST * row.runs]
             return Claim(
                 f"{title}: reported, not judged",
-                f"actuators that fail in most runs: {_listed(np.flatnonzero(fails > _MOST))}",
+                f"actuators that fail in most runs: {_listed(most)}",
             )
         share = self.as_expected(situation, number)
         wanted = np.flatnonzero(self.expected(situation))
@@ -189,27 +191,17 @@ class ValidationStudy(Study):
             value,
         )
 
-    def _predictions(self, situation: str, number: int) -> list[Prediction]:
-        return [run.situations[situation][number] for run in self.runs]
-
-    def _mean_variances(self, situation: str, number: int) -> tuple[Array, Array]:
-        found = self._predictions(situation, number)
-        return (
-            np.mean([one.variances.model_error for one in found], axis=0),
-            np.mean([one.variances.measurement_error for one in found], axis=0),
-        )
-
-    def _variances(self) -> Iterator[VarianceRow]:
-        for situation in SITUATIONS:
-            for number, motion in enumerate(self.motions):
-                numbers = zip(
-                    *self._mean_variances(situation, number),
-                    np.sum([p.bias.failed for p in self._predictions(situation, number)], axis=0),
-                    strict=True,
-                )
-                for actuator, (model, noise, fails) in enumerate(numbers, start=1):
-                    runs = len(self.runs)
-                    yield VarianceRow(situation, motion, actuator, model, noise, int(fails), runs)
+    def _variances(self, situation: str, number: int) -> list[VarianceRow]:
+        """Return the rows of all actuators on one motion."""
+        found = [run.situations[situation][number] for run in self.runs]
+        model = np.mean([one.variances.model_error for one in found], axis=0)
+        noise = np.mean([one.variances.measurement_error for one in found], axis=0)
+        fails = np.sum([one.bias.failed for one in found], axis=0)
+        motion, runs = self.motions[number], len(found)
+        return [
+            VarianceRow(situation, motion, j + 1, model[j], noise[j], int(fails[j]), runs)
+            for j in range(ACTUATORS)
+        ]
 
     def _verdicts(self) -> Iterator[Any]:
         for number, run in enumerate(self.runs, start=1):

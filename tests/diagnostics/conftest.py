@@ -11,13 +11,7 @@ from estimation.data.measurement import Measurement
 from estimation.diagnostics.joint_system import joint_systems
 from estimation.diagnostics.linearisation import linearise
 from estimation.diagnostics.residual_law import held_out_law, joint_law, linear_laws
-from estimation.estimators import (
-    Experiment,
-    Knowledge,
-    gauss_markov,
-    least_squares,
-    maximum_likelihood,
-)
+from estimation.estimators import Experiment, Knowledge, linear_estimate, maximum_likelihood
 from estimation.kinematics.fourier_fit import fit_motion
 from estimation.kinematics.pointwise import pointwise_motion
 from estimation.measurement_model import HarmonicMotion
@@ -95,11 +89,9 @@ class Laboratory:
         return Experiment.from_points(self.robot, record, estimated(record), motion)
 
     def estimate(self, experiments, estimator="gm"):
-        if estimator == "ls":
-            return least_squares(self.robot, experiments, self.knowledge)
-        gm = gauss_markov(self.robot, experiments, self.knowledge)
-        if estimator == "gm":
-            return gm
+        if estimator != "ml":
+            return linear_estimate(self.robot, experiments, self.knowledge, estimator)
+        gm = linear_estimate(self.robot, experiments, self.knowledge, "gm")
         return maximum_likelihood(self.robot, experiments, self.knowledge, gm)
 
 

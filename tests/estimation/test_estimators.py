@@ -7,8 +7,7 @@ from estimation.estimators import (
     Experiment,
     Knowledge,
     UnidentifiableError,
-    gauss_markov,
-    least_squares,
+    linear_estimate,
     maximum_likelihood,
 )
 from estimation.estimators.experiment import regressors_along
@@ -37,7 +36,7 @@ def experiment(seed=0, motion=MOTION, **options):
 
 def test_gauss_markov_equals_generalised_least_squares():
     case = experiment()
-    found = gauss_markov(ROBOT, [case], knowledge())
+    found = linear_estimate(ROBOT, [case], knowledge(), "gm")
     inverse = np.linalg.cholesky(np.linalg.inv(NOISE.force_covariance)).T
     rows = np.concatenate([inverse @ block for block in case.fitted_regressors])
     forces = (case.forces @ inverse.T).ravel()
@@ -50,7 +49,7 @@ def test_gauss_markov_equals_generalised_least_squares():
 
 def test_least_squares_with_the_full_covariance_of_the_noise():
     case = experiment()
-    found = least_squares(ROBOT, [case], knowledge())
+    found = linear_estimate(ROBOT, [case], knowledge(), "ls")
     rows = case.fitted_regressors.reshape(-1, 24)
     pseudo = np.linalg.pinv(rows)
     np.testing.assert_allclose(found.values, pseudo @ case.forces.ravel(), rtol=1e-8)
@@ -62,8 +61,8 @@ def test_the_share_of_the_kinematic_noise_is_how_estimates_move_with_the_motion(
     # Hardly any residual, whose part of the derivative has the mean zero and is not in B.
     case = experiment(force_scale=1e-3, length_scale=1e-3)
     known = knowledge()
-    for estimator in (least_squares, gauss_markov):
-        base = estimator(ROBOT, [case], known)
+    for estimator in ("ls", "gm"):
+        base = linear_estimate(ROBOT, [case], known, estimator)
         signs = case.signs(ROBOT, case.fit.motion)
         slope = []
         for k in range(len(case.fit.covariance)):
@@ -75,7 +74,7 @@ def test_the_share_of_the_kinematic_noise_is_how_estimates_move_with_the_motion(
                 # Signs as they were: their change is no part of the derivative.
                 rows = regressors_along(ROBOT, moved, case.record.forces.times, signs)
                 other = Experiment(case.record, GIVEN, case.fit, case.spread, rows)
-                ends.append(estimator(ROBOT, [other], known).values)
+                ends.append(linear_estimate(ROBOT, [other], known, estimator).values)
             slope.append((ends[0] - ends[1]) / 2e-7)
         slope = np.array(slope).T
         expected = np.sqrt(np.diag(slope @ case.fit.covariance @ slope.T))
@@ -85,7 +84,7 @@ def test_the_share_of_the_kinematic_noise_is_how_estimates_move_with_the_motion(
 
 def test_maximum_likelihood_equals_an_independent_least_squares():
     case = experiment()
-    start = gauss_markov(ROBOT, [case], knowledge())
+    start = linear_estimate(ROBOT, [case], knowledge(), "gm")
     found = maximum_likelihood(ROBOT, [case], knowledge(), start)
     signs = case.signs(ROBOT, found.motions[0])
     force_white = np.linalg.inv(np.linalg.cholesky(NOISE.force_covariance))
@@ -138,7 +137,7 @@ def test_two_experiments_are_worth_their_sum():
     one, two = experiment(1), experiment(2, other)
     known = knowledge()
     results = [
-        maximum_likelihood(ROBOT, cases, known, gauss_markov(ROBOT, cases, known))
+        maximum_likelihood(ROBOT, cases, known, linear_estimate(ROBOT, cases, known, "gm"))
         for cases in ([one], [two], [one, two])
     ]
     first, second, both = (np.linalg.inv(result.covariance) for result in results)
@@ -149,7 +148,7 @@ def test_two_experiments_are_worth_their_sum():
 def test_fixed_parameters_stay():
     known = knowledge(fixed={"p1": 0.004, "p4": None})
     case = experiment()
-    start = gauss_markov(ROBOT, [case], known)
+    start = linear_estimate(ROBOT, [case], known, "gm")
     for result in (start, maximum_likelihood(ROBOT, [case], known, start)):
         assert result.values[0] == 0.004
         assert result.values[3] == ROBOT.parameters[3]
@@ -159,10 +158,10 @@ def test_fixed_parameters_stay():
 
 def test_a_prior_pulls_as_its_precision_says():
     case = experiment()
-    free = gauss_markov(ROBOT, [case], knowledge())
+    free = linear_estimate(ROBOT, [case], knowledge(), "gm")
     k = 0
     known = knowledge(prior={"p1": {"value": 0.02, "std": float(free.std[k])}})
-    pulled = gauss_markov(ROBOT, [case], known)
+    pulled = linear_estimate(ROBOT, [case], known, "gm")
     # Two pieces of knowledge with the same weight: the mean, with 1/√2 of the error.
     assert pulled.values[k] == pytest.approx((free.values[k] + 0.02) / 2, rel=1e-2)
     assert np.sqrt(pulled.covariance_forces[k, k]) == pytest.approx(
@@ -172,10 +171,10 @@ def test_a_prior_pulls_as_its_precision_says():
 
 def test_bounds_hold_and_the_others_give_way():
     case = experiment()
-    free = gauss_markov(ROBOT, [case], knowledge())
+    free = linear_estimate(ROBOT, [case], knowledge(), "gm")
     low = float(free.values[9] + 2 * free.std[9])
     known = knowledge(bounds={"p10": [low, low + 1]})
-    start = gauss_markov(ROBOT, [case], known)
+    start = linear_estimate(ROBOT, [case], known, "gm")
     full = maximum_likelihood(ROBOT, [case], known, start)
     for result in (start, full):
         assert result.values[9] == pytest.approx(low, rel=1e-12)
@@ -198,7 +197,7 @@ def test_parameters_that_nothing_excites_are_named():
         np.zeros((case.record.samples, 18)),
     )
     with pytest.raises(UnidentifiableError) as error:
-        gauss_markov(ROBOT, [frozen], knowledge())
+        linear_estimate(ROBOT, [frozen], knowledge(), "gm")
     assert "p1" in error.value.names
     assert "estimate.fixed" in str(error.value)
 
@@ -211,8 +210,8 @@ def test_estimates_spread_as_they_say_and_cover():
         noise = NoiseModel.given(NOISE.force_covariance, 25 * NOISE.length_covariance)
         fit = fit_motion(ROBOT, case.record, 25 * NOISE.length_covariance, 2, start=case.fit.motion)
         case = Experiment.from_fit(ROBOT, case.record, noise, fit)
-        gm = gauss_markov(ROBOT, [case], known)
-        results = (least_squares(ROBOT, [case], known), gm)
+        gm = linear_estimate(ROBOT, [case], known, "gm")
+        results = (linear_estimate(ROBOT, [case], known, "ls"), gm)
         for result in (*results, maximum_likelihood(ROBOT, [case], known, gm)):
             pulls[result.estimator].append((result.values - ROBOT.parameters) / result.std)
     for name, drawn in pulls.items():
