@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from expdesign.cli.output import JsonOption, RunArgument, note, warn, write_json
-
-if TYPE_CHECKING:
-    pass
 
 _MOST_EXPERIMENTS = 100_000
 _MOST_REPETITIONS = 10_000_000

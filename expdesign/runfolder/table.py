@@ -164,7 +164,7 @@ class RowTable(Table[Iterable[Row], tuple[Row, ...]], Generic[Row]):
 
 @dataclass(frozen=True)
 class ArrayTable(Table[Block, Block], Generic[Block]):
-    """A table of numbers alone: a frozen dataclass of arrays (N,) and (N, k), `array_columns`."""
+    """A table of numbers alone: a frozen dataclass of arrays (N,) and (N, k), `described`."""
 
     block: type[Block]
 

@@ -1,8 +1,11 @@
 """The YAML and the Python of the docs work."""
 
+import ast
 import dataclasses
 import importlib
+import re
 import sys
+from operator import attrgetter
 
 import casadi as ca
 import numpy as np
@@ -19,11 +22,17 @@ from expdesign.information.criteria import CRITERIA
 from expdesign.information.spectral import spectral_cost
 from expdesign.robot import LimitModel, robot_from
 from expdesign.solver.stage import SearchEvent
-from tests.docs.pages import ROOT, blocks, parse
+from tests.docs.pages import FILES, ROOT, blocks, parse, prose
 
 YAML_BLOCKS = blocks("yaml")
 LIMIT = "constraints/limits/strut_inclination.py"
 CRITERION = "phi2.py"
+
+
+# "`A` or `B` of `module`"
+NAMED = re.compile(
+    r"`([A-Za-z_.]+)`(?:\s+or\s+`([A-Za-z_.]+)`)?\s+of\s+`((?:expdesign|estimation|results)[a-z_.]*)`"
+)
 
 
 def _keys(model):
@@ -132,6 +141,18 @@ def test_the_python_page(tiny_result, tmp_path, monkeypatch):
     assert list(names["made"].stages) == ["design", "experiment", "estimate"]
     assert names["page"] == tmp_path / "runs" / "whole" / "report.html"
     assert names["page"].is_file()
+
+
+@pytest.mark.parametrize("page", FILES, ids=lambda page: page.stem)
+def test_names_of_modules_are_there(page):
+    found = [(module, names) for *names, module in NAMED.findall(prose(page))]
+    for block in blocks("python"):
+        if block.page == page:
+            imports = [n for n in ast.parse(block.text).body if isinstance(n, ast.ImportFrom)]
+            found += [(each.module, [alias.name for alias in each.names]) for each in imports]
+    for module, names in found:
+        for name in filter(None, names):
+            attrgetter(name)(importlib.import_module(module))
 
 
 @pytest.fixture
