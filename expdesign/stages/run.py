@@ -108,18 +108,20 @@ def do_stage(name: str, work: Workspace) -> Outcome:
         outcome: Outcome = loaded(STAGES[name].perform)(work)
         files, record = outcome.files, outcome.record
         if record is not None and not files:
+            files = record.write(work.folder)
+            # The library that draws takes a second to load: what took hours is written by then.
             from results import record_figures
 
             formats = work.configuration.run.report.figures
-            files = (*record.write(work.folder), *record_figures(record, work.folder, formats))
+            files = (*files, *record_figures(record, work.folder, formats))
     except ComputationError as error:
         if work.folder.is_dir():
             failed = Outcome(name, work.folder, status="failed", message=error.message)
             write_entry(work, failed, time.perf_counter() - began)
         raise StageFailed(error.message, error.details) from error
     seconds = time.perf_counter() - began
-    told = {"folder": str(work.folder), "seconds": seconds, **outcome.summary}
-    outcome = replace(outcome, stage=name, folder=work.folder, files=files, summary=told)
+    summary = {"folder": str(work.folder), "seconds": seconds, **outcome.summary}
+    outcome = replace(outcome, stage=name, folder=work.folder, files=files, summary=summary)
     keep_configuration(work.configuration, work.folder)
     write_entry(work, outcome, seconds)
     work.made[name] = outcome
