@@ -76,16 +76,16 @@ def estimate(
         experiments = [record.experiment for record in records]
         estimates = run_estimators(robot, experiments, knowledge, wanted)
         bound = _bound(robot, experiments, knowledge, estimates)
+        combinations = {
+            name: identified_combinations(robot, knowledge.names, result.values, result.covariance)
+            for name, result in estimates.items()
+        }
     freedom = min(experiment.noise.forces.freedom for experiment in experiments)
     rows = [
         row
         for result in estimates.values()
         for row in parameter_rows(robot, result, knowledge, freedom)
     ]
-    combinations = {
-        name: identified_combinations(robot, knowledge.names, result.values, result.covariance)
-        for name, result in estimates.items()
-    }
     return EstimationResult(
         configuration=configuration,
         robot=robot,
