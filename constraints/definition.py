@@ -37,7 +37,8 @@ class LimitDefinition:
     """``interval``: the user gives ``[min, max]``; ``symmetric``: one value b, −b ≤ q ≤ b;
     ``upper``: q ≤ b; ``lower``: b ≤ q."""
     natural: Callable[[Quantities], ca.SX]
-    """Quantities → column of rows in `unit`, as the user reads it. Reports and rechecks use it."""
+    """Quantities → column of rows in `unit`, as the user reads it, or of what `numerical` makes
+    them from. Reports and rechecks use it."""
     requires: tuple[str, ...]
     """Names of the quantities that are read; a mechanism that does not offer them refuses the
     limit."""
@@ -53,7 +54,7 @@ class LimitDefinition:
     differentiate (tan α for α). None: `natural` is smooth."""
     numerical: Callable[[Array], Array] | None = None
     """Values of `natural`, (N, k), → the rows that the user reads, (N, R), where no expression
-    gives them: singular values. None: they are those of `natural`."""
+    gives them: singular values. `smooth` is needed then. None: they are those of `natural`."""
     transform: Callable[[NDArray[np.float64]], NDArray[np.float64]] = field(default=_identity)
     """Maps bounds on `natural` to bounds on `smooth`; strictly monotone."""
     decreasing: bool = False

@@ -52,7 +52,11 @@ def record_figures(
 def design_figures(
     record: DesignRecord, folder: Path, formats: Collection[str] | None = None
 ) -> tuple[Path, ...]:
-    """Draw those of a design, by default in the formats that `report.figures` of its run names."""
+    """Draw the figures of a design into ``figures/`` of its run folder; return the files.
+
+    The record is ``DesignRecord.of(result)`` or ``DesignRecord.read(folder)``; the formats, of
+    "png", "svg" and "pdf", are those that `report.figures` of its run names by default.
+    """
     wanted = record.configuration.run.report.figures if formats is None else formats
     return record_figures(record, folder, wanted)
 

@@ -168,7 +168,7 @@ def read_yaml(path: Path) -> Document:
 
 
 def read_text(path: Path, largest: int, allowed: str) -> str:
-    """Return the text of a file in UTF-8 of at most so many bytes; refuse any other.
+    """Return the text of a file in UTF-8 of at most `largest` bytes; refuse any other.
 
     `allowed` is what the file should hold, for messages.
     """

@@ -25,10 +25,11 @@ _Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 @dataclass(frozen=True)
 class MotionEntry:
-    """The motion that all tables hold; `window` is that of the measurement, `home` a pose.
+    """The motion that all tables hold; SI and radians.
 
-    It was `made_from` configuration, design and versions, a hash; there are no `ways` for ramps
-    of another kind.
+    It is measured in `window`, (begin, end), at the rate `sampling`, Hz; `home` is a pose, (6,).
+    `made_from` is the hash of configuration, design and versions. There are no `ways`, from rest
+    and back, for ramps of another kind.
     """
 
     name: str

@@ -88,7 +88,7 @@ class ExecutableMotion:
         return float(self.starts[k]), float(self.starts[k + 1])
 
     def steps(self, step: float) -> tuple[int, ...]:
-        """Return how many controller steps, s, each segment takes.
+        """Return how many steps of the controller, whose length in s is given, each segment takes.
 
         Raises
         ------

@@ -79,9 +79,9 @@ class RampAttempt:
 def shortest(
     problem: RampProblem, guess: SplineRamp, width: float, points: int = _POINTS
 ) -> RampAttempt:
-    """Minimise the duration from a guess, with friction smoothed by a width in m/s.
+    """Minimise the duration from a guess, with dry friction smoothed by `width`, m/s.
 
-    Limits are held at so many points; the rows grow where they must.
+    Limits are held at `points` instants; the rows grow where they must.
     """
     problem = replace(problem, time_scale=guess.duration)
     x = problem.pack(guess)
@@ -120,10 +120,10 @@ def shortest(
 def find_ramp(
     problem: RampProblem, guesses: Sequence[SplineRamp], name: str, step: float, width: float
 ) -> SplineRamp:
-    """Return the shortest ramp found, a whole number of controller steps, s, long.
+    """Return the shortest ramp found, a whole number of the controller's steps long, `step` s each.
 
     The guesses are where to start from, in this order; those of almost the same duration count
-    once. Dry friction is smoothed by a width in m/s.
+    once. Dry friction is smoothed by `width`, m/s.
 
     Raises
     ------

@@ -79,11 +79,11 @@ class DesignProblem:
         samples: int,
         margins: Array | None = None,
     ) -> LimitedProgram:
-        """Return the nonlinear program with the rows of a mask, (K, R), at phases ωt, (K,).
+        """Return the nonlinear program with the rows of a mask, (K, R), at phases ωt, (K,), rad.
 
-        Dry friction has a width in m/s, the criterion's surrogate a level, the cost a number of
-        samples of one period; the natural bounds are drawn in by margins, (K, R), as shares of
-        their ranges.
+        Dry friction is smoothed by `width`, m/s; `level` is the sharpness of the criterion's
+        surrogate, `samples` are those of one period in the cost. The natural bounds are drawn in by
+        `margins`, (K, R), shares of their ranges.
         """
         used = np.any(mask, axis=1)
         basis = PhaseBasis.at(phases[used], self.variables.harmonics)

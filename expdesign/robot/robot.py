@@ -200,9 +200,10 @@ class Robot:
         acceleration: ArrayLike,
         parameters: ArrayLike | None = None,
     ) -> Array:
-        """Return actuator forces, N, positive when they extend, at λ, λ̇, λ̈: (6,) or (N, 6) each.
+        """Return actuator forces, N, positive when they extend: (6,) or (N, 6).
 
-        Parameters are (m,), SI, in the order of `parameter_names`; the nominal ones by default.
+        Pose, rate and acceleration, λ, λ̇, λ̈, are (6,) or (N, 6): m, rad, s. Parameters are (m,),
+        SI, in the order of `parameter_names`; the nominal ones by default.
         """
         values = self.parameters if parameters is None else np.asarray(parameters, dtype=float)
         if values.shape != (len(self.parameter_names),):

@@ -66,10 +66,11 @@ def finish(
     rounds: int,
     report: Report,
 ) -> Finished:
-    """Bring a solution within the limits between the samples, at the ω of the problem's bounds.
+    """Bring a solution within the limits between the samples as well.
 
-    Both of these are the value wanted. There are at most so many `rounds`, each a solve with the
-    stage's settings; the evaluator decides which of their trajectories is the best.
+    Both bounds of ω in the problem are the value wanted; `start` has scaled variables, (z,). Each
+    of at most `rounds` is a solve with the stage's settings; the evaluator decides which of their
+    trajectories is the best.
     """
     x = start.copy()
     x[-1] = problem.variables.bounds()[0][-1]

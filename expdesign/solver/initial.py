@@ -32,8 +32,8 @@ def random_start(
     """Draw amplitudes, then shrink the motion about home until every limit is kept.
 
     The amplitudes of harmonic k are normal with a standard deviation of k^−0.7 quarter reaches
-    of their coordinate; ω is uniform in the upper half of its range. The limits are tested at so
-    many points of a period, with dry friction of a width in m/s.
+    of their coordinate; ω is uniform in the upper half of its range. The limits are tested at
+    `points` of one period, with dry friction smoothed by `width`, m/s.
 
     Raises
     ------

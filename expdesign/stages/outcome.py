@@ -109,7 +109,7 @@ class Outcome:
     """What was computed (a `DesignResult`, a `Twin`, …); None when the stage had been done
     before and was kept."""
     files: tuple[Path, ...] = ()
-    """Those that it wrote; those of the record are written by who asked for the stage."""
+    """Those that it wrote itself; with none, its record is written and drawn by `do_stage`."""
     summary: dict[str, Any] = field(default_factory=dict)
     """What the command prints with ``--json``, beside the folder and the seconds it took."""
     status: str = "done"

@@ -133,7 +133,7 @@ _TABLES: dict[str, tuple[_Shown, ...]] = {
 
 def study_report(folder: RunFolder) -> StageReport:
     """Return what is to be said of the study in a folder."""
-    record = StudyRecord.read(folder.path)
+    record = folder.record(StudyRecord)
     kind, claims = record.summary.kind, record.summary.claims
     level, word, sentence, fact = judgement(claims)
     verdict = Verdict(f"Study: {_TITLES[kind].lower()}", level, word, sentence, "study")
