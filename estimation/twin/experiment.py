@@ -126,11 +126,9 @@ class Twin:
             lengths = lengths + length_drift(final, grid.times, grid.duration)
             drift = {"size": section.drift, "final": final}
         truth = Truth(
-            name=configuration.name,
+            name=configuration.run.name,
             robot=robot.name,
-            parameters=dict(
-                zip(robot.parameter_names, (float(p) for p in robot.parameters), strict=True)
-            ),
+            parameters=dict(configuration.robot.parameters),
             experiment=ExperimentKeys(
                 section.periods,
                 section.sampling,
@@ -177,13 +175,19 @@ class Twin:
         if section.quantisation is not None:
             lengths = quantised(lengths, section.quantisation.length)
             forces = quantised(forces, section.quantisation.force)
+        return self.recorded(
+            lengths, forces, f"digital twin of {truth.name}, repetition {repetition}"
+        )
+
+    def recorded(self, lengths: Array, forces: Array, source: str = "") -> Measurement:
+        """Return lengths (m) and forces (N) of all samples, (T, 6) each, as a measurement."""
         return Measurement(
             time=self.grid.times,
             lengths=lengths,
             forces=forces,
             step=1 / self.grid.sampling,
             period=self.grid.period_numbers,
-            source=f"digital twin of {truth.name}, repetition {repetition}",
+            source=source,
         )
 
 

@@ -63,7 +63,7 @@ def check(run: RunArgument, as_json: JsonOption = False) -> None:
             {
                 "status": 0,
                 "file": None if configuration.file is None else str(configuration.file),
-                "stages": configuration.stages,
+                "stages": configuration.run.stages,
                 "run_does": done,
                 "configuration": configuration.run.model_dump(mode="json", by_alias=True),
                 "shared_joints": pairs,
@@ -72,7 +72,7 @@ def check(run: RunArgument, as_json: JsonOption = False) -> None:
         )
         return
     typer.echo(resolved_yaml(configuration), nl=False)
-    unnamed = "" if configuration.stages else " (the file names no stage)"
+    unnamed = "" if configuration.run.stages else " (the file names no stage)"
     note(f"expdesign run does: {', '.join(done) or 'nothing'}{unnamed}")
     for stage in named(configuration):
         if reason := left_out(stage, configuration):

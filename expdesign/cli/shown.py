@@ -108,7 +108,7 @@ def montecarlo(outcome: Outcome) -> None:
     """Print bias, spread and coverage of each estimator over all parameters."""
     console, study = results(), outcome.result
     console.print(
-        f"{study.configuration.name}: {len(study.repetitions)} repetitions of "
+        f"{study.configuration.run.name}: {len(study.repetitions)} repetitions of "
         f"{study.truth.experiment.periods} periods at {study.truth.experiment.sampling:g} Hz; "
         f"{len(study.identified)} of {len(study.free)} parameters are identified"
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from os import PathLike
 from pathlib import Path
 
@@ -12,10 +13,7 @@ _SUFFIXES = (".yaml", ".yml")
 
 def absolute(path: str | PathLike[str], folder: Path | None = None) -> Path:
     """Return a path as absolute, ``~`` expanded, relative ones starting from a folder."""
-    try:
-        expanded = Path(path).expanduser()
-    except RuntimeError:  # no such user
-        expanded = Path(path)
+    expanded = os.path.expanduser(Path(path))  # noqa: PTH111 - leaves unknown users as they are
     return (folder or Path.cwd()).absolute() / expanded
 
 
@@ -41,15 +39,8 @@ def find_file(
     if name_or_path in shipped:
         return shipped[name_or_path]
     is_path = any(mark in name_or_path for mark in "/\\")
-    if is_path or name_or_path.lower().endswith(_SUFFIXES) or _is_file(path):
+    if is_path or name_or_path.lower().endswith(_SUFFIXES) or os.path.isfile(path):  # noqa: PTH113 - whatever the text is
         return path
     message = f"no {kind} {shown(name_or_path)} ships, and there is no such file"
     allowed = f"{', '.join(shipped)}, or the path of a {kind} file"
     raise InputError(message, allowed=allowed, nearest=nearest(name_or_path, shipped))
-
-
-def _is_file(path: Path) -> bool:
-    try:
-        return path.is_file()
-    except (OSError, ValueError):
-        return False

@@ -89,18 +89,13 @@ def limits_as_written(limits: Mapping[str, Limit], length: float) -> dict[str, A
             named = zip(definition.components, rows, strict=True)
             written[name] = {c: list(row) for c, row in named if np.all(np.isfinite(row))}
             continue
-        entries: list[Any] = [_entry(definition, row) for row in rows]
-        if definition.kind == "symmetric" and not all(low == -high for low, high in rows):
-            entries = [list(row) for row in rows]
+        kind = definition.kind
+        if kind == "symmetric" and not all(low == -high for low, high in rows):
+            kind = "interval"
+        entries = [list(row) if kind == "interval" else row[kind != "lower"] for row in rows]
         alike = all(entry == entries[0] for entry in entries)
         written[name] = entries[0] if alike else entries
     return written | {CHARACTERISTIC_LENGTH: length}
-
-
-def _entry(definition: LimitDefinition, row: Bounds) -> Any:
-    if definition.kind == "interval":
-        return list(row)
-    return row[0] if definition.kind == "lower" else row[1]
 
 
 def _length(value: object) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from os import PathLike
 from pathlib import Path
 from typing import Any, TypeVar
@@ -111,17 +111,17 @@ def _robot_source(
         return Placed(named, document, ("robot",))
     if not isinstance(named, str) or not named.strip():
         return None
+    path = None
     try:
         path = find_file(named, "robot", robot_files(), document.folder)
-    except InputError as error:
-        problems += (
-            document.problem(("robot",), p.message, p.allowed, p.nearest) for p in error.problems
-        )
-        return None
-    try:
         return read_robot(path)
     except InputError as error:
-        if path.is_file():
+        if path is None:
+            problems += (
+                document.problem(("robot",), p.message, p.allowed, p.nearest)
+                for p in error.problems
+            )
+        elif path.is_file():
             problems += error.problems
         else:  # the place to look at is where it is named
             problems += (
@@ -153,40 +153,32 @@ def _unknown_parameters(
     ]
 
 
-def _undesignable(run: RunDescription, document: Document) -> list[Problem]:
+def _undesignable(run: RunDescription, document: Document) -> Iterator[Problem]:
     """Name what is well-formed but cannot be designed."""
-    problems = []
     if run.design.start == "rest" and run.trajectory.harmonics < _LEAST_HARMONICS_AT_REST:
-        problems.append(
-            document.problem(
-                ("design", "start"),
-                "a series of one harmonic that starts at rest never moves",
-                f"periodic, or trajectory.harmonics of at least {_LEAST_HARMONICS_AT_REST}",
-            )
+        yield document.problem(
+            ("design", "start"),
+            "a series of one harmonic that starts at rest never moves",
+            f"periodic, or trajectory.harmonics of at least {_LEAST_HARMONICS_AT_REST}",
         )
     step = run.controller_period
     low, high = run.trajectory.frequency
     if step > 1 / (2 * high):
-        problems.append(
-            document.problem(
-                ("experiment", "sampling"),
-                f"a sampling of {1 / step:g} Hz is too slow for motions of {1 / high:g} s",
-                f"at least {2 * high:g} Hz, or a trajectory.controller_period",
-            )
+        yield document.problem(
+            ("experiment", "sampling"),
+            f"a sampling of {1 / step:g} Hz is too slow for motions of {1 / high:g} s",
+            f"at least {2 * high:g} Hz, or a trajectory.controller_period",
         )
-        return problems
+        return
     fewest = math.ceil(1 / (high * step) * (1 - _ROUNDING))
     most = math.floor(1 / (low * step) * (1 + _ROUNDING))
     if low < high and fewest > most:
-        problems.append(
-            document.problem(
-                ("trajectory", "frequency"),
-                f"no period between {1 / high:g} and {1 / low:g} s is a whole number of "
-                f"controller steps of {step:g} s",
-                f"a range that includes {1 / (fewest * step):g} Hz, or equal bounds",
-            )
+        yield document.problem(
+            ("trajectory", "frequency"),
+            f"no period between {1 / high:g} and {1 / low:g} s is a whole number of "
+            f"controller steps of {step:g} s",
+            f"a range that includes {1 / (fewest * step):g} Hz, or equal bounds",
         )
-    return problems
 
 
 def _completed(run: RunDescription, robot: ResolvedRobot, folder: Path) -> RunDescription:

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Annotated, Any
 
-from pydantic import BeforeValidator, Field, ValidationError, ValidationInfo, model_serializer
-from pydantic_core import InitErrorDetails, PydanticCustomError
+from pydantic import BeforeValidator, Field, ValidationInfo, model_serializer
+from pydantic_core import PydanticCustomError
 
 from expdesign.configuration.problem import nearest, refusal, shown
 from expdesign.configuration.section import Section
 from expdesign.configuration.values.quantity import dimension_of
-from expdesign.configuration.values.scalars import known
+from expdesign.configuration.values.scalars import each_read, known
 from expdesign.mechanism.catalogue import DEFAULT, TERMS, known_parameters, terms_named
 from expdesign.mechanism.term import Constant, Parameter, Term, parameters_of
 from expdesign.mechanism.terms import rigid_platform
@@ -116,29 +116,19 @@ def _quantities(
     place: tuple[str, ...] = (),
 ) -> dict[str, float]:
     """Return the values of exactly the names expected, SI; raise everything that is wrong."""
-    found: dict[str, float] = {}
-    problems: list[InitErrorDetails] = []
-    for name in (*expected, *(name for name in given if name not in expected)):
-        wrong: str | PydanticCustomError | None = None
-        try:
-            if name not in expected:
-                allowed = ", ".join(expected) or "none"
-                raise refusal(unknown(name), allowed, nearest(name, expected))
-            default = expected[name].default
-            if given.get(name) is None and default is not None:
-                found[name] = default
-            elif name in given:
-                found[name] = dimension_of(expected[name].unit).parse(given[name])
-            else:
-                wrong = "missing"
-        except PydanticCustomError as error:
-            wrong = error
-        if wrong is not None:
-            location = (*place, str(name))
-            problems.append({"type": wrong, "loc": location, "input": given.get(name)})
-    if problems:
-        raise ValidationError.from_exception_data("quantities", problems)
-    return found
+
+    def read(name: str, value: object) -> float:
+        if name not in expected:
+            allowed = ", ".join(expected) or "none"
+            raise refusal(unknown(name), allowed, nearest(name, expected))
+        default = expected[name].default
+        if value is None and default is not None:
+            return default
+        if name not in given:
+            raise PydanticCustomError("missing", "the key is missing")
+        return dimension_of(expected[name].unit).parse(value)
+
+    return each_read(dict.fromkeys(expected) | dict(given), read, place)
 
 
 def whose(name: object) -> str:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from pydantic import AfterValidator
 from pydantic_core import PydanticCustomError
 
 _LONGEST_SHOWN = 60
@@ -122,6 +123,17 @@ def refusal(
     """
     context = {"reason": reason, "allowed": allowed, "nearest": nearest or "", "key": key}
     return PydanticCustomError("refused", "{reason}", context)
+
+
+def require(holds: Callable[[Any], object], reason: str, allowed: str) -> AfterValidator:
+    """Return a validator of what must hold; `reason` is a format of ``value`` and of ``shown``."""
+
+    def check(value: Any) -> Any:
+        if not holds(value):
+            raise refusal(reason.format(value=value, shown=shown(value)), allowed)
+        return value
+
+    return AfterValidator(check)
 
 
 def format_number(found: object, newest: int) -> int:

@@ -86,6 +86,11 @@ class RobotDescription(Section):
     """As written."""
 
 
+_ARRAYS = (
+    *("home", "gravity", "base_joints", "platform_joints", "alpha_axes", "platform_joint_axes"),
+)
+
+
 @dataclass(frozen=True, eq=False)
 class ResolvedRobot:
     """A hexapod, ready to be computed with. The arrays are read-only, in SI units."""
@@ -184,7 +189,7 @@ def resolve_robot(
 
     warnings = []
     terms = chosen_terms(description.terms, description.platform)
-    platform_joints = read_only(description.platform_joints)
+    platform_joints = np.array(description.platform_joints)
     with np.errstate(all="ignore"):
         if length is None:
             length = geo.rms_radius(platform_joints)
@@ -207,22 +212,18 @@ def resolve_robot(
         )
     written = description.model_copy(
         update={
-            "alpha_axes": _nested(alpha_axes),
-            "platform_joint_axes": _nested(joint_axes),
+            "alpha_axes": tuple(map(tuple, alpha_axes.tolist())),
+            "platform_joint_axes": tuple(map(tuple, joint_axes.tolist())),
             "noise": merged_noise,
             "limits": limits_as_written(resolved_limits, length),
         }
     )
-    pairs = geo.shared_pairs(np.array(description.base_joints), platform_joints)
+    arrays = {name: read_only(getattr(written, name)) for name in _ARRAYS}
+    pairs = geo.shared_pairs(arrays["base_joints"], platform_joints)
     return ResolvedRobot(
         name=description.name,
         description=written,
-        home=read_only(description.home),
-        gravity=read_only(description.gravity),
-        base_joints=read_only(description.base_joints),
-        platform_joints=platform_joints,
-        alpha_axes=read_only(alpha_axes),
-        platform_joint_axes=read_only(joint_axes),
+        **arrays,
         platform=description.platform,
         terms=terms,
         constants=tuple(c.value for term in description.terms for c in term.constants.values()),
@@ -255,7 +256,3 @@ def _axes(
         joint_axes,
         problems or geo.geometry_problems(home, alpha_axes, length, source.problem),
     )
-
-
-def _nested(array: Array) -> tuple[tuple[float, ...], ...]:
-    return tuple(tuple(row) for row in array.tolist())

@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
+from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from expdesign.configuration.limits import Limits
 from expdesign.configuration.noise import NoiseDescription
-from expdesign.configuration.problem import format_number, refusal, shown
+from expdesign.configuration.problem import format_number, refusal, require
 from expdesign.configuration.robot import ResolvedRobot, RobotDescription
 from expdesign.configuration.section import Section
 from expdesign.configuration.sections.data import DataSection, EstimateSection, MonteCarloSection
@@ -37,7 +37,11 @@ RUN_FORMAT = 1
 
 _DEFAULT_WORKERS = 2
 _LARGEST_WORKERS = 1024
-_ADDRESS = re.compile(r"(?:tcp|tls|ucx|ws|wss)://[A-Za-z0-9._\[\]:-]{1,250}:\d{1,5}")
+_ADDRESS = require(
+    re.compile(r"(?:tcp|tls|ucx|ws|wss)://[A-Za-z0-9._\[\]:-]{1,250}:\d{1,5}").fullmatch,
+    "{shown} is not the address of a scheduler",
+    "tcp://host:port of a Dask cluster",
+)
 
 FigureFormat = Literal["png", "svg", "pdf"]
 
@@ -50,14 +54,6 @@ class ReportSection(Section):
     figures: Annotated[
         tuple[Annotated[FigureFormat, one_of(FigureFormat)], ...], at_least(1, "formats"), Distinct
     ] = ("png", "svg")
-
-
-def _address(value: str) -> str:
-    if not _ADDRESS.fullmatch(value):
-        raise refusal(
-            f"{shown(value)} is not the address of a scheduler", "tcp://host:port of a Dask cluster"
-        )
-    return value
 
 
 def _name_or_inline(value: object) -> str:
@@ -106,7 +102,7 @@ class RunDescription(Section):
     report: Annotated[ReportSection, _STAGE] = ReportSection()
     workers: Annotated[int, whole(1, _LARGEST_WORKERS)] | None = None
     """Local processes; None when a scheduler is given."""
-    scheduler: Annotated[FilledText, AfterValidator(_address)] | None = None
+    scheduler: Annotated[FilledText, _ADDRESS] | None = None
     """Address of a Dask cluster."""
 
     @model_validator(mode="before")
@@ -171,17 +167,7 @@ class RunConfiguration:
     warnings: tuple[str, ...] = ()
     """Those of the robot and those of the run."""
 
-    @property
-    def name(self) -> str:
-        """The run's name."""
-        return self.run.name
-
     def with_section(self, section: str, **changes: Any) -> RunConfiguration:
         """Return the run with keys of one of its sections changed."""
         changed = getattr(self.run, section).model_copy(update=changes)
         return replace(self, run=self.run.model_copy(update={section: changed}))
-
-    @property
-    def stages(self) -> tuple[str, ...]:
-        """The stages that the run names, in the order in which they are done."""
-        return self.run.stages

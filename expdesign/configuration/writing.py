@@ -39,7 +39,7 @@ def resolved_yaml(configuration: RunConfiguration) -> str:
     `load_run` of a file with this text gives an equal configuration, to the last bit.
     """
     data = configuration.run.model_dump(by_alias=True)
-    stages = configuration.stages
+    stages = configuration.run.stages
     unnamed = [stage for stage in STAGES if stage not in stages]
     if "data" not in configuration.run.model_fields_set and "estimate" not in stages:
         unnamed.append("data")

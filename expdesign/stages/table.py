@@ -180,7 +180,7 @@ def loaded(place: str) -> Any:
 
 def named(configuration: RunConfiguration) -> tuple[str, ...]:
     """Return the stages that a run names, in their order."""
-    return configuration.stages or (FIRST,)
+    return configuration.run.stages or (FIRST,)
 
 
 def left_out(stage: str, configuration: RunConfiguration) -> str:

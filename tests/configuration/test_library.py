@@ -27,10 +27,10 @@ def test_what_ships():
 @pytest.mark.parametrize("name", run_files())
 def test_runs_that_ship_load_without_a_robot_of_their_own(name):
     configuration = load_run(name)
-    assert configuration.name == name
+    assert configuration.run.name == name
     studies = {"paper_design", "paper_identification", "paper_validation"}
-    assert ("study" in configuration.stages) == (name in studies)
-    assert configuration.stages[0] == "design"
+    assert ("study" in configuration.run.stages) == (name in studies)
+    assert configuration.run.stages[0] == "design"
 
 
 def test_the_main_job():

@@ -27,7 +27,7 @@ def _write(folder, text, name="run.yaml"):
 
 def _same(first, second):
     assert first.run == second.run
-    assert first.stages == second.stages
+    assert first.run.stages == second.run.stages
     a, b = first.robot, second.robot
     assert a.description == b.description
     assert a.parameters == b.parameters
@@ -53,9 +53,9 @@ def _same(first, second):
 def test_file_mapping_model_and_configuration(tmp_path, monkeypatch):
     path = _write(tmp_path, "name: a\nrobot: palida\ndesign: {starts: 3}\n")
     configuration = load_run(path)
-    assert configuration.name == "a"
+    assert configuration.run.name == "a"
     assert configuration.file == path
-    assert configuration.stages == ("design",)
+    assert configuration.run.stages == ("design",)
     _same(configuration, load_run(str(path)))
     mapping = {"name": "a", "robot": "palida", "design": {"starts": 3}}
     _same(configuration, load_run(mapping))
@@ -65,7 +65,7 @@ def test_file_mapping_model_and_configuration(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     _same(configuration, load_run("run.yaml"))
     (tmp_path / "palida").mkdir()
-    assert load_run("palida").name == "palida"
+    assert load_run("palida").run.name == "palida"
 
 
 def test_mapping_of_arrays_and_tuples(run_mapping):
@@ -102,7 +102,7 @@ def test_data_files_are_relative_to_the_run_file(tmp_path):
     configuration = load_run(path)
     assert configuration.run.data.file == str(tmp_path / "m.csv")
     assert configuration.run.validation[0].file == "/abs.csv"
-    assert configuration.stages == ("validate",)
+    assert configuration.run.stages == ("validate",)
 
 
 @pytest.mark.parametrize(
@@ -294,14 +294,14 @@ def test_smoothing_follows_the_speed_limit(limits, widths, tmp_path):
     mapping = {"name": "a", "robot": "palida", "limits": limits}
     configuration = load_run(mapping)
     assert configuration.run.design.smoothing == pytest.approx(widths, rel=1e-12)
-    assert configuration.stages == ()  # what is filled in is not named
+    assert configuration.run.stages == ()  # what is filled in is not named
     assert f"smoothing: [{configuration.run.design.smoothing[0]!r}, " in resolved_yaml(
         configuration
     )
     _same(configuration, load_run(_write(tmp_path, resolved_yaml(configuration))))
     given = load_run({**mapping, "design": {"smoothing": [0.3]}})
     assert given.run.design.smoothing == (0.3,)
-    assert given.stages == ("design",)
+    assert given.run.stages == ("design",)
 
 
 def test_smoothing_without_a_speed_limit():

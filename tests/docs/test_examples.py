@@ -118,7 +118,7 @@ def test_the_python_page(tiny_result, tmp_path, monkeypatch):
 
     def design(config, monitor):
         monitor.report(SearchEvent(1, "blunt", 1, 1.0, 0.0, 0.0))
-        asked.append((config.name, monitor.stop_requested()))
+        asked.append((config.run.name, monitor.stop_requested()))
         return tiny_result
 
     monkeypatch.setattr(expdesign, "design", design)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from expdesign.configuration.parameters import known_parameter, parsed_parameter
-from expdesign.configuration.problem import refusal, shown
+from expdesign.configuration.problem import refusal, require, shown
 from expdesign.configuration.section import Section
 from expdesign.configuration.values.quantity import (
     CURRENT,
@@ -44,7 +44,7 @@ CHANNELS = ("t", *LENGTH_CHANNELS, *FORCE_CHANNELS, "period")
 TimeGrid = Literal["uniform", "stamped"]
 DecimalMark = Literal[".", ","]
 
-_GROUPS: dict[str, tuple[str, tuple[Dimension, ...]]] = {
+CHANNEL_UNITS: dict[str, tuple[str, tuple[Dimension, ...]]] = {
     "t": ("a unit of time", (DURATION,)),
     "q": ("a unit of length", (LENGTH,)),
     "Q": ("a unit of force or of current", (FORCE, CURRENT)),
@@ -53,20 +53,20 @@ _GROUPS: dict[str, tuple[str, tuple[Dimension, ...]]] = {
 
 _Channel = Annotated[str, one_of(CHANNELS, "channel")]
 _Units = Annotated[
-    str, one_of((*_GROUPS, *LENGTH_CHANNELS, *FORCE_CHANNELS), "channel or group of channels")
+    str, one_of((*CHANNEL_UNITS, *LENGTH_CHANNELS, *FORCE_CHANNELS), "channel or group of channels")
 ]
 
 
-def _one_character(text: str) -> str:
-    if len(text) != 1:
-        raise refusal(f"{shown(text)} is not one character", "one character, such as ',' or '\\t'")
-    return text
-
-
-def _step_share(value: float) -> float:
-    if not 0 < value < 0.5:  # noqa: PLR2004 - half a step confuses two samples
-        raise refusal(f"{value:g} is no tolerance", "0 < time_tolerance < 0.5 (of a step)")
-    return value
+_ONE_CHARACTER = require(
+    lambda text: len(text) == 1,
+    "{shown} is not one character",
+    "one character, such as ',' or '\\t'",
+)
+_STEP_SHARE = require(
+    lambda value: 0 < value < 0.5,  # noqa: PLR2004 - half a step confuses two samples
+    "{value:g} is no tolerance",
+    "0 < time_tolerance < 0.5 (of a step)",
+)
 
 
 class Delay(Section):
@@ -85,7 +85,7 @@ class DataSection(Section):
     """Channel (t, q1 …, Q1 …, period) → name in the file. Default: the same names."""
     units: dict[_Units, FilledText] = Field(default_factory=dict)
     """Channel, or group t, q, Q → unit in the file. Default: SI."""
-    delimiter: Annotated[Text, AfterValidator(_one_character)] = ","
+    delimiter: Annotated[Text, _ONE_CHARACTER] = ","
     decimal: Annotated[DecimalMark, one_of(DecimalMark)] = "."
     force_constants: Annotated[tuple[ForceConstant, ...], per_strut("force constants")] | None = (
         None
@@ -98,7 +98,7 @@ class DataSection(Section):
     delay: Delay = Delay()
     time: Annotated[TimeGrid, one_of(TimeGrid)] = "uniform"
     """Uniform time is replaced by the fitted grid, stamps are used as they are."""
-    time_tolerance: Annotated[Number, AfterValidator(_step_share)] = 0.01
+    time_tolerance: Annotated[Number, _STEP_SHARE] = 0.01
     """Largest deviation from uniform time, as a share of a step."""
 
     @model_validator(mode="after")
@@ -114,12 +114,8 @@ class DataSection(Section):
             if len(channels) > 1:
                 message = f"column {shown(column)} is both {' and '.join(channels)}"
                 raise refusal(message, "a column for each channel", key="columns")
-        return self
-
-    @model_validator(mode="after")
-    def _units_fit(self) -> DataSection:
         for key, unit in self.units.items():
-            allowed, dimensions = _GROUPS[key[0]]
+            allowed, dimensions = CHANNEL_UNITS[key[0]]
             dimension = unit_dimension(unit)
             if dimension not in dimensions:
                 raise refusal(f"'{unit}' is no unit for {key}", allowed, key="units")
@@ -150,7 +146,6 @@ _PRIORS = "parameters with their {std: …} or {value: …, std: …}"
 
 
 def _fixed(name: str, item: object) -> float | None:
-    known_parameter(name)
     return None if item is None else parsed_parameter(name, item)
 
 
@@ -159,7 +154,6 @@ def _names_alone(value: object) -> object:
 
 
 def _bounds(name: str, item: Any) -> tuple[float, float]:
-    known_parameter(name)
     if not isinstance(item, list | tuple) or len(item) != 2:  # noqa: PLR2004 - min and max
         raise refusal(f"{shown(item)} is no pair", _BOUNDS)
     low, high = (parsed_parameter(name, end) for end in item)
@@ -169,7 +163,6 @@ def _bounds(name: str, item: Any) -> tuple[float, float]:
 
 
 def _prior(name: str, item: Any) -> dict[str, float | None]:
-    known_parameter(name)
     if not isinstance(item, dict) or not {"std"} <= set(item) <= {"value", "std"}:
         raise refusal(f"{shown(item)} does not state a prior", _PRIORS)
     std = parsed_parameter(name, item["std"])
@@ -203,16 +196,16 @@ class EstimateSection(Section):
     """Of the Butterworth filter, Hz; None: three times the highest frequency of the design."""
     fixed: Annotated[
         dict[str, float | None],
-        by_key(_fixed, _FIXED),
+        by_key(_fixed, _FIXED, known_parameter),
         BeforeValidator(_names_alone),
     ] = Field(default_factory=dict)
     """Parameter → value in SI units, None for the robot's value."""
     prior: Annotated[
         dict[str, Prior],
-        by_key(_prior, _PRIORS),
+        by_key(_prior, _PRIORS, known_parameter),
     ] = Field(default_factory=dict)
-    bounds: Annotated[dict[str, tuple[float, float]], by_key(_bounds, _BOUNDS)] = Field(
-        default_factory=dict
+    bounds: Annotated[dict[str, tuple[float, float]], by_key(_bounds, _BOUNDS, known_parameter)] = (
+        Field(default_factory=dict)
     )
     """Parameter → (min, max) in SI units."""
 

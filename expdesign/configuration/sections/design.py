@@ -5,10 +5,10 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, model_validator
+from pydantic import model_validator
 
 from expdesign.configuration.parameters import ParameterName
-from expdesign.configuration.problem import refusal
+from expdesign.configuration.problem import refusal, require
 from expdesign.configuration.section import Section
 from expdesign.configuration.values.quantity import Duration, Frequency, Jerk, Positive, Speed
 from expdesign.configuration.values.scalars import (
@@ -44,7 +44,7 @@ class TrajectorySection(Section):
     None until the run is resolved: then one over the experiment's sampling."""
 
     @model_validator(mode="after")
-    def _samples_resolve_the_harmonics(self) -> TrajectorySection:
+    def _harmonics_are_resolved(self) -> TrajectorySection:
         needed = 4 * self.harmonics + 2
         if self.samples < needed:
             raise refusal(
@@ -52,10 +52,6 @@ class TrajectorySection(Section):
                 f"samples ≥ 4 · harmonics + 2 = {needed}",
                 key="samples",
             )
-        return self
-
-    @model_validator(mode="after")
-    def _controller_is_faster(self) -> TrajectorySection:
         shortest = 1 / self.frequency[1]
         if self.controller_period is not None and self.controller_period > shortest / 2:
             raise refusal(
@@ -86,10 +82,11 @@ Start = Literal["periodic", "rest"]
 Scaling = Literal["si", "nominal"]
 
 
-def _falling(widths: tuple[float, ...]) -> tuple[float, ...]:
-    if any(a <= b for a, b in pairwise(widths)):
-        raise refusal("the widths do not fall", "a list from blunt to sharp, such as [0.4, 0.1]")
-    return widths
+_FALLING = require(
+    lambda widths: all(a > b for a, b in pairwise(widths)),
+    "the widths do not fall",
+    "a list from blunt to sharp, such as [0.4, 0.1]",
+)
 
 
 class DesignSection(Section):
@@ -114,10 +111,7 @@ class DesignSection(Section):
     ] = None
     """Those that the experiment shall identify; None (``all`` in the YAML): all."""
     smoothing: (
-        Annotated[
-            tuple[Annotated[Speed, Positive], ...], at_least(1, "widths"), AfterValidator(_falling)
-        ]
-        | None
+        Annotated[tuple[Annotated[Speed, Positive], ...], at_least(1, "widths"), _FALLING] | None
     ) = None
     """Falling widths of the smoothed friction sign, m/s of the struts: the problem is solved with
     the first, then, from that solution, with the next. None until the run is resolved: then

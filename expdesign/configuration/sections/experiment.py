@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import Field, model_validator
 
 from expdesign.configuration.parameters import ParameterName
-from expdesign.configuration.problem import refusal
+from expdesign.configuration.problem import refusal, require
 from expdesign.configuration.section import Section
 from expdesign.configuration.sections.design import CRITERIA
 from expdesign.configuration.values.quantity import (
@@ -43,10 +43,9 @@ from expdesign.mechanism.terms.rigid_platform import MASS
 _Harmonic = Annotated[int, whole(1, 1000)]
 
 
-def _share(value: float) -> float:
-    if not 0 <= value < 1:
-        raise refusal(f"{value:g} is not a share of the samples", "0 ≤ share < 1")
-    return value
+_SHARE = require(
+    lambda value: 0 <= value < 1, "{value:g} is not a share of the samples", "0 ≤ share < 1"
+)
 
 
 class TrackingError(Section):
@@ -81,7 +80,7 @@ class Quantisation(Section):
 class Outliers(Section):
     """Rare gross errors: the share of samples, and their size in the lengths (m) and forces (N)."""
 
-    share: Annotated[Number, AfterValidator(_share)]
+    share: Annotated[Number, _SHARE]
     length: Annotated[Length, NotNegative] = 0.0
     force: Annotated[Force, NotNegative] = 0.0
 
@@ -158,10 +157,11 @@ _FEWEST = 3
 _FRICTION = tuple(p.name for p in actuator_friction.TERM.parameters)
 
 
-def _factor(value: float) -> float:
-    if not 0 <= value < math.inf or value == 1:
-        raise refusal(f"{value:g} makes no wrong parameter", "a factor other than 1, at least 0")
-    return value
+_FACTOR = require(
+    lambda value: 0 <= value != 1,
+    "{value:g} makes no wrong parameter",
+    "a factor other than 1, at least 0",
+)
 
 
 class StudySection(Section):
@@ -200,7 +200,7 @@ class StudySection(Section):
         ValidationMotion(motion="circle", mirror="xz"),
     )
     """Kind validation: motions that are predicted."""
-    wrong: dict[ParameterName, Annotated[Number, AfterValidator(_factor)]] = Field(
+    wrong: dict[ParameterName, Annotated[Number, _FACTOR]] = Field(
         default_factory=lambda: {MASS: 1.2} | dict.fromkeys(_FRICTION, 0.5)
     )
     """Kind validation: factors of parameters, each wrong in turn."""

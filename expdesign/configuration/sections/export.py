@@ -39,19 +39,17 @@ class Offer(NamedTuple):
 
 
 _OF_ACTUATORS = ("order", "sign", "offset")
+_PVT = Offer(
+    ("strut", "pose"),
+    ("space", "digits", "units", "angles", "axes", *_OF_ACTUATORS, "counts_per_metre"),
+)
 OFFERS: dict[str, Offer] = {
     "csv": Offer(("strut",)),
     "ros2": Offer(("strut", "pose"), ("space", "encoding", "digits", "axes", *_OF_ACTUATORS)),
-    "xps-pvt": Offer(
-        ("strut", "pose"),
-        ("space", "digits", "units", "angles", "axes", *_OF_ACTUATORS, "counts_per_metre"),
-    ),
+    "xps-pvt": _PVT,
     "linuxcnc-gcode": Offer(("pose",), ("digits", "blend")),
     "linuxcnc-strut": Offer(("strut",), ("digits", "units", *_OF_ACTUATORS, "counts_per_metre")),
-    "pmac-pvt": Offer(
-        ("strut", "pose"),
-        ("space", "digits", "units", "angles", "axes", *_OF_ACTUATORS, "counts_per_metre"),
-    ),
+    "pmac-pvt": _PVT,
     "pi-wave": Offer(("pose",), ("digits", "units", "angles")),
     "pvt-csv": Offer(("strut",), ("digits", "units", "axes", *_OF_ACTUATORS)),
     "mat": Offer(
@@ -135,15 +133,11 @@ class ExportSection(Section):
     encoding: Annotated[Encoding, one_of(Encoding)] | None = None
 
     @model_validator(mode="after")
-    def _format_takes_the_options(self) -> ExportSection:
+    def _options_fit_format_and_each_other(self) -> ExportSection:
         takes = (*_ALWAYS, *OFFERS[self.format].options)
         for key in type(self).model_fields:
             if getattr(self, key) is not None and key not in takes:
                 raise refusal(f"{self.format} has no option '{key}'", ", ".join(takes), key=key)
-        return self
-
-    @model_validator(mode="after")
-    def _options_fit_each_other(self) -> ExportSection:
         of_actuators = [key for key in STRUT_ONLY if getattr(self, key) is not None]
         if self.coordinates == "pose" and of_actuators:
             key = of_actuators[0]

@@ -17,9 +17,9 @@ from numbers import Real
 from typing import Annotated
 
 import pint
-from pydantic import AfterValidator, BeforeValidator
+from pydantic import BeforeValidator
 
-from expdesign.configuration.problem import refusal, shown
+from expdesign.configuration.problem import refusal, require, shown
 
 _NUMBER = r"[+-]?(?:\d{1,40}(?:\.\d{0,40})?|\.\d{1,40})(?:[eE][+-]?\d{1,3})?"
 _FACTOR = r"(?:[A-Za-zµμ]{1,12}|°)(?:(?:\^|\*\*)?-?[1-9])?"
@@ -245,20 +245,8 @@ def unit_dimension(unit: str) -> Dimension | None:
     return None if factor is None else _of_dimensions(factor[1])
 
 
-def _positive(value: float) -> float:
-    if value <= 0:
-        raise refusal(f"{value:g} is not positive", "a value above 0")
-    return value
-
-
-def _not_negative(value: float) -> float:
-    if value < 0:
-        raise refusal(f"{value:g} is negative", "0 or more")
-    return value
-
-
-Positive = AfterValidator(_positive)
-NotNegative = AfterValidator(_not_negative)
+Positive = require(lambda value: value > 0, "{value:g} is not positive", "a value above 0")
+NotNegative = require(lambda value: value >= 0, "{value:g} is negative", "0 or more")
 
 Number = Annotated[float, BeforeValidator(NUMBER.parse)]
 Length = Annotated[float, BeforeValidator(LENGTH.parse)]

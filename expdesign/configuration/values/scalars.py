@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from typing import Annotated, Any, get_args
 
 import numpy as np
@@ -11,7 +11,7 @@ from pydantic import AfterValidator, BeforeValidator, PlainSerializer, Validatio
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from constraints.arrays import Array
-from expdesign.configuration.problem import nearest, refusal, shown
+from expdesign.configuration.problem import nearest, refusal, require, shown
 from expdesign.configuration.values.quantity import Angle, Length, Number
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATE_NAMES, COORDINATES
 
@@ -40,17 +40,11 @@ def _text(value: object) -> str:
     return value
 
 
-def _filled(value: str) -> str:
-    if not value.strip():
-        raise refusal("the text is empty", "a text")
-    return value
-
-
 Name = Annotated[str, BeforeValidator(_name)]
 """A name that is safe as a folder on every system."""
 
 Text = Annotated[str, BeforeValidator(_text)]
-FilledText = Annotated[Text, AfterValidator(_filled)]
+FilledText = Annotated[Text, require(str.strip, "the text is empty", "a text")]
 
 
 def whole(minimum: int, maximum: int = _LARGEST_COUNT) -> BeforeValidator:
@@ -104,26 +98,38 @@ def word_for_none(word: str, otherwise: BeforeValidator) -> tuple[BeforeValidato
     return BeforeValidator(check), PlainSerializer(lambda value: word if value is None else value)
 
 
-def by_key(read: Callable[[str, Any], Any], wanted: str) -> BeforeValidator:
-    """Return a validator of a mapping that reads key by key, and refuses all that is wrong."""
+def by_key(
+    read: Callable[[str, Any], Any], wanted: str, name: Callable[[object], str] = str
+) -> BeforeValidator:
+    """Return a validator of a mapping that reads key by key, and refuses all that is wrong.
+
+    `name` checks a key before it is read.
+    """
 
     def check(value: object) -> dict[str, Any]:
         if value is None:
             return {}
         if not isinstance(value, dict):
             raise refusal(f"{shown(value)} is not a mapping", wanted)
-        found: dict[str, Any] = {}
-        problems: list[InitErrorDetails] = []
-        for key, item in value.items():
-            try:
-                found[key] = read(key, item)
-            except PydanticCustomError as error:
-                problems.append({"type": error, "loc": (key,), "input": item})
-        if problems:
-            raise ValidationError.from_exception_data("mapping", problems)
-        return found
+        return each_read(value, lambda key, item: read(name(key), item))
 
     return BeforeValidator(check)
+
+
+def each_read(
+    given: Mapping[str, Any], read: Callable[[str, Any], Any], place: tuple[str, ...] = ()
+) -> dict[str, Any]:
+    """Return what `read` makes of each entry of a mapping; raise everything that is wrong."""
+    found: dict[str, Any] = {}
+    problems: list[InitErrorDetails] = []
+    for key, item in given.items():
+        try:
+            found[key] = read(key, item)
+        except PydanticCustomError as error:
+            problems.append({"type": error, "loc": (*place, key), "input": item})
+    if problems:
+        raise ValidationError.from_exception_data("mapping", problems)
+    return found
 
 
 _ENDS = 2
@@ -147,29 +153,27 @@ def _as_pair(value: object, count: int) -> str:
 
 def exactly(count: int, what: str) -> BeforeValidator:
     """Return a validator for a list of `count` items, which `what` describes in the plural."""
+    wanted = f"a list of {count} {what}"
 
     def check(value: object) -> Sequence[Any]:
-        wanted = f"a list of {count} {what}"
-        items = _listed(value, wanted + _as_pair(value, count))
-        if len(items) != count:
-            raise refusal(f"there are {len(items)} {what} where {count} are needed", wanted)
-        return items
+        return _counted(_listed(value, wanted + _as_pair(value, count)), count, what, wanted)
 
     return BeforeValidator(check)
 
 
+def _counted(items: Sequence[Any], count: int, what: str, wanted: str) -> Sequence[Any]:
+    if len(items) != count:
+        raise refusal(f"there are {len(items)} {what} where {count} are needed", wanted)
+    return items
+
+
 def per_strut(what: str) -> BeforeValidator:
     """Return a validator for one value for all struts, or a list with one for each."""
+    wanted = f"one of the {what} for all struts, or a list of {ACTUATORS}"
 
     def check(value: object) -> Sequence[Any]:
-        if not isinstance(value, list | tuple):
-            return [value] * ACTUATORS
-        if len(value) != ACTUATORS:
-            raise refusal(
-                f"there are {len(value)} {what} where {ACTUATORS} are needed",
-                f"one of the {what} for all struts, or a list of {ACTUATORS}",
-            )
-        return value
+        items = value if isinstance(value, list | tuple) else [value] * ACTUATORS
+        return _counted(items, ACTUATORS, what, wanted)
 
     return BeforeValidator(check)
 
@@ -208,15 +212,11 @@ Ascending = AfterValidator(_ascending)
 Pair: BeforeValidator = exactly(_ENDS, "values [min, max]")
 
 
-def _not_zero(vector: tuple[float, ...]) -> tuple[float, ...]:
-    if not any(vector):
-        raise refusal("the vector is zero", "a direction [x, y, z]")
-    return vector
-
-
 Point = Annotated[tuple[Length, ...], exactly(3, "coordinates [x, y, z]")]
 Direction = Annotated[
-    tuple[Number, ...], exactly(3, "components [x, y, z]"), AfterValidator(_not_zero)
+    tuple[Number, ...],
+    exactly(3, "components [x, y, z]"),
+    require(any, "the vector is zero", "a direction [x, y, z]"),
 ]
 """A vector of any length but zero."""
 Pose = Annotated[
