@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -151,16 +151,14 @@ def _missing(
     return replace(place, message=message, key=name, allowed=allowed, nearest=meant)
 
 
-def _shared(found: Mapping[str, Column], place: Problem) -> list[Problem]:
-    problems = []
+def _shared(found: Mapping[str, Column], place: Problem) -> Iterator[Problem]:
     seen: dict[Any, str] = {}
     for channel, column in found.items():
         if column.place in seen:
             message = f"one column for both {seen[column.place]} and {channel}"
             allowed = "data.columns: one for each channel"
-            problems.append(replace(place, message=message, key=column.label, allowed=allowed))
+            yield replace(place, message=message, key=column.label, allowed=allowed)
         seen[column.place] = channel
-    return problems
 
 
 def _one_of(channel: str, texts: Sequence[str]) -> str:

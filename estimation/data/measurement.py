@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from constraints.arrays import Array
+from expdesign.configuration import FORCE_CHANNELS, LENGTH_CHANNELS
 from expdesign.mechanism.hexapod import ACTUATORS
 
 
@@ -46,6 +48,14 @@ class Measurement:
             found = getattr(self, name)
             if found is not None and np.shape(found) != shape:
                 raise ValueError(f"{name}: expected {shape}, got {np.shape(found)}")
+
+    @property
+    def channels(self) -> dict[str, NDArray[Any]]:
+        """(T,) of every channel, by the name of its column; the period where it is known."""
+        values: dict[str, NDArray[Any]] = {"t": self.time}
+        for names, rows in ((LENGTH_CHANNELS, self.lengths), (FORCE_CHANNELS, self.forces)):
+            values |= dict(zip(names, rows.T, strict=True))
+        return values if self.period is None else values | {"period": self.period}
 
     def __len__(self) -> int:
         """Return the number of rows T."""

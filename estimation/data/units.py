@@ -6,16 +6,8 @@ from dataclasses import replace
 
 from estimation.data.table import RawTable
 from expdesign.configuration import DataSection, InputError, Problem, shown
-from expdesign.configuration.values.quantity import (
-    CURRENT,
-    DURATION,
-    FORCE,
-    LENGTH,
-    Dimension,
-    unit_dimension,
-)
-
-_DIMENSIONS = {"t": (DURATION,), "q": (LENGTH,), "Q": (FORCE, CURRENT)}
+from expdesign.configuration.sections.data import CHANNEL_UNITS
+from expdesign.configuration.values.quantity import CURRENT, Dimension, unit_dimension
 
 
 def in_si(table: RawTable, section: DataSection) -> tuple[RawTable, tuple[str, ...]]:
@@ -77,7 +69,7 @@ def _factor(
     def refused(message: str, allowed: str) -> InputError:
         return InputError(table.header_problem(message, channel, allowed))
 
-    admitted = _DIMENSIONS[channel[0]]
+    _, admitted = CHANNEL_UNITS[channel[0]]
     found = unit_dimension(given)
     if found is None:
         message = f"the file's unit {shown(given)} is not known"

@@ -9,7 +9,6 @@ import numpy as np
 from pydantic import ConfigDict
 
 from constraints.arrays import Array
-from estimation.data.measurement import Measurement
 from estimation.diagnostics.noise_record import Freedom
 from estimation.estimators import Experiment, Knowledge, ParameterEstimate, cramer_rao_covariance
 from estimation.identification.estimate import parameter_knowledge, run_estimators
@@ -118,14 +117,7 @@ class Workbench:
         """
         twin, truth = self.twin, self.twin.truth
         free_frequency = self.configuration.run.estimate.frequency == "estimated"
-        measured = Measurement(
-            time=twin.grid.times,
-            lengths=twin.lengths,
-            forces=twin.forces,
-            step=1 / twin.grid.sampling,
-            period=twin.grid.period_numbers,
-            source="",
-        )
+        measured = twin.recorded(twin.lengths, twin.forces)
         record = make_record(
             measured, truth.executed.omega, PeriodSource.DESIGN, average=not free_frequency
         )

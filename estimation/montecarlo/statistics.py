@@ -100,9 +100,7 @@ def parameter_statistics(
     steadiness = variance * (variance + 2 * bias**2)
     freedom = count * mean_square**2 / steadiness if steadiness > 0 else np.nan
     rmse = float(np.sqrt(mean_square))
-    low, high = _root_interval(rmse / bound, freedom)
-    hits = float(np.count_nonzero(np.abs(errors) <= widths * std))
-    coverage_low, coverage_high = share_interval(hits / count, count)
+    share = float(np.count_nonzero(np.abs(errors) <= widths * std)) / count
     return ParameterStatistics(
         bias=bias,
         bias_std_error=std_error,
@@ -112,12 +110,8 @@ def parameter_statistics(
         bound=bound,
         reported_std=reported,
         reported_over_spread=_ratio(reported, spread),
-        rmse_over_bound=rmse / bound,
-        rmse_over_bound_low=low,
-        rmse_over_bound_high=high,
-        coverage=hits / count,
-        coverage_low=coverage_low,
-        coverage_high=coverage_high,
+        **_with_ends("rmse_over_bound", rmse / bound, _root_interval(rmse / bound, freedom)),
+        **_with_ends("coverage", share, share_interval(share, count)),
         largest_error=_ratio(float(np.max(np.abs(errors))), rmse),
     )
 
@@ -140,30 +134,29 @@ def pooled_statistics(errors: Array, std: Array, widths: Array, bound: Array) ->
     mean = float(np.mean(squares))
     error = float(np.std(squares, ddof=1) / np.sqrt(count)) if count > 1 else np.nan
     ratio = float(np.sqrt(mean))
-    low, high = _root_interval(ratio, 2 * (mean / error) ** 2 if error > 0 else np.nan)
+    freedom = 2 * (mean / error) ** 2 if error > 0 else np.nan
     hits = np.mean(np.abs(errors) <= widths[:, None] * std, axis=1)
     coverage = float(np.mean(hits))
     coverage_error = float(np.std(hits, ddof=1) / np.sqrt(count)) if count > 1 else np.nan
     trials = float(count)
     if coverage_error > 0:
         trials = coverage * (1 - coverage) / coverage_error**2
-    coverage_low, coverage_high = share_interval(coverage, trials)
     biases = np.mean(errors, axis=0)
     spreads = np.std(errors, axis=0, ddof=1) if count > 1 else np.full(len(bound), np.nan)
     return PooledStatistics(
-        rmse_over_bound=ratio,
+        **_with_ends("rmse_over_bound", ratio, _root_interval(ratio, freedom)),
         rmse_over_bound_std_error=_ratio(error, 2 * ratio),
-        rmse_over_bound_low=low,
-        rmse_over_bound_high=high,
-        coverage=coverage,
+        **_with_ends("coverage", coverage, share_interval(coverage, trials)),
         coverage_std_error=coverage_error,
-        coverage_low=coverage_low,
-        coverage_high=coverage_high,
         largest_bias_t=max(
             abs(_ratio(float(b), float(s / np.sqrt(count))))
             for b, s in zip(biases, spreads, strict=True)
         ),
     )
+
+
+def _with_ends(name: str, value: float, ends: tuple[float, float]) -> dict[str, float]:
+    return {name: value, f"{name}_low": ends[0], f"{name}_high": ends[1]}
 
 
 def share_interval(share: float, trials: float) -> tuple[float, float]:

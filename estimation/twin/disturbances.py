@@ -8,6 +8,7 @@ streams are spawned from a seed by the key (repetition, purpose). Repetitions co
 from __future__ import annotations
 
 from enum import IntEnum
+from typing import Any
 
 import numpy as np
 
@@ -57,8 +58,9 @@ def noise_covariances(configuration: RunConfiguration) -> tuple[Array, Array]:
         They state no noise of the forces, or none of the lengths.
     """
     noise = configuration.robot.noise
-    force = None if noise is None else noise.force_covariance
-    length = None if noise is None else noise.length_covariance
+    given: dict[str, Any] = {
+        what: getattr(noise, f"{what}_covariance", None) for what in ("force", "length")
+    }
     problems = [
         Problem(
             f"a simulated experiment needs the noise of the {what}s, and neither robot nor "
@@ -67,12 +69,12 @@ def noise_covariances(configuration: RunConfiguration) -> tuple[Array, Array]:
             key="noise",
             allowed=f"{what}_std (six values) or {what}_covariance (6 × 6)",
         )
-        for what, covariance in (("force", force), ("length", length))
+        for what, covariance in given.items()
         if covariance is None
     ]
-    if force is None or length is None:
+    if problems:
         raise InputError(problems)
-    return force, length
+    return given["force"], given["length"]
 
 
 def noise_draws(covariance: Array, count: int, rng: np.random.Generator) -> Array:

@@ -12,7 +12,6 @@ from pydantic import PlainSerializer, PlainValidator
 
 from constraints.arrays import Array
 from estimation.data.measurement import Measurement
-from expdesign.mechanism.hexapod import numbered
 from expdesign.runfolder import (
     ArrayTable,
     Column,
@@ -51,29 +50,18 @@ def repetition_file(repetition: int) -> str:
 
 def write_measurement(measurement: Measurement, path: Path) -> None:
     """Write a measurement with all digits: t, q1 … q6, Q1 … Q6 and, where known, the period."""
-    columns = {
-        "t": measurement.time,
-        **dict(zip(numbered("q"), measurement.lengths.T, strict=True)),
-        **dict(zip(numbered("Q"), measurement.forces.T, strict=True)),
-    }
-    if measurement.period is not None:
-        columns["period"] = measurement.period
-    write_csv(path, pd.DataFrame(columns))
-
-
-def _motion(value: Any) -> FourierTrajectory:
-    return checker(FourierKeys).validate_python(value).trajectory
+    write_csv(path, pd.DataFrame(measurement.channels))
 
 
 def _motion_keys(motion: FourierTrajectory) -> dict[str, Any]:
-    return {
-        **fourier_keys(motion),
-        "frequency_hz": motion.frequency,
-        "period": motion.period,
-    }
+    return {**fourier_keys(motion), "frequency_hz": motion.frequency, "period": motion.period}
 
 
-Motion = Annotated[FourierTrajectory, PlainValidator(_motion), PlainSerializer(_motion_keys)]
+Motion = Annotated[
+    FourierTrajectory,
+    PlainValidator(lambda value: checker(FourierKeys).validate_python(value).trajectory),
+    PlainSerializer(_motion_keys),
+]
 """A trajectory whose keys in a file are those of `design.json`, its frequency and its period."""
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from inspect import Parameter, signature
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
@@ -25,15 +26,13 @@ def _whole(text: str) -> int | str:
         return text
 
 
-def _names(text: str) -> Any:
+def _items(text: str, read: Callable[[str], Any] = str) -> Any:
     """Return one item, or a list of several."""
-    items = [item.strip() for item in text.split(",")]
+    items = [read(item.strip()) for item in text.split(",")]
     return items[0] if len(items) == 1 else items
 
 
-def _wholes(text: str) -> Any:
-    items = _names(text)
-    return _whole(items) if isinstance(items, str) else [_whole(item) for item in items]
+_wholes = partial(_items, read=_whole)
 
 
 class _Option(NamedTuple):
@@ -51,11 +50,11 @@ _OPTIONS = {
     "digits": _Option("N", "Digits after the decimal point.", _whole),
     "units": _Option("m|mm|um|in", "Unit of lengths."),
     "angles": _Option("rad|deg", "Unit of angles."),
-    "axes": _Option("A,B,…", "Six names, in the controller's order.", _names),
+    "axes": _Option("A,B,…", "Six names, in the controller's order.", _items),
     "order": _Option("1,2,…", "Number of the strut on each axis.", _wholes),
     "sign": _Option("1,-1,…", "Of struts 1 to 6; one for all or six.", _wholes),
-    "offset": _Option("L,…", "Strut length at which its axis reads zero, or `home`.", _names),
-    "counts_per_metre": _Option("C,…", "Motor counts; one for all or six.", _names),
+    "offset": _Option("L,…", "Strut length at which its axis reads zero, or `home`.", _items),
+    "counts_per_metre": _Option("C,…", "Motor counts; one for all or six.", _items),
     "tolerance": _Option("L", "Largest deviation of a strut, such as '1 um'."),
     "blend": _Option("L", "P of G64 for LinuxCNC."),
     "encoding": _Option("yaml|mcap", "Of ros2."),

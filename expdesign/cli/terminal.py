@@ -128,7 +128,11 @@ class SearchDisplay:
         else:
             self._running[event.start] = event
             if not self._console.is_terminal and time.monotonic() - self._spoke > _HEARTBEAT:
-                self._line(self._running_text(event))
+                self._line(
+                    f"start {event.start}: {event.phase}, iteration {event.iteration}, "
+                    f"{self._objective(event)}, violation {max(event.violation, 0.0):.1e}, "
+                    f"{event.seconds:.0f} s"
+                )
 
     @contextmanager
     def shown(self) -> Iterator[None]:
@@ -186,10 +190,3 @@ class SearchDisplay:
             return f"{start}: {event.status} ({effort})"
         reached = f"{self._objective(event)} within the limits"
         return f"{start}: {reached} after {effort}: {event.status}"
-
-    def _running_text(self, event: SearchEvent) -> str:
-        return (
-            f"start {event.start}: {event.phase}, iteration {event.iteration}, "
-            f"{self._objective(event)}, violation {max(event.violation, 0.0):.1e}, "
-            f"{event.seconds:.0f} s"
-        )

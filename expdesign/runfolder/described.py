@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cache
-from typing import Annotated, Any, TypeVar, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, TypeVar, get_type_hints
 
 import numpy as np
 from pydantic import BeforeValidator, TypeAdapter
@@ -63,20 +63,16 @@ def field_columns(record: type[Any]) -> Iterator[tuple[str, tuple[Column, ...]]]
         A field is not described.
     """
     hints = get_type_hints(record, include_extras=True)
-    for field in fields(record):
-        yield field.name, _columns(record, field.name, hints[field.name])
-
-
-def _columns(record: type[Any], name: str, hint: Any) -> tuple[Column, ...]:
-    found: list[Column] = []
-    for entry in get_args(hint)[1:] if get_origin(hint) is Annotated else ():
-        if isinstance(entry, Column):
-            found.append(Column(entry.name or name, entry.unit, entry.meaning))
-        elif isinstance(entry, tuple):
-            found += entry
-    if not found:
-        raise TypeError(f"{record.__name__}.{name}: neither unit nor meaning is given")
-    return tuple(found)
+    for name in (field.name for field in fields(record)):
+        found: list[Column] = []
+        for entry in getattr(hints[name], "__metadata__", ()):
+            if isinstance(entry, Column):
+                found.append(replace(entry, name=entry.name or name))
+            elif isinstance(entry, tuple):
+                found += entry
+        if not found:
+            raise TypeError(f"{record.__name__}.{name}: neither unit nor meaning is given")
+        yield name, tuple(found)
 
 
 def copied(kind: type[Record], source: object, /, **others: Any) -> Record:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Self
 
 from pydantic import ConfigDict, ValidationError
-from pydantic_core import PydanticCustomError
+from pydantic_core import ErrorDetails, PydanticCustomError
 
 from expdesign.configuration import InputError, Problem, shown
 from expdesign.configuration.document import read_text
@@ -180,13 +181,13 @@ def known_format(path: Path, found: object, newest: int) -> int:
         raise InputError(error.message(), path, key=FORMAT, allowed=allowed) from None
 
 
-def _problems(path: Path, error: ValidationError) -> list[Problem]:
-    problems = []
+def _problems(path: Path, error: ValidationError) -> Iterator[Problem]:
     for details in error.errors(include_url=False):
-        key = key_path(details["loc"])
-        if details["type"] == "missing":
-            problems.append(Problem("the key is missing", path, key=key))
-        else:
-            message = details["msg"].removeprefix("Value error, ")
-            problems.append(Problem(f"{shown(details['input'])}: {message}", path, key=key))
-    return problems
+        missing = details["type"] == "missing"
+        message = "the key is missing" if missing else wrong_value(details)
+        yield Problem(message, path, key=key_path(details["loc"]))
+
+
+def wrong_value(details: ErrorDetails) -> str:
+    """Return in words what pydantic found wrong with a value."""
+    return f"{shown(details['input'])}: {details['msg'].removeprefix('Value error, ')}"

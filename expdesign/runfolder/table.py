@@ -20,6 +20,7 @@ from expdesign.runfolder.json_file import (
     MissingFileError,
     known_format,
     read_mapping,
+    wrong_value,
 )
 
 COLUMNS_FILE = "columns.json"
@@ -155,7 +156,7 @@ class RowTable(Table[Iterable[Row], tuple[Row, ...]], Generic[Row]):
             number, *place = details["loc"]
             column = names[attributes.index(str(place[0]))] if place else ""
             raise InputError(
-                f"{shown(details['input'])}: {details['msg'].removeprefix('Value error, ')}",
+                wrong_value(details),
                 folder / self.file,
                 int(number) + _FIRST_LINE,
                 f"column {column}",

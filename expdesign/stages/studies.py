@@ -6,10 +6,9 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
 
-from estimation.montecarlo import Study
 from estimation.montecarlo import run_study as run_montecarlo
 from estimation.montecarlo.journal import NAME as JOURNAL
-from estimation.montecarlo.record import MonteCarloRecord
+from estimation.montecarlo.record import EstimatorKeys, MonteCarloFile, MonteCarloRecord
 from estimation.studies import Claim, run_study
 from expdesign.stages.outcome import Outcome, StageFailed, interruptible, short
 from expdesign.stages.record import clear_outdated
@@ -29,24 +28,25 @@ def montecarlo(work: Workspace) -> Outcome:
         study = run_montecarlo(configuration, design.trajectory, folder / JOURNAL, monitor)
     if not study.repetitions:
         raise StageFailed("interrupted before the first repetition was done")
-    if not any(study.estimated(name) for name in study.estimators):
-        raise StageFailed(f"no repetition could be estimated: {_reasons(study)}")
+    record = MonteCarloRecord.of(study)
+    found = record.summary.estimators
+    if not any(keys.estimates for keys in found.values()):
+        raise StageFailed(f"no repetition could be estimated: {_reasons(*found.values())}")
     count = f"{len(study.repetitions)} of {study.wanted} repetitions"
     message = f"interrupted after {count}" if study.interrupted else count
-    failed = tuple(_failed_repetitions(study))
-    pooled = {name: study.pooled(name) for name in study.estimators}
+    failed = tuple(_failed_repetitions(record.summary))
     return Outcome(
         result=study,
-        record=MonteCarloRecord.of(study),
+        record=record,
         summary={
             "repetitions": len(study.repetitions),
             "estimators": {
                 name: {
-                    "estimates": len(study.estimated(name)),
-                    "failures": len(study.failures(name)),
-                    "pooled": None if found is None else asdict(found),
+                    "estimates": keys.estimates,
+                    "failures": len(keys.failures),
+                    "pooled": None if keys.pooled is None else asdict(keys.pooled),
                 }
-                for name, found in pooled.items()
+                for name, keys in found.items()
             },
             "warnings": [*configuration.warnings, *warnings, *failed],
         },
@@ -95,20 +95,19 @@ def _how_many_hold(found: Sequence[Claim]) -> str:
     return f"{sum(bool(claim.holds) for claim in judged)} of {len(judged)} claims hold"
 
 
-def _failed_repetitions(study: Study) -> Iterator[str]:
+def _failed_repetitions(summary: MonteCarloFile) -> Iterator[str]:
     """Yield a warning for every estimator that failed or did not converge somewhere."""
-    for name in study.estimators:
-        if failed := len(study.failures(name)):
+    for name, keys in summary.estimators.items():
+        if failed := len(keys.failures):
             yield (
-                f"{name} failed in {failed} of {len(study.repetitions)} repetitions, which its "
-                f"numbers leave out: {_reasons(study, name)}"
+                f"{name} failed in {failed} of {summary.repetitions.done} repetitions, which its "
+                f"numbers leave out: {_reasons(keys)}"
             )
-        if stuck := sum(not outcome.converged for _, outcome in study.estimated(name)):
+        if stuck := len(keys.not_converged):
             yield f"{name} did not converge in {stuck} repetitions, which are counted"
 
 
-def _reasons(study: Study, *estimators: str) -> str:
-    names = estimators or study.estimators
-    reasons = dict.fromkeys(reason for name in names for _, reason in study.failures(name))
+def _reasons(*estimators: EstimatorKeys) -> str:
+    reasons = dict.fromkeys(failure.reason for keys in estimators for failure in keys.failures)
     shown = list(reasons)[:_MOST_REASONS]
     return "; ".join(shown) + ("; …" if len(reasons) > len(shown) else "")

@@ -9,12 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from expdesign.configuration import (
-    FORCE_CHANNELS,
-    LENGTH_CHANNELS,
-    InputError,
-    RunConfiguration,
-)
+from expdesign.configuration import InputError, RunConfiguration
 from expdesign.runfolder.manifest import Manifest, file_hash
 from expdesign.stages.outcome import Outcome, Progress
 from expdesign.stages.table import STAGES
@@ -22,7 +17,6 @@ from expdesign.trajectory import FourierTrajectory, TrajectoryFile, fourier_keys
 
 if TYPE_CHECKING:
     from estimation.data.measurement import Measurement
-    from estimation.data.table import RawTable
     from estimation.identification.saved import SavedEstimate
     from expdesign.robot import Robot
 
@@ -123,12 +117,16 @@ class Workspace:
     def recording(self, file: Path) -> Measurement:
         """Return a recording: as this run has just simulated it, or read from its file."""
         from estimation.data.reading import measurement_of, read_measurement
+        from estimation.data.table import RawTable
 
         section, robot = self.configuration.run.data, self.configuration.robot
         twin = self._result(_EXPERIMENT) if file == self.measurement_file else None
         if twin is None:
             return read_measurement(file, section, robot)
-        return measurement_of(_table(twin.measurement(), file), section, robot)
+        # The table that the file is: what is read of it is the same.
+        channels = twin.measurement().channels.items()
+        values = {name: column.astype(np.float64, copy=False) for name, column in channels}
+        return measurement_of(RawTable(file, values, {}, "line", 2), section, robot)
 
     def recorded_designs(self, recordings: int) -> list[FourierTrajectory | None]:
         """Return what was executed in each recording; None where it is not known."""
@@ -194,15 +192,3 @@ class Workspace:
 def trajectory_text(trajectory: FourierTrajectory) -> str:
     """Return the coefficients of a trajectory with all digits."""
     return " ".join(value.hex() for value in trajectory.vector().tolist())
-
-
-def _table(measurement: Measurement, file: Path) -> RawTable:
-    """Return a measurement as the table that its file is: what is read of it is the same."""
-    from estimation.data.table import RawTable
-
-    values = {"t": measurement.time}
-    values |= dict(zip(LENGTH_CHANNELS, measurement.lengths.T, strict=True))
-    values |= dict(zip(FORCE_CHANNELS, measurement.forces.T, strict=True))
-    if measurement.period is not None:
-        values["period"] = measurement.period.astype(np.float64)
-    return RawTable(file, values, {}, "line", 2)

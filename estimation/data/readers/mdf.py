@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
@@ -34,7 +34,7 @@ def read(path: Path, section: DataSection) -> RawTable:
 
 
 def _table(file: Any, path: Path, section: DataSection) -> RawTable:
-    picked = pick(_columns(file), section.columns, path, optional=OPTIONAL | {"t"})
+    picked = pick(list(_columns(file)), section.columns, path, optional=OPTIONAL | {"t"})
     if "t" not in section.columns:
         picked.pop("t", None)
     signals: dict[str, Any] = {}
@@ -65,13 +65,11 @@ def _table(file: Any, path: Path, section: DataSection) -> RawTable:
     return RawTable(path, values, columns, texts=texts)
 
 
-def _columns(file: Any) -> list[Column]:
-    found = []
+def _columns(file: Any) -> Iterator[Column]:
     for name, places in file.channels_db.items():
         for group, index in dict.fromkeys(places):
             text = name if len(places) == 1 else f"{group}/{name}"
-            found.append(Column(text, (group, index), name=name))
-    return found
+            yield Column(text, (group, index), name=name)
 
 
 def _refuse_other_times(

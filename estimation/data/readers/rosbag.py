@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -48,7 +48,7 @@ def read(path: Path, section: DataSection) -> RawTable:
         for connection in bag.connections:
             if connection.msgtype == _MESSAGE:
                 topics.setdefault(connection.topic, []).append(connection)
-        columns = _columns(bag, topics)
+        columns = list(_columns(bag, topics))
         if not columns:
             raise InputError(
                 f"there are no messages {_MESSAGE} in it", path, allowed="a topic of them"
@@ -58,22 +58,20 @@ def read(path: Path, section: DataSection) -> RawTable:
         return _table(bag, topics[topic], picked, path)
 
 
-def _columns(bag: Any, topics: Mapping[str, list[Any]]) -> list[Column]:
-    """Return the columns of every joint that the first message of a topic names."""
-    found = []
+def _columns(bag: Any, topics: Mapping[str, list[Any]]) -> Iterator[Column]:
+    """Yield the columns of every joint that the first message of a topic names."""
     for topic, connections in topics.items():
         prefix = f"{topic}:" if len(topics) > 1 else ""
         first = next(bag.messages(connections=connections), None)
         if first is None:
             continue
-        for name, unit in ((_STAMP, "s"), (_LOG_TIME, "s")):
-            found.append(Column(f"{prefix}{name}", (topic, name), short=name, unit=unit))
+        for name in (_STAMP, _LOG_TIME):
+            yield Column(f"{prefix}{name}", (topic, name), short=name, unit="s")
         message = bag.deserialize(first[2], _MESSAGE)
         for joint in message.name:
             for kind in _FIELDS:
                 short = f"{joint}.{kind}"
-                found.append(Column(f"{prefix}{short}", (topic, joint, kind), short=short))
-    return found
+                yield Column(f"{prefix}{short}", (topic, joint, kind), short=short)
 
 
 def _joint_names(given: Mapping[str, str], columns: list[Column]) -> dict[str, str]:
