@@ -14,12 +14,7 @@ from expdesign.configuration.document import Document, Placed, document_from_map
 from expdesign.configuration.finding import absolute, find_file
 from expdesign.configuration.parameters import whose
 from expdesign.configuration.problem import InputError, Problem, nearest
-from expdesign.configuration.robot import (
-    ResolvedRobot,
-    RobotDescription,
-    read_robot,
-    resolve_robot,
-)
+from expdesign.configuration.robot import ResolvedRobot, RobotDescription, read_robot, resolve_robot
 from expdesign.configuration.run import RUN_FORMAT, RunConfiguration, RunDescription
 from expdesign.configuration.section import Section, validate
 from expdesign.configuration.sections.data import DataSection

@@ -3,12 +3,7 @@
 from __future__ import annotations
 
 from estimation.twin import Twin
-from estimation.twin.record import (
-    MEASUREMENT,
-    repetition_file,
-    write_measurement,
-    write_truth,
-)
+from estimation.twin.record import MEASUREMENT, repetition_file, write_measurement, write_truth
 from expdesign.export.table_file import find_table_file
 from expdesign.robot import robot_from
 from expdesign.runfolder.manifest import text_hash
