@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -111,9 +111,8 @@ def fitted_grid(stamps: Array) -> TimeBase:
 
 def stamped(stamps: Array) -> TimeBase:
     """Return the stamps (T,) as they are, with their mean step and the jitter about a grid."""
-    fit = fitted_grid(stamps)
     mean = float((stamps[-1] - stamps[0]) / (len(stamps) - 1))
-    return TimeBase(stamps, mean, fit.jitter, fit.worst)
+    return replace(fitted_grid(stamps), time=stamps, step=mean)
 
 
 def gaps(stamps: Array) -> list[tuple[int, int]]:

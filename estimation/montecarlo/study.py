@@ -149,10 +149,9 @@ def run_study(
         bench = recipe()
         bound = bench.bound()
     wanted = configuration.run.montecarlo.repetitions
-    done: dict[int, Repetition] = {}
     kept = None if journal is None else Journal(journal, study_inputs(configuration, design))
-    if kept is not None:
-        done = {number: r for number, r in kept.done.items() if number <= wanted}
+    known = {} if kept is None else kept.done
+    done = {number: repetition for number, repetition in known.items() if number <= wanted}
     missing = [number for number in range(1, wanted + 1) if number not in done]
     monitor = monitor or Monitor()
     monitor.advanced(len(done), wanted)

@@ -156,7 +156,4 @@ def write_truth(truth: Truth, folder: Path, *, repeated: bool) -> list[Path]:
         Whether the measurements are in `repetitions/`.
     """
     table = replace(MEASUREMENT, file=f"{REPETITIONS}/*/{MEASUREMENT.file}")
-    return [
-        truth.write(folder),
-        describe_tables(folder, [table if repeated else MEASUREMENT]),
-    ]
+    return [truth.write(folder), describe_tables(folder, [table if repeated else MEASUREMENT])]

@@ -109,20 +109,16 @@ def resolve_noise(
                 merged.pop(covariance, None)
         merged |= given
         places |= dict.fromkeys(given, source)
-    covariances: list[Array | None] = []
-    problems: list[Problem] = []
-    for family in _FAMILIES:
-        covariance_of_family, found = _family(family, merged, places)
-        covariances.append(covariance_of_family)
-        problems += found
-    if problems:
+    found = [_family(family, merged, places) for family in _FAMILIES]
+    if problems := [one for one in found if isinstance(one, Problem)]:
         return None, None, problems
+    covariances = (one for one in found if not isinstance(one, Problem))
     return NoiseDescription(**merged), ResolvedNoise(*covariances), []
 
 
 def _family(
     family: str, merged: dict[str, Any], places: dict[str, Placed[NoiseDescription]]
-) -> tuple[Array | None, list[Problem]]:
+) -> Array | Problem | None:
     std, correlation, covariance = _keys(family)
     if covariance in merged:
         name = covariance
@@ -133,9 +129,9 @@ def _family(
         shape = np.array(merged.get(correlation, np.eye(ACTUATORS)))
     elif correlation in merged:
         message = f"{correlation} is given without {std}"
-        return None, [places[correlation].problem((correlation,), message, f"{std} with it")]
+        return places[correlation].problem((correlation,), message, f"{std} with it")
     else:
-        return None, []
+        return None
     with np.errstate(all="ignore"):
         wrong = _no_covariance(shape)
         matrix = (shape + shape.T) / 2 * np.outer(scale, scale)
@@ -146,8 +142,8 @@ def _family(
     if wrong is None and not finite:
         wrong = "the values are too large or too small to be squared"
     if wrong is not None:
-        return None, [places[name].problem((name,), wrong, "a symmetric positive definite matrix")]
-    return read_only(matrix), []
+        return places[name].problem((name,), wrong, "a symmetric positive definite matrix")
+    return read_only(matrix)
 
 
 def _no_covariance(matrix: Array) -> str | None:

@@ -83,10 +83,7 @@ def study(work: Workspace) -> Outcome:
 @contextmanager
 def _watched(work: Workspace, what: str) -> Iterator[Monitor]:
     stopping = f"stopping: the {what} that are done are kept …"
-    with (
-        work.progress.count(what) as advanced,
-        interruptible(work.progress.note, stopping) as stop,
-    ):
+    with work.progress.count(what) as advanced, interruptible(work.progress.note, stopping) as stop:
         yield Monitor(stop, advanced=advanced)
 
 

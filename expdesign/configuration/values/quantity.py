@@ -123,9 +123,7 @@ class Dimension:
         return number
 
     def _from_text(self, text: str) -> float:
-        match = None
-        if len(text) <= _LONGEST:
-            match = _QUANTITY.fullmatch(text.translate(_SUPERSCRIPTS))
+        match = _quantity(text)
         if match is None:
             hint = " (the decimal mark is a point)" if re.match(r"\s*[+-]?\d+,\d", text) else ""
             raise refusal(f"{shown(text)} is not {self.name}{hint}", self.allowed)
@@ -211,6 +209,10 @@ def unit_symbols() -> tuple[str, ...]:
     return tuple(names[0] if len(names) == _UNSIGNED else names[2] for names in parts)
 
 
+def _quantity(text: str) -> re.Match[str] | None:
+    return _QUANTITY.fullmatch(text.translate(_SUPERSCRIPTS)) if len(text) <= _LONGEST else None
+
+
 def _dimensionality(unit: str) -> _Dimensionality:
     factor = _factor(unit)
     if factor is None:
@@ -238,9 +240,7 @@ def dimension_of(unit: str) -> Dimension:
 
 def unit_dimension(unit: str) -> Dimension | None:
     """Return the dimension that a unit belongs to whatever its scale, None for an unknown unit."""
-    match = (
-        _QUANTITY.fullmatch(f"1 {unit}".translate(_SUPERSCRIPTS)) if len(unit) <= _LONGEST else None
-    )
+    match = _quantity(f"1 {unit}")
     factor = _factor(match.group(2)) if match and match.group(2) else None
     return None if factor is None else _of_dimensions(factor[1])
 
