@@ -39,6 +39,7 @@ from estimation.estimators.experiment import Experiment
 from estimation.estimators.knowledge import Knowledge
 from estimation.estimators.result import ParameterEstimate
 from expdesign.robot import Robot
+from expdesign.runfolder import copied
 
 
 def verdict(experiments: Sequence[ExperimentDiagnosis]) -> Verdict:
@@ -181,7 +182,9 @@ def _tests(
         length_size = chi_square(part.lengths, part.length_counts, lengths)
         length_whiteness = _whiteness(part.lengths, part.length_counts, lengths, level)
     (delay,) = (cause for cause in attribution.causes if cause.kind == "delay")
-    return ExperimentTests(
+    return copied(
+        ExperimentTests,
+        noises,
         held_out=held_out,
         chi_square=ChiSquares(sizes[0], sizes[1], length_size),
         lack_of_fit=lack[0],
@@ -203,8 +206,6 @@ def _tests(
             force_residuals=_whiteness(left, part.counts, left_law, level),
             length_residuals=length_whiteness,
         ),
-        normality=noises.normality,
-        drift=noises.drift,
     )
 
 

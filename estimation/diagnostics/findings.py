@@ -13,9 +13,12 @@ from estimation.diagnostics.channel_test import CHI_SQUARE
 from estimation.diagnostics.column_test import Cause
 from estimation.diagnostics.finding import Assumption, Finding
 from estimation.diagnostics.lack_of_fit import ChiSquare
-from estimation.diagnostics.noise_tests import Drifts, Normalities, Whiteness, Whitenesses
+from estimation.diagnostics.noise_tests import NoiseTests, Whiteness
 from estimation.diagnostics.record import ExperimentDiagnosis, ExperimentTests
 from expdesign.mechanism.hexapod import ACTUATORS
+
+_OfNoise = NoiseTests | ExperimentTests
+"""What has tests of the noise by itself."""
 
 _EXPLAINED = Assumption(
     "the model explains the forces",
@@ -86,15 +89,13 @@ def experiment_findings(diagnosis: ExperimentDiagnosis) -> list[Finding]:
         _white(_RESIDUALS_WHITE, white, "actuator", "mean residual", left),
         _size(_NOISE_LEVEL, tests.chi_square.forces_with_effects, "force", left),
         *_motion(tests),
-        *noise_findings(tests.whiteness, tests.normality, tests.drift),
+        *noise_findings(tests),
     ]
 
 
-def noise_findings(
-    white: Whitenesses, normality: Normalities, drift: Drifts
-) -> tuple[Finding, ...]:
+def noise_findings(tests: _OfNoise) -> tuple[Finding, ...]:
     """Return what was found of the noise by itself."""
-    return _noise_white(white), *_distribution(normality), _periods(drift)
+    return _noise_white(tests), *_distribution(tests), _periods(tests)
 
 
 def _bias(diagnosis: ExperimentDiagnosis) -> Finding:
@@ -232,8 +233,9 @@ def _white(
     )
 
 
-def _noise_white(tests: Whitenesses) -> Finding:
-    kinds = {"forces of actuator": tests.force_noise, "lengths of strut": tests.length_noise}
+def _noise_white(tests: _OfNoise) -> Finding:
+    white = tests.whiteness
+    kinds = {"forces of actuator": white.force_noise, "lengths of strut": white.length_noise}
     done = {kind: test for kind, test in kinds.items() if test is not None}
     if not done:
         return _NOISE_WHITE.untested("no two periods can be compared sample by sample")
@@ -246,11 +248,11 @@ def _noise_white(tests: Whitenesses) -> Finding:
     return _NOISE_WHITE.judged(where, absent, present, p, level)
 
 
-def _distribution(tests: Normalities) -> Iterator[Finding]:
+def _distribution(tests: _OfNoise) -> Iterator[Finding]:
     """Yield whether there are outliers, and whether the noise is normal."""
-    kinds = {"force": tests.forces, "length": tests.lengths}
+    kinds = {"force": tests.normality.forces, "length": tests.normality.lengths}
     done = {kind: test for kind, test in kinds.items() if test is not None}
-    level = tests.forces.level
+    level = tests.normality.forces.level
     p = min(_family_p(test.outlier_p_values) for test in done.values())
     outliers = {
         f"{kind} {j + 1}": f"{test.outliers[j]}"
@@ -274,14 +276,14 @@ def _distribution(tests: Normalities) -> Iterator[Finding]:
     yield _NORMAL.judged(", ".join(shapes), absent, present, p, level)
 
 
-def _periods(tests: Drifts) -> Finding:
+def _periods(tests: _OfNoise) -> Finding:
     """Whether the means of the periods differ."""
-    force = tests.forces
+    force = tests.drift.forces
     if force.refused:
         return _ALIKE.untested(force.refused)
     changes, p = {}, 1.0
     for kind, test, factor, unit in (
-        ("lengths of strut", tests.lengths, 1e3, "mm"),
+        ("lengths of strut", tests.drift.lengths, 1e3, "mm"),
         ("forces of actuator", force, 1.0, "N"),
     ):
         if test is None or test.refused:

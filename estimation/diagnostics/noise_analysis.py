@@ -11,6 +11,7 @@ from estimation.diagnostics.findings import noise_findings
 from estimation.diagnostics.noise_record import NoiseFile, NoiseRecord, noise_keys
 from estimation.diagnostics.noise_tests import noise_tests
 from estimation.processing import NoiseModel, Record
+from expdesign.runfolder import copied
 
 
 def analyse_noise(record: Record, source: str = "") -> NoiseRecord:
@@ -34,7 +35,9 @@ def analyse_noise(record: Record, source: str = "") -> NoiseRecord:
         for each in (record.forces, record.lengths)
     )
     tests = noise_tests(record, force_rows, length_rows)
-    summary = NoiseFile(
+    summary = copied(
+        NoiseFile,
+        tests,
         **noise_keys(noise),
         recording=source,
         rows=record.rows,
@@ -43,9 +46,6 @@ def analyse_noise(record: Record, source: str = "") -> NoiseRecord:
         averaged=record.averaged,
         force_std=np.sqrt(np.diag(forces.covariance)),
         length_std=np.sqrt(np.diag(lengths.covariance)),
-        whiteness=tests.whiteness,
-        normality=tests.normality,
-        drift=tests.drift,
-        findings=noise_findings(tests.whiteness, tests.normality, tests.drift),
+        findings=noise_findings(tests),
     )
     return NoiseRecord(summary=summary, **NoiseRecord.parts(noise, tests))

@@ -7,9 +7,8 @@ from typing import Annotated, ClassVar, Self
 
 import numpy as np
 
-from estimation.diagnostics import Diagnosis
 from estimation.diagnostics.noise_record import NoiseKeys, noise_keys
-from estimation.diagnostics.record import DiagnosisKeys
+from estimation.diagnostics.record import Diagnosis, DiagnosisKeys
 from estimation.estimators import ParameterEstimate
 from estimation.identification.result import EstimationResult, RecordSummary
 from estimation.uncertainty.intervals import Combination

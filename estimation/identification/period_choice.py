@@ -18,7 +18,7 @@ from estimation.processing.period import (
     omega_from_data,
     refined_omega,
 )
-from expdesign.configuration import InputError, Problem, RunConfiguration
+from expdesign.configuration import InputError, RunConfiguration
 from expdesign.robot import Robot
 from expdesign.trajectory import FourierTrajectory
 
@@ -173,10 +173,8 @@ def clock_error(
 
 def _refused(data: Measurement, message: str) -> UnsuitableDataError:
     return UnsuitableDataError(
-        Problem(
-            message,
-            file=Path(data.source) if data.source else None,
-            allowed="a design (--design), a period column, a fixed trajectory.frequency, or data "
-            "that repeat",
-        )
+        message,
+        file=Path(data.source) if data.source else None,
+        allowed="a design (--design), a period column, a fixed trajectory.frequency, or data "
+        "that repeat",
     )

@@ -9,9 +9,8 @@ from typing import Annotated, ClassVar, Self
 import numpy as np
 
 from constraints.arrays import Array
-from estimation.diagnostics import Diagnosis
 from estimation.diagnostics.noise_record import CovarianceRow, covariance_rows
-from estimation.diagnostics.record import ExperimentRecord
+from estimation.diagnostics.record import Diagnosis, ExperimentRecord
 from estimation.identification.estimate_file import EstimateFile
 from estimation.identification.result import EstimationResult
 from estimation.uncertainty.intervals import ParameterRow, correlation

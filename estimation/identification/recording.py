@@ -24,7 +24,7 @@ from estimation.kinematics.fourier_fit import (
 from estimation.kinematics.pointwise import pointwise_motion
 from estimation.measurement_model import HarmonicMotion
 from estimation.processing import NoiseModel, PeriodError, Record, make_record
-from expdesign.configuration import InputError, Problem, RunConfiguration
+from expdesign.configuration import InputError, RunConfiguration
 from expdesign.robot import Robot
 from expdesign.trajectory import FourierTrajectory
 
@@ -67,9 +67,8 @@ def prepare_recording(
     try:
         record = make_record(data, omega, source, average=not free, robust=section.loss == "huber")
     except PeriodError as error:
-        raise UnsuitableDataError(
-            Problem(str(error), file=Path(data.source) if data.source else None)
-        ) from error
+        file = Path(data.source) if data.source else None
+        raise UnsuitableDataError(str(error), file) from error
     noise = choose_noise(configuration, record, data.source)
     if section.differentiation != "fourier":
         motion = pointwise_motion(robot, record, cutoff=_cutoff(configuration, record, design))

@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from constraints.arrays import Mask
-from estimation.diagnostics import Diagnosis, diagnose
+from estimation.diagnostics.diagnosis import diagnose
 from estimation.diagnostics.lack_of_fit import LackOfFit
+from estimation.diagnostics.record import Diagnosis
 from estimation.diagnostics.residuals import VarianceComparison
 from estimation.estimators import Experiment, ParameterEstimate
 from estimation.identification import prepare_experiment, run_estimators

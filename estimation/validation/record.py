@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import Annotated, ClassVar, Self
 
 from constraints.arrays import Array
-from estimation.diagnostics import Diagnosis
-from estimation.diagnostics.record import DiagnosisKeys, ExperimentTests
+from estimation.diagnostics.record import Diagnosis, DiagnosisKeys, ExperimentTests
 from estimation.diagnostics.residuals import ForceResiduals
 from expdesign.runfolder import (
     ArrayTable,

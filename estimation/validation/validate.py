@@ -10,7 +10,9 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from estimation.data.reading import read_measurement
-from estimation.diagnostics import Diagnosis, Status, diagnose
+from estimation.diagnostics.diagnosis import diagnose
+from estimation.diagnostics.finding import Status
+from estimation.diagnostics.record import Diagnosis
 from estimation.estimators import Experiment
 from estimation.identification import prepare_experiment
 from estimation.identification.saved import SavedEstimate

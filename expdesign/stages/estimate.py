@@ -6,13 +6,15 @@ from typing import Any
 
 from numpy.linalg import LinAlgError
 
-from estimation import diagnostics, identification
-from estimation.diagnostics import Diagnosis
+from estimation import identification
+from estimation.diagnostics import noise_analysis
+from estimation.diagnostics.diagnosis import diagnose
+from estimation.diagnostics.record import Diagnosis
 from estimation.identification import EstimationResult
 from estimation.identification.period_choice import choose_omega
 from estimation.identification.record import EstimateRecord
 from estimation.processing import PeriodError, make_record
-from estimation.validation import validate
+from estimation.validation.validate import validate
 from expdesign.configuration import InputError
 from expdesign.robot import robot_from
 from expdesign.stages.outcome import Outcome, StageFailed
@@ -36,9 +38,7 @@ def perform(work: Workspace) -> Outcome:
         ) from error
     diagnosis = None
     if result.intervals_cover:
-        diagnosis = diagnostics.diagnose(
-            result.robot, result.experiments, result.knowledge, result.best
-        )
+        diagnosis = diagnose(result.robot, result.experiments, result.knowledge, result.best)
     summary = _summary(result, diagnosis)
     return Outcome(
         result=(result, diagnosis),
@@ -60,7 +60,7 @@ def analyse_noise(work: Workspace) -> Outcome:
     omega, source = choose_omega(work.configuration, recording, trajectory)
     try:
         samples = make_record(recording, omega, source)
-        record = diagnostics.analyse_noise(samples, str(file))
+        record = noise_analysis.analyse_noise(samples, str(file))
     except (PeriodError, ValueError) as error:
         raise InputError(
             str(error), file=file, key="--data", allowed="two periods or more"

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from constraints.arrays import Array
-from estimation.diagnostics import Finding, Outcome, Status, Verdict
+from estimation.diagnostics.finding import Finding, Outcome, Status, Verdict
 from estimation.identification.estimate_file import EstimateFile
 from estimation.uncertainty.differences import FAMILY_LEVEL, Differences, difference_test
 from results.report.content import Level

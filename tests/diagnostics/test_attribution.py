@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from estimation.diagnostics import diagnose
 from estimation.diagnostics.attribution import attribute
 from estimation.diagnostics.column_test import causes, column_test
+from estimation.diagnostics.diagnosis import diagnose
 from tests.diagnostics.conftest import Laboratory
 
 DRAWS = 150

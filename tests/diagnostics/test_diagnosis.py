@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from estimation.data.measurement import Measurement
-from estimation.diagnostics import Outcome, Status, diagnose
+from estimation.diagnostics.diagnosis import diagnose
+from estimation.diagnostics.finding import Outcome, Status
 from estimation.diagnostics.record import DiagnosisKeys
 from estimation.processing import NoiseModel, PeriodSource, make_record
 from expdesign.runfolder import JsonFile, described

@@ -140,7 +140,7 @@ def test_level_of_records_that_cannot_be_averaged(laboratory):
     data = laboratory.measure(9, samples=200.37)
     experiment = laboratory.experiment(data)
     assert not experiment.record.averaged
-    from estimation.diagnostics import diagnose
+    from estimation.diagnostics.diagnosis import diagnose
 
     estimate = laboratory.estimate([experiment])
     result = diagnose(laboratory.robot, [experiment], laboratory.knowledge, estimate)

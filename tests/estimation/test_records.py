@@ -2,7 +2,7 @@
 
 import pytest
 
-from estimation.diagnostics import diagnose
+from estimation.diagnostics.diagnosis import diagnose
 from estimation.identification import estimate
 from estimation.identification.record import EstimateRecord
 from results import record_figures

@@ -5,7 +5,9 @@ import pytest
 
 from estimation.identification import estimate
 from estimation.identification.record import EstimateRecord
-from estimation.validation import benchmark_motion, read_estimate, validate
+from estimation.identification.saved import read_estimate
+from estimation.validation.motions import benchmark_motion
+from estimation.validation.validate import validate
 from expdesign.configuration import InputError, load_run
 from expdesign.configuration.sections.experiment import ValidationMotion
 from tests.estimation.cases import ROBOT, STEP, measured, run, trajectory

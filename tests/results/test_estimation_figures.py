@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimation.diagnostics import diagnose
+from estimation.diagnostics.diagnosis import diagnose
 from results.figures.drawing import save_figures
 from results.figures.noise import NOISE_FIGURES
 from results.figures.residuals import DIAGNOSTIC_FIGURES

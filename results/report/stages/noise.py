@@ -7,7 +7,7 @@ from dataclasses import astuple
 import numpy as np
 
 from constraints.arrays import Array
-from estimation.diagnostics import Outcome
+from estimation.diagnostics.finding import Outcome
 from estimation.diagnostics.noise_record import NoiseFile, covariance_rows
 from estimation.diagnostics.noise_tests import Normality, Whiteness
 from estimation.identification.record import EstimateRecord
