@@ -9,8 +9,10 @@ from typing import Any
 from estimation.diagnostics.noise_record import NoiseRecord
 from estimation.identification.record import EstimateRecord
 from estimation.montecarlo.record import MonteCarloRecord
-from estimation.studies import DesignStudy, Study, ValidationStudy
+from estimation.studies.design_study import DesignStudy
+from estimation.studies.study import Study
 from estimation.studies.validation_runs import SITUATIONS
+from estimation.studies.validation_study import ValidationStudy
 from estimation.validation.record import MotionRecord, ValidationRecord
 from expdesign.experiment import DesignRecord
 from expdesign.export.record import ExportsRecord

@@ -66,7 +66,7 @@ class NoiseModel:
         return forces if forces == lengths else f"forces {forces}, lengths {lengths}"
 
 
-def scatter_between_periods(values: Array, weights: Array | None = None) -> NoiseEstimate:
+def scatter_between_periods(values: Array, weights: Array) -> NoiseEstimate:
     """Return the covariance of the scatter about the mean over the periods.
 
     Of M ≥ 2 periods of N samples, (M, N, 6); weights, (M, N) from 0 to 1, let samples count less.
@@ -76,12 +76,11 @@ def scatter_between_periods(values: Array, weights: Array | None = None) -> Nois
     With (M − 1) N degrees of freedom for full weights. Squares count with the square of their
     weight: what is far off enough to lose weight is no noise.
     """
-    w = np.ones(values.shape[:2]) if weights is None else weights
-    total = w.sum(axis=0)
-    mean = np.einsum("mn,mnj->nj", w, values) / total[:, None]
-    residuals = (values - mean) * w[:, :, None]
+    total = weights.sum(axis=0)
+    mean = np.einsum("mn,mnj->nj", weights, values) / total[:, None]
+    residuals = (values - mean) * weights[:, :, None]
     flat = residuals.reshape(-1, values.shape[2])
-    freedom = float(np.sum(w**2) - np.count_nonzero(total > 0))
+    freedom = float(np.sum(weights**2) - np.count_nonzero(total > 0))
     return NoiseEstimate(flat.T @ flat / freedom, freedom)
 
 

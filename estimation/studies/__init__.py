@@ -6,33 +6,13 @@ from estimation.identification.estimate import parameter_knowledge
 from estimation.studies.design_study import DesignStudy
 from estimation.studies.design_trials import refuse_unfit_design_study
 from estimation.studies.identification_study import IdentificationStudy
-from estimation.studies.records import Claim, StudyRecord, StudySummary
-from estimation.studies.study import (
-    Study,
-    StudyInterruptedError,
-    TooFewEstimatesError,
-    study_section,
-)
+from estimation.studies.study import Study, study_section
 from estimation.studies.validation_runs import refuse_unfit_validation_study
 from estimation.studies.validation_study import ValidationStudy
 from expdesign.configuration import RunConfiguration
 from expdesign.robot import Robot
 from expdesign.trajectory import FourierTrajectory
 from expdesign.workers import Monitor
-
-__all__ = [
-    "Claim",
-    "DesignStudy",
-    "IdentificationStudy",
-    "Study",
-    "StudyInterruptedError",
-    "StudyRecord",
-    "StudySummary",
-    "TooFewEstimatesError",
-    "ValidationStudy",
-    "refuse_unfit_study",
-    "run_study",
-]
 
 
 def run_study(

@@ -9,7 +9,8 @@ from dataclasses import asdict
 from estimation.montecarlo import run_study as run_montecarlo
 from estimation.montecarlo.journal import NAME as JOURNAL
 from estimation.montecarlo.record import EstimatorKeys, MonteCarloFile, MonteCarloRecord
-from estimation.studies import Claim, run_study
+from estimation.studies import run_study
+from estimation.studies.records import Claim
 from expdesign.stages.outcome import Outcome, StageFailed, interruptible, short
 from expdesign.stages.record import clear_outdated
 from expdesign.stages.table import STAGES

@@ -10,10 +10,16 @@ from matplotlib.figure import Figure
 from scipy import stats
 
 from constraints.arrays import Array
-from estimation.studies import DesignStudy, StudyRecord
-from estimation.studies.design_study import rigid_body, shown_kinematics
+from estimation.studies.design_study import DesignStudy, rigid_body, shown_kinematics
 from estimation.studies.identification_study import CASES, ESTIMATORS
-from estimation.studies.records import ESTIMATES, MEANS, PRECISION, VARIANCES, EstimateRow
+from estimation.studies.records import (
+    ESTIMATES,
+    MEANS,
+    PRECISION,
+    VARIANCES,
+    EstimateRow,
+    StudyRecord,
+)
 from expdesign.mechanism.catalogue import parameter_unit
 from expdesign.mechanism.hexapod import ACTUATORS
 from results.figures.drawing import (

@@ -15,7 +15,7 @@ from estimation.data.reading import file_formats
 from estimation.diagnostics.noise_record import NoiseFile
 from estimation.identification.estimate_file import EstimateFile
 from estimation.montecarlo.record import MonteCarloFile, MonteCarloRecord, repetition_table
-from estimation.studies import StudySummary
+from estimation.studies.records import StudySummary
 from estimation.twin import Twin
 from estimation.twin.record import MEASUREMENT, Truth
 from estimation.validation.record import ValidationFile

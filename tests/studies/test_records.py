@@ -5,8 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from estimation.studies import StudyRecord, StudySummary
-from estimation.studies.records import TABLES
+from estimation.studies.records import TABLES, StudyRecord, StudySummary
 from expdesign.configuration import InputError
 
 OLD = Path(__file__).parent / "format_0"

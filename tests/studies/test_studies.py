@@ -7,22 +7,18 @@ import pytest
 
 from estimation.diagnostics.lack_of_fit import LackOfFit
 from estimation.montecarlo.repetition import Workbench
-from estimation.studies import (
-    DesignStudy,
-    IdentificationStudy,
-    StudyInterruptedError,
-    ValidationStudy,
-)
-from estimation.studies.design_study import rigid_body
+from estimation.studies.design_study import DesignStudy, rigid_body
 from estimation.studies.design_trials import Trial, linear_covariances
 from estimation.studies.identification_study import (
     CASES,
     CaseResult,
     Identification,
+    IdentificationStudy,
     bias_claim,
 )
-from estimation.studies.study import with_exact_lengths
+from estimation.studies.study import StudyInterruptedError, with_exact_lengths
 from estimation.studies.validation_runs import Prediction
+from estimation.studies.validation_study import ValidationStudy
 from estimation.twin import Twin
 from expdesign.configuration import InputError, load_run
 from tests.estimation.cases import ROBOT, STEP, trajectory

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from estimation.identification.record import EstimateRecord
 from estimation.montecarlo.record import MonteCarloRecord
-from estimation.studies import StudySummary
+from estimation.studies.records import StudySummary
 from expdesign.configuration import InputError
 from expdesign.experiment import DesignRecord
 from expdesign.experiment.sensitivity import limit_sensitivity

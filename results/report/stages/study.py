@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, get_type_hints
 
-from estimation.studies import Claim, StudyRecord
 from estimation.studies.records import (
     DESIGNS,
     DETERMINANTS,
@@ -14,6 +13,8 @@ from estimation.studies.records import (
     POWER,
     PRECISION,
     VARIANCES,
+    Claim,
+    StudyRecord,
 )
 from expdesign.runfolder import RowTable
 from results.figures.residuals import prediction_figure
