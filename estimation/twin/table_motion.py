@@ -10,7 +10,7 @@ import numpy as np
 from constraints.arrays import Array
 from expdesign.configuration import InputError
 from expdesign.export.definition import ON_THE_EDGE
-from expdesign.export.deviation import blocks
+from expdesign.export.execution import blocks
 from expdesign.export.table_file import TableFile
 from expdesign.trajectory import FourierTrajectory, PoseSamples
 

@@ -9,14 +9,15 @@ from pathlib import Path
 import numpy as np
 
 from expdesign.export.definition import Interpolation, Rows, Settings, TableError
-from expdesign.export.deviation import (
+from expdesign.export.execution import (
     Deviation,
+    ExecutedTable,
     InformationChange,
     blocks,
     deviation,
     information_change,
+    refined,
 )
-from expdesign.export.execution import ExecutedTable, refined
 from expdesign.export.row_times import SHARE, ideal_rows, whole_motion
 from expdesign.recheck.judge import LimitCheck, judge, worst_of_each
 from expdesign.robot import ForwardKinematicsError, LimitModel

@@ -10,7 +10,7 @@ from typing import Annotated, Any, ClassVar
 from pydantic import Field
 
 from expdesign.export.definition import Task
-from expdesign.export.deviation import InformationChange
+from expdesign.export.execution import InformationChange
 from expdesign.export.exporting import Export
 from expdesign.export.read_back import LIMIT_SHARE, LOG_DET_CHANGE, STD_SHARE, limits_in_words
 from expdesign.export.row_times import SHARE

@@ -10,8 +10,7 @@ import numpy as np
 from constraints.arrays import Array
 from expdesign.configuration import InputError
 from expdesign.export.definition import Rows, Settings, Task, in_window
-from expdesign.export.deviation import Deviation, blocks, deviation
-from expdesign.export.execution import ExecutedTable, refined
+from expdesign.export.execution import Deviation, ExecutedTable, blocks, deviation, refined
 from expdesign.motion.executable import ExecutableMotion
 from expdesign.motion.sampled import SampledMotion
 from expdesign.runfolder.described import Column, field_columns

@@ -7,7 +7,6 @@ two share the graph and nothing else.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from itertools import pairwise
@@ -96,7 +95,8 @@ class LimitModel:
     @cached_property
     def two_sided(self) -> Mask:
         """(R,) which rows are bounded on both sides."""
-        return np.isfinite(self._lower) & np.isfinite(self._upper)
+        lower, upper, _ = self._bounds
+        return np.isfinite(lower) & np.isfinite(upper)
 
     @cached_property
     def scale(self) -> Array:
@@ -127,8 +127,7 @@ class LimitModel:
 
     def excess(self, values: Array) -> Array:
         """Return the same of values, (N, R)."""
-        excess = np.maximum(self._lower - values, values - self._upper) / self._range
-        return np.nan_to_num(excess, nan=np.inf, posinf=np.inf, neginf=-np.inf)
+        return _excess(values, *self._bounds)
 
     def smooth_bounds(self, margins: Array | None = None) -> tuple[Array, Array]:
         """Return bounds on the smooth rows, (R,) each, or (…, R) like the margins.
@@ -159,10 +158,7 @@ class LimitModel:
 
         Open rows are at −inf; a value that is not a number counts as broken.
         """
-        values = self.smooth_values(states, width)
-        lower, upper = self.smooth_bounds()
-        excess = np.maximum(lower - values, values - upper) / self.scale
-        return np.nan_to_num(excess, nan=np.inf, posinf=np.inf, neginf=-np.inf)
+        return _excess(self.smooth_values(states, width), *self.smooth_bounds(), self.scale)
 
     @cached_property
     def moving(self) -> Mask:
@@ -175,8 +171,8 @@ class LimitModel:
     @cached_property
     def of_jerk(self) -> Mask:
         """(R,) which rows need the third derivative of the pose."""
-        jerk = {limit.key for limit in self.limits if JERK in limit.definition.requires}
-        return np.array([key in jerk for key in self.keys], dtype=bool)
+        needed = [JERK in one.definition.requires for one in self.limits for _ in one.labels]
+        return np.array(needed, dtype=bool)
 
     @cached_property
     def _state_size(self) -> int:
@@ -187,16 +183,11 @@ class LimitModel:
         return self.smooth_bounds(np.zeros(len(self.keys)))
 
     @cached_property
-    def _lower(self) -> Array:
-        return _joined([limit.lower for limit in self.limits])
-
-    @cached_property
-    def _upper(self) -> Array:
-        return _joined([limit.upper for limit in self.limits])
-
-    @cached_property
-    def _range(self) -> Array:
-        return _joined([limit.range for limit in self.limits])
+    def _bounds(self) -> tuple[Array, Array, Array]:
+        """Lower and upper bounds of the natural rows and their ranges, (R,) each."""
+        parts = [(limit.lower, limit.upper, limit.range) for limit in self.limits]
+        lower, upper, width = zip(*parts, strict=True) if parts else [(np.empty(0),)] * 3
+        return np.concatenate(lower), np.concatenate(upper), np.concatenate(width)
 
     def _kernel(self, friction: Friction, *, slopes: bool) -> BatchFunction:
         definitions = tuple(limit.definition for limit in self.limits)
@@ -208,5 +199,6 @@ class LimitModel:
         return robot.machine, robot.parameters, *scalars
 
 
-def _joined(parts: Sequence[Array]) -> Array:
-    return np.concatenate([np.empty(0), *parts])
+def _excess(values: Array, lower: Array, upper: Array, width: Array) -> Array:
+    excess = np.maximum(lower - values, values - upper) / width
+    return np.nan_to_num(excess, nan=np.inf, posinf=np.inf, neginf=-np.inf)

@@ -130,17 +130,7 @@ def random_job(
         # No shrinking brings it within the limits.
         Watch(monitor, index).tell("done", 0, -np.inf, np.inf, str(error))
         nowhere = np.full(problem.variables.size, np.nan)
-        return StartResult(
-            index,
-            "random",
-            nowhere,
-            -np.inf,
-            str(error),
-            converged=False,
-            stages=(),
-            trace=(),
-            seconds=0,
-        )
+        return StartResult(index, "random", nowhere, -np.inf, str(error))
     return run_start(
         problem,
         task.evaluator,

@@ -35,10 +35,10 @@ class StartResult:
     −inf when it cannot be."""
     status: str
     """How the last stage ended, in words."""
-    converged: bool
-    stages: tuple[StageRecord, ...]
-    trace: tuple[TracePoint, ...]
-    seconds: float
+    converged: bool = False
+    stages: tuple[StageRecord, ...] = ()
+    trace: tuple[TracePoint, ...] = ()
+    seconds: float = 0.0
 
     @property
     def iterations(self) -> int:

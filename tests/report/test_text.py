@@ -7,8 +7,7 @@ import pytest
 
 from results.notation import duration, readable
 from results.report.comparison.comparison import csv_table
-from results.report.latex import escaped, latex_table
-from results.report.rendering import symbol_html, unit_html
+from results.report.rendering import escaped, latex_table, symbol_html, unit_html
 from results.report.table import Column, ReportTable, cell_text, sort_key
 
 

@@ -10,10 +10,11 @@ from pathlib import Path
 from estimation.identification.record import EstimateRecord
 from estimation.montecarlo.record import MonteCarloRecord
 from estimation.studies.records import StudySummary
-from expdesign.configuration import InputError
+from expdesign.configuration import InputError, Problem
 from expdesign.experiment import DesignRecord
 from expdesign.experiment.sensitivity import limit_sensitivity
 from expdesign.runfolder.atomic import write_text
+from expdesign.runfolder.manifest import file_hash
 from results.figures.drawing import FigureDefinition, save_figures
 from results.figures.parameters import (
     ParameterSeries,
@@ -28,18 +29,33 @@ from results.report.comparison.estimates import (
     estimates_report,
     estimates_series,
 )
-from results.report.comparison.sources import open_folders, sources_section
-from results.report.content import FigureBlock, Level, Page, StageReport, TextBlock, Verdict
+from results.report.content import (
+    FigureBlock,
+    Level,
+    Page,
+    Section,
+    StageReport,
+    TextBlock,
+    Verdict,
+)
 from results.report.folder import ReportedStage, RunFolder, embedded
-from results.report.latex import latex_table
-from results.report.rendering import rendered
+from results.report.rendering import latex_table, rendered
 from results.report.run_report import NAME
 from results.report.stages.estimate import NAMES
 from results.report.stages.study import CLAIM_COLUMNS, SIMULATED, claim_row, judgement
-from results.report.table import Column, ReportTable
+from results.report.table import Column, ReportTable, text_columns
 
 _FORMATS = ("png", "svg", "pdf")
 _MOST_NAMED = 4
+_FEWEST = 2
+COMPARED = {
+    "design": "trajectory.csv",
+    "estimate": "estimates.csv",
+    "montecarlo": "tables/montecarlo.csv",
+    "study": "study.json",
+}
+"""Stages that can be compared, and the table that is the result of each: the same seeds give the
+same bytes, while the documents beside them hold times."""
 
 
 def write_comparison(
@@ -189,3 +205,75 @@ def _achieved_report(folders: dict[str, RunFolder]) -> StageReport:
     sentence = f"{number}: achieved standard deviations beside the bound."
     title = "Monte-Carlo studies"
     return StageReport(Verdict(title, Level.NEUTRAL, "compared", sentence, "studies"), (table,))
+
+
+def open_folders(
+    paths: Sequence[Path], stages: Mapping[str, ReportedStage]
+) -> dict[str, RunFolder]:
+    """Open run folders; the keys are the shortest ends of their paths that tell them apart.
+
+    Raises
+    ------
+    InputError
+        There are fewer than two, one is named twice, one is no run folder, or has nothing that
+        could be compared.
+    """
+    problems = []
+    if len(paths) < _FEWEST:
+        problems.append(
+            Problem("a comparison needs two run folders", key="DIR", allowed="two or more folders")
+        )
+    resolved = [path.resolve() for path in paths]
+    problems += [
+        Problem("the folder is named twice", file=path, key="DIR")
+        for position, path in enumerate(paths)
+        if resolved[position] in resolved[:position]
+    ]
+    if problems:
+        raise InputError(problems)
+    folders = dict(
+        zip(_labels(resolved), (RunFolder.open(path, stages) for path in paths), strict=True)
+    )
+    problems += [
+        Problem(
+            "it has nothing that could be compared",
+            file=folder.path,
+            key="DIR",
+            allowed=f"folders with {', '.join(stages[stage].file for stage in COMPARED)}",
+        )
+        for folder in folders.values()
+        if not any(folder.has(stage) for stage in COMPARED)
+    ]
+    if problems:
+        raise InputError(problems)
+    return folders
+
+
+def sources_section(folders: dict[str, RunFolder]) -> Section:
+    """Return what was compared: folders, versions and the hashes of their files."""
+    rows = []
+    for label, folder in folders.items():
+        versions = {} if folder.manifest is None else folder.manifest.versions
+        rows += [
+            (
+                label,
+                stage,
+                str(folder.path),
+                versions.get("expdesign", ""),
+                file_hash(folder.path / table) if (folder.path / table).is_file() else None,
+            )
+            for stage, table in COMPARED.items()
+            if folder.has(stage)
+        ]
+    columns = text_columns("name", "stage", "folder", "expdesign", "SHA-256 of the result")
+    table = ReportTable.of("sources", "What was compared", columns, rows)
+    return Section("sources", "Sources", (table,))
+
+
+def _labels(paths: list[Path]) -> list[str]:
+    longest = max(len(path.parts) for path in paths)
+    for depth in range(1, longest + 1):
+        labels = ["/".join(path.parts[-depth:]) for path in paths]
+        if len(set(labels)) == len(labels):
+            return labels
+    return [str(path) for path in paths]
