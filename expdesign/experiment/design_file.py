@@ -182,16 +182,15 @@ class DesignFile(TrajectoryFile):
         trajectory, run = result.trajectory, result.configuration.run
         return copied(
             cls,
+            run.design,
+            trajectory,
             result,
             **fourier_keys(trajectory),
             units="SI and radians",
             name=run.name,
             robot=result.robot.name,
-            criterion=run.design.criterion,
-            scaling=run.design.scaling,
             parameters=result.parameter_names,
             frequency_hz=trajectory.frequency,
-            period=trajectory.period,
             controller_period=run.trajectory.controller_period,
             samples_per_period=whole(result.samples_per_period) or result.samples_per_period,
             predicted_std=PredictedStd(result.per_period, result.experiment),

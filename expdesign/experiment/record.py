@@ -9,7 +9,6 @@ from typing import Annotated, ClassVar, Self
 
 import numpy as np
 
-from constraints import Limit
 from constraints.arrays import Array
 from expdesign.configuration import (
     InputError,
@@ -180,10 +179,6 @@ class DesignRecord(FolderRecord):
         """The information with the names of its rows and columns."""
         names = self.summary.parameters
         return [([(name,) for name in names], names, self.information)]
-
-    def limit(self, key: str) -> Limit | None:
-        """Return a limit of the run by its key, None when it does not limit."""
-        return next((limit for limit in self.robot.limits if limit.key == key), None)
 
 
 def _parameters(result: DesignResult) -> Iterator[ParameterPrecision]:

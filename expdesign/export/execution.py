@@ -239,7 +239,7 @@ def deviation(table: ExecutedTable, times: Array, executed: Executed, *, forces:
 
 
 def _share(robot: Robot, key: str, difference: Array) -> float:
-    limit = next((limit for limit in robot.limits if limit.key == key), None)
+    limit = robot.limit(key)
     if limit is None:
         return float("nan")
     return float(np.max(np.abs(difference) / limit.range))

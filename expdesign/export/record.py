@@ -51,14 +51,11 @@ class MotionEntry:
         return copied(
             cls,
             task.motion,
-            name=task.name,
+            task,
             robot=task.robot.name,
             units="SI and radians, unless stated",
             period=task.motion.trajectory.period,
-            sampling=task.sampling,
-            controller_period=task.controller_period,
             home=tuple(task.robot.home.tolist()),
-            made_from=task.made_from,
             ways=RecordedMotion.of(task.motion),
         )
 

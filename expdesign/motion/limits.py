@@ -66,7 +66,7 @@ def jerk_limit(configuration: RunConfiguration, robot: Robot, orbit: Periods) ->
         return limit
     unbounded = _within(np.full(ACTUATORS, np.inf), "")
     own = np.max(np.abs(LimitModel(robot, (unbounded,)).values(states)), axis=0)
-    bound = next((item for item in robot.limits if item.key == "strut_acceleration"), None)
+    bound = robot.limit("strut_acceleration")
     if bound is None:
         struts = robot.strut_motion(*np.split(states[:, : 3 * COORDINATES], 3, axis=1))
         largest_acceleration = np.max(np.abs(struts.length_acceleration), axis=0)

@@ -12,7 +12,7 @@ import numpy as np
 from constraints import limit_definitions
 from constraints.arrays import Array, Mask
 from expdesign.robot import LimitModel
-from expdesign.runfolder import OpenNumber, described
+from expdesign.runfolder import OpenNumber, copied, described
 from expdesign.trajectory import FourierTrajectory, PoseSamples
 
 TOLERANCE = 1e-6
@@ -129,16 +129,13 @@ def judge(
             alone = replace(limits, limits=(limit,))
             worst = _refined(alone, part, worst, times, between, periodic=periodic)
         checks.append(
-            LimitCheck(
-                key=limit.key,
+            copied(
+                LimitCheck,
+                limit,
+                worst,
                 title=limit.definition.title,
                 row=limit.labels[worst.row],
-                unit=limit.unit,
-                value=worst.value,
                 bound=limit.nearest_bound(worst.row, worst.value),
-                violation=worst.violation,
-                time=worst.time,
-                origin=limit.origin,
             )
         )
     return tuple(checks)

@@ -150,6 +150,10 @@ class Robot:
         """The limits that its file (and the run's) gives, in the order of the catalogue."""
         return tuple(self.description.limits.values())
 
+    def limit(self, key: str) -> Limit | None:
+        """Return a limit by its key, None where nothing is limited."""
+        return self.description.limits.get(key)
+
     def inverse_kinematics(self, pose: ArrayLike) -> Array:
         """Return strut lengths, m: (6,) or (N, 6) like the pose (m, rad)."""
         rows, single = _rows("pose", pose)

@@ -75,10 +75,14 @@ def field_columns(record: type[Any]) -> Iterator[tuple[str, tuple[Column, ...]]]
         yield name, tuple(found)
 
 
-def copied(kind: type[Record], source: object, /, **others: Any) -> Record:
-    """Make a record of what `source` has under the names of its fields, and of `others`."""
+def copied(kind: type[Record], /, *sources: object, **others: Any) -> Record:
+    """Make a record of what the sources have under the names of its fields, and of `others`.
+
+    What several have is that of the last.
+    """
     names = [field.name for field in fields(kind)]  # type: ignore[arg-type]
-    return kind(**{n: getattr(source, n) for n in names if hasattr(source, n)} | others)
+    found = {n: getattr(one, n) for one in sources for n in names if hasattr(one, n)}
+    return kind(**found | others)
 
 
 checker: Callable[[Any], TypeAdapter[Any]] = cache(TypeAdapter)

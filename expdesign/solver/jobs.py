@@ -131,16 +131,8 @@ def random_job(
         Watch(monitor, index).tell("done", 0, -np.inf, np.inf, str(error))
         nowhere = np.full(problem.variables.size, np.nan)
         return StartResult(index, "random", nowhere, -np.inf, str(error))
-    return run_start(
-        problem,
-        task.evaluator,
-        stages,
-        start,
-        index=index,
-        kind="random",
-        monitor=monitor,
-        screening=screening,
-    )
+    watch = Watch(monitor, index)
+    return run_start(problem, task.evaluator, stages, start, "random", watch, screening)
 
 
 def newcomer_job(
@@ -158,16 +150,9 @@ def hop_job(
     problem, plan = task.problem, task.plan
     start = problem.variables.pack(origin.finished.trajectory)
     start = perturbed(problem, start, _rng(plan.seed, index), plan.widths[-1])
-    result = run_start(
-        problem,
-        task.evaluator,
-        hop_stages(problem, plan.widths, plan.iterations),
-        start,
-        index=index,
-        kind="hop",
-        monitor=monitor,
-        screening=Screening(origin.start.stages),
-    )
+    stages, watch = hop_stages(problem, plan.widths, plan.iterations), Watch(monitor, index)
+    screening = Screening(origin.start.stages)
+    result = run_start(problem, task.evaluator, stages, start, "hop", watch, screening)
     return _finished(task, monitor, result, origin.lineage)
 
 

@@ -14,7 +14,6 @@ from expdesign.recheck.information import Evaluator
 from expdesign.recheck.judge import recheck
 from expdesign.solver.finish import Shrunk, shrink_to_limits
 from expdesign.solver.stage import Stage, StageRecord, TracePoint, Watch, run_stage
-from expdesign.workers import Monitor
 
 _BEHIND = {"hop": 0.03, "sharp": 0.01}
 """Cost by which a hop may be behind. One per cent: the finish was seen to gain so unevenly."""
@@ -100,10 +99,8 @@ def run_start(
     evaluator: Evaluator,
     stages: Sequence[Stage],
     start: Array,
-    *,
-    index: int,
     kind: str,
-    monitor: Monitor,
+    watch: Watch,
     screening: Screening | None = None,
 ) -> StartResult:
     """Run the stages from `start` and judge what they reach by the unsmoothed model.
@@ -111,7 +108,6 @@ def run_start(
     `start` has the harmonics of the first stage. With a `screening` a motion that is given up
     has no merit (−inf).
     """
-    watch = Watch(monitor, index)
     records: list[StageRecord] = []
     x, done, hopeless = start, 0, False
     harmonics = problem.variables.harmonics
@@ -124,7 +120,7 @@ def run_start(
         records.append(record)
         done += record.iterations
         hopeless = screening is not None and screening.hopeless(record)
-        if hopeless or monitor.stop_requested():
+        if hopeless or watch.monitor.stop_requested():
             break
     x = present.variables.extended(x, harmonics)
     last = records[-1]
@@ -137,7 +133,7 @@ def run_start(
         if not np.isfinite(merit):
             status += f"; {_why_useless(problem, shrunk)}"
     value = merit if evaluator.criterion.larger_is_better else -merit
-    seconds = watch.seconds
+    index, seconds = watch.start, watch.seconds
     watch.tell("done", done, value, max(last.violation, 0.0), status)
     return StartResult(
         index, kind, x, merit, status, last.converged, tuple(records), tuple(watch.trace), seconds

@@ -10,14 +10,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from constraints import Limit
 from constraints.arrays import Array
 from expdesign.configuration import RunConfiguration
 from expdesign.experiment import DesignRecord
 from expdesign.mechanism.hexapod import COORDINATE_NAMES
 from expdesign.motion.executable import ExecutableMotion
 from expdesign.motion.sampled import SampledMotion
-from expdesign.robot import robot_from
+from expdesign.robot import Robot, robot_from
 from results.figures.drawing import figure_definition, legend_above, strut_legend
 from results.notation import DisplayUnit, handy_unit, symbol
 from results.style import AXIS_COLOURS, AXIS_DASHES, FAINT, FORBIDDEN, INK, MUTED, STRUT_COLOURS
@@ -33,7 +32,7 @@ class WholeMotion:
     motion: SampledMotion
     names: tuple[str, ...]
     starts: Array
-    limits: tuple[Limit, ...]
+    robot: Robot
 
     @classmethod
     def of(cls, configuration: RunConfiguration, motion: ExecutableMotion) -> WholeMotion:
@@ -42,11 +41,7 @@ class WholeMotion:
         robot = robot_from(configuration.robot)
         time = np.minimum(step * np.arange(sum(motion.steps(step)) + 1.0), motion.duration)
         names = tuple(segment.name for segment in motion.segments)
-        return cls(SampledMotion.of(robot, motion, time), names, motion.starts, robot.limits)
-
-    def limit(self, key: str) -> Limit | None:
-        """Return a limit of the run by its key, None when there is none."""
-        return next((limit for limit in self.limits if limit.key == key), None)
+        return cls(SampledMotion.of(robot, motion, time), names, motion.starts, robot)
 
 
 _SHARE = 6.0
@@ -176,7 +171,7 @@ def _limited_panel(axes: Axes, quantity: StrutQuantity, record: DesignRecord | W
     Where bounds differ from strut to strut, the shade begins at the widest, and each strut's own
     bound is a dashed line in its colour.
     """
-    motion, limit = record.motion, record.limit(quantity.limit)
+    motion, limit = record.motion, record.robot.limit(quantity.limit)
     values: Array = getattr(motion, quantity.attribute)
     nothing = np.full(values.shape[1], np.inf)
     lower = -nothing if limit is None else limit.lower

@@ -126,7 +126,7 @@ def _workspace(record: DesignRecord) -> Array | None:
 
     None when it is not bounded, or by so much that the path would be a dot within.
     """
-    limit = record.limit("position")
+    limit = record.robot.limit("position")
     if limit is None or not np.all(np.isfinite([limit.lower, limit.upper])):
         return None
     size = float(np.max(np.ptp(record.motion.pose[:, :3], axis=0)))

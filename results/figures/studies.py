@@ -152,8 +152,7 @@ def bias_figure(figure: Figure, study: StudyRecord) -> None:
         axes.set_title(f"{case.key}: {case.title}")
     panels[0].tick_params(labelbottom=False)
     figure.supylabel("Bias / standard deviation of one ML estimate", fontsize="medium")
-    handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=3)
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
 
 
 def _shifts(count: int) -> Array:
@@ -214,8 +213,7 @@ def distributions_figure(figure: Figure, study: DesignStudy) -> None:
         axes.set_ylim(bottom=0)
         axes.set_xlabel(f"{symbol(name)} ({parameter_unit(name)})")
     panels[0].set_ylabel("Density")
-    handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=3)
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
 
 
 @figure_definition(

@@ -84,4 +84,4 @@ def differences_table(
         Column("p (Holm)", digits=2, of=test.p_values),
         Column("outcome", kind="outcome", of=outcome),
     )
-    return ReportTable.of_columns(key, caption, columns, folded=folded)
+    return ReportTable.of(key, caption, columns, folded=folded)

@@ -80,31 +80,27 @@ class ReportTable:
         key: str,
         caption: str,
         columns: Sequence[Column],
-        records: Iterable[Any],
+        records: Iterable[Any] | None = None,
         *,
         folded: bool = False,
     ) -> ReportTable:
         """Make a table with a row for every record, or for every tuple of values.
+
+        Without records the columns have their values, all of the first one's length.
 
         Raises
         ------
         ValueError
             A tuple has more or fewer values than there are columns.
         """
+        if records is None:
+            records = range(len(cast("Sequence[Value]", columns[0].of)))
         rows = []
         for record in records:
             if isinstance(record, tuple) and len(record) != len(columns):
                 raise ValueError(f"{key}: every row needs {len(columns)} values")
             rows.append(tuple(column.cell(record, k) for k, column in enumerate(columns)))
         return cls(key, caption, tuple(columns), tuple(rows), folded)
-
-    @classmethod
-    def of_columns(
-        cls, key: str, caption: str, columns: Sequence[Column], *, folded: bool = False
-    ) -> ReportTable:
-        """Make a table of columns that have their values, all of the first one's length."""
-        rows = range(len(cast("Sequence[Value]", columns[0].of)))
-        return cls.of(key, caption, columns, rows, folded=folded)
 
 
 def cell_text(column: Column, value: Value) -> str:

@@ -47,7 +47,7 @@ def test_the_record_is_at_the_controllers_steps(record):
     difference = (record.motion.length[2:] - record.motion.length[:-2]) / (2 * STEP)
     np.testing.assert_allclose(difference, record.motion.speed[1:-1], atol=2e-3)
     assert {limit.key for limit in record.limits} <= set(limit_definitions())
-    assert record.limit("nothing") is None
+    assert record.robot.limit("nothing") is None
 
 
 def test_the_figure_marks_the_segments(record, tmp_path):

@@ -200,7 +200,7 @@ def _achieved_report(folders: dict[str, RunFolder]) -> StageReport:
         "Standard deviations that the estimators achieved in simulated experiments, beside the "
         "Cramér–Rao bound of each, SI units"
     )
-    table = ReportTable.of_columns("achieved", caption, columns)
+    table = ReportTable.of("achieved", caption, columns)
     number = counted(len(folders), "study", "studies")
     sentence = f"{number}: achieved standard deviations beside the bound."
     title = "Monte-Carlo studies"

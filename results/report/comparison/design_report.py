@@ -124,7 +124,7 @@ def _criteria_table(comparison: DesignComparison) -> ReportTable:
         f"Criteria of every design for {samples} samples, in SI units and in units of "
         f"{whose}; D-efficiency relative to {best}"
     )
-    return ReportTable.of_columns("criteria", caption, columns)
+    return ReportTable.of("criteria", caption, columns)
 
 
 def _spectrum(design: ComparedDesign, samples: float, *, scaled: bool) -> tuple[float | None, ...]:
@@ -175,7 +175,7 @@ def _precision_table(comparison: DesignComparison) -> ReportTable:
         f"states for its own experiment, in percent of {_whose(comparison)}, and the periods that "
         f"each design needs for {100 * comparison.precision:g} %"
     )
-    return ReportTable.of_columns("compared_parameters", caption, columns)
+    return ReportTable.of("compared_parameters", caption, columns)
 
 
 def precision_series(comparison: DesignComparison) -> ParameterSeries:
@@ -206,7 +206,7 @@ def _effort_table(comparison: DesignComparison) -> ReportTable:
         f"Periods and time that each design needs for σ = {100 * comparison.precision:g} % of "
         f"{_whose(comparison)}, measured at {comparison.sampling:g} Hz"
     )
-    return ReportTable.of_columns("effort", caption, columns)
+    return ReportTable.of("effort", caption, columns)
 
 
 def _effort(design: ComparedDesign, periods: Array) -> tuple[Value, Value, str, Value]:

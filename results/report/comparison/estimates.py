@@ -169,4 +169,4 @@ def _values_table(found: tuple[ComparedEstimate, ...], names: tuple[str, ...]) -
             Column("to", digits=5, of=values + half),
         ]
     caption = "Best estimate of every folder with its 95 % interval, SI units"
-    return ReportTable.of_columns("compared_estimates", caption, columns)
+    return ReportTable.of("compared_estimates", caption, columns)

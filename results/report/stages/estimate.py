@@ -93,7 +93,7 @@ def _estimators_table(record: EstimateRecord) -> ReportTable:
             Column("σ", digits=3, of=[row.std for row in rows]),
         ]
     caption = "All estimators side by side"
-    return ReportTable.of_columns("estimators", caption, columns, folded=True)
+    return ReportTable.of("estimators", caption, columns, folded=True)
 
 
 def _blocks(

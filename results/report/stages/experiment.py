@@ -45,5 +45,5 @@ def experiment_report(folder: RunFolder) -> StageReport:
         Column("force noise σ", "N", of=force),
         Column("length noise σ", "mm", of=length, factor=1e3),
     )
-    noise = ReportTable.of_columns("true_noise", "True noise of one sample", columns)
+    noise = ReportTable.of("true_noise", "True noise of one sample", columns)
     return StageReport(verdict, (details, noise), facts)

@@ -112,7 +112,7 @@ def _channels_table(
         Column("largest autocorrelation", digits=2, of=unknown if largest is None else largest),
     )
     caption = f"Noise of one sample of the {what}s: size, shape and memory"
-    return ReportTable.of_columns(f"noise_{what}s", caption, columns)
+    return ReportTable.of(f"noise_{what}s", caption, columns)
 
 
 def _covariance_table(noise: NoiseFile) -> ReportTable:
