@@ -279,29 +279,28 @@ def information_change(table: ExecutedTable, task: Task) -> InformationChange | 
 
     names = task.parameters
     try:
-        design = _information(task, covariance, times, task.motion.sample)
-        reference = log_det(design, names)
-        before = np.sqrt(np.diag(parameter_covariance(design, names)))
+        reference, before = _predicted(task, covariance, times, task.motion.sample)
     except SingularInformationError:
         return None
     try:
-        found = _information(task, covariance, times, lambda at: table.smoothed(at).states)
-        change = log_det(found, names) - reference
-        after = np.sqrt(np.diag(parameter_covariance(found, names)))
+        found, after = _predicted(task, covariance, times, lambda at: table.smoothed(at).states)
     except SingularInformationError:
         return InformationChange(count, reference, -np.inf, np.inf, names[0])
     relative = after / before - 1
     worst = int(np.argmax(np.abs(relative)))
-    return InformationChange(count, reference, change, float(relative[worst]), names[worst])
+    change, largest = found - reference, float(relative[worst])
+    return InformationChange(count, reference, change, largest, names[worst])
 
 
-def _information(
+def _predicted(
     task: Task, covariance: Array, times: Array, sample: Callable[[Array], PoseSamples]
-) -> Array:
+) -> tuple[float, Array]:
+    """Return log det F and the predicted standard deviations of a motion."""
     every = task.robot.parameter_names
     columns = [every.index(name) for name in task.parameters]
     total = np.zeros((len(columns), len(columns)))
     for part in blocks(times):
         regressors = task.robot.regressor(*sample(part))
         total += information_matrix(regressors[:, :, columns], covariance)
-    return total
+    std = np.sqrt(np.diag(parameter_covariance(total, task.parameters)))
+    return log_det(total, task.parameters), std

@@ -123,15 +123,7 @@ class DesignVariables:
 
     def states(self, variables: Array, basis: PhaseBasis) -> Array:
         """Return pose, rate and acceleration at the basis's phases, (N, 18)."""
-        table, omega = self.amplitudes(variables)
-        return np.concatenate(
-            [
-                basis.value @ table.T,
-                omega * (basis.first @ table.T),
-                omega**2 * (basis.second @ table.T),
-            ],
-            axis=1,
-        )
+        return np.concatenate(basis.samples(*self.amplitudes(variables)), axis=1)
 
     def to_variables(self, variables: Array, basis: PhaseBasis, sensitivities: Array) -> Array:
         """Carry sensitivities to the states over to the variables, sample by sample.

@@ -34,13 +34,8 @@ COMMON_OPTIONS = {
 """Ipopt's options of every solve; who solves adds how exactly the rows are to be kept."""
 
 
-@dataclass(frozen=True)
-class Iteration:
-    """What Ipopt reports once per iteration: objective and largest violation."""
-
-    number: int
-    objective: float
-    violation: float
+Report = Callable[[int, float, float, Array], bool]
+"""(number of the iteration, objective, largest violation, iterate) → go on?"""
 
 
 @dataclass(frozen=True)
@@ -97,7 +92,7 @@ def solve_with_ipopt(
     *,
     options: Mapping[str, Any],
     curvature: Curvature = "gauss-newton",
-    report: Callable[[Iteration, Array], bool] | None = None,
+    report: Report | None = None,
 ) -> IpoptResult:
     """Minimise; return the last iterate whatever the status.
 
@@ -111,7 +106,7 @@ def solve_with_ipopt(
         Hessian of the Lagrangian: the cost's own positive semidefinite one, without the rows'
         curvature; or Ipopt's limited-memory quasi-Newton approximation of the whole.
     report : callable, optional
-        Called once per iteration with the iterate; False stops the solver.
+        Called once per iteration; False stops the solver.
     """
     counts = {"f": 0, "grad_f": 0, "g": 0, "jac_g": 0}
     memory: dict[str, tuple[bytes, Any]] = {}
@@ -140,8 +135,8 @@ def solve_with_ipopt(
     def watch(x: Array, objective: Array, rows: Array, *_multipliers: Array) -> list[int]:
         beyond = np.maximum(program.row_lower - rows, rows - program.row_upper)
         violation = float(np.max(beyond, initial=0.0))
-        now = Iteration(next(iterations), float(objective[0]), violation)
-        return [0 if report is None or report(now, x) else 1]
+        now = next(iterations), float(objective[0]), violation
+        return [0 if report is None or report(*now, x) else 1]
 
     size, count = start.size, program.row_lower.size
     dense, point = ca.Sparsity.dense, [(size, 1), (0, 0)]

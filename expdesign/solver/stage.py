@@ -15,7 +15,6 @@ from expdesign.solver.ipopt import (
     COMMON_OPTIONS,
     Curvature,
     IpoptResult,
-    Iteration,
     solve_with_ipopt,
 )
 from expdesign.workers import Monitor
@@ -257,9 +256,9 @@ def solve_rows(
     ).within(x, radius)
     best, done = _Best(x), record.iterations
 
-    def watch(iteration: Iteration, at: Array) -> bool:
-        best.offer(at, iteration.objective, iteration.violation)
-        return report(done + iteration.number, iteration.objective, iteration.violation)
+    def watch(number: int, objective: float, violation: float, at: Array) -> bool:
+        best.offer(at, objective, violation)
+        return report(done + number, objective, violation)
 
     options = {**IPOPT_OPTIONS, "max_iter": most}
     result = solve_with_ipopt(program, x, options=options, curvature=stage.curvature, report=watch)

@@ -90,7 +90,7 @@ STAGES: dict[str, Stage] = {
         sections=_sections("experiment"),
         writes=("columns.json", "measurement.csv", "repetitions/*/measurement.csv"),
         result="measurement.csv",
-        report="results.report.stages.experiment:experiment_report",
+        report="results.report.stages.noise:experiment_report",
         left_out=(_data_is_given, _study_does_it),
     ),
     "noise": Stage(

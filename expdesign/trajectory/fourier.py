@@ -66,18 +66,6 @@ class FourierTrajectory:
         orders = omega * np.arange(1, sine.shape[1] + 1)
         return cls(omega, np.asarray(center, dtype=float), sine * orders, -cosine * orders)
 
-    @classmethod
-    def from_vector(cls, vector: ArrayLike) -> FourierTrajectory:
-        """Build from the 12 n + 7 variables in the order of `vector`."""
-        values = np.asarray(vector, dtype=float)
-        harmonics, rest = divmod(values.size - COORDINATES - 1, 2 * COORDINATES)
-        if values.ndim != 1 or rest or harmonics < 1:
-            raise ValueError(f"a trajectory has 12 n + 7 variables, not {values.size}")
-        table = values[:-1].reshape(COORDINATES, 2 * harmonics + 1)
-        return cls(
-            float(values[-1]), table[:, 0], table[:, 1 : harmonics + 1], table[:, harmonics + 1 :]
-        )
-
     def vector(self) -> Array:
         """Return (12 n + 7,): per coordinate λ0, μ, ν; last ω."""
         table = np.concatenate([self.lambda0[:, None], self.mu, self.nu], axis=1)
@@ -112,11 +100,7 @@ class FourierTrajectory:
         """Return pose, rate and acceleration at the times given, in s; any number of them."""
         basis = PhaseBasis.at(self.omega * np.atleast_1d(np.asarray(times, float)), self.harmonics)
         table = np.concatenate([self.lambda0[:, None], self.sine, self.cosine], axis=1)
-        return PoseSamples(
-            basis.value @ table.T,
-            self.omega * (basis.first @ table.T),
-            self.omega**2 * (basis.second @ table.T),
-        )
+        return basis.samples(table, self.omega)
 
     def sample_times(self, count: int) -> Array:
         """Return `count` equidistant times of one period from 0, its end left out, s."""
@@ -150,4 +134,12 @@ class PhaseBasis:
             np.concatenate([one, sin, cos], axis=1),
             np.concatenate([zero, orders * cos, -orders * sin], axis=1),
             np.concatenate([zero, -(orders**2) * sin, -(orders**2) * cos], axis=1),
+        )
+
+    def samples(self, table: Array, omega: float) -> PoseSamples:
+        """Return the motion at ω of centre and displacement amplitudes, (6, 2 n + 1): m, rad."""
+        return PoseSamples(
+            self.value @ table.T,
+            omega * (self.first @ table.T),
+            omega**2 * (self.second @ table.T),
         )

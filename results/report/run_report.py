@@ -197,9 +197,7 @@ def _provenance(folder: RunFolder) -> Section:
         columns = (
             Column("stage", kind="text"),
             Column("status", kind="outcome"),
-            Column("time", kind="text"),
-            Column("finished (UTC)", kind="text"),
-            Column("message", kind="text"),
+            *text_columns("time", "finished (UTC)", "message"),
         )
         rows = [
             (name, entry.status, duration(entry.seconds), entry.finished, entry.message)

@@ -46,7 +46,7 @@ def test_the_record_is_at_the_controllers_steps(record):
     np.testing.assert_allclose(record.motion.speed[[0, -1]], 0, atol=1e-12)
     difference = (record.motion.length[2:] - record.motion.length[:-2]) / (2 * STEP)
     np.testing.assert_allclose(difference, record.motion.speed[1:-1], atol=2e-3)
-    assert {limit.key for limit in record.limits} <= set(limit_definitions())
+    assert {limit.key for limit in record.robot.limits} <= set(limit_definitions())
     assert record.robot.limit("nothing") is None
 
 

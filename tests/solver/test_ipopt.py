@@ -193,30 +193,30 @@ def test_evaluations_are_the_true_ones(make, curvature):
 def test_report_gets_every_iterate(curvature):
     program, seen = quadratic(), []
 
-    def report(iteration, x):
-        seen.append((iteration, x.copy()))
+    def report(*iteration):
+        seen.append(iteration)
         return True
 
     result = solve_with_ipopt(
         program, np.zeros(3), options=OPTIONS, curvature=curvature, report=report
     )
-    assert [iteration.number for iteration, _ in seen] == list(range(1, len(seen) + 1))
+    assert [number for number, *_ in seen] == list(range(1, len(seen) + 1))
     assert len(seen) >= result.iterations
-    for iteration, x in seen:
-        assert iteration.objective == pytest.approx(program.f(x), rel=1e-12, abs=1e-12)
+    for _, objective, violation, x in seen:
+        assert objective == pytest.approx(program.f(x), rel=1e-12, abs=1e-12)
         rows = program.g(x)
         excess = np.maximum(program.row_lower - rows, rows - program.row_upper)
-        assert iteration.violation == pytest.approx(max(0.0, *excess), abs=1e-12)
-    np.testing.assert_allclose(seen[-1][1], result.x, atol=1e-6)
+        assert violation == pytest.approx(max(0.0, *excess), abs=1e-12)
+    np.testing.assert_allclose(seen[-1][-1], result.x, atol=1e-6)
 
 
 @pytest.mark.parametrize("stop_at", [1, 3])
 def test_report_stops_the_solver(stop_at):
     numbers = []
 
-    def report(iteration, _x):
-        numbers.append(iteration.number)
-        return iteration.number < stop_at
+    def report(number, *_):
+        numbers.append(number)
+        return number < stop_at
 
     result = solve_with_ipopt(rosenbrock(), np.array([-1.2, 1.0]), options=OPTIONS, report=report)
     assert numbers == list(range(1, stop_at + 1))
