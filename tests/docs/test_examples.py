@@ -5,7 +5,7 @@ import dataclasses
 import importlib
 import re
 import sys
-from operator import attrgetter
+from pkgutil import resolve_name
 
 import casadi as ca
 import numpy as np
@@ -29,10 +29,11 @@ LIMIT = "constraints/limits/strut_inclination.py"
 CRITERION = "phi2.py"
 
 
-# "`A` or `B` of `module`"
-NAMED = re.compile(
-    r"`([A-Za-z_.]+)`(?:\s+or\s+`([A-Za-z_.]+)`)?\s+of\s+`((?:expdesign|estimation|results)[a-z_.]*)`"
-)
+# As in: `A` or `B.read(folder)` of `module`; and `module.A` alone.
+_NAME = r"`([A-Za-z_.]+)(?:\([a-z]*\))?`"
+_PLACE = r"`((?:constraints|expdesign|estimation|results)[A-Za-z_.]*)`"
+NAMED = re.compile(rf"{_NAME}(?:\s+or\s+{_NAME})?\s+of\s+{_PLACE}")
+DOTTED = re.compile(_PLACE)
 
 
 def _keys(model):
@@ -145,14 +146,15 @@ def test_the_python_page(tiny_result, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("page", FILES, ids=lambda page: page.stem)
 def test_names_of_modules_are_there(page):
-    found = [(module, names) for *names, module in NAMED.findall(prose(page))]
+    text = prose(page)
+    found = [f"{place}.{name}" for *names, place in NAMED.findall(text) for name in names if name]
+    found += DOTTED.findall(text)
     for block in blocks("python"):
         if block.page == page:
             imports = [n for n in ast.parse(block.text).body if isinstance(n, ast.ImportFrom)]
-            found += [(each.module, [alias.name for alias in each.names]) for each in imports]
-    for module, names in found:
-        for name in filter(None, names):
-            attrgetter(name)(importlib.import_module(module))
+            found += [f"{each.module}.{alias.name}" for each in imports for alias in each.names]
+    for name in found:
+        resolve_name(name)
 
 
 @pytest.fixture
