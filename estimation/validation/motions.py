@@ -9,6 +9,7 @@ from scipy.interpolate import CubicSpline
 
 from constraints.arrays import Array
 from expdesign.configuration import InputError, RunConfiguration, ValidationMotion
+from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.solver.finish import controller_omega
 from expdesign.trajectory import FourierTrajectory, PhaseBasis
 
@@ -92,7 +93,7 @@ def _circle(motion: ValidationMotion, home: Array) -> FourierTrajectory:
     if np.linalg.norm(first) < 1e-9:  # noqa: PLR2004 - the normal is the x axis itself
         first = np.array([0.0, 1.0, 0.0])
     first = first / np.linalg.norm(first)
-    sine, cosine = np.zeros((6, 1)), np.zeros((6, 1))
+    sine, cosine = np.zeros((2, COORDINATES, 1))
     cosine[:3, 0] = motion.radius * first
     sine[:3, 0] = motion.radius * np.cross(normal, first)
     return FourierTrajectory.from_displacements(1.0, home, sine, cosine)

@@ -246,8 +246,8 @@ def _bounds_text(unit: DisplayUnit, bounds: Array) -> str:
 
 
 _PANELS = (
-    ("Displacements of the TCP from home", "Displacement", "m", slice(0, 3)),
-    ("Rotation angles", "Angle", "rad", slice(3, 6)),
+    ("Displacements of the TCP from home", "Displacement", "m", slice(None, 3)),
+    ("Rotation angles", "Angle", "rad", slice(3, None)),
 )
 
 

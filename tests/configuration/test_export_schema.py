@@ -1,9 +1,12 @@
 """`export:` in a run file."""
 
+import pkgutil
+
 import pytest
 
 from expdesign.configuration import ExportSection, InputError, load_run, resolved_yaml
 from expdesign.configuration.sections.export import OFFERS
+from expdesign.export import formats
 from expdesign.export.formats import table_formats
 
 
@@ -17,6 +20,11 @@ def test_a_format_has_axes_for_what_it_offers():
         assert set(form.axes) == set(offer.spaces)
         assert set(offer.options) <= set(ExportSection.model_fields)
         assert all(len(axes) == 6 for axes in form.axes.values())
+
+
+def test_every_format_is_offered():
+    written = {module.name for module in pkgutil.iter_modules(formats.__path__)}
+    assert written == {name.replace("-", "_") for name in OFFERS}
 
 
 def test_names_and_sections(tmp_path):
