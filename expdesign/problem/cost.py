@@ -26,7 +26,7 @@ def _kernel(terms: tuple[Term, ...], *, slopes: bool) -> BatchFunction:
     regressor = graph.regressor_with(Friction.SMOOTH)
     outputs = [regressor]
     if slopes:
-        outputs.append(ca.cse(ca.jacobian(ca.vec(regressor.T), graph.state)))
+        outputs.append(ca.jacobian(ca.vec(regressor.T), graph.state))
     return BatchFunction("regressor", [graph.state], [graph.machine, graph.width], outputs)
 
 

@@ -56,7 +56,7 @@ def _kernel(
         natural = [ca.densify(one.natural(quantities)) for one in definitions]
         return BatchFunction("limits", [state], fixed[:-1], natural)
     rows = ca.cse(ca.vertcat(*(one.rows(quantities) for one in definitions)))
-    outputs = [rows, ca.cse(ca.jacobian(rows, state))] if slopes else [rows]
+    outputs = [rows, ca.jacobian(rows, state)] if slopes else [rows]
     return BatchFunction("limits", [state], fixed, outputs)
 
 

@@ -6,7 +6,7 @@ import pytest
 from ruamel.yaml import YAML
 
 STAGES = {
-    "design": {"starts": 2, "max_iterations": 6},
+    "design": {"starts": 2, "smoothing": [0.4], "max_iterations": 4},
     "experiment": {"seed": 3},
     "montecarlo": {"repetitions": 3, "estimators": ["ls", "ml"]},
     "estimate": {},

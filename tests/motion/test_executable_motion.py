@@ -19,7 +19,6 @@ from tests.motion.conftest import PERIODS, STEP
 
 MACHINES = [
     ("palida", 5),
-    pytest.param(("palida", 12), marks=pytest.mark.slow),
     pytest.param(("linuxcnc", 5), marks=pytest.mark.slow),
 ]
 
