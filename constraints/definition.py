@@ -63,6 +63,11 @@ class LimitDefinition:
     """True when `smooth` is an inner approximation: it never admits what `natural` forbids, and
     may forbid a little more."""
 
+    def __post_init__(self) -> None:
+        """Refuse rows that no optimiser could see."""
+        if self.numerical is not None and self.smooth is None:
+            raise ValueError(f"limit '{self.key}': `numerical` needs `smooth` for the optimiser")
+
     def rows(self, quantities: Quantities) -> ca.SX:
         """Return the rows in the form that an optimiser can differentiate."""
         return ca.densify((self.smooth or self.natural)(quantities))

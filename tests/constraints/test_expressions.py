@@ -1,6 +1,7 @@
 """Every limit's expressions against independent NumPy computations."""
 
 import itertools
+from dataclasses import replace
 
 import casadi as ca
 import numpy as np
@@ -320,6 +321,11 @@ def test_condition_by_the_norms_of_a_matrix_and_its_inverse(rng):
     ]
     expected = np.sqrt(squares[0][:, -1] * squares[1][:, -1])
     np.testing.assert_allclose(natural, expected, rtol=1e-8)
+
+
+def test_rows_by_numpy_alone_are_refused():
+    with pytest.raises(ValueError, match="needs `smooth`"):
+        replace(limit_definitions()["jacobian_condition"], smooth=None)
 
 
 def test_condition_of_what_is_no_number(rng):
