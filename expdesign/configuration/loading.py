@@ -48,7 +48,8 @@ def load_run(source: ConfigurationLike) -> RunConfiguration:
     Returns
     -------
     RunConfiguration
-        Every default filled in, SI units, the robot with the run's limits and noise.
+        Every default filled in, SI units, the robot with the run's limits, noise and
+        tolerances.
 
     Raises
     ------
@@ -62,13 +63,14 @@ def load_run(source: ConfigurationLike) -> RunConfiguration:
     robot_source = _robot_source(run, document, problems)
     robot: ResolvedRobot | None = None
     limits = {} if run is None else run.limits
-    noise = None if run is None else run.noise
+    noise, tolerances = (None, None) if run is None else (run.noise, run.tolerances)
     if robot_source is not None:
         try:
             robot = resolve_robot(
                 robot_source,
                 [Placed(limits, document, ("limits",))],
                 [] if noise is None else [Placed(noise, document, ("noise",))],
+                [] if tolerances is None else [Placed(tolerances, document, ("tolerances",))],
             )
         except InputError as error:
             problems += error.problems
@@ -184,6 +186,7 @@ def _completed(run: RunDescription, robot: ResolvedRobot, folder: Path) -> RunDe
             "robot": robot.description,
             "limits": {},
             "noise": None,
+            "tolerances": None,
             "trajectory": _filled(run.trajectory, controller_period=run.experiment.step),
             "design": _filled(run.design, smoothing=smoothing_widths(robot)),
             "data": _with_absolute_file(run.data, folder),

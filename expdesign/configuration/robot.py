@@ -32,6 +32,7 @@ from expdesign.configuration.parameters import (
 )
 from expdesign.configuration.problem import InputError, Problem
 from expdesign.configuration.section import Section, validate
+from expdesign.configuration.tolerances import Tolerances, merged_tolerances
 from expdesign.configuration.values.quantity import Acceleration
 from expdesign.configuration.values.scalars import (
     Direction,
@@ -82,6 +83,8 @@ class RobotDescription(Section):
     parameters: Parameters
     """Nominal (a-priori) values of the terms' parameters; physically consistent or not."""
     noise: NoiseDescription | None = None
+    tolerances: Tolerances | None = None
+    """Standard deviations of what is not known exactly; None: all is exact."""
     limits: Limits = Field(default_factory=dict)
     """As written."""
 
@@ -97,8 +100,8 @@ class ResolvedRobot:
 
     name: str
     description: RobotDescription
-    """The same robot as it could stand in a file, with every default and the run's limits and
-    noise."""
+    """The same robot as it could stand in a file, with every default and the run's limits, noise
+    and tolerances."""
     home: Array
     """(6,): x, y, z [m], phi, theta, psi [rad]."""
     gravity: Array
@@ -119,6 +122,8 @@ class ResolvedRobot:
     parameters: Mapping[str, float]
     """Nominal values by name, in the order of the terms."""
     noise: ResolvedNoise | None
+    """None when neither robot nor run state any."""
+    tolerances: Tolerances | None
     """None when neither robot nor run state any."""
     limits: Mapping[str, Limit]
     """By key, in the order of the limits' catalogue. A limit that is missing does not limit."""
@@ -178,14 +183,20 @@ def resolve_robot(
     source: Placed[RobotDescription],
     limits: Sequence[Placed[Mapping[str, Any]]] = (),
     noise: Sequence[Placed[NoiseDescription]] = (),
+    tolerances: Sequence[Placed[Tolerances]] = (),
 ) -> ResolvedRobot:
-    """Resolve a robot together with the limits and noise by which a run overrides its own."""
+    """Resolve a robot together with what a run overrides: limits, noise and tolerances."""
     description, document = source.value, source.document
     own_limits = Placed(description.limits, document, (*source.key, "limits"))
     resolved_limits, length = resolve_limits([own_limits, *limits])
     if description.noise is not None:
         noise = [Placed(description.noise, document, (*source.key, "noise")), *noise]
     merged_noise, resolved_noise, problems = resolve_noise(noise)
+    if description.tolerances is not None:
+        own = Placed(description.tolerances, document, (*source.key, "tolerances"))
+        tolerances = [own, *tolerances]
+    merged, found = merged_tolerances(tolerances, (term.name for term in description.terms))
+    problems += found
 
     warnings = []
     terms = chosen_terms(description.terms, description.platform)
@@ -215,6 +226,7 @@ def resolve_robot(
             "alpha_axes": tuple(map(tuple, alpha_axes.tolist())),
             "platform_joint_axes": tuple(map(tuple, joint_axes.tolist())),
             "noise": merged_noise,
+            "tolerances": merged,
             "limits": limits_as_written(resolved_limits, length),
         }
     )
@@ -229,6 +241,7 @@ def resolve_robot(
         constants=tuple(c.value for term in description.terms for c in term.constants.values()),
         parameters=description.parameters,
         noise=resolved_noise,
+        tolerances=merged,
         limits={key: with_shared_joints(limit, pairs) for key, limit in resolved_limits.items()},
         characteristic_length=length,
         source=document.file,

@@ -22,6 +22,7 @@ from expdesign.configuration.sections.experiment import (
     ValidationMotion,
 )
 from expdesign.configuration.sections.export import ExportSections
+from expdesign.configuration.tolerances import Tolerances
 from expdesign.configuration.values.scalars import (
     Distinct,
     FilledText,
@@ -90,6 +91,8 @@ class RunDescription(Section):
     """As written; they override the robot's key by key."""
     noise: NoiseDescription | None = None
     """Overrides the robot's key by key."""
+    tolerances: Tolerances | None = None
+    """Override the robot's key by key."""
     experiment: Annotated[ExperimentSection, _STAGE] = ExperimentSection()
     data: DataSection = DataSection()
     montecarlo: Annotated[MonteCarloSection, _STAGE] = MonteCarloSection()
@@ -159,8 +162,9 @@ class RunConfiguration:
     """A run with its robot, every default filled in."""
 
     run: RunDescription
-    """Its `robot` is the resolved robot's description with the run's own limits and noise in it,
-    its own `limits` and `noise` are therefore empty; paths are absolute."""
+    """Its `robot` is the resolved robot's description with the run's own limits, noise and
+    tolerances in it, its own `limits`, `noise` and `tolerances` are therefore empty; paths are
+    absolute."""
     robot: ResolvedRobot
     file: Path | None = None
     """The run file; None for a mapping."""

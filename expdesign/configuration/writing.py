@@ -32,9 +32,9 @@ _RESERVED = ("null", "true", "false", "yes", "no", "on", "off")
 def resolved_yaml(configuration: RunConfiguration) -> str:
     """Return the complete configuration as YAML text.
 
-    The robot stands in it as a mapping, with its limits and noise as overridden by the run. The
-    sections of stages that the run does not name are comments, so that loading the text names
-    the same stages; so is that of data that no stage uses.
+    The robot stands in it as a mapping, with its limits, noise and tolerances as overridden by
+    the run. The sections of stages that the run does not name are comments, so that loading the
+    text names the same stages; so is that of data that no stage uses.
 
     `load_run` of a file with this text gives an equal configuration, to the last bit.
     """
@@ -44,7 +44,7 @@ def resolved_yaml(configuration: RunConfiguration) -> str:
     if "data" not in configuration.run.model_fields_set and "estimate" not in stages:
         unnamed.append("data")
     # Empty now that they are part of the robot.
-    data = {key: data[key] for key in data if key not in ("limits", "noise")}
+    data = {key: data[key] for key in data if key not in ("limits", "noise", "tolerances")}
     parts = [_HEADER]
     for key, value in data.items():
         if key not in unnamed:

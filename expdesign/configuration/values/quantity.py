@@ -27,6 +27,8 @@ _QUANTITY = re.compile(
     rf"\s*({_NUMBER})\s*((?:{_FACTOR})(?:\s*[*/]\s*{_FACTOR}|\s+{_FACTOR})*)?\s*"
 )
 _POWER = re.compile(r"(?<=[A-Za-zµμ°])(?:\^|\*\*)?(-?[1-9])")
+_SHARE = re.compile(rf"\s*({_NUMBER})\s*(%|ppm)?\s*")
+_SHARES = {None: Fraction(1), "%": Fraction(1, 100), "ppm": Fraction(1, 1_000_000)}
 _LONGEST = 120
 _SUPERSCRIPTS = str.maketrans({"²": "2", "³": "3", "·": "*", "⋅": "*", "−": "-", "μ": "µ"})
 
@@ -167,6 +169,26 @@ LENGTH_VARIANCE = Dimension("a length variance", "m^2", "0.01 mm^2")
 FORCE_CONSTANT = Dimension("a force constant", "N/A", "90 N/A")
 CURRENT = Dimension("a current", "A", "2 A")
 
+
+@dataclass(frozen=True)
+class ShareDimension(Dimension):
+    """A ratio: a plain number, or a text in percent or parts per million ("20 ppm")."""
+
+    @property
+    def allowed(self) -> str:
+        """What a user may write."""
+        return f'{self.name}: a plain number such as 0.02, or a text such as "{self.example}"'
+
+    def _from_text(self, text: str) -> float:
+        match = _SHARE.fullmatch(text) if len(text) <= _LONGEST else None
+        if match is None:
+            raise refusal(f"{shown(text)} is not {self.name}", f"{self.allowed}; units: %, ppm")
+        number, unit = match.groups()
+        return float(Fraction(number) * _SHARES[unit])
+
+
+SHARE = ShareDimension("a share", "1", "2 %")
+
 _DIMENSIONS = (
     *(LENGTH, ANGLE, SPEED, ACCELERATION, ANGULAR_SPEED, ANGULAR_ACCELERATION, FORCE, TORQUE),
     *(FREQUENCY, DURATION, MASS, FIRST_MOMENT, INERTIA, DAMPING, FORCE_VARIANCE, LENGTH_VARIANCE),
@@ -249,6 +271,7 @@ Positive = require(lambda value: value > 0, "{value:g} is not positive", "a valu
 NotNegative = require(lambda value: value >= 0, "{value:g} is negative", "0 or more")
 
 Number = Annotated[float, BeforeValidator(NUMBER.parse)]
+Share = Annotated[float, BeforeValidator(SHARE.parse)]
 Length = Annotated[float, BeforeValidator(LENGTH.parse)]
 Angle = Annotated[float, BeforeValidator(ANGLE.parse)]
 Speed = Annotated[float, BeforeValidator(SPEED.parse)]

@@ -1,0 +1,143 @@
+"""What deviations of the machine move in its lengths and forces: columns ∂/∂θ along a motion."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+
+import casadi as ca
+import numpy as np
+
+from constraints.arrays import Array
+from expdesign.mechanism.graph import Friction, hexapod_graph
+from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
+from expdesign.mechanism.term import Term
+from expdesign.robot.batch import BatchFunction
+from expdesign.robot.deviation import JOINT_ENTRIES, Deviation, tilt_axes
+from expdesign.robot.robot import Robot
+
+_STATE = 3 * COORDINATES
+
+
+@cache
+def _force_kernel(terms: tuple[Term, ...]) -> BatchFunction:
+    """State (18), signs (s) → A p (6), its slopes to state (6, 18) and machine (6, 39 + c)."""
+    graph = hexapod_graph(terms)
+    force = graph.regressor_with(Friction.HELD) @ graph.parameters
+    geometry = graph.geometry
+    joints = (ca.vec(geometry.base_joints), ca.vec(geometry.platform_joints))
+    machine = ca.vertcat(*joints, geometry.gravity, graph.constants)
+    slopes = [ca.densify(ca.jacobian(force, by)) for by in (graph.state, machine)]
+    inputs = [graph.machine, graph.parameters]
+    return BatchFunction(
+        "deviating_force", [graph.state, graph.signs], inputs, [ca.densify(force), *slopes]
+    )
+
+
+@cache
+def _length_kernel() -> BatchFunction:
+    """State (18) → length rates (6) and ∂l/∂(A, b), (6, 36)."""
+    graph = hexapod_graph()
+    geometry = graph.geometry
+    joints = ca.vertcat(ca.vec(geometry.base_joints), ca.vec(geometry.platform_joints))
+    outputs = [
+        graph.kinematic["strut_speed"],
+        ca.densify(ca.jacobian(graph.kinematic["strut_length"], joints)),
+    ]
+    return BatchFunction("deviating_length", [graph.state], [geometry.vector], outputs)
+
+
+def force_deviation_columns(
+    robot: Robot,
+    state: Array,
+    times: Array,
+    signs: Array,
+    parameters: Array,
+    chosen: Sequence[Deviation],
+    *,
+    own_clock: bool = False,
+) -> Array:
+    """Return Z_f = ∂(measured forces)/∂θ, (S, 6, t), in N per SI unit of each entry.
+
+    The motion of the platform, the parameters and the signs of friction are held.
+
+    Parameters
+    ----------
+    state : (S, 24)
+        λ and its first three derivatives with respect to time.
+    times : (S,)
+        Stamps, s.
+    signs : (S, s)
+        Of the rates that the terms use.
+    parameters : (m,)
+        SI.
+    chosen : sequence of Deviation
+        The columns wanted, of this robot.
+    own_clock : bool
+        The motion's frequency was taken from the recording itself, in its own clock. Else it is
+        that of the controller, which is right, and stamps run away from it.
+    """
+    kernel = _force_kernel(robot.terms)
+    forces, by_state, by_machine = kernel(state[:, :_STATE], signs, robot.machine, parameters)
+    tilting = np.cross(tilt_axes(robot.description.gravity), robot.description.gravity)
+    joints = 2 * JOINT_ENTRIES
+    by_gravity = by_machine[:, :, joints : joints + 3] @ tilting.T
+    rate = np.einsum("sji,si->sj", by_state, state[:, COORDINATES:])
+    if own_clock:
+        # A clock that runs fast makes rates look too small, and accelerations twice as much.
+        faster = np.concatenate(
+            [
+                order * state[:, order * COORDINATES : (order + 1) * COORDINATES]
+                for order in (0, 1, 2)
+            ],
+            axis=1,
+        )
+        clock = np.einsum("sji,si->sj", by_state, faster)
+    else:
+        clock = -times[:, None] * rate
+    blocks = [
+        by_machine[:, :, :joints],
+        by_gravity,
+        by_machine[:, :, joints + 3 :],
+        np.zeros((len(forces), ACTUATORS, ACTUATORS)),
+        forces[:, :, None],
+        forces[:, :, None] * np.eye(ACTUATORS),
+        -rate[:, :, None],
+        clock[:, :, None],
+    ]
+    return _picked(blocks, chosen)
+
+
+def length_deviation_columns(
+    robot: Robot,
+    state: Array,
+    times: Array,
+    chosen: Sequence[Deviation],
+    *,
+    own_clock: bool = False,
+) -> Array:
+    """Return Z_l = ∂(measured lengths)/∂θ, (S, 6, t), in m per SI unit of each entry.
+
+    As `force_deviation_columns`; the state's third derivative is not used.
+    """
+    rate, by_joints = _length_kernel()(state[:, :_STATE], robot.geometry_vector)
+    samples = (len(state), ACTUATORS)
+    clock = np.zeros(samples) if own_clock else -times[:, None] * rate
+    blocks = [
+        by_joints,
+        np.zeros((*samples, _other_entries(robot))),
+        np.broadcast_to(np.eye(ACTUATORS), (*samples, ACTUATORS)),
+        np.zeros((*samples, 1 + ACTUATORS + 1)),
+        clock[:, :, None],
+    ]
+    return _picked(blocks, chosen)
+
+
+def _other_entries(robot: Robot) -> int:
+    """Return how many entries of gravity and of the terms there are."""
+    return len(tilt_axes(robot.description.gravity)) + len(robot.description.constants)
+
+
+def _picked(blocks: Sequence[Array], chosen: Sequence[Deviation]) -> Array:
+    places = [each.place for each in chosen]
+    return np.concatenate(blocks, axis=2)[:, :, places]

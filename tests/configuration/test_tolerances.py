@@ -1,0 +1,115 @@
+import numpy as np
+import pytest
+
+from expdesign.configuration import load_run
+from expdesign.configuration.values.quantity import SHARE
+from expdesign.configuration.writing import resolved_yaml
+from expdesign.robot import robot_from
+from expdesign.robot.deviation import deviations, tolerated
+
+
+def _tolerances(run):
+    return load_run(run).robot.tolerances
+
+
+def test_one_value_is_that_of_every_coordinate(run_mapping):
+    run_mapping["robot"]["tolerances"] = {"base_joints": "0.3 mm", "platform_joints": [1e-4] * 6}
+    found = _tolerances(run_mapping)
+    np.testing.assert_allclose(found.base_joints, np.full((6, 3), 3e-4), rtol=1e-15)
+    np.testing.assert_allclose(found.platform_joints, np.full((6, 3), 1e-4), rtol=1e-15)
+
+
+def test_every_coordinate_may_have_its_own(run_mapping):
+    rows = [[f"{j} mm", 0, "50 um"] for j in range(6)]
+    run_mapping["robot"]["tolerances"] = {"base_joints": rows}
+    expected = np.array([[1e-3 * j, 0, 5e-5] for j in range(6)])
+    np.testing.assert_allclose(_tolerances(run_mapping).base_joints, expected, rtol=1e-15)
+
+
+def test_shares_in_percent_and_parts_per_million(run_mapping):
+    run_mapping["tolerances"] = {
+        "force_constant": {"common": "2 %", "each": ["1%", 0.02, "300 ppm", 0, 0, 0]},
+        "clock": "20 ppm",
+    }
+    found = _tolerances(run_mapping)
+    assert found.force_constant.common == 0.02
+    assert found.force_constant.each == (0.01, 0.02, 3e-4, 0, 0, 0)
+    assert found.clock == 2e-5
+    assert SHARE.parse(0.5) == SHARE.parse("0.5") == SHARE.parse("50 %")
+
+
+def test_a_run_overrides_the_robot_key_by_key(run_mapping):
+    run_mapping["robot"]["tolerances"] = {
+        "delay": "1 ms",
+        "gravity": "1 deg",
+        "force_constant": {"common": 0.02, "each": 0.01},
+    }
+    run_mapping["tolerances"] = {"delay": "2 ms", "force_constant": {"each": 0}}
+    found = _tolerances(run_mapping)
+    assert found.delay == 2e-3
+    assert found.gravity == pytest.approx(np.radians(1))
+    assert found.force_constant.common == 0.02
+    assert found.force_constant.each == (0,) * 6
+
+
+def test_the_resolved_configuration_has_them(run_mapping):
+    import yaml
+
+    run_mapping["tolerances"] = {"base_joints": "0.1 mm", "clock": "20 ppm", "terms": {}}
+    configuration = load_run(run_mapping)
+    again = load_run(yaml.safe_load(resolved_yaml(configuration)))
+    assert again.robot.tolerances == configuration.robot.tolerances
+    assert again.run.tolerances is None
+
+
+def test_none_given(run_mapping):
+    configuration = load_run(run_mapping)
+    assert configuration.robot.tolerances is None
+    robot = robot_from(configuration.robot)
+    assert tolerated(robot) == ()
+    assert {each.std for each in deviations(robot)} == {0.0}
+
+
+def test_entries_have_the_standard_deviations_given(run_mapping):
+    run_mapping["tolerances"] = {
+        "platform_joints": [[0, 0, 0]] * 5 + [[0, 2e-3, 0]],
+        "strut_length": [1e-4, 0, 0, 0, 0, 0],
+        "force_constant": {"each": [0, 0, 0, 0, 0.01, 0]},
+        "gravity": 0.01,
+        "delay": 1e-3,
+    }
+    robot = robot_from(load_run(run_mapping).robot)
+    assert {each.name: each.std for each in tolerated(robot)} == {
+        "platform_joint_6_y": 2e-3,
+        "gravity_1": 0.01,
+        "gravity_2": 0.01,
+        "strut_length_1": 1e-4,
+        "force_constant_5": 0.01,
+        "delay": 1e-3,
+    }
+    assert [each.place for each in deviations(robot)] == list(range(len(deviations(robot))))
+
+
+@pytest.mark.parametrize(
+    ("raw", "key", "says"),
+    [
+        ({"base_joints": "3 deg"}, "base_joints", "an angle, not a length"),
+        ({"base_joints": -1e-3}, "base_joints", "negative"),
+        ({"base_joints": [1e-3] * 5}, "base_joints", "5 values where 6"),
+        ({"base_joints": [[1e-3, 0]] * 6}, "base_joints", "2 values where 3"),
+        ({"base_joints": [[0, 0, -1]] + [[0, 0, 0]] * 5}, "base_joints[1][3]", "negative"),
+        ({"force_constant": "2 %"}, "force_constant", "not a mapping"),
+        ({"force_constant": {"common": "2 mm"}}, "force_constant.common", "not a share"),
+        ({"force_constant": {"comon": 0.1}}, "force_constant.comon", "unknown key"),
+        ({"clock": "20 ppb"}, "clock", "not a share"),
+        ({"delay": [1e-3] * 2}, "delay", "not a duration"),
+        ({"terms": {"friction": {}}}, "terms.friction", "not a term"),
+        ({"terms": {"struts": {"pitch": 0.1}}}, "terms.struts.pitch", "no constant 'pitch'"),
+        ({"terms": {"force_offset": {}}}, "terms.force_offset", "has no term force_offset"),
+    ],
+)
+def test_refused(run_mapping, the_problem, raw, key, says):
+    run_mapping["tolerances"] = raw
+    problem = the_problem(run_mapping)
+    assert problem.key == f"tolerances.{key}"
+    assert says in problem.message
