@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from constraints.arrays import Array
 from estimation.kinematics.fourier_fit import MotionFit
@@ -51,9 +51,15 @@ class Experiment:
         cls, robot: Robot, record: Record, noise: NoiseModel, motion: PointwiseMotion
     ) -> Experiment:
         """Build from pointwise kinematics."""
-        state = motion.state.reshape(-1, 3, COORDINATES)
-        regressors = robot.regressor(state[:, 0], state[:, 1], state[:, 2])
-        return cls(record, noise, None, None, regressors, motion)
+        return cls(record, noise, None, None, regressors_at(robot, motion), motion)
+
+    def of_robot(self, robot: Robot) -> Experiment:
+        """Return the experiment with A of another robot along the same motion."""
+        if self.pointwise is not None:
+            return replace(self, fitted_regressors=regressors_at(robot, self.pointwise))
+        if self.fit is None:
+            raise ValueError("an experiment has a fitted or a pointwise motion")
+        return replace(self, fitted_regressors=self.regressors(robot, self.fit.motion))
 
     def used(self, values: Array) -> Array:
         """Return those of the record's values, (S, …), whose motion is known: (R, …)."""
@@ -83,6 +89,12 @@ class Experiment:
     def regressors(self, robot: Robot, motion: HarmonicMotion) -> Array:
         """Return A at the force samples along a motion, (S, 6, m)."""
         return regressors_along(robot, motion, self.record.forces.times, self.signs(robot, motion))
+
+
+def regressors_at(robot: Robot, motion: PointwiseMotion) -> Array:
+    """Return A along a pointwise motion, (R, 6, m), with the exact signs of friction."""
+    state = motion.state.reshape(-1, 3, COORDINATES)
+    return robot.regressor(state[:, 0], state[:, 1], state[:, 2])
 
 
 def regressors_along(robot: Robot, motion: HarmonicMotion, times: Array, signs: Array) -> Array:

@@ -19,6 +19,7 @@ from estimation.estimators import (
     linear_estimate,
     maximum_likelihood,
 )
+from estimation.identification.load import at_estimated_load
 from estimation.identification.noise_choice import residual_noise
 from estimation.identification.recording import prepare_recording
 from estimation.identification.result import EstimationResult, RecordSummary
@@ -73,7 +74,11 @@ def estimate(
             for recording, trajectory in zip(recordings, designs, strict=True)
         )
         records = _with_residual_noise(robot, records, knowledge)
-        experiments = [record.experiment for record in records]
+        robot, experiments = at_estimated_load(robot, [r.experiment for r in records], knowledge)
+        records = tuple(
+            replace(record, experiment=experiment)
+            for record, experiment in zip(records, experiments, strict=True)
+        )
         estimates = run_estimators(robot, experiments, knowledge, wanted)
         bound = _bound(robot, experiments, knowledge, estimates)
         combinations = {

@@ -12,6 +12,7 @@ from constraints.arrays import Array
 from estimation.diagnostics.noise_record import Freedom
 from estimation.estimators import Experiment, Knowledge, ParameterEstimate, cramer_rao_covariance
 from estimation.identification.estimate import parameter_knowledge, run_estimators
+from estimation.identification.load import at_estimated_load
 from estimation.identification.period_choice import UnsuitableDataError
 from estimation.identification.recording import prepare_experiment
 from estimation.kinematics.fourier_fit import MotionFit
@@ -137,7 +138,8 @@ class Workbench:
 
     def _outcomes(self, experiment: Experiment, wanted: tuple[str, ...]) -> dict[str, Outcome]:
         try:
-            found = run_estimators(self.robot, [experiment], self.knowledge, wanted)
+            robot, experiments = at_estimated_load(self.robot, [experiment], self.knowledge)
+            found = run_estimators(robot, experiments, self.knowledge, wanted)
         except NUMERICAL_FAILURES as error:
             if len(wanted) == 1:
                 return {wanted[0]: Outcome(error=_reason(error))}

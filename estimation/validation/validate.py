@@ -121,8 +121,9 @@ def _predicted(
                 f"{name}: the motion breaks {worst.key} ({worst.row}: {worst.value:.4g} "
                 f"{worst.unit}, bound {worst.bound:.4g}); a real machine could not make it"
             )
-    experiment = prepare_experiment(configuration, robot, data, trajectory)
-    diagnosis = diagnose(robot, [experiment], saved.knowledge, saved.estimate, held_out=True)
+    loaded = robot.with_load_at(saved.estimate.values)
+    experiment = prepare_experiment(configuration, loaded, data, trajectory)
+    diagnosis = diagnose(loaded, [experiment], saved.knowledge, saved.estimate, held_out=True)
     record = experiment.record
     predicted = experiment.fitted_regressors @ saved.estimate.values
     return _Prediction(

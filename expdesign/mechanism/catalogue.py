@@ -7,9 +7,12 @@ from collections.abc import Iterable
 from expdesign.mechanism.term import Parameter, Term, parameters_of
 from expdesign.mechanism.terms import (
     actuator_friction,
+    cable,
     force_offset,
+    load_friction,
     passive_friction,
     rigid_platform,
+    stribeck,
     struts,
 )
 
@@ -21,6 +24,9 @@ TERMS: dict[str, Term] = {
         passive_friction.TERM,
         actuator_friction.TERM,
         force_offset.TERM,
+        stribeck.TERM,
+        load_friction.TERM,
+        cable.TERM,
     )
 }
 """By their keys in the robot file's `terms`; the platform in its general form."""

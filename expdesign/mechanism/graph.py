@@ -44,7 +44,7 @@ class HexapodGraph:
         count = len(parameters_of(terms))
         # (c, 1), of the terms in their order
         self.constants = ca.SX.sym("constant", sum(len(term.constants) for term in terms))
-        # (m, 1), nominal parameters: from them a term may know the load of the actuators
+        # (m, 1), parameters from which a term may know the load of the actuators
         self.nominal = ca.SX.sym("nominal", count)
         self.parameters = ca.SX.sym("p", count)
         # Those rates whose signs the terms use; (s, 1) signs, six of each
@@ -158,6 +158,11 @@ class HexapodGraph:
         """True for each column with a sign in it: it jumps where a rate changes sign."""
         slope = ca.jacobian(ca.sum1(self.regressor).T, self.signs)
         return tuple(slope[k, :].nnz() > 0 for k in range(slope.shape[0]))
+
+    @cached_property
+    def loaded(self) -> bool:
+        """True when a term depends on the load of the actuators: A is that at one load."""
+        return bool(ca.depends_on(self.regressor, self.nominal))
 
     def regressor_with(self, friction: Friction) -> ca.SX:
         """Return A (6, m) with the friction signs of the kind asked for."""

@@ -111,8 +111,8 @@ class Instant:
     constants: Mapping[str, ca.SX]
     """The term's own, by name."""
     load: ca.SX
-    """(6, 1), force of the actuators at the nominal parameters by the terms listed before this
-    one, without those that take signs."""
+    """(6, 1), force of the actuators at the parameters of `HexapodGraph.nominal` by the terms
+    listed before this one, without those that take signs."""
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
 
 import casadi as ca
@@ -67,6 +67,8 @@ class Robot:
 
     description: ResolvedRobot
     """Everything that its file says, in SI units."""
+    load_parameters: tuple[float, ...] | None = None
+    """(m,) where its terms take the load of the actuators from; None: the nominal ones."""
 
     def __repr__(self) -> str:
         """Name, kind of platform, and what is limited; `description` has everything."""
@@ -142,8 +144,19 @@ class Robot:
 
     @cached_property
     def machine(self) -> Array:
-        """(g + c + m,) geometry, constants and nominal parameters: input of all that has terms."""
-        return np.concatenate([self.geometry_vector, self.description.constants, self.parameters])
+        """(g + c + m,) geometry, constants, parameters of the load: input of all that has terms."""
+        load = self.parameters if self.load_parameters is None else self.load_parameters
+        return np.concatenate([self.geometry_vector, self.description.constants, load])
+
+    def with_load_at(self, parameters: ArrayLike) -> Robot:
+        """Return the robot whose terms take the load of the actuators at these parameters, (m,).
+
+        The robot itself where no term depends on the load.
+        """
+        if not self.graph.loaded:
+            return self
+        values = np.asarray(parameters, dtype=np.float64)
+        return replace(self, load_parameters=tuple(values.tolist()))
 
     @property
     def limits(self) -> tuple[Limit, ...]:
@@ -207,14 +220,16 @@ class Robot:
         """Return actuator forces, N, positive when they extend: (6,) or (N, 6).
 
         Pose, rate and acceleration, λ, λ̇, λ̈, are (6,) or (N, 6): m, rad, s. Parameters are (m,),
-        SI, in the order of `parameter_names`; the nominal ones by default.
+        SI, in the order of `parameter_names`; the nominal ones by default. Terms that depend on the
+        load of the actuators take it at the same parameters.
         """
         values = self.parameters if parameters is None else np.asarray(parameters, dtype=float)
         if values.shape != (len(self.parameter_names),):
             raise ValueError(
                 f"parameters: expected {len(self.parameter_names)} values, got {values.shape}"
             )
-        return self.regressor(pose, rate, acceleration) @ values
+        loaded = self if parameters is None else self.with_load_at(values)
+        return loaded.regressor(pose, rate, acceleration) @ values
 
 
 def _rows(name: str, value: ArrayLike) -> tuple[Array, bool]:

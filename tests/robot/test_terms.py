@@ -14,15 +14,7 @@ from expdesign.configuration.robot import load_robot_description
 from expdesign.mechanism import catalogue
 from expdesign.mechanism.catalogue import DEFAULT, TERMS, known_parameters, terms_named
 from expdesign.mechanism.graph import Friction
-from expdesign.mechanism.term import (
-    STRUT_SPEED,
-    Columns,
-    Constant,
-    Parameter,
-    Term,
-    parameters_of,
-    per_actuator,
-)
+from expdesign.mechanism.term import STRUT_SPEED, parameters_of
 from expdesign.robot import robot_from
 from expdesign.robot.batch import BatchFunction
 from tests.estimation.cases import measured, trajectory
@@ -177,41 +169,11 @@ def test_a_model_without_any_sign_is_estimated(palida):
         assert np.max(np.abs(one.values - robot.parameters) / one.std) < 5
 
 
-# --- terms to come --------------------------------------------------------------------------------
-
-
-def _stribeck_columns(instant):
-    ratio = instant.kinematic["strut_speed"] / instant.constants["velocity"]
-    return Columns(along=ca.diag(instant.signs[STRUT_SPEED] * ca.exp(-(ratio**2))))
-
-
-STRIBECK = Term(
-    name="stribeck",
-    meaning="friction of the actuators that falls with the speed",
-    parameters=per_actuator(
-        Parameter("s", "N", "static friction beyond the dry one", lower=0, default=0.0)
-    ),
-    columns=_stribeck_columns,
-    rates=(STRUT_SPEED,),
-    constants=(Constant("velocity", "m/s", "speed at which it has fallen to 1/e"),),
-)
-LOADED = Term(
-    name="loaded",
-    meaning="friction of the actuators as a share of their load",
-    parameters=(Parameter("m", "1", "share of the load", lower=0, default=0.0),),
-    columns=lambda instant: Columns(along=instant.signs[STRUT_SPEED] * ca.fabs(instant.load)),
-    rates=(STRUT_SPEED,),
-)
+# --- friction that depends on speed and load, springs ---------------------------------------------
 
 
 @pytest.fixture
-def more_terms(monkeypatch):
-    for term in (STRIBECK, LOADED):
-        monkeypatch.setitem(TERMS, term.name, term)
-
-
-@pytest.fixture
-def stribeck(palida, more_terms):
+def stribeck(palida):
     def robot(velocity, **changes):
         terms = [*DEFAULT, {"stribeck": {"velocity": velocity}}]
         return _robot(palida, terms=terms, parameters=palida["parameters"], **changes)
@@ -244,7 +206,6 @@ def test_the_derivative_to_a_constant_is_there_for_its_estimation(stribeck):
     np.testing.assert_allclose(found, (ends[0] - ends[1]) / 2e-6, rtol=1e-5, atol=1e-5)
 
 
-@pytest.mark.usefixtures("more_terms")
 def test_constants_are_written_and_read_again(palida, tmp_path):
     for velocity in (0.05, {"value": 0.05, "estimate": True}):
         terms = [*DEFAULT, {"stribeck": {"velocity": velocity}}]
@@ -257,7 +218,6 @@ def test_constants_are_written_and_read_again(palida, tmp_path):
         json.dumps(run.run.model_dump(mode="json"))
 
 
-@pytest.mark.usefixtures("more_terms")
 @pytest.mark.parametrize(
     ("given", "text"),
     [
@@ -273,22 +233,90 @@ def test_constants_that_cannot_be(palida, given, text):
         load_run({"name": "n", "robot": {**palida, "terms": [*DEFAULT, given]}})
 
 
-@pytest.mark.usefixtures("more_terms")
 def test_a_term_may_take_the_load_of_the_actuators(palida):
-    names = [*DEFAULT, "loaded"]
+    names = [*DEFAULT, "load_friction"]
     robot = _robot(palida, terms=names, parameters=palida["parameters"])
     states = _states(robot)
     # What bears on the actuators without friction, by the robot that has none.
     rigid = _robot(palida, terms=["struts", "rigid_platform"])
     speed = robot.strut_motion(*states).length_rate
     expected = np.sign(speed) * np.abs(rigid.actuator_forces(*states))
-    np.testing.assert_allclose(robot.regressor(*states)[:, :, 24], expected, rtol=1e-10)
+    own = robot.regressor(*states)[:, :, 24:]
+    np.testing.assert_allclose(np.einsum("njj->nj", own), expected, rtol=1e-10)
+    assert np.count_nonzero(own) == 6 * len(states[0])
 
 
-@pytest.mark.usefixtures("more_terms")
+def test_forces_at_other_parameters_take_their_load_there(palida):
+    names = [*DEFAULT, "load_friction"]
+    robot = _robot(palida, terms=names, parameters=palida["parameters"])
+    states = _states(robot)
+    values = robot.parameters.copy()
+    values[robot.parameter_names.index("p10")] *= 1.5
+    values[24:] = 0.05
+    changed = dict(zip(robot.parameter_names, values, strict=True))
+    expected = _robot(palida, terms=names, parameters=changed).actuator_forces(*states)
+    found = robot.actuator_forces(*states, values)
+    np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-10)
+    assert _robot(palida).with_load_at(robot.parameters[:24]).load_parameters is None
+
+
+def test_springs_pull_about_their_rest_length(palida):
+    terms = [*DEFAULT, {"cable": {"rest_length": "600 mm"}}]
+    stiffness = {f"k{j}": 10.0 * j for j in range(1, 7)}
+    robot = _robot(palida, terms=terms, parameters=palida["parameters"] | stiffness)
+    states = _states(robot)
+    lengths = robot.inverse_kinematics(states[0])
+    np.testing.assert_allclose(
+        robot.actuator_forces(*states) - _robot(palida).actuator_forces(*states),
+        (lengths - 0.6) * 10 * np.arange(1, 7),
+        rtol=1e-9,
+        atol=1e-10,
+    )
+
+
+def test_offsets_take_what_a_rest_length_is_wrong_by(palida):
+    """One column is a combination of the others: only the offsets move with the rest length."""
+    ends = [
+        _robot(
+            palida,
+            terms=["force_offset", {"cable": {"rest_length": length}}],
+            parameters={f"k{j}": 0.0 for j in range(1, 7)},
+        )
+        for length in (0.5, 0.7)
+    ]
+    first, second = (robot.regressor(*_states(robot)) for robot in ends)
+    moved = first[:, :, 6:] - 0.2 * first[:, :, :6]
+    np.testing.assert_allclose(moved, second[:, :, 6:], atol=1e-12)
+
+
+@pytest.mark.parametrize("estimator", ["gm", "ml"])
+def test_the_load_is_that_of_the_estimate(palida, estimator):
+    """A nominal mass that is 30 % too small would make the shares 30 % too large."""
+    names = [*DEFAULT, "load_friction"]
+    shares = {f"mu{j}": 0.1 for j in range(1, 7)}
+    machine = _robot(palida, terms=names, parameters=palida["parameters"] | shares)
+    light = palida["parameters"] | {"p10": 0.7 * palida["parameters"]["p10"], "p9": 0.0}
+    mapping = {**palida, "terms": names, "parameters": light | shares}
+    run = load_run({"name": "n", "robot": mapping, "estimate": {"estimators": [estimator]}})
+    data = measured(trajectory(), robot=machine, force_scale=0.1, length_scale=0.01)
+    found = estimate(run, data)
+    one = found.estimates[estimator]
+    errors = (one.values - machine.parameters) / one.std
+    assert np.max(np.abs(errors)) < 4.5
+    assert np.all(one.std[24:] < 0.1 * 0.3)
+    load = found.robot.load_parameters
+    assert load is not None
+    np.testing.assert_allclose(load, one.values, atol=5 * np.max(one.std))
+
+
 def test_slopes_to_the_state_with_constants_and_load(palida):
-    names = [*DEFAULT, {"stribeck": {"velocity": 0.4}}, "loaded"]
-    extra = {f"s{j}": 4.0 for j in range(1, 7)} | {"m": 0.1}
+    names = [
+        *DEFAULT,
+        {"stribeck": {"velocity": 0.4}},
+        "load_friction",
+        {"cable": {"rest_length": 0.6}},
+    ]
+    extra = {f"{n}{j}": v for j in range(1, 7) for n, v in (("s", 4.0), ("mu", 0.1), ("k", 50.0))}
     robot = _robot(palida, terms=names, parameters=palida["parameters"] | extra)
     state = np.concatenate(_states(robot, count=3), axis=1)
     signs = np.random.default_rng(1).choice([-1.0, 1.0], (3, 18))

@@ -1,0 +1,44 @@
+"""A spring along each strut: cables, hoses and bellows that the strut stretches.
+
+The force is linear in the strut's length about one rest length for all struts. Where the rest
+lengths are not known, `force_offset` beside this term takes what they are wrong by: the stiffness
+is then the same for every rest length.
+"""
+
+from __future__ import annotations
+
+import casadi as ca
+
+from expdesign.mechanism.hexapod import ACTUATORS
+from expdesign.mechanism.term import (
+    Columns,
+    Constant,
+    Instant,
+    Parameter,
+    Scale,
+    Term,
+    per_actuator,
+)
+
+
+def _columns(instant: Instant) -> Columns:
+    return Columns(
+        along=ca.diag(instant.kinematic["strut_length"] - instant.constants["rest_length"])
+    )
+
+
+TERM = Term(
+    name="cable",
+    meaning="springs along the struts, such as cables and hoses",
+    parameters=per_actuator(
+        Parameter(
+            "k",
+            "N/m",
+            "stiffness of what a strut stretches",
+            Scale("p10 g / (6 L)", mass=1, gravity=1, length=-1, share=1 / ACTUATORS),
+            default=0.0,
+        )
+    ),
+    columns=_columns,
+    constants=(Constant("rest_length", "m", "length of a strut at which there is no force"),),
+)

@@ -1,0 +1,42 @@
+"""Friction of the actuators in proportion to what they bear: screws, belts and guides.
+
+The load is what the terms listed before this one, without friction, ask of the actuator at the
+parameters of `HexapodGraph.nominal`. The forces are not linear in all parameters together: an
+estimate takes the load anew at what it has found (`estimation.identification.load`).
+"""
+
+from __future__ import annotations
+
+import casadi as ca
+
+from expdesign.mechanism.term import (
+    STRUT_SPEED,
+    Columns,
+    Instant,
+    Parameter,
+    Scale,
+    Term,
+    per_actuator,
+)
+
+
+def _columns(instant: Instant) -> Columns:
+    return Columns(along=ca.diag(instant.signs[STRUT_SPEED] * ca.fabs(instant.load)))
+
+
+TERM = Term(
+    name="load_friction",
+    meaning="friction of the actuators in proportion to their load",
+    parameters=per_actuator(
+        Parameter(
+            "mu",
+            "1",
+            "friction of the actuators as a share of their load",
+            Scale("0.1", share=0.1),
+            lower=0,
+            default=0.0,
+        )
+    ),
+    columns=_columns,
+    rates=(STRUT_SPEED,),
+)
