@@ -8,5 +8,8 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 """Numbers, SI units and radians."""
 
+ComplexArray = NDArray[np.complex128]
+"""Lines of a discrete Fourier transform."""
+
 Mask = NDArray[np.bool_]
 """Which entries are meant."""

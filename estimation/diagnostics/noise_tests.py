@@ -22,6 +22,7 @@ from constraints.arrays import Array
 from estimation.diagnostics.channel_test import NOISE, ChannelTest, below_level, no_numbers
 from estimation.processing import Record
 from estimation.processing.noise import NORMAL_MEDIAN
+from estimation.processing.noise_lines import contrasts
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.runfolder import OpenNumbers, described
 
@@ -292,15 +293,3 @@ def _of_one_kind(
         block = np.arange(len(rows)) * max(1, round(record.periods)) // len(rows)
         change = drift(rows, block, 0, level)
     return samples, white, None if samples is None else normality(samples, level), change
-
-
-def contrasts(periods: Array) -> Array:
-    """Return pure noise out of repeated periods, (M, N, 6): (M − 1, N, 6).
-
-    Every period less the mean of those before it, scaled to the variance of one sample: no model
-    takes part, and the series are independent of each other for independent noise, unlike
-    deviations from the mean over all periods.
-    """
-    before = np.cumsum(periods, axis=0)[:-1]
-    number = np.arange(1, len(periods), dtype=float)[:, None, None]
-    return (periods[1:] - before / number) * np.sqrt(number / (number + 1))

@@ -20,7 +20,7 @@ from estimation.estimators.experiment import Experiment
 from estimation.estimators.knowledge import Knowledge
 from estimation.kinematics.fourier_fit import length_equations
 from estimation.measurement_model import HarmonicMotion, predict_forces
-from estimation.measurement_model.normal_equations import NormalEquations, Rows
+from estimation.measurement_model.normal_equations import Filter, NormalEquations, Rows
 from estimation.measurement_model.prediction import chunks
 from expdesign.robot import Robot
 
@@ -31,7 +31,8 @@ def force_equations(
     motion: HarmonicMotion,
     values: Array,
     free: NDArray[np.bool_],
-    covariance: Array | None = None,
+    covariance: Array,
+    noise_filter: Filter | None,
 ) -> NormalEquations:
     """Return what the forces of one experiment say of the free parameters and ξ.
 
@@ -41,8 +42,8 @@ def force_equations(
         ξ and p, (m,), where the equations are taken.
     free : (m,) of bool
         Parameters that are estimated.
-    covariance : (6, 6), optional
-        Whose inverse the rows are weighted with, by default Σ.
+    covariance : (6, 6)
+        Whose inverse the rows are weighted with, behind the filter.
     """
     record = experiment.record
     signs = experiment.signs(robot, motion)
@@ -53,8 +54,7 @@ def force_equations(
         residuals = record.forces.values[part] - forces.regressors @ values
         return residuals, columns, record.forces.counts[part]
 
-    weighted_by = experiment.noise.forces.covariance if covariance is None else covariance
-    return NormalEquations.of(map(rows, chunks(record.samples)), weighted_by)
+    return NormalEquations.of(map(rows, chunks(record.samples)), covariance, noise_filter)
 
 
 def joint_equations(
@@ -65,9 +65,12 @@ def joint_equations(
     free: NDArray[np.bool_],
 ) -> NormalEquations:
     """Return what forces and lengths of one experiment say of the free parameters and ξ."""
-    covariance = experiment.noise.lengths.covariance
-    lengths = length_equations(robot, experiment.record, covariance, motion)
-    return force_equations(robot, experiment, motion, values, free).with_motion(lengths)
+    noise = experiment.noise
+    lengths = length_equations(
+        robot, experiment.record, noise.lengths.covariance, motion, noise.lengths.filter
+    )
+    own = noise.forces.covariance, noise.forces.filter
+    return force_equations(robot, experiment, motion, values, free, *own).with_motion(lengths)
 
 
 def reduced_information(equations: Sequence[NormalEquations], knowledge: Knowledge) -> Array:

@@ -1,8 +1,9 @@
 """Least squares and Gauss–Markov (7): linear in the parameters, the motion taken as measured.
 
 Both minimise Σ c (q − A p)ᵀ W (q − A p) plus the prior's part; LS with W = I (in units of the mean
-variance, so that priors have their weight), GM with W = Σ⁻¹. Their covariance counts the full Σ
-either way, and the noise of the lengths through B = −∂p̂/∂ξ.
+variance, so that priors have their weight), GM with W = Σ⁻¹, behind the filter that makes the noise
+white where it is not. Their covariance counts the noise as it is either way, and that of the
+lengths through B = −∂p̂/∂ξ.
 """
 
 from __future__ import annotations
@@ -14,10 +15,11 @@ import numpy as np
 
 from constraints.arrays import Array
 from estimation.estimators.experiment import Experiment
+from estimation.estimators.influence import Influence
 from estimation.estimators.joint import force_equations
 from estimation.estimators.knowledge import Knowledge
-from estimation.estimators.result import ParameterEstimate
-from estimation.measurement_model.normal_equations import NormalEquations
+from estimation.estimators.result import ParameterEstimate, precision
+from estimation.measurement_model.normal_equations import Filter, NormalEquations
 from expdesign.robot import Robot
 
 
@@ -40,42 +42,51 @@ def linear_estimate(
     """
     began = time.perf_counter()
     free, start, prior = knowledge.free, knowledge.start, knowledge.precision
-    information, spread = prior, prior
+    information = prior
     gradient = prior @ (knowledge.prior_mean - start)[free]
-    noises = [experiment.noise.forces.covariance for experiment in experiments]
-    weightings = [weighting_covariance(estimator, noise) for noise in noises]
-    for experiment, noise, weighting in zip(experiments, noises, weightings, strict=True):
+    noises = [experiment.noise.forces for experiment in experiments]
+    weightings = [weighting_covariance(estimator, noise.covariance) for noise in noises]
+    filters = [noise.filter if estimator == "gm" else None for noise in noises]
+    cost = 0.0
+    for experiment, weighting, noise_filter in zip(experiments, weightings, filters, strict=True):
         rows = (
             experiment.forces - experiment.fitted_regressors @ start,
             experiment.fitted_regressors[:, :, free],
             experiment.counts,
         )
-        fitted = NormalEquations.of([rows], weighting)
+        fitted = NormalEquations.of([rows], weighting, noise_filter)
         information = information + fitted.matrix
         gradient = gradient + fitted.gradient
-        # What noise of the covariance Σ makes of the gradient: Σ c Aᵀ W Σ W A.
-        mixed = weighting @ np.linalg.solve(noise, weighting)
-        spread = spread + (
-            fitted.matrix if weighting is noise else NormalEquations.of([rows], mixed).matrix
-        )
+        cost += fitted.cost
     values = start.copy()
-    values[free] += knowledge.best_step(information, gradient, start)
+    move = knowledge.best_step(information, gradient, start)
+    values[free] += move
     inverse = knowledge.inverse(information)
-    force_share = inverse @ spread @ inverse
-    kinematic_share = _kinematic_share(robot, experiments, knowledge, weightings, values, inverse)
-    # Σ c (q − A p)ᵀ W (q − A p)
-    cost = 0.0
-    for experiment, weighting in zip(experiments, weightings, strict=True):
-        rest = experiment.forces - experiment.fitted_regressors @ values
-        inner = np.linalg.inv(weighting)
-        cost += float(np.einsum("s,si,ij,sj->", experiment.counts, rest, inner, rest))
-    total = force_share if kinematic_share is None else force_share + kinematic_share
+    # Σ c (q − A p)ᵀ W (q − A p), the prior's part left out.
+    data_gradient = gradient - prior @ (knowledge.prior_mean - start)[free]
+    cost += float(move @ (information - prior) @ move - 2 * data_gradient @ move)
+    influences = [
+        Influence(
+            robot=robot,
+            experiment=experiment,
+            motion=None if experiment.fit is None else experiment.fit.motion,
+            values=values,
+            free=free,
+            weighting=weighting,
+            weighted_by_noise=estimator == "gm",
+            force_gain=inverse,
+            length_gain=_length_gain(
+                robot, experiment, knowledge, weighting, noise_filter, values, inverse
+            ),
+        )
+        for experiment, weighting, noise_filter in zip(
+            experiments, weightings, filters, strict=True
+        )
+    ]
     return ParameterEstimate(
         estimator=estimator,
         values=values,
-        covariance=knowledge.full(total),
-        covariance_forces=knowledge.full(force_share),
-        covariance_kinematics=None if kinematic_share is None else knowledge.full(kinematic_share),
+        **precision(influences, knowledge, inverse @ prior @ inverse),
         motions=tuple(e.fit.motion for e in experiments if e.fit is not None),
         cost=cost,
         iterations=1,
@@ -85,23 +96,21 @@ def linear_estimate(
     )
 
 
-def _kinematic_share(
+def _length_gain(
     robot: Robot,
-    experiments: Sequence[Experiment],
+    experiment: Experiment,
     knowledge: Knowledge,
-    weightings: Sequence[Array],
+    weighting: Array,
+    noise_filter: Filter | None,
     values: Array,
     inverse: Array,
 ) -> Array | None:
-    """Return B Cov(ξ̂) Bᵀ, B = −∂p̂/∂ξ = F⁻¹ Σ c Aᵀ W ∂(A p)/∂ξ; None after pointwise kinematics."""
-    total, count = np.zeros_like(inverse), len(inverse)
-    for experiment, weighting in zip(experiments, weightings, strict=True):
-        fit = experiment.fit
-        if fit is None:
-            return None
-        equations = force_equations(
-            robot, experiment, fit.motion, values, knowledge.free, weighting
-        )
-        slope = inverse @ equations.matrix[:count, count:]
-        total += slope @ fit.covariance @ slope.T
-    return total
+    """Return −B Cov(ξ̂), B = −∂p̂/∂ξ = F⁻¹ Σ c Aᵀ W ∂(A p)/∂ξ; None after pointwise kinematics."""
+    fit = experiment.fit
+    if fit is None:
+        return None
+    equations = force_equations(
+        robot, experiment, fit.motion, values, knowledge.free, weighting, noise_filter
+    )
+    count = len(inverse)
+    return -inverse @ equations.matrix[:count, count:] @ fit.covariance

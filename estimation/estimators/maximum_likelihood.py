@@ -16,11 +16,12 @@ import numpy as np
 
 from constraints.arrays import Array
 from estimation.estimators.experiment import Experiment
+from estimation.estimators.influence import Influence
 from estimation.estimators.joint import joint_equations, reduced_information
 from estimation.estimators.knowledge import Knowledge
-from estimation.estimators.result import ParameterEstimate
+from estimation.estimators.result import ParameterEstimate, precision
 from estimation.measurement_model import HarmonicMotion
-from estimation.measurement_model.normal_equations import NormalEquations
+from estimation.measurement_model.normal_equations import Elimination, NormalEquations
 from expdesign.robot import Robot
 
 _STEPS = 40
@@ -87,22 +88,44 @@ def maximum_likelihood(
                 status = "no step improves the fit any more"
                 break
             move = problem.step(equations, values, motions, damping)
-    covariance = knowledge.inverse(reduced_information(equations, knowledge))
-    count = len(covariance)
-    with_known_motion = sum(each.matrix[:count, :count] for each in equations)
-    force_share = knowledge.inverse(with_known_motion + knowledge.precision)
+    inverse = knowledge.inverse(reduced_information(equations, knowledge))
+    influences = [
+        _influence(problem, experiment, motion, values, each.eliminated(len(inverse)), inverse)
+        for experiment, motion, each in zip(experiments, motions, equations, strict=True)
+    ]
     return ParameterEstimate(
         estimator="ml",
         values=values,
-        covariance=knowledge.full(covariance),
-        covariance_forces=knowledge.full(force_share),
-        covariance_kinematics=knowledge.full(covariance - force_share),
+        **precision(influences, knowledge, inverse @ knowledge.precision @ inverse),
         motions=tuple(motions),
         cost=cost,
         iterations=iterations,
         converged=converged,
         status=status,
         seconds=time.perf_counter() - began,
+    )
+
+
+def _influence(
+    problem: _Problem,
+    experiment: Experiment,
+    motion: HarmonicMotion,
+    values: Array,
+    eliminated: Elimination,
+    inverse: Array,
+) -> Influence:
+    """Return how the errors of one experiment move the parameters, its motion eliminated."""
+    through_motion = -inverse @ eliminated.slope.T
+    return Influence(
+        robot=problem.robot,
+        experiment=experiment,
+        motion=motion,
+        values=values,
+        free=problem.knowledge.free,
+        weighting=experiment.noise.forces.covariance,
+        weighted_by_noise=True,
+        force_gain=np.concatenate([inverse, through_motion], axis=1),
+        length_gain=through_motion,
     )
 
 

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from constraints.arrays import Array
+from estimation.estimators.influence import Covariance, Influence
+from estimation.estimators.knowledge import Knowledge
 from estimation.measurement_model import HarmonicMotion
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class ParameterEstimate:
     """Parameters with their covariance."""
 
@@ -25,6 +29,13 @@ class ParameterEstimate:
     covariance_kinematics: Array | None
     """(m, m), the part that the noise of the lengths makes; None where it is not known (pointwise
     differentiation): the covariance is then too small."""
+    freedom: Array
+    """(m,), degrees of freedom behind the standard deviations: of the noise's spectrum at the lines
+    that matter for each parameter; inf where the noise is taken as known."""
+    colour: Array
+    """(m,), variance over the one that white noise of the same covariance would make."""
+    influences: tuple[Influence, ...]
+    """How the errors of every experiment move the free parameters."""
     motions: tuple[HarmonicMotion, ...]
     """The motion of every experiment; estimated anew by ML. Empty for pointwise kinematics."""
     cost: float
@@ -38,3 +49,36 @@ class ParameterEstimate:
     def std(self) -> Array:
         """(m,) standard deviations."""
         return np.sqrt(np.diag(self.covariance))
+
+
+def precision(
+    influences: Sequence[Influence], knowledge: Knowledge, prior_share: Array
+) -> dict[str, Any]:
+    """Return the covariances of `ParameterEstimate`, their freedom and colour.
+
+    `prior_share`, (k, k), is what the error of the priors makes.
+    """
+    forces = Covariance.known(prior_share)
+    kinematics: Covariance | None = Covariance.known(np.zeros_like(prior_share))
+    for influence in influences:
+        forces = forces + influence.force_share()
+        lengths = influence.length_share()
+        kinematics = None if kinematics is None or lengths is None else kinematics + lengths
+    total = forces if kinematics is None else forces + kinematics
+    variance = np.diag(total.matrix)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        # Satterthwaite's degrees of freedom of a sum of independent mean squares.
+        freedom = np.where(total.variance > 0, 2 * variance**2 / total.variance, np.inf)
+        colour = variance / np.diag(total.white)
+    known = np.full(len(knowledge.free), np.inf)
+    known[knowledge.free] = freedom
+    ratio = np.ones(len(knowledge.free))
+    ratio[knowledge.free] = colour
+    return {
+        "covariance": knowledge.full(total.matrix),
+        "covariance_forces": knowledge.full(forces.matrix),
+        "covariance_kinematics": None if kinematics is None else knowledge.full(kinematics.matrix),
+        "freedom": known,
+        "colour": ratio,
+        "influences": tuple(influences),
+    }

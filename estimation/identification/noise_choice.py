@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from constraints.arrays import Array
 from estimation.identification.period_choice import UnsuitableDataError
-from estimation.processing import NoiseEstimate, NoiseModel, Record
+from estimation.processing import Channels, NoiseEstimate, NoiseModel, Record
+from estimation.processing.noise_lines import FEWEST_PERIODS, NoiseLines
+from estimation.processing.whitening_filter import estimated_filter
 from estimation.uncertainty.intervals import correlation
 from expdesign.configuration import InputError, RunConfiguration
+from expdesign.configuration.sections.data import SpectrumOrigin
 
 _STILL = 1e-12
 """Smallest variance, relative to the largest, and eigenvalue of a correlation that is one."""
 
 _PART_OF_A_PERIOD = 1e-6
-
-FEWEST_PERIODS = 3
-"""Periods from which on the scatter between them is preferred to what is given."""
 
 
 def choose_noise(configuration: RunConfiguration, record: Record, source: str = "") -> NoiseModel:
@@ -66,7 +67,7 @@ def choose_noise(configuration: RunConfiguration, record: Record, source: str = 
     def chosen(name: str) -> NoiseEstimate:
         repeated, stated = measured[name].scatter, given[name]
         if enough and repeated is not None:
-            return repeated
+            return _with_spectrum(repeated, measured[name], configuration.run.estimate.spectrum)
         if stated is not None:
             return NoiseEstimate(stated, np.inf, "given")
         first, _ = record.about_series(measured[name])
@@ -78,6 +79,20 @@ def choose_noise(configuration: RunConfiguration, record: Record, source: str = 
     _refuse_singular("q", found.lengths, source)
     _refuse_singular("Q", found.forces, source)
     return found
+
+
+def _with_spectrum(
+    noise: NoiseEstimate, channels: Channels, wanted: SpectrumOrigin
+) -> NoiseEstimate:
+    """Add the noise's spectrum, and the filter for it, where all samples are means of as many."""
+    periods = channels.periods
+    if periods is None or len(periods) < FEWEST_PERIODS or np.ptp(channels.counts) > 0:
+        return noise
+    lines = NoiseLines.of(periods)
+    if wanted == "white":
+        return replace(noise, lines=lines)
+    found = estimated_filter(lines, noise.covariance, always=wanted == "estimated")
+    return replace(noise, lines=lines, filter=found)
 
 
 def _refuse_singular(letter: str, noise: NoiseEstimate, source: str) -> None:

@@ -128,6 +128,7 @@ def _fitted(
             section.harmonics or least,
             start=start,
             free_frequency=section.frequency == "estimated",
+            noise_filter=noise.lengths.filter,
         )
         if noise.lengths.includes_model_error:
             found = residual_noise(fit.residuals, record.lengths.counts, len(fit.covariance))

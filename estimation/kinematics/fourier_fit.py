@@ -22,7 +22,7 @@ from scipy import stats
 
 from constraints.arrays import Array
 from estimation.measurement_model import HarmonicMotion, predict_lengths
-from estimation.measurement_model.normal_equations import NormalEquations, Rows
+from estimation.measurement_model.normal_equations import Filter, NormalEquations, Rows
 from estimation.measurement_model.prediction import chunks
 from estimation.processing import Record
 from expdesign.configuration import ComputationError
@@ -63,11 +63,12 @@ def fit_motion(
     *,
     start: HarmonicMotion | None = None,
     free_frequency: bool = False,
+    noise_filter: Filter | None = None,
 ) -> MotionFit:
     """Fit a motion with H harmonics to the measured lengths.
 
-    The covariance is Δ of one sample, (6, 6), m². By default the fit starts from the forward
-    kinematics of some of the lengths.
+    The covariance is Δ of one sample, (6, 6), m², behind a filter that makes the noise white. By
+    default the fit starts from the forward kinematics of some of the lengths.
 
     Raises
     ------
@@ -80,7 +81,7 @@ def fit_motion(
         )
     first = start_motion(robot, record, min(harmonics, 5)) if start is None else start
     motion = HarmonicMotion(first.table, record.omega, free_frequency).with_harmonics(harmonics)
-    present = length_equations(robot, record, covariance, motion)
+    present = length_equations(robot, record, covariance, motion, noise_filter)
     for _ in range(_STEPS):
         try:
             step = np.asarray(sla.solve(present.matrix, present.gradient, assume_a="pos"))
@@ -89,7 +90,7 @@ def fit_motion(
         decrement = float(step @ present.gradient)
         for halving in range(_HALVINGS):
             trial = motion.moved(0.5**halving * step)
-            following = length_equations(robot, record, covariance, trial)
+            following = length_equations(robot, record, covariance, trial, noise_filter)
             if following.cost <= present.cost * (1 + 1e-12):
                 motion, present = trial, following
                 break
@@ -134,7 +135,11 @@ def length_residuals(robot: Robot, record: Record, motion: HarmonicMotion) -> Ar
 
 
 def length_equations(
-    robot: Robot, record: Record, covariance: Array, motion: HarmonicMotion
+    robot: Robot,
+    record: Record,
+    covariance: Array,
+    motion: HarmonicMotion,
+    noise_filter: Filter | None = None,
 ) -> NormalEquations:
     """Return the normal equations of ξ from the lengths, whose covariance is Δ, (6, 6)."""
 
@@ -142,7 +147,7 @@ def length_equations(
         lengths, slope = predict_lengths(robot, motion, record.lengths.times[part])
         return record.lengths.values[part] - lengths, slope, record.lengths.counts[part]
 
-    return NormalEquations.of(map(rows, chunks(record.samples)), covariance)
+    return NormalEquations.of(map(rows, chunks(record.samples)), covariance, noise_filter)
 
 
 def choose_harmonics(
@@ -153,6 +158,7 @@ def choose_harmonics(
     *,
     start: HarmonicMotion | None = None,
     free_frequency: bool = False,
+    noise_filter: Filter | None = None,
 ) -> MotionFit:
     """Fit the motion with as many harmonics as stand out of the noise.
 
@@ -164,7 +170,13 @@ def choose_harmonics(
 
     def fitted(count: int, begin: HarmonicMotion | None) -> MotionFit:
         return fit_motion(
-            robot, record, covariance, count, start=begin, free_frequency=free_frequency
+            robot,
+            record,
+            covariance,
+            count,
+            start=begin,
+            free_frequency=free_frequency,
+            noise_filter=noise_filter,
         )
 
     fit = fitted(least, start)

@@ -8,7 +8,7 @@ experiment at a time.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +19,16 @@ from expdesign.information.fisher import whitening
 
 Rows = tuple[Array, Array, Array]
 """Residuals (S, 6), columns (S, 6, u) and counts (S,)."""
+
+
+Filter = Callable[[Array], Array]
+"""Filters series of one period, (N, 6, …)."""
+
+
+def filtered(parts: Iterable[Rows], whitening_filter: Filter) -> Rows:
+    """Put parts together and filter them; every sample is the mean of as many."""
+    residuals, columns, counts = (np.concatenate(each) for each in zip(*parts, strict=True))
+    return whitening_filter(residuals), whitening_filter(columns), counts
 
 
 def whitened(values: Array, white: Array, counts: Array) -> Array:
@@ -39,10 +49,17 @@ class NormalEquations:
     """(u,), g = Σ c Uᵀ Σ⁻¹ r."""
 
     @classmethod
-    def of(cls, parts: Iterable[Rows], covariance: Array) -> NormalEquations:
-        """Sum over the rows of one kind of channel, part by part (at least one)."""
+    def of(
+        cls, parts: Iterable[Rows], covariance: Array, whitening_filter: Filter | None = None
+    ) -> NormalEquations:
+        """Sum over the rows of one kind of channel, part by part (at least one).
+
+        A filter makes their noise white first; it takes all samples of a period.
+        """
         white = whitening(covariance)
         cost, matrix, gradient = 0.0, np.zeros(()), np.zeros(())
+        if whitening_filter is not None:
+            parts = [filtered(parts, whitening_filter)]
         for residuals, columns, counts in parts:
             rest = whitened(residuals, white, counts).ravel()
             rows = whitened(columns, white, counts).reshape(len(rest), columns.shape[2])

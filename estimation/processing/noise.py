@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from constraints.arrays import Array
+from estimation.processing.noise_lines import NoiseLines
+from estimation.processing.whitening_filter import WhiteningFilter
 
 NORMAL_MEDIAN = 0.6745
 """Median of |x| for a standard normal x: turns a median absolute deviation into a std."""
@@ -34,6 +36,26 @@ class NoiseEstimate:
     source: str = "estimated"
     """``"estimated"`` (scatter between periods), ``"given"`` (robot or run file) or ``"residuals"``
     (of the fit itself: it includes the error of the model)."""
+    lines: NoiseLines | None = None
+    """Its spectrum at the lines of a period; None: the noise is taken for white."""
+    filter: WhiteningFilter | None = None
+    """Makes it white before it is weighted with; None: nothing speaks against white noise, or
+    nothing is known."""
+
+    @property
+    def weighting_loss(self) -> float:
+        """Variance of an estimate relative to the one stated by weights from this covariance.
+
+        Notes
+        -----
+        E[Σ̂⁻¹ Σ Σ̂⁻¹] / E[Σ̂⁻¹] of a Wishart matrix: 1 for a covariance that was given. A filter has
+        its own in its spectrum.
+        """
+        if not np.isfinite(self.freedom) or self.filter is not None:
+            return 1.0
+        channels = len(self.covariance)
+        nu = max(self.freedom, channels + 4.0)
+        return float(nu * (nu - 1) / ((nu - channels) * (nu - channels - 3)))
 
     @property
     def includes_model_error(self) -> bool:

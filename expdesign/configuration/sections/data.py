@@ -131,6 +131,7 @@ class DataSection(Section):
 Estimator = Literal["ls", "gm", "ml"]
 Differentiation = Literal["fourier", "central", "butterworth"]
 NoiseOrigin = Literal["auto", "estimated", "given"]
+SpectrumOrigin = Literal["auto", "white", "estimated"]
 FrequencyOrigin = Literal["known", "estimated"]
 Loss = Literal["squared", "huber"]
 
@@ -189,6 +190,9 @@ class EstimateSection(Section):
     noise: Annotated[NoiseOrigin, one_of(NoiseOrigin)] = "auto"
     """Covariances from the scatter between periods, or those of robot and run; ``auto`` is
     ``estimated`` from three periods on."""
+    spectrum: Annotated[SpectrumOrigin, one_of(SpectrumOrigin)] = "auto"
+    """What the weights of GM and ML take the noise for: ``auto`` is ``estimated`` where the scatter
+    between three or more periods speaks against ``white``."""
     frequency: Annotated[FrequencyOrigin, one_of(FrequencyOrigin)] = "known"
     loss: Annotated[Loss, one_of(Loss)] = "squared"
     """``huber`` lets outliers count less."""

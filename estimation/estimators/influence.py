@@ -1,0 +1,185 @@
+"""How noise moves an estimate: p̂ − p = Σ_n K_fᵀ ε_f + Σ_n K_lᵀ ε_l, experiment by experiment.
+
+Every estimator here is linear in small errors of the mean forces and lengths, whatever it weights
+with. From the same K follow the covariance under any noise, white or not (a sandwich: the weights
+may be wrong), that of the difference between two estimators of the same data, and the effect of
+anything that the model does not know (`Influence.response`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from constraints.arrays import Array
+from estimation.estimators.experiment import Experiment
+from estimation.measurement_model import HarmonicMotion, predict_forces, predict_lengths
+from estimation.measurement_model.normal_equations import Filter
+from estimation.measurement_model.prediction import chunks
+from estimation.processing.noise import NoiseEstimate
+from estimation.processing.noise_lines import lines_of
+from expdesign.robot import Robot
+
+Part = tuple[slice, Array]
+"""Samples, and K at these samples, (S, 6, k): units of the parameters per N or m."""
+
+
+@dataclass(frozen=True, eq=False)
+class Covariance:
+    """A covariance of estimates, and how well it is known itself."""
+
+    matrix: Array
+    """(k, k)."""
+    variance: Array
+    """(k,), of its diagonal: zero where the noise is taken as known."""
+    white: Array
+    """(k, k), the same for white noise with the same covariance of one sample."""
+
+    def __add__(self, other: Covariance) -> Covariance:
+        """Add the covariance that independent noise makes."""
+        return Covariance(
+            self.matrix + other.matrix, self.variance + other.variance, self.white + other.white
+        )
+
+    @classmethod
+    def known(cls, matrix: Array) -> Covariance:
+        """Take one that is not estimated."""
+        return cls(matrix, np.zeros(len(matrix)), matrix)
+
+
+@dataclass(frozen=True, eq=False)
+class Influence:
+    """What the errors of one experiment do to the k free parameters."""
+
+    robot: Robot
+    experiment: Experiment
+    motion: HarmonicMotion | None
+    """Along which the estimator took its regressors; None: the pointwise one."""
+    values: Array
+    """(m,), the estimate."""
+    free: NDArray[np.bool_]
+    weighting: Array
+    """(6, 6), whose inverse the estimator weighted the forces with."""
+    weighted_by_noise: bool
+    """That is the noise's covariance: its filter was used, too, and its errors count."""
+    force_gain: Array
+    """(k, k), on the columns of the parameters; (k, k + x) with those of the motion."""
+    length_gain: Array | None
+    """(k, x), on the motion's columns in the lengths; None after pointwise kinematics."""
+
+    def forces(self) -> Iterator[Part]:
+        """Yield K of the forces, part by part; all at once behind a filter."""
+        noise = self.experiment.noise.forces
+        noise_filter = noise.filter if self.weighted_by_noise else None
+        moved = ((part, columns @ self.force_gain.T) for part, columns in self._force_columns())
+        yield from _weighted(moved, self.experiment.counts, self.weighting, noise_filter)
+
+    def lengths(self) -> Iterator[Part]:
+        """Yield K of the lengths; nothing after pointwise kinematics, where it is not known."""
+        if self.length_gain is None or self.motion is None:
+            return
+        gain, noise = self.length_gain.T, self.experiment.noise.lengths
+        channels, motion = self.experiment.record.lengths, self.motion
+        moved = (
+            (part, predict_lengths(self.robot, motion, channels.times[part])[1] @ gain)
+            for part in chunks(len(channels.times))
+        )
+        yield from _weighted(moved, channels.counts, noise.covariance, noise.filter)
+
+    def response(
+        self, forces: Callable[[slice], Array], lengths: Callable[[slice], Array]
+    ) -> Array:
+        """Return what p̂ moves by per unit of t unknowns that the estimator does not know, (k, t).
+
+        Both give the change of the measured forces or lengths per unit, (S, 6, t), at a part of the
+        samples.
+        """
+        total = np.zeros(())
+        for parts, columns in ((self.forces(), forces), (self.lengths(), lengths)):
+            for part, weights in parts:
+                total = total + np.einsum("sik,sit->kt", weights, columns(part))
+        return np.asarray(total)
+
+    def _force_columns(self) -> Iterator[Part]:
+        """Yield the columns of the unknowns in the forces."""
+        experiment, motion = self.experiment, self.motion
+        count = int(np.count_nonzero(self.free))
+        if motion is None or self.force_gain.shape[1] == count:
+            for part in chunks(len(experiment.counts)):
+                yield part, experiment.fitted_regressors[part][:, :, self.free]
+            return
+        times, signs = experiment.record.forces.times, experiment.signs(self.robot, motion)
+        for part in chunks(len(times)):
+            found = predict_forces(self.robot, motion, times[part], signs[part], self.values)
+            columns = (found.regressors[:, :, self.free], found.slope)
+            yield part, np.concatenate(columns, axis=2)
+
+    def force_share(self) -> Covariance:
+        """Return the covariance that the noise of the forces makes."""
+        noise = self.experiment.noise.forces
+        loss = noise.weighting_loss if self.weighted_by_noise else 1.0
+        return _covariance(self.forces(), noise, self.experiment.counts, loss)
+
+    def length_share(self) -> Covariance | None:
+        """Return the covariance that the noise of the lengths makes; None where not known."""
+        if self.length_gain is None:
+            return None
+        noise, counts = self.experiment.noise.lengths, self.experiment.record.lengths.counts
+        return _covariance(self.lengths(), noise, counts, noise.weighting_loss)
+
+
+def difference_covariance(first: Sequence[Influence], second: Sequence[Influence]) -> Array:
+    """Return the covariance of the difference between two estimates from the same data, (k, k).
+
+    Of the same experiments in the same order, with the same weights' filter.
+    """
+    total = np.zeros(())
+    for one, other in zip(first, second, strict=True):
+        record, noise = one.experiment.record, one.experiment.noise
+        for parts, own, counts in (
+            (zip(one.forces(), other.forces(), strict=True), noise.forces, record.forces.counts),
+            (
+                zip(one.lengths(), other.lengths(), strict=True),
+                noise.lengths,
+                record.lengths.counts,
+            ),
+        ):
+            apart = ((part, mine - others) for (part, mine), (_, others) in parts)
+            total = total + _covariance(apart, own, counts, 1.0).matrix
+    return total
+
+
+def _weighted(
+    columns: Iterator[Part], counts: Array, covariance: Array, noise_filter: Filter | None
+) -> Iterator[Part]:
+    """Yield c W U: with the filter on both sides of W, all samples at once."""
+    inverse = np.linalg.inv(covariance)
+    if noise_filter is None:
+        for part, values in columns:
+            yield part, np.matmul(inverse, values) * counts[part][:, None, None]
+        return
+    whole = np.concatenate([values for _, values in columns])
+    weighted = noise_filter(np.matmul(inverse, noise_filter(whole)))
+    yield slice(None), weighted * counts[:, None, None]
+
+
+def _covariance(
+    parts: Iterator[Part], noise: NoiseEstimate, counts: Array, loss: float
+) -> Covariance:
+    """Return the covariance of Σ Kᵀ ε̄ for the noise as it is, and for white noise."""
+    white, whole = np.zeros(()), []
+    for part, weights in parts:
+        mixed = np.matmul(noise.covariance, weights) / counts[part][:, None, None]
+        rows = weights.reshape(-1, weights.shape[2])
+        white = white + loss * (rows.T @ mixed.reshape(rows.shape))
+        whole.append(weights)
+    lines = noise.lines
+    if lines is None or lines.samples != len(counts):
+        return Covariance.known(white)
+    spectral = lines_of(np.concatenate(whole)) / np.sqrt(counts[0])
+    return Covariance(
+        loss * lines.spread(spectral), loss**2 * lines.variance_of(lines.shares(spectral)), white
+    )

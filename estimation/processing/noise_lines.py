@@ -1,0 +1,84 @@
+"""The noise of repeated periods, line by line of their DFT.
+
+Contrasts between the periods hold noise and no signal, whatever the model. With Z = rfft(x)/√N of
+a contrast x of N samples, the mean of Z Zᴴ over the contrasts is the 6 × 6 spectrum of the noise at
+every multiple of the base frequency; it is Σ at all of them when the noise is white (Pintelon and
+Schoukens, *System Identification*, 2012, chapter 2).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from constraints.arrays import Array, ComplexArray
+
+FEWEST_PERIODS = 3
+"""Periods from which on the spectrum behind a covariance is taken from the data."""
+
+
+def contrasts(periods: Array) -> Array:
+    """Return pure noise out of repeated periods, (M, N, 6): (M − 1, N, 6).
+
+    Every period less the mean of those before it, scaled to the variance of one sample: no model
+    takes part, and the series are independent of each other for independent noise, unlike
+    deviations from the mean over all periods.
+    """
+    before = np.cumsum(periods, axis=0)[:-1]
+    number = np.arange(1, len(periods), dtype=float)[:, None, None]
+    return (periods[1:] - before / number) * np.sqrt(number / (number + 1))
+
+
+def lines_of(values: Array) -> ComplexArray:
+    """Return the lines Z = rfft(x)/√N of series, (N, …): (N // 2 + 1, …)."""
+    return np.fft.rfft(values, axis=0) / np.sqrt(len(values))
+
+
+def multiplicity(samples: int) -> Array:
+    """Return how often each line stands in a sum over all N lines, (N // 2 + 1,): 1 or 2."""
+    times = np.full(samples // 2 + 1, 2.0)
+    times[0] = 1.0
+    if samples % 2 == 0:
+        times[-1] = 1.0
+    return times
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseLines:
+    """The spectrum of the noise of one sample of six channels at the lines of a period."""
+
+    matrices: ComplexArray
+    """(N // 2 + 1, 6, 6), Hermitian; their mean over all N lines is the covariance of a sample."""
+    samples: int
+    """N, of a period."""
+    freedom: float
+    """Complex degrees of freedom behind every line: contrasts; inf when it was given."""
+
+    @classmethod
+    def of(cls, periods: Array) -> NoiseLines:
+        """Estimate it from repeated periods, (M, N, 6), M ≥ 2."""
+        noise = contrasts(periods)
+        lines = np.fft.rfft(noise, axis=1) / np.sqrt(noise.shape[1])
+        matrices = np.einsum("mli,mlj->lij", lines, lines.conj()) / len(noise)
+        return cls(matrices, noise.shape[1], float(len(noise)))
+
+    def shares(self, columns: ComplexArray) -> Array:
+        """Return vᴴ C v of every line for columns v, (L, 6, k): (L, k), times the multiplicity."""
+        mixed = np.matmul(self.matrices, columns)
+        squares = np.einsum("lik,lik->lk", columns.conj(), mixed).real
+        return squares * multiplicity(self.samples)[:, None]
+
+    def spread(self, columns: ComplexArray) -> Array:
+        """Return Σ Re vᴴ C v over all N lines for columns v, (L, 6, k): (k, k)."""
+        mixed = np.matmul(self.matrices, columns) * multiplicity(self.samples)[:, None, None]
+        flat = columns.reshape(-1, columns.shape[2])
+        return (flat.conj().T @ mixed.reshape(flat.shape)).real
+
+    def variance_of(self, shares: Array) -> Array:
+        """Return the variance of the sum over the lines of `shares`, (L, k): (k,)."""
+        if not np.isfinite(self.freedom):
+            return np.zeros(shares.shape[1])
+        # The two real lines have half the freedom of the others.
+        relative = 2 / multiplicity(self.samples)[:, None] / self.freedom
+        return np.sum(shares**2 * relative / (1 + relative), axis=0)
