@@ -107,7 +107,8 @@ def with_exact_lengths(configuration: RunConfiguration) -> RunConfiguration:
     noise = configuration.robot.noise
     if noise is None or noise.length_covariance is None:
         return configuration
-    quiet = replace(noise, length_covariance=noise.length_covariance * _NOISELESS**2)
+    covariance = noise.length_covariance * _NOISELESS**2
+    quiet = replace(noise, length_covariance=covariance, length_spectrum=None)
     return replace(configuration, robot=replace(configuration.robot, noise=quiet))
 
 

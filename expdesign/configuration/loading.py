@@ -77,6 +77,7 @@ def load_run(source: ConfigurationLike) -> RunConfiguration:
     if run is not None and robot is not None:
         problems += _unknown_parameters(run, robot, document)
         problems += _undesignable(run, document)
+        problems += _unknown_spectrum(run, robot, document)
     if problems or run is None or robot is None:
         raise InputError(problems)
     forces_known = robot.noise is not None and robot.noise.force_covariance is not None
@@ -176,6 +177,23 @@ def _undesignable(run: RunDescription, document: Document) -> Iterator[Problem]:
             f"controller steps of {step:g} s",
             f"a range that includes {1 / (fewest * step):g} Hz, or equal bounds",
         )
+
+
+def _unknown_spectrum(
+    run: RunDescription, robot: ResolvedRobot, document: Document
+) -> Iterator[Problem]:
+    """Name spectra of noise that say nothing up to half of the sampling."""
+    if robot.noise is None:
+        return
+    for kind in ("force", "length"):
+        spectrum = getattr(robot.noise, f"{kind}_spectrum")
+        if spectrum is not None and not spectrum.covers(run.experiment.sampling):
+            yield document.problem(
+                ("experiment", "sampling"),
+                f"a sampling of {run.experiment.sampling:g} Hz, but noise.{kind}_spectrum was "
+                f"measured at {spectrum.highest:g} Hz",
+                f"{spectrum.highest:g} Hz at most, or a spectrum that reaches half of the sampling",
+            )
 
 
 def _completed(run: RunDescription, robot: ResolvedRobot, folder: Path) -> RunDescription:

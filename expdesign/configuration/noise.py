@@ -11,7 +11,13 @@ from pydantic import model_validator
 
 from constraints.arrays import Array
 from expdesign.configuration.document import Placed
-from expdesign.configuration.problem import Problem, refusal
+from expdesign.configuration.noise_spectrum import (
+    FROM_TEXT,
+    ForceSpectrum,
+    LengthSpectrum,
+    resolved_spectrum,
+)
+from expdesign.configuration.problem import InputError, Problem, refusal
 from expdesign.configuration.section import Section
 from expdesign.configuration.values.quantity import (
     Force,
@@ -23,6 +29,7 @@ from expdesign.configuration.values.quantity import (
 )
 from expdesign.configuration.values.scalars import exactly, read_only
 from expdesign.mechanism.hexapod import ACTUATORS
+from expdesign.noise.spectrum import NoiseSpectrum
 
 _FAMILIES = ("force", "length")
 _TOLERANCE = 1e-9
@@ -42,16 +49,20 @@ def _keys(family: str) -> tuple[str, str, str]:
 class NoiseDescription(Section):
     """Noise of one sample of the actuators, as the YAML states it.
 
-    A standard deviation with an optional correlation (default: none), or a covariance.
+    A standard deviation with an optional correlation (default: none), or a covariance; and how it
+    is spread over the frequencies. A table's own size counts where none is given beside it.
     Whether a correlation has its standard deviation is checked after robot and run are merged.
     """
 
     force_std: Annotated[tuple[Annotated[Force, Positive], ...], _VALUES] | None = None
     force_correlation: _Correlation | None = None
     force_covariance: _ForceCovariance | None = None
+    force_spectrum: Annotated[ForceSpectrum | None, FROM_TEXT] = None
+    """Of white noise where none is given."""
     length_std: Annotated[tuple[Annotated[Length, Positive], ...], _VALUES] | None = None
     length_correlation: _Correlation | None = None
     length_covariance: _LengthCovariance | None = None
+    length_spectrum: Annotated[LengthSpectrum | None, FROM_TEXT] = None
 
     @model_validator(mode="after")
     def _one_of_both_ways(self) -> NoiseDescription:
@@ -74,6 +85,9 @@ class ResolvedNoise:
     """N²."""
     length_covariance: Array | None
     """m²."""
+    force_spectrum: NoiseSpectrum | None = None
+    length_spectrum: NoiseSpectrum | None = None
+    """With these covariances of one sample; None for white noise."""
 
 
 def resolve_noise(
@@ -86,7 +100,8 @@ def resolve_noise(
     sources : sequence of Placed[NoiseDescription]
         Later ones override earlier ones key by key. A later covariance takes the place of an
         earlier standard deviation and correlation, a later standard deviation or correlation
-        that of an earlier covariance.
+        that of an earlier covariance, a later spectrum that has a size of its own that of all of
+        them.
 
     Returns
     -------
@@ -102,21 +117,49 @@ def resolve_noise(
         given = {k: v for k, v in source.value if v is not None}
         for family in _FAMILIES:
             std, correlation, covariance = _keys(family)
-            if covariance in given:
+            spectrum = given.get(f"{family}_spectrum")
+            sized = spectrum is not None and spectrum.has_size and std not in given
+            if covariance in given or sized:
                 merged.pop(std, None)
                 merged.pop(correlation, None)
+            if sized:
+                merged.pop(covariance, None)
             if std in given or correlation in given:
                 merged.pop(covariance, None)
         merged |= given
         places |= dict.fromkeys(given, source)
     found = [_family(family, merged, places) for family in _FAMILIES]
-    if problems := [one for one in found if isinstance(one, Problem)]:
+    if problems := [problem for _, _, problems in found for problem in problems]:
         return None, None, problems
-    covariances = (one for one in found if not isinstance(one, Problem))
-    return NoiseDescription(**merged), ResolvedNoise(*covariances), []
+    (forces, force_spectrum, _), (lengths, length_spectrum, _) = found
+    resolved = ResolvedNoise(forces, lengths, force_spectrum, length_spectrum)
+    return NoiseDescription(**merged), resolved, []
 
 
 def _family(
+    family: str, merged: dict[str, Any], places: dict[str, Placed[NoiseDescription]]
+) -> tuple[Array | None, NoiseSpectrum | None, list[Problem]]:
+    """Return covariance and spectrum of a family, and put what a file holds in its place."""
+    key = f"{family}_spectrum"
+    covariance = _covariance(family, merged, places)
+    if isinstance(covariance, Problem):
+        return None, None, [covariance]
+    if key not in merged:
+        return covariance, None, []
+    try:
+        merged[key] = merged[key].with_table(places[key].document.folder)
+        spectrum = resolved_spectrum(merged[key], covariance)
+    except InputError as error:
+        return None, None, list(error.problems)
+    except ValueError as error:
+        allowed = f"{family}_std or {family}_covariance that fit it"
+        return None, None, [places[key].problem((key,), str(error), allowed)]
+    if spectrum is None:
+        return covariance, None, []
+    return read_only(spectrum.covariance), spectrum, []
+
+
+def _covariance(
     family: str, merged: dict[str, Any], places: dict[str, Placed[NoiseDescription]]
 ) -> Array | Problem | None:
     std, correlation, covariance = _keys(family)

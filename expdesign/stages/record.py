@@ -37,15 +37,22 @@ def stage_inputs(name: str, work: Workspace) -> str:
 
 
 def sections_text(configuration: RunConfiguration, sections: Mapping[str, Any]) -> str:
-    """Return sections of the run as JSON, without the terms where they are the default ones.
+    """Return sections of the run as JSON, without default terms and spectra that are not given.
 
-    Versions before the terms did not state them: what such a version did is still as it would be
-    done now.
+    Versions before them did not state them: what such a version did is still as it would be done
+    now.
     """
     run, default = configuration.run, RobotDescription.model_fields["terms"].default
-    stated = isinstance(run.robot, RobotDescription) and run.robot.terms != default
-    unstated = {} if stated else {"robot": {"terms"}}
-    return run.model_dump_json(include=dict(sections), exclude=unstated)
+    unstated: dict[str, Any] = {}
+    if isinstance(run.robot, RobotDescription):
+        if run.robot.terms == default:
+            unstated["terms"] = True
+        if run.robot.tolerances is None:
+            unstated["tolerances"] = True
+        if run.robot.noise is not None:
+            spectra = ("force_spectrum", "length_spectrum")
+            unstated["noise"] = {key for key in spectra if getattr(run.robot.noise, key) is None}
+    return run.model_dump_json(include=dict(sections), exclude={"robot": unstated})
 
 
 def is_done(name: str, work: Workspace) -> bool:

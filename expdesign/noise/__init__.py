@@ -1,0 +1,1 @@
+"""Noise with memory: how its variance is spread over the frequencies."""
