@@ -1,4 +1,8 @@
-"""Evaluation of the symbolic graph over many samples: the one place where that is done."""
+"""Evaluation of the symbolic graph over many samples: the one place where that is done.
+
+By CasADi's virtual machine where samples are few, by its instructions over blocks of them where
+they are many.
+"""
 
 from __future__ import annotations
 
@@ -9,12 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from constraints.arrays import Array
-
-_CHUNK = 1024
+from expdesign.robot.instructions import BLOCK, FEWEST, Instructions
 
 
 class BatchFunction:
-    """A function of one instant, evaluated for N instants by CasADi's virtual machine.
+    """A function of one instant, evaluated for N instants.
 
     Parameters
     ----------
@@ -43,6 +46,8 @@ class BatchFunction:
         self._shapes = [output.shape for output in outputs]
         self._places = [_places(t) for t in transposed]
         self._maps: dict[int, ca.Function] = {}
+        self._instructions: Instructions | None = None
+        self._asked = False
 
     @property
     def instructions(self) -> int:
@@ -54,9 +59,12 @@ class BatchFunction:
         varying = [np.atleast_2d(value) for value in inputs[: self._varying]]
         fixed = [np.asarray(value, dtype=np.float64) for value in inputs[self._varying :]]
         count = varying[0].shape[0]
+        for k, value in enumerate([*(value[:1] for value in varying), *fixed]):
+            if count and value.size != self._function.nnz_in(k):
+                raise ValueError(f"input {k}: {value.size} values, not {self._function.nnz_in(k)}")
         pieces = [
-            self._chunk([value[start : start + _CHUNK] for value in varying], fixed)
-            for start in range(0, count, _CHUNK)
+            self._block([value[start : start + BLOCK] for value in varying], fixed)
+            for start in range(0, count, BLOCK)
         ]
         results = []
         for k, (rows, columns) in enumerate(self._shapes):
@@ -66,8 +74,15 @@ class BatchFunction:
             results.append(flat if columns == 1 else flat.reshape(count, rows, columns))
         return results
 
-    def _chunk(self, varying: list[Array], fixed: list[Array]) -> list[Array]:
-        count = varying[0].shape[0]
+    def _block(self, varying: list[Array], fixed: list[Array]) -> list[Array]:
+        if len(varying[0]) >= FEWEST and not self._asked:
+            self._instructions, self._asked = Instructions.of(self._function, self._varying), True
+        if len(varying[0]) >= FEWEST and self._instructions is not None:
+            return self._instructions(varying, fixed)
+        return self._mapped(varying, fixed)
+
+    def _mapped(self, varying: list[Array], fixed: list[Array]) -> list[Array]:
+        count = len(varying[0])
         if count not in self._maps:
             if len(self._maps) > 16:  # noqa: PLR2004 - a bound on memory, not a tuned number
                 self._maps.clear()
@@ -80,8 +95,6 @@ class BatchFunction:
         inputs += [np.tile(np.ravel(value), (count, 1)).astype(np.float64) for value in fixed]
         outputs = [np.empty((count, len(places))) for places in self._places]
         for k, value in enumerate(inputs):
-            if value.size != mapped.nnz_in(k):
-                raise ValueError(f"input {k}: {value.size} values, not {mapped.nnz_in(k)}")
             # The stubs ask for a size that the functions do not take.
             buffer.set_arg(k, value.data)  # type: ignore[call-arg]
         for k, value in enumerate(outputs):
