@@ -14,6 +14,7 @@ import pandas as pd
 from estimation.montecarlo.repetition import Repetition
 from estimation.montecarlo.statistics import ParameterStatistics, PooledStatistics
 from estimation.montecarlo.study import Study
+from expdesign.configuration.section import unstated
 from expdesign.mechanism.catalogue import parameter_unit
 from expdesign.runfolder import (
     Column,
@@ -102,12 +103,14 @@ class MonteCarloFile(RunFile):
             estimators={name: EstimatorKeys.of(study, name) for name in study.estimators},
             parameters=tuple(names[k] for k in study.free),
             identified=tuple(names[k] for k in study.identified),
-            truth=dict(truth.parameters),
+            truth=dict(zip(names, truth.values_of(names).tolist(), strict=True)),
             bound_covariance=study.bound,
             harmonics=_counts(repetition.harmonics for repetition in study.repetitions),
             settings={
                 "seed": run.montecarlo.seed,
-                "experiment": run.experiment.model_dump(mode="json"),
+                "experiment": run.experiment.model_dump(
+                    mode="json", exclude=unstated(run.experiment)
+                ),
                 "samples": truth.experiment.samples,
                 "samples_per_period": truth.experiment.samples_per_period,
                 "estimate": run.estimate.model_dump(mode="json", exclude={"estimators"}),

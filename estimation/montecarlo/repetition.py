@@ -133,7 +133,11 @@ class Workbench:
         spread = np.zeros((record.samples, self.robot.graph.signs.numel()))
         experiment = Experiment.along(self.robot, record, noise, known, spread)
         return cramer_rao_covariance(
-            self.robot, [experiment], [motion], self.knowledge, truth.parameter_vector
+            self.robot,
+            [experiment],
+            [motion],
+            self.knowledge,
+            truth.values_of(self.robot.parameter_names),
         )
 
     def _outcomes(self, experiment: Experiment, wanted: tuple[str, ...]) -> dict[str, Outcome]:

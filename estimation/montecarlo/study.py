@@ -24,6 +24,7 @@ from estimation.montecarlo.statistics import (
 from estimation.twin import Truth
 from estimation.uncertainty.intervals import IDENTIFIED, interval_width
 from expdesign.configuration import ConfigurationLike, RunConfiguration, load_run
+from expdesign.configuration.section import unstated
 from expdesign.robot import Robot
 from expdesign.runfolder.manifest import Manifest, text_hash
 from expdesign.trajectory import FourierTrajectory
@@ -107,7 +108,7 @@ class Study:
         values = np.array([outcome.values for _, outcome in found], dtype=float).reshape(shape)
         std = np.array([outcome.std for _, outcome in found], dtype=float).reshape(shape)
         widths = np.array([interval_width(repetition.freedom) for repetition, _ in found])
-        return values - self.truth.parameter_vector, std, widths
+        return values - self.truth.values_of(self.knowledge.names), std, widths
 
 
 def run_study(
@@ -180,14 +181,17 @@ def run_study(
 
 def study_inputs(configuration: RunConfiguration, design: FourierTrajectory) -> str:
     """Return the hash of what every repetition is made from, their number left out."""
-    sections = configuration.run.model_dump_json(
+    run = configuration.run
+    exclude = unstated(run)
+    exclude["estimate"] = exclude.get("estimate", {}) | {"estimators": True}
+    sections = run.model_dump_json(
         include={
             "robot": True,
             "experiment": True,
             "estimate": True,
             "montecarlo": {"estimators", "seed"},
         },
-        exclude={"estimate": {"estimators"}},
+        exclude=exclude,
     )
     coefficients = " ".join(value.hex() for value in design.vector().tolist())
     return text_hash(sections, coefficients, sorted(Manifest.new({}).versions.items()))

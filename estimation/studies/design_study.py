@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from constraints.arrays import Mask
+from constraints.arrays import Array, Mask
 from estimation.studies.design_trials import (
     ESTIMATORS,
     Trial,
@@ -37,6 +37,7 @@ from estimation.studies.records import (
 )
 from estimation.studies.statistics import compare_determinants, mean_difference
 from estimation.studies.study import Study, all_estimated
+from estimation.twin.record import true_values
 from estimation.uncertainty.differences import FAMILY_LEVEL
 from expdesign.configuration import RunConfiguration
 from expdesign.experiment import DesignRecord
@@ -249,7 +250,14 @@ class DesignStudy(Study):
                 sum(trial.failed.values()),
             )
 
+    @property
+    def truth(self) -> Array:
+        """(m,) true values of the robot's parameters, SI."""
+        machine = self.configuration.truth or self.configuration.robot
+        return true_values(machine.parameters, self.robot.parameter_names)
+
     def _precision(self) -> Iterator[PrecisionRow]:
+        truth = self.truth
         for trial in self.trials:
             for kinematics, estimator in product(self.section.kinematics, ESTIMATORS):
                 values = trial.values[kinematics][estimator]
@@ -262,7 +270,7 @@ class DesignStudy(Study):
                         estimator,
                         name,
                         parameter_unit(name),
-                        truth=self.robot.parameters[k],
+                        truth=truth[k],
                         mean=values[:, k].mean(),
                         std=values[:, k].std(ddof=1),
                         predicted_std=predicted[k],

@@ -125,7 +125,7 @@ class IdentificationBench:
             )
             for tracking, error in errors.items()
         }
-        self.truth: Array = self.twins[False].truth.parameter_vector
+        self.truth: Array = self.twins[False].truth.values_of(self.robot.parameter_names)
 
     def repeat(self, number: int) -> dict[str, Identification | None]:
         """Return experiment `number` of every case; None where noise let an estimate fail."""

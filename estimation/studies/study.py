@@ -11,7 +11,13 @@ from typing import Any
 
 from estimation.montecarlo.repetition import FAILURES
 from estimation.studies.records import Claim, StudyRecord, StudySummary
-from expdesign.configuration import ComputationError, Problem, RunConfiguration, resolved_yaml
+from expdesign.configuration import (
+    ComputationError,
+    Problem,
+    ResolvedRobot,
+    RunConfiguration,
+    resolved_yaml,
+)
 from expdesign.configuration.sections.experiment import StudySection
 from expdesign.robot import Robot
 from expdesign.runfolder import RowTable
@@ -104,12 +110,20 @@ def study_section(configuration: RunConfiguration) -> StudySection:
 
 def with_exact_lengths(configuration: RunConfiguration) -> RunConfiguration:
     """Return the run with lengths that are measured a million times better."""
-    noise = configuration.robot.noise
+    truth = configuration.truth
+    return replace(
+        configuration,
+        robot=_with_exact_lengths(configuration.robot),
+        truth=None if truth is None else _with_exact_lengths(truth),
+    )
+
+
+def _with_exact_lengths(robot: ResolvedRobot) -> ResolvedRobot:
+    noise = robot.noise
     if noise is None or noise.length_covariance is None:
-        return configuration
+        return robot
     covariance = noise.length_covariance * _NOISELESS**2
-    quiet = replace(noise, length_covariance=covariance, length_spectrum=None)
-    return replace(configuration, robot=replace(configuration.robot, noise=quiet))
+    return replace(robot, noise=replace(noise, length_covariance=covariance, length_spectrum=None))
 
 
 def unknown_parameters(

@@ -1,4 +1,4 @@
-"""What an experiment has beside the designed motion: noise and disturbances, drawn at random.
+"""What an experiment has beside the designed motion: disturbances, some of them drawn at random.
 
 Each is drawn from a stream of its own, so that none depends on what else is switched on. All
 streams are spawned from a seed by the key (repetition, purpose). Repetitions count from 1; the key
@@ -8,13 +8,18 @@ streams are spawned from a seed by the key (repetition, purpose). Repetitions co
 from __future__ import annotations
 
 from enum import IntEnum
-from typing import Any
 
 import numpy as np
 
-from constraints.arrays import Array
-from expdesign.configuration import InputError, Problem, RunConfiguration
-from expdesign.configuration.sections.experiment import Cogging, Outliers, TrackingError
+from constraints.arrays import Array, Mask
+from expdesign.configuration.sections.disturbances import (
+    Cogging,
+    ForceConstantError,
+    Hum,
+    Lost,
+    Outliers,
+    TrackingError,
+)
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
 from expdesign.trajectory import FourierTrajectory
 
@@ -34,6 +39,8 @@ class Repeated(IntEnum):
     FORCE_NOISE = 0
     LENGTH_NOISE = 1
     OUTLIERS = 2
+    HUM = 3
+    LOST = 4
 
 
 def experiment_stream(seed: int, purpose: Shared) -> np.random.Generator:
@@ -47,40 +54,6 @@ def repetition_stream(seed: int, repetition: int, purpose: Repeated) -> np.rando
         raise ValueError(f"repetitions count from 1; there is no repetition {repetition}")
     # The child that SeedSequence(seed, spawn_key=(repetition,)).spawn() gives at that place.
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(repetition, purpose)))
-
-
-def noise_covariances(configuration: RunConfiguration) -> tuple[Array, Array]:
-    """Return Σ, (6, 6), N², and Δ, (6, 6), m², of robot and run.
-
-    Raises
-    ------
-    InputError
-        They state no noise of the forces, or none of the lengths.
-    """
-    noise = configuration.robot.noise
-    given: dict[str, Any] = {
-        what: getattr(noise, f"{what}_covariance", None) for what in ("force", "length")
-    }
-    problems = [
-        Problem(
-            f"a simulated experiment needs the noise of the {what}s, and neither robot nor "
-            "run state it",
-            file=configuration.file,
-            key="noise",
-            allowed=f"{what}_std (six values) or {what}_covariance (6 × 6)",
-        )
-        for what, covariance in given.items()
-        if covariance is None
-    ]
-    if problems:
-        raise InputError(problems)
-    return given["force"], given["length"]
-
-
-def noise_draws(covariance: Array, count: int, rng: np.random.Generator) -> Array:
-    """Draw samples, (count, 6), that are independent of each other."""
-    factor = np.linalg.cholesky(covariance)
-    return rng.standard_normal((count, len(covariance))) @ factor.T
 
 
 def executed_motion(
@@ -152,3 +125,33 @@ def gross_errors(outliers: Outliers, count: int, rng: np.random.Generator) -> tu
 def quantised(values: Array, step: float) -> Array:
     """Return the values in steps of an encoder or converter; as they are where the step is 0."""
     return np.round(values / step) * step if step > 0 else values
+
+
+def force_factors(error: ForceConstantError, time: Array, duration: float) -> Array:
+    """Return measured over true force, (T, 6), at times from the start, (T,), s."""
+    drift = 1 + np.multiply.outer(time / duration, np.asarray(error.drift))
+    return (1 + error.common) * (1 + np.asarray(error.each)) * drift
+
+
+def hum_force(hum: Hum, time: Array, rng: np.random.Generator) -> Array:
+    """Return the hum in the measured forces, (T, 6), N, at times (T,), s.
+
+    Its phase runs on through the whole record, whatever the periods of the motion are.
+    """
+    phases = rng.uniform(0, 2 * np.pi, (len(hum.harmonics), ACTUATORS))
+    if hum.phase is not None:
+        phases = np.multiply.outer(np.arange(1, len(hum.harmonics) + 1), hum.phase)
+    found = np.zeros((len(time), ACTUATORS))
+    for order, (share, phase) in enumerate(zip(hum.harmonics, phases, strict=True), start=1):
+        angle = 2 * np.pi * order * hum.frequency * time
+        found += share * np.asarray(hum.amplitude) * np.sin(angle[:, None] + phase)
+    return found
+
+
+def kept_samples(lost: Lost, count: int, rng: np.random.Generator) -> Mask:
+    """Tell for each of (T,) samples whether the recording has it."""
+    if lost.share is not None:
+        return rng.random(count) >= lost.share
+    kept = np.ones(count, dtype=bool)
+    kept[np.array(lost.rows or (), dtype=int) - 1] = False
+    return kept

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from constraints.arrays import Array
+from constraints.arrays import Array, Mask
 from estimation.data.measurement import Measurement
 from estimation.twin.disturbances import (
     Repeated,
@@ -16,31 +17,33 @@ from estimation.twin.disturbances import (
     executed_motion,
     experiment_stream,
     final_drift,
+    force_factors,
     gross_errors,
+    hum_force,
+    kept_samples,
     length_drift,
-    noise_covariances,
-    noise_draws,
     quantised,
     repetition_stream,
 )
+from estimation.twin.machine import Machine
+from estimation.twin.noise import NoiseSource, noise_sources
 from estimation.twin.record import (
     DisturbanceKeys,
     ExecutedTableTruth,
     ExperimentKeys,
+    MachineKeys,
     SeedKeys,
     Truth,
 )
 from estimation.twin.sampling import SampleGrid
 from estimation.twin.table_motion import TableMotion, refuse_short_window, window_error
-from expdesign.configuration import InputError, RunConfiguration
+from expdesign.configuration import InputError, ResolvedRobot, RunConfiguration
+from expdesign.configuration.sections.disturbances import Lost
 from expdesign.configuration.sections.experiment import ExperimentSection
 from expdesign.export.table_file import TableFile
 from expdesign.recheck.judge import Motion
 from expdesign.robot import Robot, robot_from
 from expdesign.trajectory import FourierTrajectory
-
-_BLOCK = 4096
-"""Samples whose regressors (144 values each) are in memory at once."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,10 +59,12 @@ class Twin:
     grid: SampleGrid
     lengths: Array
     """(T, 6), what the length sensors would read without noise, outliers and quantisation, m: the
-    executed motion's lengths and the drift."""
+    executed motion's lengths at the motors, the error of their zeros and the drift."""
     forces: Array
-    """(T, 6), the same of the forces, N: those of the model with the exact friction signs, and
-    cogging."""
+    """(T, 6), the same of the forces, without hum, N: those of the model with the exact friction
+    signs, and cogging, by the force constants that they are measured with."""
+    length_noise: NoiseSource
+    force_noise: NoiseSource
 
     @classmethod
     def of(
@@ -73,7 +78,8 @@ class Twin:
         Parameters
         ----------
         configuration : RunConfiguration
-            Its robot's nominal parameters are the true ones.
+            The nominal parameters of its true machine, `experiment.truth` or the robot, are the
+            true ones.
         commanded : FourierTrajectory or TableFile
             The motion that is commanded: a designed one, or the measurement window of a
             controller table, interpolated as its controller does.
@@ -88,18 +94,19 @@ class Twin:
             this motion, or the table has fewer periods than the experiment.
         """
         section = configuration.run.experiment
-        force_covariance, length_covariance = noise_covariances(configuration)
         design = commanded if isinstance(commanded, FourierTrajectory) else commanded.design
         grid = SampleGrid.of(design.period, section, configuration.file)
+        force_noise, length_noise = noise_sources(configuration, grid.count, grid.sampling)
+        _refuse_lost_rows(section.lost, grid.count, configuration.file)
         robot = robot_from(configuration.robot)
+        true = robot if configuration.truth is None else Robot(configuration.truth)
+        machine = Machine(true, np.asarray(section.compliance))
         executed = executed_motion(
             design, section.tracking_error, experiment_stream(section.seed, Shared.TRACKING_ERROR)
         )
         table: ExecutedTableTruth | None = None
-        if isinstance(commanded, FourierTrajectory):
-            lengths, forces = map(grid.repeated, _undisturbed(robot, executed, grid.distinct_times))
-        else:
-            # Rows and rounding of a table differ from period to period.
+        motion: Motion = executed
+        if not isinstance(commanded, FourierTrajectory):
             refuse_short_window(commanded, section.periods, configuration.file)
             table = ExecutedTableTruth(
                 file=commanded.path.name,
@@ -109,17 +116,17 @@ class Twin:
                 position_error=window_error(commanded, grid.times),
             )
             motion = TableMotion(commanded, design, executed)
-            lengths, forces = _undisturbed(robot, motion, grid.times)
-        if not (np.all(np.isfinite(lengths)) and np.all(np.isfinite(forces))):
-            raise InputError(
-                f"the robot {robot.name} cannot make the motion of the design: it passes "
-                "through a singularity",
-                file=configuration.file,
-                key="robot",
-                allowed="a design that was made for this robot",
-            )
+        # Rows and rounding of a table differ from period to period, as a wrong clock does.
+        alike = table is None and section.clock == 0
+        stamps = grid.distinct_times if alike else grid.times
+        found = _measured(machine, motion, stamps / (1 + section.clock), section, configuration)
+        lengths, forces, positions = map(grid.repeated, found) if alike else found
         if section.cogging is not None:
-            forces = forces + cogging_force(lengths, section.cogging)
+            forces = forces + cogging_force(positions, section.cogging)
+        if section.force_constant is not None:
+            forces = forces * force_factors(section.force_constant, grid.times, grid.duration)
+        if any(section.strut_length):
+            lengths = lengths + np.asarray(section.strut_length)
         drift: dict[str, Any] | None = None
         if section.drift > 0:
             final = final_drift(section.drift, experiment_stream(section.seed, Shared.DRIFT))
@@ -128,7 +135,8 @@ class Twin:
         truth = Truth(
             name=configuration.run.name,
             robot=robot.name,
-            parameters=dict(configuration.robot.parameters),
+            machine=None if configuration.truth is None else MachineKeys.of(true),
+            parameters=dict(true.description.parameters),
             experiment=ExperimentKeys(
                 section.periods,
                 section.sampling,
@@ -137,18 +145,15 @@ class Twin:
             ),
             design=design,
             executed=executed,
-            force_covariance=force_covariance,
-            length_covariance=length_covariance,
+            force_covariance=force_noise.covariance,
+            length_covariance=length_noise.covariance,
+            force_spectrum=_spectrum(true.description, "force"),
+            length_spectrum=_spectrum(true.description, "length"),
             table=table,
-            disturbances=DisturbanceKeys(
-                drift=drift,
-                **section.model_dump(
-                    include={"tracking_error", "cogging", "quantisation", "outliers"}
-                ),
-            ),
+            disturbances=DisturbanceKeys.of(section, drift),
             seeds=SeedKeys(section.seed, section.seed if seed is None else seed),
         )
-        return cls(truth, section, grid, lengths, forces)
+        return cls(truth, section, grid, lengths, forces, length_noise, force_noise)
 
     def measurement(self, repetition: int = 1) -> Measurement:
         """Return what repetition `repetition`, counted from 1, measures.
@@ -160,12 +165,10 @@ class Twin:
         def stream(purpose: Repeated) -> np.random.Generator:
             return repetition_stream(truth.seeds.repetitions, repetition, purpose)
 
-        lengths = self.lengths + noise_draws(
-            truth.length_covariance, count, stream(Repeated.LENGTH_NOISE)
-        )
-        forces = self.forces + noise_draws(
-            truth.force_covariance, count, stream(Repeated.FORCE_NOISE)
-        )
+        lengths = self.lengths + self.length_noise.draws(stream(Repeated.LENGTH_NOISE))
+        forces = self.forces + self.force_noise.draws(stream(Repeated.FORCE_NOISE))
+        if section.hum is not None:
+            forces += hum_force(section.hum, self.grid.times, stream(Repeated.HUM))
         if section.outliers is not None:
             length_errors, force_errors = gross_errors(
                 section.outliers, count, stream(Repeated.OUTLIERS)
@@ -175,9 +178,12 @@ class Twin:
         if section.quantisation is not None:
             lengths = quantised(lengths, section.quantisation.length)
             forces = quantised(forces, section.quantisation.force)
-        return self.recorded(
+        found = self.recorded(
             lengths, forces, f"digital twin of {truth.name}, repetition {repetition}"
         )
+        if section.lost is None:
+            return found
+        return without_samples(found, kept_samples(section.lost, count, stream(Repeated.LOST)))
 
     def recorded(self, lengths: Array, forces: Array, source: str = "") -> Measurement:
         """Return lengths (m) and forces (N) of all samples, (T, 6) each, as a measurement."""
@@ -191,13 +197,53 @@ class Twin:
         )
 
 
-def _undisturbed(robot: Robot, motion: Motion, times: Array) -> tuple[Array, Array]:
-    """Return strut lengths (m) and actuator forces (N) of a motion, (D, 6) each."""
-    lengths, forces = [], []
-    for start in range(0, len(times), _BLOCK):
-        # A motion of absurd size ends in infinities, which the caller refuses.
-        with np.errstate(all="ignore"):
-            samples = motion.sample(times[start : start + _BLOCK])
-            lengths.append(robot.inverse_kinematics(samples.pose))
-            forces.append(robot.actuator_forces(*samples))
-    return np.concatenate(lengths), np.concatenate(forces)
+def _spectrum(machine: ResolvedRobot, kind: str) -> dict[str, Any] | None:
+    """Return the spectrum of its noise as a file states it; None: white."""
+    found = getattr(machine.description.noise, f"{kind}_spectrum", None)
+    return None if found is None else found.model_dump(exclude_none=True)
+
+
+def _measured(
+    machine: Machine,
+    motion: Motion,
+    times: Array,
+    section: ExperimentSection,
+    configuration: RunConfiguration,
+) -> tuple[Array, Array, Array]:
+    """Return what the machine is measured to do; refuse a motion that it cannot make."""
+    found = machine.measured(motion, times, section.delay)
+    if not all(np.all(np.isfinite(values)) for values in found):
+        named = "robot" if configuration.truth is None else "experiment.truth"
+        raise InputError(
+            f"the robot {machine.robot.name} cannot make the motion of the design: it passes "
+            "through a singularity",
+            file=configuration.file,
+            key=named,
+            allowed="a design that was made for this robot",
+        )
+    return found
+
+
+def _refuse_lost_rows(lost: Lost | None, count: int, file: Path | None) -> None:
+    if lost is not None and lost.rows is not None and max(lost.rows) > count:
+        raise InputError(
+            f"sample {max(lost.rows)} of {count} cannot be lost",
+            file=file,
+            key="experiment.lost.rows",
+            allowed=f"numbers of samples from 1 to {count}",
+        )
+
+
+def without_samples(measurement: Measurement, kept: Mask) -> Measurement:
+    """Return the measurement without the samples that are not kept, (T,)."""
+    if np.all(kept):
+        return measurement
+    period = measurement.period
+    return replace(
+        measurement,
+        time=measurement.time[kept],
+        lengths=measurement.lengths[kept],
+        forces=measurement.forces[kept],
+        period=None if period is None else period[kept],
+        stamped=True,
+    )

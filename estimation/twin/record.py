@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 import pandas as pd
-from pydantic import PlainSerializer, PlainValidator
+from pydantic import ConfigDict, PlainSerializer, PlainValidator
 
 from constraints.arrays import Array
 from estimation.data.measurement import Measurement
+from expdesign.configuration.sections.experiment import ExperimentSection
+from expdesign.mechanism.hexapod import ACTUATORS
+from expdesign.robot import Robot
 from expdesign.runfolder import (
     ArrayTable,
     Column,
     Numbers,
     RunFile,
+    copied,
     describe_tables,
     described,
     strutwise,
@@ -102,6 +107,34 @@ class DisturbanceKeys:
     cogging: Annotated[dict[str, Any] | None, described("N, m, rad", "position-periodic forces")]
     quantisation: Annotated[dict[str, Any] | None, described("m, N", "of lengths and forces")]
     outliers: Annotated[dict[str, Any] | None, described("1", "share and size")]
+    force_constant: Annotated[
+        dict[str, Any] | None,
+        described("1", "shares by which forces are measured too large: common, each, drift"),
+    ] = None
+    hum: Annotated[
+        dict[str, Any] | None, described("Hz, N, rad", "in the measured forces; phase null: drawn")
+    ] = None
+    delay: Annotated[float | None, described("s", "of the forces against the lengths")] = None
+    clock: Annotated[
+        float | None, described("1", "share by which the recording's stamps run fast")
+    ] = None
+    strut_length: Annotated[
+        tuple[float, ...] | None, described("m", "by which each length is measured too long")
+    ] = None
+    compliance: Annotated[
+        tuple[float, ...] | None, described("m/N", "of each strut, beyond its motor")
+    ] = None
+    lost: Annotated[
+        dict[str, Any] | None, described("1", "missing samples: share, or rows from 1")
+    ] = None
+
+    @classmethod
+    def of(cls, section: ExperimentSection, drift: dict[str, Any] | None) -> Self:
+        """Take them from the run; `drift` is that of the struts."""
+        names = [field.name for field in fields(cls) if field.name != "drift"]
+        found = section.model_dump(include=set(names))
+        off = (None, 0.0, (0.0,) * ACTUATORS)
+        return cls(drift=drift, **{n: None if v in off else v for n, v in found.items()})
 
     @property
     def active(self) -> tuple[str, ...]:
@@ -109,12 +142,39 @@ class DisturbanceKeys:
         return tuple(name.replace("_", " ") for name, value in vars(self).items() if value)
 
 
+@dataclass(frozen=True, eq=False)
+class MachineKeys:
+    """The machine that was measured, where it is not the run's robot."""
+
+    __pydantic_config__ = ConfigDict(arbitrary_types_allowed=True)
+
+    name: Annotated[str, described("", "of the machine")]
+    terms: Annotated[tuple[Any, ...], described("", "of its model, with their constants")]
+    base_joints: Annotated[Numbers, described("m", "6 × 3, base frame")]
+    platform_joints: Annotated[Numbers, described("m", "6 × 3, platform frame")]
+    alpha_axes: Annotated[Numbers, described("1", "6 × 3, first cardan axes, base frame")]
+    gravity: Annotated[Numbers, described("m/s^2", "base frame")]
+
+    @classmethod
+    def of(cls, robot: Robot) -> Self:
+        """Describe a robot."""
+        about = robot.description
+        values = iter(about.constants)
+        terms = tuple(
+            {term.name: {constant.name: next(values) for constant in term.constants}}
+            if term.constants
+            else term.name
+            for term in about.terms
+        )
+        return copied(cls, about, terms=terms)
+
+
 @dataclass(frozen=True)
 class SeedKeys:
     """Seeds of the random numbers."""
 
     experiment: Annotated[int, described("1", "of what all repetitions share")]
-    repetitions: Annotated[int, described("1", "of their noise and outliers")]
+    repetitions: Annotated[int, described("1", "of their noise, outliers, hum and lost samples")]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -126,6 +186,10 @@ class Truth(RunFile):
 
     FILE: ClassVar[str] = "truth.json"
     WRITTEN_BY: ClassVar[str] = _WRITTEN_BY
+    machine: Annotated[
+        MachineKeys | None,
+        described("", "the machine that was measured; null: the robot itself"),
+    ] = None
     parameters: Annotated[
         dict[str, float], described("SI", "true values by name, in the order of the regressor")
     ]
@@ -134,6 +198,13 @@ class Truth(RunFile):
     executed: Annotated[Motion, described("", "the motion that was made")]
     force_covariance: Annotated[Numbers, described("N^2", "Σ of one sample, 6 × 6")]
     length_covariance: Annotated[Numbers, described("m^2", "Δ of one sample, 6 × 6")]
+    force_spectrum: Annotated[
+        dict[str, Any] | None,
+        described("", "of the forces' noise, as the robot file states it; null: white"),
+    ] = None
+    length_spectrum: Annotated[
+        dict[str, Any] | None, described("", "of the lengths' noise; null: white")
+    ] = None
     table: Annotated[
         ExecutedTableTruth | None,
         described("", "the controller table that was executed; null for a design"),
@@ -141,10 +212,17 @@ class Truth(RunFile):
     disturbances: Annotated[DisturbanceKeys, described("", "besides the noise")]
     seeds: Annotated[SeedKeys, described("", "of the random numbers")]
 
-    @property
-    def parameter_vector(self) -> Array:
-        """(m,) the parameters in their order, SI."""
-        return np.array(list(self.parameters.values()))
+    def values_of(self, names: Iterable[str]) -> Array:
+        """Return the true values of parameters by their names, SI, in the order asked for."""
+        return true_values(self.parameters, names)
+
+
+def true_values(parameters: Mapping[str, float], names: Iterable[str]) -> Array:
+    """Return a machine's values of parameters by their names, SI, in the order asked for.
+
+    A parameter of a term that the machine does not have is zero: it has no such force.
+    """
+    return np.array([parameters.get(name, 0.0) for name in names])
 
 
 def write_truth(truth: Truth, folder: Path, *, repeated: bool) -> list[Path]:

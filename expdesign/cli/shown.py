@@ -73,6 +73,8 @@ def experiment(outcome: Outcome) -> None:
             f"{truth.table.window[0]:.4f} s after its start; struts within "
             f"{1e6 * truth.table.position_error:.2g} µm of the design"
         )
+    if truth.machine is not None:
+        console.print(f"measured: {truth.machine.name}, which is not the run's {truth.robot}")
     named = ", ".join(truth.disturbances.active) or "none"
     console.print(f"noise with full covariances; disturbances: {named}")
     _place(outcome)

@@ -12,8 +12,9 @@ import numpy as np
 
 from expdesign.configuration.document import Document, Placed, document_from_mapping, read_yaml
 from expdesign.configuration.finding import absolute, find_file
+from expdesign.configuration.noise import NoiseDescription
 from expdesign.configuration.parameters import whose
-from expdesign.configuration.problem import InputError, Problem, nearest
+from expdesign.configuration.problem import InputError, Key, Problem, nearest
 from expdesign.configuration.robot import ResolvedRobot, RobotDescription, read_robot, resolve_robot
 from expdesign.configuration.run import RUN_FORMAT, RunConfiguration, RunDescription
 from expdesign.configuration.section import Section, validate
@@ -60,18 +61,28 @@ def load_run(source: ConfigurationLike) -> RunConfiguration:
         return source
     document = _document(source)
     run, problems = validate(RunDescription, document.data, document)
-    robot_source = _robot_source(run, document, problems)
+    # Even when the run is wrong, so that the problems of both are reported.
+    named = document.data.get("robot") if run is None else run.robot
+    robot_source = _robot_source(named, ("robot",), document, problems)
     robot: ResolvedRobot | None = None
+    truth: ResolvedRobot | None = None
     limits = {} if run is None else run.limits
-    noise, tolerances = (None, None) if run is None else (run.noise, run.tolerances)
+    tolerances = None if run is None else run.tolerances
+    own_noise = (
+        [] if run is None or run.noise is None else [Placed(run.noise, document, ("noise",))]
+    )
     if robot_source is not None:
         try:
             robot = resolve_robot(
                 robot_source,
                 [Placed(limits, document, ("limits",))],
-                [] if noise is None else [Placed(noise, document, ("noise",))],
+                own_noise,
                 [] if tolerances is None else [Placed(tolerances, document, ("tolerances",))],
             )
+            if run is not None and run.experiment.truth is not None:
+                truth = _true_machine(
+                    run.experiment.truth, robot_source, own_noise, document, problems
+                )
         except InputError as error:
             problems += error.problems
     if run is not None and robot is not None:
@@ -84,10 +95,15 @@ def load_run(source: ConfigurationLike) -> RunConfiguration:
     users = () if forces_known else [stage for stage in run.stages if stage in _NOISE_USED_BY]
     missing_noise = [f"no noise of the forces is given; needed by: {', '.join(users)}"]
     return RunConfiguration(
-        run=_completed(run, robot, document.folder),
+        run=_completed(run, robot, truth, document.folder),
         robot=robot,
         file=document.file,
-        warnings=(*robot.warnings, *(missing_noise if users else ())),
+        warnings=(
+            *robot.warnings,
+            *(missing_noise if users else ()),
+            *(() if truth is None else (f"experiment.truth: {text}" for text in truth.warnings)),
+        ),
+        truth=truth,
     )
 
 
@@ -101,12 +117,11 @@ def _document(source: str | PathLike[str] | Mapping[str, Any] | RunDescription) 
 
 
 def _robot_source(
-    run: RunDescription | None, document: Document, problems: list[Problem]
+    named: object, key: Key, document: Document, problems: list[Problem]
 ) -> Placed[RobotDescription] | None:
-    """Find the robot even when the run is wrong, so that the problems of both are reported."""
-    named = document.data.get("robot") if run is None else run.robot
+    """Find a robot that is named, or stands, at a key of the run; add what is wrong with it."""
     if isinstance(named, RobotDescription):
-        return Placed(named, document, ("robot",))
+        return Placed(named, document, key)
     if not isinstance(named, str) or not named.strip():
         return None
     path = None
@@ -116,16 +131,36 @@ def _robot_source(
     except InputError as error:
         if path is None:
             problems += (
-                document.problem(("robot",), p.message, p.allowed, p.nearest)
-                for p in error.problems
+                document.problem(key, p.message, p.allowed, p.nearest) for p in error.problems
             )
         elif path.is_file():
             problems += error.problems
         else:  # the place to look at is where it is named
-            problems += (
-                document.problem(("robot",), f"{path}: {p.message}") for p in error.problems
-            )
+            problems += (document.problem(key, f"{path}: {p.message}") for p in error.problems)
         return None
+
+
+def _true_machine(
+    named: str | RobotDescription,
+    robot: Placed[RobotDescription],
+    run_noise: list[Placed[NoiseDescription]],
+    document: Document,
+    problems: list[Problem],
+) -> ResolvedRobot | None:
+    """Return the machine that the twin is; its noise is its own, the robot's where it has none.
+
+    The run's noise overrides both, key by key.
+    """
+    source = _robot_source(named, ("experiment", "truth"), document, problems)
+    if source is None:
+        return None
+    noise = [
+        Placed(one.value.noise, one.document, (*one.key, "noise"))
+        for one in (robot, source)
+        if one.value.noise is not None
+    ]
+    bare = source.value.model_copy(update={"noise": None})
+    return resolve_robot(Placed(bare, source.document, source.key), (), [*noise, *run_noise])
 
 
 def _unknown_parameters(
@@ -196,8 +231,11 @@ def _unknown_spectrum(
             )
 
 
-def _completed(run: RunDescription, robot: ResolvedRobot, folder: Path) -> RunDescription:
-    """Fill in what follows from other sections, and put the robot itself into the run."""
+def _completed(
+    run: RunDescription, robot: ResolvedRobot, truth: ResolvedRobot | None, folder: Path
+) -> RunDescription:
+    """Fill in what follows from other sections, and put the robots themselves into the run."""
+    machine = None if truth is None else truth.description
     completed = run.model_copy(
         update={
             "format": RUN_FORMAT,
@@ -207,6 +245,7 @@ def _completed(run: RunDescription, robot: ResolvedRobot, folder: Path) -> RunDe
             "tolerances": None,
             "trajectory": _filled(run.trajectory, controller_period=run.experiment.step),
             "design": _filled(run.design, smoothing=smoothing_widths(robot)),
+            "experiment": run.experiment.model_copy(update={"truth": machine}),
             "data": _with_absolute_file(run.data, folder),
             "validation": tuple(_with_absolute_file(motion, folder) for motion in run.validation),
         }

@@ -18,7 +18,7 @@ from expdesign.configuration.noise_spectrum import (
     resolved_spectrum,
 )
 from expdesign.configuration.problem import InputError, Problem, refusal
-from expdesign.configuration.section import Section
+from expdesign.configuration.section import LATER, Section
 from expdesign.configuration.values.quantity import (
     Force,
     ForceVariance,
@@ -57,12 +57,12 @@ class NoiseDescription(Section):
     force_std: Annotated[tuple[Annotated[Force, Positive], ...], _VALUES] | None = None
     force_correlation: _Correlation | None = None
     force_covariance: _ForceCovariance | None = None
-    force_spectrum: Annotated[ForceSpectrum | None, FROM_TEXT] = None
+    force_spectrum: Annotated[ForceSpectrum | None, FROM_TEXT, LATER] = None
     """Of white noise where none is given."""
     length_std: Annotated[tuple[Annotated[Length, Positive], ...], _VALUES] | None = None
     length_correlation: _Correlation | None = None
     length_covariance: _LengthCovariance | None = None
-    length_spectrum: Annotated[LengthSpectrum | None, FROM_TEXT] = None
+    length_spectrum: Annotated[LengthSpectrum | None, FROM_TEXT, LATER] = None
 
     @model_validator(mode="after")
     def _one_of_both_ways(self) -> NoiseDescription:

@@ -28,10 +28,12 @@ from expdesign.configuration.values.quantity import (
     NotNegative,
     Number,
     Positive,
+    Share,
 )
 from expdesign.configuration.values.scalars import FilledText, at_least, exactly, per_strut
 from expdesign.mechanism.hexapod import ACTUATORS, numbered
 from expdesign.noise.autoregressive import Autoregressive, is_stable
+from expdesign.noise.band import Band
 from expdesign.noise.hum import Hum
 from expdesign.noise.spectrum import NoiseSpectrum, SpectralPart
 from expdesign.noise.tabulated import Tabulated, between
@@ -134,6 +136,17 @@ class LengthHum(Section):
     """m."""
 
 
+class NoiseBand(Section):
+    """A band about one frequency that holds a share of the noise."""
+
+    frequency: Annotated[Frequency, Positive]
+    """Where its density is largest, Hz."""
+    width: Annotated[Frequency, Positive]
+    """Between the frequencies at which it has half of that, Hz."""
+    share: Annotated[Share, Positive]
+    """Of the variance of one sample; without it remains what the other keys describe."""
+
+
 _AR = (
     "a coefficient for all actuators, six of them, or a list of coefficients for all or six such "
     "lists"
@@ -173,6 +186,18 @@ class _Spectrum(Section):
     """A file with a density."""
     table: SpectrumTable | None = None
     """What such a file holds."""
+    band: Annotated[tuple[NoiseBand, ...], BeforeValidator(_lines)] = ()
+    """Bands with a share of the noise."""
+
+    @model_validator(mode="after")
+    def _bands_leave_something(self) -> Self:
+        if sum(band.share for band in self.band) >= 1:
+            reason = "the bands leave nothing of the noise"
+            raise refusal(reason, "shares whose sum is below 1", key="band")
+        if self.band and self.has_size:
+            reason = "a file says what is in each band"
+            raise refusal(reason, "band beside ar, or alone", key="band")
+        return self
 
     @model_validator(mode="after")
     def _one_form(self) -> Self:
@@ -246,7 +271,7 @@ def resolved_spectrum(
             matrix = between(NoiseSpectrum(own).covariance, covariance)
             own = tuple(part.transformed(matrix) for part in own)
         parts = own
-    elif described.ar is None and not described.hum:
+    elif described.ar is None and not described.hum and not described.band:
         return None
     elif covariance is None:
         raise ValueError("the spectrum says nothing of how large the noise is")
@@ -256,7 +281,11 @@ def resolved_spectrum(
         filled = np.zeros((ACTUATORS, longest))
         for row, coefficients in zip(filled, rows, strict=True):
             row[: len(coefficients)] = coefficients
-        parts = (Autoregressive.with_covariance(filled, covariance),)
+        rest = 1 - sum(band.share for band in described.band)
+        parts = (Autoregressive.with_covariance(filled, rest * covariance),)
+        parts += tuple(
+            Band(band.share * covariance, band.frequency, band.width) for band in described.band
+        )
     if described.hum:
         frequencies = np.array([line.frequency for line in described.hum])
         parts += (Hum.of(frequencies, np.array([line.amplitude for line in described.hum])),)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import Discriminator, Field, Tag
 
 from constraints import Limit
 from constraints.arrays import Array
@@ -31,11 +31,12 @@ from expdesign.configuration.parameters import (
     parameter_warnings,
 )
 from expdesign.configuration.problem import InputError, Problem
-from expdesign.configuration.section import Section, validate
+from expdesign.configuration.section import LATER, Section, validate
 from expdesign.configuration.tolerances import Tolerances, merged_tolerances
 from expdesign.configuration.values.quantity import Acceleration
 from expdesign.configuration.values.scalars import (
     Direction,
+    FilledText,
     Name,
     Point,
     Pose,
@@ -78,15 +79,26 @@ class RobotDescription(Section):
     """(6, 3), in the platform frame; of any length but zero."""
     platform: Annotated[PlatformKind, one_of(PlatformKind)] = "symmetric"
     """10 or 15 rigid-body parameters of the platform."""
-    terms: Terms = DEFAULT_TERMS
+    terms: Annotated[Terms, LATER] = DEFAULT_TERMS
     """Blocks of the model that is linear in the parameters."""
     parameters: Parameters
     """Nominal (a-priori) values of the terms' parameters; physically consistent or not."""
     noise: NoiseDescription | None = None
-    tolerances: Tolerances | None = None
+    tolerances: Annotated[Tolerances | None, LATER] = None
     """Standard deviations of what is not known exactly; None: all is exact."""
     limits: Limits = Field(default_factory=dict)
     """As written."""
+
+
+def _name_or_inline(value: object) -> str:
+    return "(inline)" if isinstance(value, dict | RobotDescription) else "(name)"
+
+
+RobotSource = Annotated[
+    Annotated[FilledText, Tag("(name)")] | Annotated[RobotDescription, Tag("(inline)")],
+    Discriminator(_name_or_inline),
+]
+"""A robot that ships, a path relative to the run file, or the robot itself."""
 
 
 _ARRAYS = (

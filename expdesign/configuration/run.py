@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from expdesign.configuration.limits import Limits
 from expdesign.configuration.noise import NoiseDescription
 from expdesign.configuration.problem import format_number, refusal, require
-from expdesign.configuration.robot import ResolvedRobot, RobotDescription
+from expdesign.configuration.robot import ResolvedRobot, RobotSource
 from expdesign.configuration.section import Section
 from expdesign.configuration.sections.data import DataSection, EstimateSection, MonteCarloSection
 from expdesign.configuration.sections.design import DesignSection, MotionSection, TrajectorySection
@@ -57,10 +57,6 @@ class ReportSection(Section):
     ] = ("png", "svg")
 
 
-def _name_or_inline(value: object) -> str:
-    return "(inline)" if isinstance(value, dict | RobotDescription) else "(name)"
-
-
 def _format(value: object) -> int | None:
     return None if value is None else format_number(value, RUN_FORMAT)
 
@@ -79,11 +75,7 @@ class RunDescription(Section):
     """`RUN_FORMAT` in every file that is written; a user's file needs none."""
     name: Name
     description: Text = ""
-    robot: Annotated[
-        Annotated[FilledText, Tag("(name)")] | Annotated[RobotDescription, Tag("(inline)")],
-        Discriminator(_name_or_inline),
-    ]
-    """A robot that ships, a path relative to the run file, or the robot itself."""
+    robot: RobotSource
     trajectory: TrajectorySection = TrajectorySection()
     design: Annotated[DesignSection, _STAGE] = DesignSection()
     motion: MotionSection = MotionSection()
@@ -170,6 +162,9 @@ class RunConfiguration:
     """The run file; None for a mapping."""
     warnings: tuple[str, ...] = ()
     """Those of the robot and those of the run."""
+    truth: ResolvedRobot | None = None
+    """The machine that the digital twin is, where it is not the robot: `experiment.truth` with
+    the noise that the robot and the run state beside its own."""
 
     def with_section(self, section: str, **changes: Any) -> RunConfiguration:
         """Return the run with keys of one of its sections changed."""

@@ -18,6 +18,10 @@ class Section(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, protected_namespaces=())
 
 
+LATER = object()
+"""Mark of a key that earlier versions did not have: ``Annotated[float, LATER] = 0.0``. What was
+made without it is as it would be made with its default now."""
+
 Model = TypeVar("Model", bound=BaseModel)
 
 # Steps of pydantic's location that are no key of the document.
@@ -71,6 +75,21 @@ def _problem(
             key, context["reason"], context["allowed"], context["nearest"] or None
         )
     return document.problem(key, f"{shown(details['input'])}: {details['msg']}")
+
+
+def unstated(section: BaseModel) -> dict[str, Any]:
+    """Return which keys earlier versions did not have and the section leaves at their default.
+
+    As `model_dump(exclude=…)` takes them, the sections inside it included.
+    """
+    found: dict[str, Any] = {}
+    for name, info in type(section).model_fields.items():
+        value = getattr(section, name)
+        if LATER in info.metadata and value == info.get_default(call_default_factory=True):
+            found[name] = True
+        elif isinstance(value, BaseModel) and (inner := unstated(value)):
+            found[name] = inner
+    return found
 
 
 def keys(model: type[BaseModel]) -> Iterator[str]:

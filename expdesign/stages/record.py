@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from expdesign.configuration import RunConfiguration, resolved_yaml
-from expdesign.configuration.robot import RobotDescription
+from expdesign.configuration.section import unstated
 from expdesign.runfolder.atomic import write_text
 from expdesign.runfolder.manifest import (
     RUN_FILE,
@@ -37,22 +37,13 @@ def stage_inputs(name: str, work: Workspace) -> str:
 
 
 def sections_text(configuration: RunConfiguration, sections: Mapping[str, Any]) -> str:
-    """Return sections of the run as JSON, without default terms and spectra that are not given.
+    """Return sections of the run as JSON, without the keys that it leaves at their default.
 
-    Versions before them did not state them: what such a version did is still as it would be done
-    now.
+    Of those keys, that is, that earlier versions did not have: what such a version did is still
+    as it would be done now.
     """
-    run, default = configuration.run, RobotDescription.model_fields["terms"].default
-    unstated: dict[str, Any] = {}
-    if isinstance(run.robot, RobotDescription):
-        if run.robot.terms == default:
-            unstated["terms"] = True
-        if run.robot.tolerances is None:
-            unstated["tolerances"] = True
-        if run.robot.noise is not None:
-            spectra = ("force_spectrum", "length_spectrum")
-            unstated["noise"] = {key for key in spectra if getattr(run.robot.noise, key) is None}
-    return run.model_dump_json(include=dict(sections), exclude={"robot": unstated})
+    run = configuration.run
+    return run.model_dump_json(include=dict(sections), exclude=unstated(run))
 
 
 def is_done(name: str, work: Workspace) -> bool:

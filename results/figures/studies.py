@@ -197,7 +197,7 @@ def distributions_figure(figure: Figure, study: DesignStudy) -> None:
         k = names.index(name)
         samples = [trial.values[kinematics]["ls"][:, k] for trial in pair]
         spread = max(values.std(ddof=1) for values in samples)
-        truth = float(study.robot.parameters[k])
+        truth = float(study.truth[k])
         middle = 0.5 * (min(v.mean() for v in samples) + max(v.mean() for v in samples))
         grid = np.linspace(middle - _REACH * spread, middle + _REACH * spread, _POINTS)
         for trial, values, colour in zip(pair, samples, (BLUE, VERMILLION), strict=True):

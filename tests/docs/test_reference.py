@@ -26,13 +26,18 @@ from expdesign.configuration.robot import RobotDescription
 from expdesign.configuration.run import ReportSection
 from expdesign.configuration.sections.data import EstimateSection, MonteCarloSection
 from expdesign.configuration.sections.design import DesignSection, MotionSection, TrajectorySection
-from expdesign.configuration.sections.experiment import (
+from expdesign.configuration.sections.disturbances import (
     Cogging,
-    ExperimentSection,
+    ForceConstantError,
+    Hum,
+    Lost,
     Outliers,
     Quantisation,
-    StudySection,
     TrackingError,
+)
+from expdesign.configuration.sections.experiment import (
+    ExperimentSection,
+    StudySection,
     ValidationMotion,
 )
 from expdesign.configuration.sections.export import OFFERS
@@ -90,6 +95,8 @@ def _required(model):
         StudySection: {"kind": "design"},
         ExportSection: {"format": "csv"},
         Outliers: {"share": 0.1},
+        Hum: {"amplitude": 5},
+        Lost: {"share": 0.1},
     }
     return small.get(model, {})
 
@@ -105,6 +112,9 @@ def _required(model):
         (TrackingError, RUN_FILES, "### tracking_error"),
         (Cogging, RUN_FILES, "### cogging"),
         (Quantisation, RUN_FILES, "### quantisation"),
+        (ForceConstantError, RUN_FILES, "### force_constant"),
+        (Hum, RUN_FILES, "### hum"),
+        (Lost, RUN_FILES, "### lost"),
         (Outliers, RUN_FILES, "### outliers"),
         (MonteCarloSection, RUN_FILES, "## montecarlo"),
         (RobotDescription, ROBOTS, "## Robot file"),

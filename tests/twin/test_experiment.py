@@ -217,7 +217,7 @@ def test_no_two_streams_are_alike():
 
 
 def test_the_streams_are_children_of_the_repetition():
-    children = np.random.SeedSequence(4, spawn_key=(9,)).spawn(3)
+    children = np.random.SeedSequence(4, spawn_key=(9,)).spawn(len(Repeated))
     for purpose, child in zip(Repeated, children, strict=True):
         np.testing.assert_array_equal(
             repetition_stream(4, 9, purpose).random(5), np.random.default_rng(child).random(5)
@@ -297,7 +297,7 @@ def test_a_repetition_costs_only_its_draws(twin, monkeypatch):
 def test_truth(twin):
     truth = twin(periods=3, sampling=100, frequency=0.6).truth
     assert tuple(truth.parameters) == ROBOT.parameter_names
-    np.testing.assert_array_equal(truth.parameter_vector, ROBOT.parameters)
+    np.testing.assert_array_equal(truth.values_of(ROBOT.parameter_names), ROBOT.parameters)
     assert truth.executed is truth.design
     assert (truth.experiment.samples, truth.robot) == (500, "palida")
     assert truth.experiment.samples_per_period == pytest.approx(500 / 3)

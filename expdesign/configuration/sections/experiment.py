@@ -9,25 +9,34 @@ from pydantic import Field, model_validator
 
 from expdesign.configuration.parameters import ParameterName
 from expdesign.configuration.problem import refusal, require
-from expdesign.configuration.section import Section
+from expdesign.configuration.robot import RobotSource
+from expdesign.configuration.section import LATER, Section
 from expdesign.configuration.sections.design import CRITERIA
+from expdesign.configuration.sections.disturbances import (
+    Cogging,
+    ForceConstantError,
+    Hum,
+    Lost,
+    Outliers,
+    Quantisation,
+    TrackingError,
+)
 from expdesign.configuration.values.quantity import (
-    Angle,
-    Force,
+    Compliance,
+    Duration,
     Frequency,
     Length,
     NotNegative,
     Number,
     Positive,
+    Share,
     Speed,
 )
 from expdesign.configuration.values.scalars import (
-    Ascending,
     Count,
     Direction,
     Distinct,
     FilledText,
-    Pair,
     Pose,
     Seed,
     at_least,
@@ -40,49 +49,11 @@ from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.terms import actuator_friction
 from expdesign.mechanism.terms.rigid_platform import MASS
 
-_Harmonic = Annotated[int, whole(1, 1000)]
-
-
-_SHARE = require(
-    lambda value: 0 <= value < 1, "{value:g} is not a share of the samples", "0 ≤ share < 1"
+_CLOCK = require(
+    lambda value: abs(value) < 0.1,  # noqa: PLR2004 - no clock is that wrong
+    "{value:g} is no error of a clock",
+    "a share between -0.1 and 0.1",
 )
-
-
-class TrackingError(Section):
-    """Periodic deviation of the executed from the designed motion, in other harmonics."""
-
-    position: Annotated[Length, NotNegative] = 0.001
-    """Root mean square of the deviation of x, y and z each, m."""
-    angle: Annotated[Angle, NotNegative] = 0.0
-    """The same of φ, θ and ψ, rad."""
-    harmonics: Annotated[tuple[_Harmonic, _Harmonic], Pair, Ascending] = (6, 15)
-    """First and last harmonic that it contains."""
-
-
-class Cogging(Section):
-    """A force periodic in the strut's length: amplitude · sin(2π length / pitch + phase).
-
-    One value for all struts, or one for each: amplitude in N, pitch in m, phase in rad.
-    """
-
-    amplitude: Annotated[tuple[Annotated[Force, NotNegative], ...], per_strut("amplitudes")]
-    pitch: Annotated[tuple[Annotated[Length, Positive], ...], per_strut("pitches")]
-    phase: Annotated[tuple[Angle, ...], per_strut("phases")] = (0.0,) * ACTUATORS
-
-
-class Quantisation(Section):
-    """Resolution of the measured strut lengths (m) and forces (N); 0 is none."""
-
-    length: Annotated[Length, NotNegative] = 0.0
-    force: Annotated[Force, NotNegative] = 0.0
-
-
-class Outliers(Section):
-    """Rare gross errors: the share of samples, and their size in the lengths (m) and forces (N)."""
-
-    share: Annotated[Number, _SHARE]
-    length: Annotated[Length, NotNegative] = 0.0
-    force: Annotated[Force, NotNegative] = 0.0
 
 
 class ExperimentSection(Section):
@@ -100,6 +71,22 @@ class ExperimentSection(Section):
     cogging: Cogging | None = None
     quantisation: Quantisation | None = None
     outliers: Outliers | None = None
+    truth: Annotated[RobotSource | None, LATER] = None
+    """The machine that is measured, where it is not the run's robot: one that ships, a path
+    relative to the run file, or the machine itself."""
+    force_constant: Annotated[ForceConstantError | None, LATER] = None
+    hum: Annotated[Hum | None, LATER] = None
+    delay: Annotated[Duration, LATER] = 0.0
+    """By how much the measured forces lag behind the lengths, s."""
+    clock: Annotated[Share, _CLOCK, LATER] = 0.0
+    """By which share the stamps of the recording run fast, against the controller's clock."""
+    strut_length: Annotated[tuple[Length, ...], per_strut("errors"), LATER] = (0.0,) * ACTUATORS
+    """By how much each length is measured too long, m: its zero is off."""
+    compliance: Annotated[
+        tuple[Annotated[Compliance, NotNegative], ...], per_strut("compliances"), LATER
+    ] = (0.0,) * ACTUATORS
+    """Of the struts, between motor with its sensor and platform, m/N."""
+    lost: Annotated[Lost | None, LATER] = None
 
     @property
     def step(self) -> float:

@@ -168,6 +168,7 @@ FORCE_VARIANCE = Dimension("a force variance", "N^2", "400 N^2")
 LENGTH_VARIANCE = Dimension("a length variance", "m^2", "0.01 mm^2")
 FORCE_CONSTANT = Dimension("a force constant", "N/A", "90 N/A")
 CURRENT = Dimension("a current", "A", "2 A")
+COMPLIANCE = Dimension("a compliance", "m/N", "0.05 um/N")
 
 
 @dataclass(frozen=True)
@@ -192,7 +193,7 @@ SHARE = ShareDimension("a share", "1", "2 %")
 _DIMENSIONS = (
     *(LENGTH, ANGLE, SPEED, ACCELERATION, ANGULAR_SPEED, ANGULAR_ACCELERATION, FORCE, TORQUE),
     *(FREQUENCY, DURATION, MASS, FIRST_MOMENT, INERTIA, DAMPING, FORCE_VARIANCE, LENGTH_VARIANCE),
-    *(FORCE_CONSTANT, CURRENT, JERK),
+    *(FORCE_CONSTANT, CURRENT, JERK, COMPLIANCE),
 )
 
 _Dimensionality = tuple[tuple[str, Fraction], ...]
@@ -283,6 +284,7 @@ Duration = Annotated[float, BeforeValidator(DURATION.parse)]
 ForceVariance = Annotated[float, BeforeValidator(FORCE_VARIANCE.parse)]
 LengthVariance = Annotated[float, BeforeValidator(LENGTH_VARIANCE.parse)]
 ForceConstant = Annotated[float, BeforeValidator(FORCE_CONSTANT.parse)]
+Compliance = Annotated[float, BeforeValidator(COMPLIANCE.parse)]
 
 _SHOWN_AS = {
     "rad": ("deg", math.degrees(1.0)),

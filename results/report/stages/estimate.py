@@ -152,8 +152,10 @@ def _truth(folder: RunFolder, summary: EstimateFile) -> Mapping[str, float] | No
     own = folder.configuration.run.data.file is None and sources == ["measurement.csv"]
     if not own or not folder.has("experiment"):
         return None
-    true = folder.record(Truth).parameters
-    return true if all(name in true for name in summary.parameters) else None
+    truth, names = folder.record(Truth), summary.parameters
+    if truth.machine is None and not set(names) <= set(truth.parameters):
+        return None
+    return dict(zip(names, truth.values_of(names).tolist(), strict=True))
 
 
 def _verdict(summary: EstimateFile) -> Verdict:

@@ -54,6 +54,7 @@ def experiment_report(folder: RunFolder) -> StageReport:
             Fact("sampling", rate),
             Fact("period", f"{readable(truth.executed.period)} s"),
             *((Fact("controller table", table),) if table else ()),
+            *((Fact("true machine", truth.machine.name),) if truth.machine else ()),
             Fact("disturbances", disturbances),
             Fact("seed", str(truth.seeds.experiment)),
         )

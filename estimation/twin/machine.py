@@ -1,0 +1,159 @@
+"""The machine that is measured: lengths at its motors and their forces, without any noise."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from constraints.arrays import Array, Mask
+from expdesign.mechanism.terms import passive_friction, rigid_platform, struts
+from expdesign.recheck.judge import Motion
+from expdesign.robot import Robot
+from expdesign.trajectory import PoseSamples
+
+CARRIED = frozenset(
+    term.name for term in (struts.TERM, rigid_platform.GENERAL, passive_friction.TERM)
+)
+"""Terms of the bodies and of the passive joints: their forces pass through the elastic struts.
+All others, such as friction of the actuators, act beside the motor."""
+
+_BLOCK = 4096
+"""Samples whose regressors (144 values each) are in memory at once."""
+
+_STEP = 2e-5
+"""Between a state and those by which its carried force is differentiated, s."""
+
+_NEWTON_STEPS = 3
+"""From a pose that is less than a millimetre away: the first leaves micrometres, the second none
+that a computer resolves."""
+
+_REACHED = 1e-9
+"""Of lengths, m."""
+
+
+@dataclass(frozen=True, eq=False)
+class Machine:
+    """A robot whose struts may be elastic.
+
+    An elastic strut has a massless spring between the motor and everything that moves. The force F
+    that it carries shortens it: l_motor − l = compliance · F, where l is the distance of the
+    joints, and F, positive when it extends, is that of bodies and passive joints. The sensor sits
+    at the motor and measures l_motor; friction of the actuator is that of the motor's speed.
+
+    The platform makes the motion that is commanded, as a controller with a perfect model would
+    let it, and the motors move as that takes. So F is that of a known motion, and neither the
+    equation above nor the inertia of what vibrates is approximated.
+    """
+
+    robot: Robot
+    compliance: Array
+    """(6,), m/N; 0: a rigid strut."""
+
+    def measured(
+        self, motion: Motion, times: Array, delay: float = 0.0
+    ) -> tuple[Array, Array, Array]:
+        """Return what the sensors are at, without errors of theirs.
+
+        Parameters
+        ----------
+        motion : Motion
+            Of the platform.
+        times : (D,) array
+            When the lengths are measured, s.
+        delay : float
+            By how much the forces lag behind, s.
+
+        Returns
+        -------
+        lengths : (D, 6) array
+            Lengths at the motors, m.
+        forces : (D, 6) array
+            Forces of the actuators `delay` earlier, N.
+        positions : (D, 6) array
+            The motors' lengths where these forces were given, m.
+        """
+        positions, forces = self._driven(motion, times - delay)
+        lengths = positions if delay == 0 else self._lengths(motion, times)
+        return lengths, forces, positions
+
+    def _lengths(self, motion: Motion, times: Array) -> Array:
+        """Return the motors' lengths alone, (D, 6), m."""
+        found = []
+        for at in _blocks(times):
+            with np.errstate(all="ignore"):
+                states = motion.sample(at)
+                lengths = self.robot.inverse_kinematics(states.pose)
+                if self.elastic:
+                    lengths = lengths + self.compliance * self._carried(states)
+            found.append(lengths)
+        return np.concatenate(found)
+
+    def _driven(self, motion: Motion, times: Array) -> tuple[Array, Array]:
+        """Return the motors' lengths, m, and their forces, N, (D, 6) each."""
+        lengths, forces = [], []
+        for at in _blocks(times):
+            # A motion of absurd size ends in infinities, which the caller refuses.
+            with np.errstate(all="ignore"):
+                states = motion.sample(at)
+                if self.elastic:
+                    length, force = self._by_springs(motion, at, states)
+                else:
+                    length = self.robot.inverse_kinematics(states.pose)
+                    force = self.robot.actuator_forces(*states)
+            lengths.append(length)
+            forces.append(force)
+        return np.concatenate(lengths), np.concatenate(forces)
+
+    @property
+    def elastic(self) -> bool:
+        """True where a strut is no rigid one."""
+        return bool(np.any(self.compliance))
+
+    def _carried(self, states: PoseSamples) -> Array:
+        """Return the force that the struts carry, (D, 6), N."""
+        bodies, passive, _ = self._shares()
+        return self.robot.regressor(*states) @ (self.robot.parameters * (bodies | passive))
+
+    def _by_springs(self, motion: Motion, times: Array, states: PoseSamples) -> tuple[Array, Array]:
+        robot = self.robot
+        bodies, _, beside = self._shares()
+        carried = self._carried(states)
+        # The jumps of dry friction in the passive joints move the motor by steps, in no time.
+        ahead, behind = (
+            robot.regressor(*motion.sample(times + step)) @ (robot.parameters * bodies)
+            for step in (_STEP, -_STEP)
+        )
+        joints = robot.strut_motion(*states)
+        lengths = joints.length + self.compliance * carried
+        speeds = joints.length_rate + self.compliance * (ahead - behind) / (2 * _STEP)
+        if not np.all(np.isfinite(lengths)):
+            return lengths, carried
+        # A state in which the joints are as far apart, and part as fast, as the motors do: what
+        # acts beside the motor depends on these.
+        pose = states.pose
+        for _ in range(_NEWTON_STEPS):
+            reached, jacobian = robot.lengths_and_jacobian(pose)
+            pose = pose + np.linalg.solve(jacobian, (lengths - reached)[..., None])[..., 0]
+        reached, jacobian = robot.lengths_and_jacobian(pose)
+        if not np.max(np.abs(lengths - reached)) <= _REACHED:
+            return np.full_like(lengths, np.nan), carried
+        rate = np.linalg.solve(jacobian, speeds[..., None])[..., 0]
+        at_motor = robot.regressor(pose, rate, states.acceleration)
+        return lengths, carried + at_motor @ (robot.parameters * beside)
+
+    def _shares(self) -> tuple[Mask, Mask, Mask]:
+        """Return which parameters are of smooth carried terms, of others, and beside the motor."""
+        kinds = [
+            (term.name in CARRIED and not term.rates, term.name in CARRIED and bool(term.rates))
+            for term in self.robot.terms
+            for _ in term.parameters
+        ]
+        smooth, jumping = np.array(kinds, dtype=bool).reshape(-1, 2).T
+        return smooth, jumping, ~(smooth | jumping)
+
+
+def _blocks(times: Array) -> Iterator[Array]:
+    for start in range(0, len(times), _BLOCK):
+        yield times[start : start + _BLOCK]
