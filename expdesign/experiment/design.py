@@ -21,6 +21,7 @@ from expdesign.information.fisher import (
     information_matrix,
     parameter_covariance,
 )
+from expdesign.information.periodic_noise import PeriodicNoise
 from expdesign.problem.design_problem import DesignProblem, build_problem
 from expdesign.recheck.information import Evaluator
 from expdesign.robot import Robot, robot_from
@@ -107,7 +108,7 @@ def design_task(configuration: RunConfiguration) -> DesignTask:
     names = judged_parameters(configuration, robot)
     scaling = robot.scales if run.design.scaling == "nominal" else np.ones(len(robot.scales))
     criterion = CRITERIA[run.design.criterion]
-    covariance = force_covariance(configuration)
+    covariance, memory = force_covariance(configuration), force_memory(configuration)
     problem = build_problem(
         robot,
         harmonics=run.trajectory.harmonics,
@@ -117,7 +118,7 @@ def design_task(configuration: RunConfiguration) -> DesignTask:
         criterion=criterion,
         scaling=scaling,
         names=names,
-    )
+    ).with_noise(memory)
     if run.design.start == "rest":
         problem = problem.with_variables(rest=True)
     plan = SearchPlan(
@@ -130,7 +131,7 @@ def design_task(configuration: RunConfiguration) -> DesignTask:
         workers=run.workers or 1,
         max_seconds=run.design.max_seconds,
     )
-    evaluator = Evaluator(robot, covariance, criterion, scaling, names)
+    evaluator = Evaluator(robot, covariance, criterion, scaling, names, memory)
     return DesignTask(_well_scaled(problem, evaluator, plan), evaluator, plan)
 
 
@@ -173,6 +174,14 @@ def force_covariance(configuration: RunConfiguration) -> Array:
             allowed="force_std (six values) or force_covariance (6 × 6)",
         )
     return noise.force_covariance
+
+
+def force_memory(configuration: RunConfiguration) -> PeriodicNoise | None:
+    """Return the noise of the forces in the run's experiment; None where it is white."""
+    noise, experiment = configuration.robot.noise, configuration.run.experiment
+    if noise is None or noise.force_spectrum is None:
+        return None
+    return PeriodicNoise(noise.force_spectrum, experiment.sampling, experiment.periods)
 
 
 def judged_parameters(configuration: RunConfiguration, robot: Robot) -> tuple[str, ...]:
@@ -228,6 +237,10 @@ def _experiment_precision(
     count = whole(per_period)
     if count is not None:
         information = evaluator.information(trajectory, count) * experiment.periods
+    elif evaluator.memory is not None:
+        # What a period of nearly as many samples tells, for all of them.
+        count = max(1, round(per_period))
+        information = evaluator.information(trajectory, count) * (total / count)
     else:
         motion = trajectory.sample(np.arange(total) / experiment.sampling)
         regressors = evaluator.robot.regressor(*motion)

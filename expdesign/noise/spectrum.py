@@ -12,11 +12,10 @@ from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from constraints.arrays import Array
+from constraints.arrays import Array, ComplexArray
 
-Hermitian = NDArray[np.complex128]
+Hermitian = ComplexArray
 """Complex Hermitian matrices, (L, 6, 6)."""
 
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from constraints.arrays import Array
 from expdesign.information.fisher import whitening
+from expdesign.information.periodic_noise import PeriodicNoise
 from expdesign.information.spectral import Criterion, SpectralCost, spectral_cost
 from expdesign.mechanism.graph import Friction, hexapod_graph
 from expdesign.mechanism.term import Term
@@ -46,6 +47,8 @@ class InformationCost:
     """(k,), every column of A is multiplied by it."""
     criterion: Criterion
     samples: int
+    memory: PeriodicNoise | None = None
+    """The noise where it is not white: then in place of Σ."""
 
     def basis(self) -> PhaseBasis:
         """Return the Fourier basis at the samples."""
@@ -56,9 +59,7 @@ class InformationCost:
         """Return the scaled, smoothed F per sample, (k, k)."""
         states = self.variables.states(variables, self.basis())
         (regressors,) = _kernel(self.terms, slopes=False)(states, self.machine, np.array([width]))
-        white = self._whiten(regressors)
-        stacked = white.reshape(-1, white.shape[2])
-        return stacked.T @ stacked / self.samples
+        return self._information(regressors, self._omega(variables))
 
     def value(self, variables: Array, width: float, level: float) -> float:
         """Return the cost alone."""
@@ -71,17 +72,19 @@ class InformationCost:
     ) -> tuple[float, Array, Array]:
         """Return cost, gradient (z,) and positive semidefinite Gauss–Newton Hessian (z, z)."""
         basis = self.basis()
-        white, slopes, cost = self._linearised(variables, basis, width, level)
-        count, actuators, k = white.shape
-        white_slopes = self._whiten(slopes.transpose(3, 0, 1, 2)).transpose(1, 2, 3, 0)
+        weighted, slopes, cost = self._linearised(variables, basis, width, level)
+        count, actuators, k = weighted.shape
+        by_state = self._factor(slopes.transpose(3, 0, 1, 2)).transpose(1, 2, 3, 0)
         # In the eigenbasis: one factor rotated here, the other after the sum over the samples.
-        rotated = white @ cost.basis
+        rotated = weighted @ cost.basis
         products = np.matmul(
-            rotated.transpose(0, 2, 1), white_slopes.reshape(count, actuators, -1)
+            rotated.transpose(0, 2, 1), by_state.reshape(count, actuators, -1)
         ).reshape(count, k * k, -1)
         summed = self.variables.accumulate(variables, basis, products) / count
         half = np.matmul(cost.basis.T, summed.T.reshape(-1, k, k).transpose(0, 2, 1))
         change = half + half.transpose(0, 2, 1)
+        if self.memory is not None:
+            change[-1] += cost.basis.T @ self._spectrum_slope(weighted, variables) @ cost.basis
         own = np.einsum("zii->zi", change)
         gradient = own @ cost.slope
         flat = change.reshape(len(change), -1)
@@ -91,35 +94,66 @@ class InformationCost:
     def gradient(self, variables: Array, width: float, level: float) -> tuple[float, Array]:
         """Return cost and gradient (z,) alone, at half the price of `derivatives`."""
         basis = self.basis()
-        white, slopes, cost = self._linearised(variables, basis, width, level)
-        count = len(white)
+        weighted, slopes, cost = self._linearised(variables, basis, width, level)
+        count = len(weighted)
         # tr(∂cost/∂F dF) = Σ 2 (Σ⁻¹ A ∂cost/∂F) : dA, back through whitening and column scales.
         by_information = (cost.basis * cost.slope) @ cost.basis.T
         by_regressor = np.zeros(slopes.shape[:3])
-        by_regressor[..., self.columns] = (
-            whitening(self.covariance).T @ (white @ by_information) * self.scaling * (2 / count)
-        )
+        by_factor = weighted @ by_information
+        if self.memory is None:
+            by_factor = whitening(self.covariance).T @ by_factor
+        by_regressor[..., self.columns] = by_factor * self.scaling * (2 / count)
         by_state = np.einsum("nam,nams->ns", by_regressor, slopes)
         summed = self.variables.accumulate(variables, basis, by_state[:, None, :])
+        if self.memory is not None:
+            summed[0, -1] += np.sum(by_information * self._spectrum_slope(weighted, variables))
         return cost.value, summed[0]
 
     def _linearised(
         self, variables: Array, basis: PhaseBasis, width: float, level: float
     ) -> tuple[Array, Array, SpectralCost]:
-        """Return whitened A (N, 6, k), ∂A/∂state (N, 6, m, 18) and the criterion's derivatives."""
+        """Return weighted A (N, 6, k), ∂A/∂state (N, 6, m, 18) and the criterion's derivatives.
+
+        dF is twice the symmetric part of the sum over (weighted A)ᵀ `_factor`(dA).
+        """
         states = self.variables.states(variables, basis)
         regressors, slopes = _kernel(self.terms, slopes=True)(
             states, self.machine, np.array([width])
         )
-        white = self._whiten(regressors)
-        information = np.tensordot(white, white, axes=([0, 1], [0, 1])) / len(white)
+        weighted = self._factor(regressors)
+        if self.memory is None:
+            information = np.tensordot(weighted, weighted, axes=([0, 1], [0, 1])) / len(weighted)
+        else:
+            omega = self._omega(variables)
+            information = self._information(regressors, omega)
+            weighted = self.memory.weighted(weighted, omega)
         cost = spectral_cost(information, self.criterion, level)
-        return white, slopes.reshape(*regressors.shape, -1), cost
+        return weighted, slopes.reshape(*regressors.shape, -1), cost
 
     def readable(self, cost: float) -> float:
         """Return the criterion that a cost stands for: F over all samples, SI for ``d``."""
         k = self.scaling.size
         return self.criterion.from_cost(cost, k, self.samples, float(np.sum(np.log(self.scaling))))
 
-    def _whiten(self, regressors: Array) -> Array:
-        return np.matmul(whitening(self.covariance), regressors[..., self.columns] * self.scaling)
+    def _omega(self, variables: Array) -> float:
+        return float(variables[-1] * self.variables.omega_scale)
+
+    def _information(self, regressors: Array, omega: float) -> Array:
+        """Return the scaled F per sample, (k, k), of A at every sample, (N, 6, m)."""
+        factor = self._factor(regressors)
+        if self.memory is not None:
+            return self.memory.information(factor, omega) / len(factor)
+        stacked = factor.reshape(-1, factor.shape[2])
+        return stacked.T @ stacked / self.samples
+
+    def _factor(self, regressors: Array) -> Array:
+        """Return the scaled columns that are judged, whitened if the noise has no memory."""
+        chosen = regressors[..., self.columns] * self.scaling
+        return np.matmul(whitening(self.covariance), chosen) if self.memory is None else chosen
+
+    def _spectrum_slope(self, weighted: Array, variables: Array) -> Array:
+        """Return what the scaled ω changes F per sample by through the spectrum alone, (k, k)."""
+        if self.memory is None:
+            return np.zeros((weighted.shape[2],) * 2)
+        slope = self.memory.slope(weighted, self._omega(variables))
+        return slope * (self.variables.omega_scale / len(weighted))

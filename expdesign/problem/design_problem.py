@@ -14,6 +14,7 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d
 
 from constraints.arrays import Array, Mask
+from expdesign.information.periodic_noise import PeriodicNoise
 from expdesign.information.spectral import Criterion
 from expdesign.problem.cost import InformationCost
 from expdesign.problem.variables import DesignVariables, coordinate_reach
@@ -60,6 +61,10 @@ class DesignProblem:
         if criterion.invariant and self.even_scaling is not None:
             cost = replace(cost, scaling=self.even_scaling)
         return replace(self, cost=cost)
+
+    def with_noise(self, memory: PeriodicNoise | None) -> DesignProblem:
+        """Return the same problem under noise that is not white; None: white."""
+        return replace(self, cost=replace(self.cost, memory=memory))
 
     def states(self, x: Array, phases: Array) -> Array:
         """Return pose, rate and acceleration of scaled variables at phases ωt, (K, 18)."""

@@ -15,6 +15,7 @@ from expdesign.information.fisher import (
     log_det,
     parameter_covariance,
 )
+from expdesign.information.periodic_noise import PeriodicNoise
 from expdesign.information.spectral import Criterion
 from expdesign.robot import Robot
 from expdesign.trajectory import FourierTrajectory
@@ -31,12 +32,17 @@ class Evaluator:
     scaling: Array
     """(m,), scale of every parameter (1 for SI)."""
     names: tuple[str, ...]
+    memory: PeriodicNoise | None = None
+    """The noise where it is not white: then in place of Σ."""
 
     def information(self, trajectory: FourierTrajectory, samples: int) -> Array:
         """Return F of the judged parameters over one period of `samples` samples, SI, (k, k)."""
         motion = trajectory.sample(trajectory.sample_times(samples))
         regressors = self.robot.regressor(*motion)
-        return information_matrix(regressors[:, :, self.columns], self.covariance)
+        chosen = regressors[:, :, self.columns]
+        if self.memory is not None:
+            return self.memory.information(chosen, trajectory.omega)
+        return information_matrix(chosen, self.covariance)
 
     @property
     def columns(self) -> NDArray[np.intp]:

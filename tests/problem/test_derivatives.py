@@ -10,6 +10,10 @@ from expdesign.configuration.limits import row_labels
 from expdesign.configuration.robot import load_robot_description
 from expdesign.information.criteria import CRITERIA
 from expdesign.information.fisher import information_matrix
+from expdesign.information.periodic_noise import PeriodicNoise
+from expdesign.noise.autoregressive import Autoregressive
+from expdesign.noise.hum import Hum
+from expdesign.noise.spectrum import NoiseSpectrum
 from expdesign.problem.design_problem import build_problem
 from expdesign.problem.variables import DesignVariables
 from expdesign.recheck.information import Evaluator
@@ -217,6 +221,51 @@ def test_gradient_with_sharp_friction(problem, points):
     _, gradient, _ = problem.cost.derivatives(points[0], 0.02, 0.0)
     expected = _central(lambda y: problem.cost.value(y, 0.02, 0.0), points[0], h=1e-5)
     _assert_close(gradient, expected, 1e-6)
+
+
+@pytest.fixture(scope="module")
+def coloured(problem, everything):
+    """The same problem under noise with memory, and a hum near a multiple of the frequency."""
+    covariance = everything.description.noise.force_covariance
+    parts = (
+        Autoregressive.with_covariance(np.full((6, 1), 0.95), covariance),
+        Hum.of(np.array([2.8]), np.full((1, 6), 10.0)),
+    )
+    return problem.with_noise(PeriodicNoise(NoiseSpectrum(parts), 100.0, 3.0))
+
+
+@pytest.mark.parametrize("criterion", ["d", "condition"])
+def test_gradient_under_coloured_noise(criterion, coloured, points):
+    problem = _variant(coloured, criterion)
+    level = problem.criterion.levels[0]
+    for x in points[:2]:
+        value, gradient, hessian = problem.cost.derivatives(x, WIDTH, level)
+        assert value == pytest.approx(problem.cost.value(x, WIDTH, level), rel=1e-7)
+        expected = _central(lambda y: problem.cost.value(y, WIDTH, level), x, h=1e-4)
+        _assert_close(gradient, expected, 1e-6)
+        again, alone = problem.cost.gradient(x, WIDTH, level)
+        assert again == pytest.approx(value, rel=1e-12)
+        _assert_close(alone, gradient, 1e-9)
+        size = np.max(np.abs(hessian))
+        assert np.min(np.linalg.eigvalsh(hessian)) >= -1e-10 * size
+    # The spectrum's own share of the derivative to the frequency is seen.
+    fixed = problem.with_noise(None)
+    assert abs(fixed.cost.gradient(x, WIDTH, level)[1][-1] - gradient[-1]) > 1e-3
+
+
+def test_information_under_coloured_noise_is_the_evaluators(coloured, everything, points):
+    names = everything.parameter_names
+    evaluator = Evaluator(
+        everything,
+        everything.description.noise.force_covariance,
+        coloured.criterion,
+        np.ones(24),
+        names,
+        coloured.cost.memory,
+    )
+    cost = coloured.cost.value(points[0], 1e-9, 0.0)
+    F = evaluator.information(coloured.variables.trajectory(points[0]), SAMPLES)
+    assert coloured.cost.readable(cost) == pytest.approx(evaluator.log_det(F), abs=1e-6)
 
 
 def test_gradient_for_some_of_the_parameters(palida, points):
