@@ -1,53 +1,96 @@
-"""What the residuals come from: forward selection among position-periodic forces, columns, delay.
+"""What the residuals come from: forward selection among causes, judged together, with rivals.
 
 An unmodelled force in one strut also leaves traces in the others, through the parameters that it
 has moved and through correlated noise. Therefore the most significant effect is taken as known,
-with its columns among the unknowns, and all others are tested again, until none is left. As long
-as there is no effect nothing is selected but at the levels of the families.
+with its columns among the unknowns, and all others are tested again, until none is left. Then all
+that were selected are judged beside each other, and what is not significant there is dropped; an
+effect gives way to another that explains more in its place. As long as there is no effect nothing
+is selected but at the levels of the families.
+
+An effect is named for sure when no rival is left: another candidate, put in its place, would have
+to leave nothing significant for the effect itself. Rivals that do are named with it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from operator import attrgetter
 from typing import Annotated
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
 from constraints.arrays import Array
+from estimation.diagnostics.cause import Cause
+from estimation.diagnostics.cause_test import CauseTest, cause_test
 from estimation.diagnostics.channel_test import POSITION_PERIODIC, Strut
-from estimation.diagnostics.column_test import Cause, ColumnTest, causes, column_test
 from estimation.diagnostics.joint_system import JointSystem, SolvedSystem
 from estimation.diagnostics.linearisation import Linearisation
 from estimation.diagnostics.position_periodic import (
     PeriodicForce,
     PitchScan,
+    log_exceedance,
     periodic_columns,
     periodic_force,
     scan_pitches,
 )
+from estimation.diagnostics.projection import Conditional, Fit, Places
+from estimation.diagnostics.signature import Signature
+from estimation.diagnostics.tails import log_tail
 from expdesign.mechanism.hexapod import ACTUATORS
-from expdesign.runfolder import OpenNumber, described
+from expdesign.runfolder import Numbers, OpenNumber, described
 
+PERIODIC = "position-periodic"
+"""Kind of the effects that are periodic in a strut's length."""
+REJECTED = 0.001
+"""Level at which an effect must be seen beside a rival that takes its place."""
 _MOST = 12
 """Effects that are looked for: whoever has more needs another model."""
+_ROUNDS = 4
+"""Of exchanges of effects for better ones."""
+_REACH = 1.2
+"""How far, in its logarithm, a constant is looked for around that of a candidate."""
+_TRIALS = 8
 
 
 @dataclass(frozen=True)
+class Rival:
+    """Another effect that explains the residuals about as well in the place of one."""
+
+    kind: Annotated[str, described("", "as of an effect")]
+    strut: Annotated[Strut, described("1", "number of the strut; null: all of them")]
+    parameter: Annotated[str, described("", "as of an effect")]
+    log_p: Annotated[OpenNumber, described("1", "logarithm of p in the effect's place")]
+
+
+@dataclass(frozen=True, eq=False)
 class Effect:
     """Something in the residuals that the model does not have, fitted with all other effects."""
 
-    kind: Annotated[str, described("", "position-periodic, or a cause: column, delay")]
+    kind: Annotated[str, described("", "position-periodic, or a family of causes")]
     strut: Annotated[Strut, described("1", "number of the strut; null: all of them")]
-    parameter: Annotated[str, described("", "of a column; empty otherwise")]
+    parameter: Annotated[
+        str, described("", "of a column; base or platform of a joint; empty otherwise")
+    ]
     log_p: Annotated[
         OpenNumber,
-        described("1", "logarithm of p, corrected for its family, when it was found"),
+        described("1", "logarithm of p beside all other effects, corrected for its family"),
     ]
     force: Annotated[PeriodicForce | None, described("", "of a position-periodic effect")]
-    value: Annotated[OpenNumber, described("SI", "of a column or the delay")]
+    value: Annotated[OpenNumber, described("SI", "its size, or the first of its values")]
     std: Annotated[OpenNumber, described("SI", "standard deviation of the value")]
+    values: Annotated[Numbers, described("SI", "all of its values: coordinates of a joint")]
+    stds: Annotated[Numbers, described("SI", "their standard deviations")]
+    constant: Annotated[OpenNumber, described("SI", "a speed, of Stribeck friction")]
+    rivals: Annotated[
+        tuple[Rival, ...], described("", "that explain it about as well; empty: it is sure")
+    ]
+
+    @property
+    def sure(self) -> bool:
+        """Whether nothing else explains the same."""
+        return not self.rivals
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,10 +99,12 @@ class EffectTests:
 
     solved: SolvedSystem
     """The fit with these effects among its unknowns."""
+    beside: Conditional
+    """What is seen of every candidate's columns beside them."""
     scans: tuple[PitchScan, ...]
     """Of the six struts."""
-    families: Mapping[str, ColumnTest]
-    """The test of every family of columns, by its kind."""
+    families: Mapping[str, CauseTest]
+    """The test of every family of causes, by its kind."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,9 +112,9 @@ class Attribution:
     """All tests of effects."""
 
     causes: tuple[Cause, ...]
-    """The families of columns that were tested."""
+    """The families that were tested."""
     effects: tuple[Effect, ...]
-    """What was selected, most significant first."""
+    """What was found, most significant first."""
     first: EffectTests
     last: EffectTests
     """Before any effect is taken as known, and with all of them."""
@@ -80,111 +125,325 @@ class Attribution:
 
 
 @dataclass(frozen=True, eq=False)
-class _Found:
-    """A selected effect with its columns."""
+class _Item:
+    """A candidate that may take a place among the effects."""
 
     kind: str
     strut: int | None
     parameter: str
-    log_p: float
-    pitch: float
-    columns: Array
+    places: Places
+    """Of its columns in the projection."""
+    limit: float
+    """Largest log p, uncorrected, with which it is significant."""
+    constant: float = np.nan
+    contains: str = ""
+    sized_by_constant: bool = False
+    pitch: float = np.nan
+    reach: float = 0.0
+    """Of the scan that a position-periodic force comes from."""
+
+    @property
+    def name(self) -> tuple[str, int | None, str]:
+        """What tells it from others; candidates that differ in a constant are one."""
+        return self.kind, self.strut, self.parameter
+
+    def log_p(self, fit: Fit, freedom: float) -> float:
+        """Return the logarithm of p of its fit, uncorrected for its family."""
+        if not fit.rank:
+            return 0.0
+        if self.kind == PERIODIC:
+            return log_exceedance(fit.statistic, self.reach, freedom)
+        return float(log_tail(np.array(fit.statistic), np.array(fit.rank), freedom))
 
 
 def attribute(
     system: JointSystem,
     part: Linearisation,
-    names: tuple[str, ...],
+    families: tuple[Cause, ...],
     step: float,
     *,
-    held_out: bool,
     experiments: int = 1,
 ) -> Attribution:
     """Find the effects in the residuals of one experiment.
 
     Parameters
     ----------
-    names : tuple of str
-        Of the regressor's columns.
+    families : tuple of Cause
+        What is looked for beside forces that are periodic in a strut's length.
     step : float
         Between two samples, s.
-    held_out, experiments
-        As of `causes`.
+    experiments : int
+        How many share the level of the periodic forces; those of the families are their own.
     """
-    families = causes(part, names, held_out=held_out, experiments=experiments)
-    level = POSITION_PERIODIC / experiments
-
-    def tested(solved: SolvedSystem) -> EffectTests:
-        return EffectTests(
-            solved,
-            tuple(scan_pitches(solved, part, strut, step, level) for strut in range(ACTUATORS)),
-            {cause.kind: column_test(solved, cause) for cause in families},
-        )
-
-    first = last = tested(system.solved)
-    found: list[_Found] = []
+    search = _Search(system, part, families, step, POSITION_PERIODIC / experiments)
+    first = last = search.tests(())
+    found: list[_Item] = []
+    seen: set[frozenset[tuple[str, int | None, str]]] = set()
     while len(found) < _MOST:
-        best = _most_significant(last, part, families, level)
+        best = search.most_significant(last, found)
         if best is None:
             break
-        found.append(best)
-        last = tested(system.with_columns(np.concatenate([f.columns for f in found], 2)).solved)
-    effects = _fitted(system.solved, part, found)
+        found = search.significant([*found, best])
+        names = frozenset(item.name for item in found)
+        if names in seen:
+            break
+        seen.add(names)
+        last = search.tests(found)
+    found, rivals = search.settled(found)
+    last = search.tests(found)
+    effects = search.effects(found, rivals)
     known = {e.strut: e.force for e in reversed(effects) if e.force is not None}
     best_forces = tuple(
         known[scan.strut] if scan.strut in known else _best_force(last.solved, part, scan)
         for scan in last.scans
     )
-    return Attribution(families, effects, first, last, best_forces, level)
+    return Attribution(families, effects, first, last, best_forces, search.level)
 
 
-def _most_significant(
-    tests: EffectTests, part: Linearisation, families: tuple[Cause, ...], level: float
-) -> _Found | None:
-    """Return the effect with the smallest p-value, corrected for its family, if significant.
+class _Search:
+    """The candidates of one experiment; position-periodic ones are added as they are found."""
 
-    Families of equal significance are compared by what the selection risks: p relative to level,
-    which is that of all scans.
-    """
-    scan = min(tests.scans, key=attrgetter("log_p"))
-    log_p = scan.log_p + float(np.log(ACTUATORS))
-    relative, found = log_p - np.log(level), None
-    for cause in families:
-        test = tests.families[cause.kind]
-        if not test.tested:
-            continue
-        own = float(test.columns[test.best].log_p + np.log(test.tested / cause.level))
-        if own < relative:
-            relative, found = own, cause
-    if relative >= 0:
-        return None
-    if found is None:
-        columns, _, _ = _periodic_fit(tests.solved, part, scan)
-        return _Found("position-periodic", scan.strut, "", log_p, scan.best_pitch, columns)
-    index = tests.families[found.kind].best
-    name, strut = found.labels[index]
-    log_p = relative + float(np.log(found.level))
-    return _Found(found.kind, strut, name, log_p, np.nan, found.columns[:, :, [index]])
+    def __init__(
+        self,
+        system: JointSystem,
+        part: Linearisation,
+        families: tuple[Cause, ...],
+        step: float,
+        level: float,
+    ) -> None:
+        self.system, self.part, self.families = system, part, families
+        self.step, self.level = step, level
+        nothing = Signature.of_forces(part, np.zeros((*part.forces.shape, 0)))
+        self.signature = Signature.joined([nothing, *(cause.columns for cause in families)])
+        self.projection = system.solved.projection(self.signature)
+        counts = [cause.columns.count for cause in families]
+        self.first = dict(
+            zip(
+                (cause.kind for cause in families),
+                np.cumsum([0, *counts[:-1]]).tolist(),
+                strict=True,
+            )
+        )
+
+    # --- tests ------------------------------------------------------------------------------------
+
+    def tests(self, known: Sequence[_Item]) -> EffectTests:
+        """Test everything beside some effects."""
+        solved = self.system.solved
+        if known:
+            solved = self.system.with_effects(self.signature.picked(_places(known))).solved
+        beside = self.projection.beside(_places(known))
+        scans = tuple(self._scan(solved, strut) for strut in range(ACTUATORS))
+        return EffectTests(solved, beside, scans, self._family_tests(beside))
+
+    def _family_tests(self, beside: Conditional) -> dict[str, CauseTest]:
+        return {c.kind: cause_test(beside, c, self.first[c.kind]) for c in self.families}
+
+    def _scan(self, solved: SolvedSystem, strut: int) -> PitchScan:
+        return scan_pitches(solved, self.part, strut, self.step, self.level)
+
+    def _periodic(self, solved: SolvedSystem, scan: PitchScan) -> _Item:
+        """Return the best pitch of a scan as a candidate."""
+        columns, _, _ = _periodic_fit(solved, self.part, scan)
+        return _Item(
+            PERIODIC,
+            scan.strut,
+            "",
+            self._appended(Signature.of_forces(self.part, columns)),
+            float(np.log(self.level / ACTUATORS)),
+            pitch=scan.best_pitch,
+            reach=scan.reach,
+        )
+
+    def _candidates(self, tests: Mapping[str, CauseTest]) -> Iterator[tuple[_Item, float]]:
+        """Yield every candidate of the families with its log p."""
+        for test in tests.values():
+            cause, limit = test.cause, test.limit
+            for number in np.flatnonzero(np.isfinite(test.log_p)).tolist():
+                name, strut = cause.labels[number]
+                item = _Item(
+                    cause.kind,
+                    strut,
+                    name,
+                    test.places(number),
+                    limit,
+                    cause.constant_of(number),
+                    cause.contains,
+                    cause.sized_by_constant,
+                )
+                yield item, float(test.log_p[number])
+
+    def _refined(self, item: _Item, known: Sequence[_Item]) -> _Item:
+        """Return a candidate with the constant that explains most beside the effects known."""
+        at = next(cause.at for cause in self.families if cause.kind == item.kind)
+        if at is None:
+            return item
+        label, solved = (item.parameter, item.strut), self.system.solved
+        others, places = self.projection, _places(known)
+
+        def explained(factor: float) -> float:
+            new = solved.projection(at(label, float(item.constant * np.exp(factor))))
+            fit = others.joined(new).beside(places).fit([len(others.score)])
+            return -fit.statistic
+
+        best = minimize_scalar(
+            explained, bounds=(-_REACH, _REACH), method="bounded", options={"maxiter": _TRIALS}
+        )
+        if -float(best.fun) <= self._fit(item, self.projection.beside(places)).statistic:
+            return item
+        constant = float(item.constant * np.exp(best.x))
+        return replace(item, places=self._appended(at(label, constant)), constant=constant)
+
+    def _appended(self, new: Signature) -> Places:
+        """Append columns to the projection; return their places."""
+        start = self.signature.count
+        self.signature = Signature.joined([self.signature, new])
+        self.projection = self.projection.joined(self.system.solved.projection(new))
+        return np.arange(start, start + new.count)
+
+    # --- selection --------------------------------------------------------------------------------
+
+    def most_significant(self, tests: EffectTests, known: Sequence[_Item]) -> _Item | None:
+        """Return the effect with the smallest p-value, corrected for its family, if significant.
+
+        `tests` are beside those that are known.
+
+        Families of equal significance are compared by what the selection risks: p relative to
+        level, which is that of all scans.
+        """
+        scan = min(tests.scans, key=attrgetter("log_p"))
+        relative = scan.log_p - float(np.log(self.level / ACTUATORS))
+        found = min(
+            self._candidates(tests.families), key=lambda one: one[1] - one[0].limit, default=None
+        )
+        if found is not None and found[1] - found[0].limit < min(relative, 0.0):
+            return self._refined(found[0], known)
+        return self._periodic(tests.solved, scan) if relative < 0 else None
+
+    def significant(self, found: list[_Item]) -> list[_Item]:
+        """Drop, one by one, what is not significant beside all others."""
+        while found:
+            relative = [self._log_p(item, _without(found, item)) - item.limit for item in found]
+            worst = int(np.argmax(relative))
+            if relative[worst] < 0:
+                break
+            found = _without(found, found[worst])
+        return found
+
+    def settled(
+        self, found: list[_Item]
+    ) -> tuple[list[_Item], list[tuple[tuple[_Item, float], ...]]]:
+        """Exchange effects for rivals that are more significant in their place; sort what is left.
+
+        Returns the effects, most significant first, and the rivals of each with their log p.
+        """
+        for _ in range(_ROUNDS):
+            changed = False
+            for number, item in enumerate(found):
+                others = _without(found, item)
+                rivals = self._rivals(item, others)
+                if rivals and rivals[0][1] - rivals[0][0].limit < (
+                    self._log_p(item, others) - item.limit
+                ):
+                    found, changed = [*found[:number], rivals[0][0], *found[number + 1 :]], True
+            found = self.significant(found)
+            if not changed:
+                break
+        found = sorted(found, key=lambda i: self._log_p(i, _without(found, i)) - i.limit)
+        return found, [self._rivals(item, _without(found, item)) for item in found]
+
+    def _rivals(self, item: _Item, others: Sequence[_Item]) -> tuple[tuple[_Item, float], ...]:
+        """Return what explains an item about as well in its place, and with which log p."""
+        beside = self.projection.beside(_places(others))
+        own = self._fit(item, beside)
+        found: dict[tuple[str, int | None, str], tuple[_Item, float]] = {}
+        tests = self._family_tests(beside)
+        candidates = list(self._candidates(tests))
+        if item.kind != PERIODIC and item.strut is not None:
+            solved = self.system.solved
+            if others:
+                solved = self.system.with_effects(self.signature.picked(_places(others))).solved
+            scan = self._scan(solved, item.strut)
+            if np.isfinite(scan.best_pitch) and scan.log_p < np.log(REJECTED):
+                candidates.append((self._periodic(solved, scan), scan.log_p))
+                beside = self.projection.beside(_places(others))
+        taken = {item.name, *(other.name for other in others)}
+        for rival, log_p in candidates:
+            if rival.name in taken or log_p > np.log(REJECTED):
+                continue
+            if rival.contains == item.kind and rival.strut == item.strut:
+                continue
+            # What the item adds to a rival is at least the difference of what both explain.
+            least = own.statistic - self._fit(rival, beside).statistic
+            if self._rejects(item, Fit(max(least, 0.0), own.rank, own.values, own.covariance)):
+                continue
+            both = self.projection.beside(_places([*others, rival]))
+            if self._rejects(item, self._fit(item, both)):
+                continue
+            if rival.name not in found or log_p < found[rival.name][1]:
+                found[rival.name] = (rival, log_p)
+        return tuple(sorted(found.values(), key=lambda one: one[1] - one[0].limit))
+
+    def _rejects(self, item: _Item, fit: Fit) -> bool:
+        return item.log_p(fit, self.projection.freedom) < np.log(REJECTED)
+
+    def _fit(self, item: _Item, beside: Conditional) -> Fit:
+        # The third column of a periodic force, of a change of its pitch, is no size of it.
+        places = item.places[:2] if item.kind == PERIODIC else item.places
+        return beside.fit(places)
+
+    def _log_p(self, item: _Item, others: Sequence[_Item]) -> float:
+        fit = self._fit(item, self.projection.beside(_places(others)))
+        return item.log_p(fit, self.projection.freedom)
+
+    # --- results ----------------------------------------------------------------------------------
+
+    def effects(
+        self, found: Sequence[_Item], rivals: Sequence[tuple[tuple[_Item, float], ...]]
+    ) -> tuple[Effect, ...]:
+        """Fit all effects together."""
+        fit = self.projection.beside(()).fit(_places(found))
+        effects, first = [], 0
+        for item, others in zip(found, rivals, strict=True):
+            chosen = slice(first, first + len(item.places))
+            first = chosen.stop
+            values, covariance = fit.values[chosen], fit.covariance[chosen, chosen]
+            stds = np.sqrt(np.diag(covariance))
+            if item.sized_by_constant:
+                values = np.array([item.constant])
+            force, value, std = None, float(values[0]), float(stds[0])
+            if item.kind == PERIODIC and item.strut is not None:
+                force = periodic_force(self.part, item.strut, item.pitch, values, covariance)
+                value, std = force.amplitude, force.amplitude_std
+            log_p = self._log_p(item, _without(found, item)) - item.limit
+            level = self.level if item.kind == PERIODIC else self._level(item.kind)
+            effects.append(
+                Effect(
+                    kind=item.kind,
+                    strut=item.strut,
+                    parameter=item.parameter,
+                    log_p=log_p + float(np.log(level)),
+                    force=force,
+                    value=value,
+                    std=std,
+                    values=values,
+                    stds=stds,
+                    constant=item.constant,
+                    rivals=tuple(Rival(*rival.name, p) for rival, p in others),
+                )
+            )
+        return tuple(effects)
+
+    def _level(self, kind: str) -> float:
+        return next(cause.level for cause in self.families if cause.kind == kind)
 
 
-def _fitted(base: SolvedSystem, part: Linearisation, found: list[_Found]) -> tuple[Effect, ...]:
-    """Fit all effects together."""
-    if not found:
-        return ()
-    values, covariance = base.fitted(np.concatenate([f.columns for f in found], axis=2))
-    effects, first = [], 0
-    for item in found:
-        chosen = slice(first, first + item.columns.shape[2])
-        first = chosen.stop
-        force = None
-        value = float(values[chosen.start])
-        std = float(np.sqrt(covariance[chosen.start, chosen.start]))
-        if item.kind == "position-periodic" and item.strut is not None:
-            block = covariance[chosen, chosen]
-            force = periodic_force(part, item.strut, item.pitch, values[chosen], block)
-            value, std = force.amplitude, force.amplitude_std
-        effects.append(Effect(item.kind, item.strut, item.parameter, item.log_p, force, value, std))
-    return tuple(effects)
+def _places(items: Sequence[_Item]) -> Places:
+    return np.concatenate([np.zeros(0, dtype=np.intp), *(item.places for item in items)])
+
+
+def _without(items: Sequence[_Item], one: _Item) -> list[_Item]:
+    return [item for item in items if item is not one]
 
 
 def _periodic_fit(
@@ -192,9 +451,10 @@ def _periodic_fit(
 ) -> tuple[Array, Array, Array]:
     """Return the three columns of the best pitch of a strut, their coefficients and covariance."""
     fixed = periodic_columns(part, scan.strut, scan.best_pitch, (0.0, 0.0))[:, :, :2]
-    (a, b), _ = solved.fitted(fixed)
+    a, b = solved.fitted(Signature.of_forces(part, fixed)).values
     columns = periodic_columns(part, scan.strut, scan.best_pitch, (float(a), float(b)))
-    return columns, *solved.fitted(columns)
+    fit = solved.fitted(Signature.of_forces(part, columns))
+    return columns, fit.values, fit.covariance
 
 
 def _best_force(solved: SolvedSystem, part: Linearisation, scan: PitchScan) -> PeriodicForce | None:

@@ -18,11 +18,10 @@ from expdesign.runfolder import OpenNumbers, described
 
 LACK_OF_FIT = 0.01
 """Over the six actuators."""
-COLUMNS = 0.01
-"""Over all columns."""
+CAUSES = 0.02
+"""Over all families of causes together."""
 POSITION_PERIODIC = 0.001
 """Over six struts and all pitches."""
-DELAY = 0.01
 NOISE = 0.001
 """Each of whiteness, normality, outliers and drift, over six channels. Long records show what
 matters beyond any doubt; what they hardly show need not alarm anybody."""

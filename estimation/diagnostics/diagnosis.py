@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from constraints.arrays import Array
 from estimation.diagnostics.attribution import Attribution, attribute
+from estimation.diagnostics.cause_test import CauseResult, DelayTest
+from estimation.diagnostics.causes import causes
 from estimation.diagnostics.channel_test import LACK_OF_FIT, NOISE
-from estimation.diagnostics.column_test import DelayTest
 from estimation.diagnostics.finding import Outcome, Status, Verdict
 from estimation.diagnostics.findings import experiment_findings
 from estimation.diagnostics.joint_system import joint_systems
@@ -35,6 +36,7 @@ from estimation.diagnostics.residual_law import (
     linear_laws,
 )
 from estimation.diagnostics.residuals import dependence, force_residuals, variance_comparison
+from estimation.diagnostics.suspects import Suspects
 from estimation.estimators.experiment import Experiment
 from estimation.estimators.knowledge import Knowledge
 from estimation.estimators.result import ParameterEstimate
@@ -113,19 +115,18 @@ def diagnose(
     else:
         laws = linear_laws(parts, experiments, estimate, knowledge)
     results = []
-    for experiment, part, system, law in zip(experiments, parts, systems, laws, strict=True):
+    for experiment, motion, part, system, law in zip(
+        experiments, motions, parts, systems, laws, strict=True
+    ):
         lengths = None
         if experiment.fit is not None:
             k = int(np.count_nonzero(free))
             own = system.solved.inverse[k:, k:] if own_motion else experiment.fit.covariance
             lengths = length_law(part, experiment, own)
+        suspects = Suspects(robot, experiment, motion, estimate.values, part)
+        families = causes(suspects, knowledge.names, held_out=held_out, experiments=len(parts))
         attribution = attribute(
-            system,
-            part,
-            knowledge.names,
-            experiment.record.step,
-            held_out=held_out,
-            experiments=len(parts),
+            system, part, families, experiment.record.step, experiments=len(parts)
         )
         noises = noise_tests(
             experiment.record, part.force_rows, part.length_rows, NOISE / len(parts)
@@ -181,6 +182,10 @@ def _tests(
     if lengths is not None and part.lengths is not None:
         length_size = chi_square(part.lengths, part.length_counts, lengths)
         length_whiteness = _whiteness(part.lengths, part.length_counts, lengths, level)
+    found, left_found = (
+        {kind: CauseResult.of(test, tests.beside) for kind, test in tests.families.items()}
+        for tests in (first, last)
+    )
     (delay,) = (cause for cause in attribution.causes if cause.kind == "delay")
     return copied(
         ExperimentTests,
@@ -197,10 +202,10 @@ def _tests(
                 first.scans, last.scans, attribution.best_forces, strict=True
             )
         ),
-        columns=first.families["column"],
-        columns_with_effects=last.families["column"],
-        delay=DelayTest.of(first.families["delay"], delay),
-        delay_with_effects=DelayTest.of(last.families["delay"], delay),
+        causes=tuple(found.values()),
+        causes_with_effects=tuple(left_found.values()),
+        delay=DelayTest.of(found["delay"], delay),
+        delay_with_effects=DelayTest.of(left_found["delay"], delay),
         whiteness=replace(
             noises.whiteness,
             force_residuals=_whiteness(left, part.counts, left_law, level),

@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from constraints.arrays import Array
-from estimation.diagnostics.attribution import Effect
+from estimation.diagnostics.attribution import PERIODIC, Attribution, Effect, Rival
+from estimation.diagnostics.cause import Cause
 from estimation.diagnostics.channel_test import CHI_SQUARE
-from estimation.diagnostics.column_test import Cause
 from estimation.diagnostics.finding import Assumption, Finding
 from estimation.diagnostics.lack_of_fit import ChiSquare
 from estimation.diagnostics.noise_tests import NoiseTests, Whiteness
 from estimation.diagnostics.record import ExperimentDiagnosis, ExperimentTests
 from expdesign.mechanism.hexapod import ACTUATORS
+
+_MOST_RIVALS = 3
+"""That are named in a sentence."""
 
 _OfNoise = NoiseTests | ExperimentTests
 """What has tests of the noise by itself."""
@@ -113,8 +117,7 @@ def _bias(diagnosis: ExperimentDiagnosis) -> Finding:
         return _EXPLAINED.holds(sentence, p, test.level)
     where = _channels("actuator", test.failed)
     values = ", ".join(f"{value:.3f}" for value in test.statistic[test.failed])
-    words = {"position-periodic": "a position-periodic force"}
-    words |= {cause.kind: cause.words for cause in diagnosis.attribution.causes}
+    words = _nouns(diagnosis.attribution)
     found = " with ".join(dict.fromkeys(words[e.kind] for e in diagnosis.attribution.effects))
     if diagnosis.pointwise:
         advice = (
@@ -152,39 +155,90 @@ def _position_periodic(diagnosis: ExperimentDiagnosis) -> Finding:
         f"{1e3 * force.pitch:.4g} ± {1e3 * force.pitch_std:.1g} mm"
         for strut, force in effects
     ]
-    return _NOT_PERIODIC.fails(
-        f"position-periodic force (cogging) in {where}: {'; '.join(forces)}",
-        _effect_p(attribution.effects, "position-periodic"),
-        level,
-        where=where,
+    own = [effect for effect in attribution.effects if effect.kind == PERIODIC]
+    return _not_told_apart(
+        diagnosis,
+        own,
+        _NOT_PERIODIC.fails(
+            f"position-periodic force (cogging) in {where}: {'; '.join(forces)}",
+            _effect_p(own, PERIODIC),
+            level,
+            where=where,
+        ),
     )
 
 
 def _cause(diagnosis: ExperimentDiagnosis, cause: Cause) -> Finding:
-    """Whether the residuals lie along the columns of a family of causes."""
+    """Whether there is an effect of a family of causes."""
     attribution, assumption = diagnosis.attribution, cause.assumption
     last = attribution.last.families[cause.kind]
     effects = [effect for effect in attribution.effects if effect.kind == cause.kind]
     if not attribution.first.families[cause.kind].tested:
         return assumption.untested(cause.untested)
     if not effects:
-        best = last.columns[last.best]
-        p = min(1.0, last.tested * np.exp(best.log_p))
-        value, std = cause.scale * best.coefficient, cause.scale * best.std
+        p, value, std = 1.0, 0.0, 0.0
+        if last.tested:
+            fit = attribution.last.beside.fit(last.places(last.best))
+            p = min(1.0, last.tested * np.exp(last.log_p[last.best]))
+            value = cause.scale * fit.values[0]
+            std = cause.scale * float(np.sqrt(fit.covariance[0, 0]))
         return assumption.holds(cause.absent.format(p=p, value=value, std=std), p, cause.level)
-    changes = [
-        (f"{e.parameter} " if e.parameter else "")
-        + (f"in actuator {e.strut + 1} " if e.strut is not None else "")
-        + f"by {cause.scale * e.value:{cause.number}} ± {cause.scale * e.std:.1g} "
-        + cause.unit(e.parameter)
-        for e in effects
-    ]
-    return assumption.fails(
-        f"{cause.present} {'; '.join(changes)}",
+    found = assumption.fails(
+        "; ".join(_phrase(cause, effect) for effect in effects),
         _effect_p(effects, cause.kind),
         cause.level,
-        where=", ".join(dict.fromkeys(e.parameter for e in effects if e.parameter)),
+        where=", ".join(dict.fromkeys(_place(effect) for effect in effects if _place(effect))),
     )
+    return _not_told_apart(diagnosis, effects, found)
+
+
+def _phrase(cause: Cause, effect: Effect) -> str:
+    """Return what an effect is, where, and how large."""
+    unit = cause.unit(effect.parameter)
+    numbers = [
+        f"{cause.scale * value:{cause.number}} ± {cause.scale * std:.1g}"
+        for value, std in zip(effect.values, effect.stds, strict=True)
+    ][: cause.shown]
+    where = _place(effect)
+    constant = f", velocity {effect.constant:g} m/s" if effect.kind == "stribeck" else ""
+    size = f"{', '.join(numbers)} {unit}{constant}"
+    return f"{cause.noun}{' ' * bool(where)}{where} ({size})"
+
+
+def _place(effect: Effect | Rival) -> str:
+    """Return where an effect is: ``p4 in actuator 3``, ``base joint 2``."""
+    if effect.kind == "joint" and effect.strut is not None:
+        return f"{effect.parameter} joint {effect.strut + 1}"
+    number = "" if effect.strut is None else f"in actuator {effect.strut + 1}"
+    return f"{effect.parameter} {number}".strip()
+
+
+def _not_told_apart(
+    diagnosis: ExperimentDiagnosis, effects: Sequence[Effect], found: Finding
+) -> Finding:
+    """Name what explains the same about as well, in sentence and verdict."""
+    nouns = _nouns(diagnosis.attribution)
+    named = []
+    for effect in effects:
+        shown = [f"{nouns[r.kind]} {_place(r)}".strip() for r in effect.rivals]
+        if shown:
+            listed = _listed(shown[:_MOST_RIVALS])
+            more = f" and {len(shown) - _MOST_RIVALS} more" * (len(shown) > _MOST_RIVALS)
+            named.append(f"{nouns[effect.kind]} {_place(effect)}".strip() + f": {listed}{more}")
+    if not named:
+        return found
+    return replace(
+        found,
+        sentence=f"{found.sentence}; not told apart from others that explain it about as well "
+        f"({'; '.join(named)})",
+        contradiction=f"{found.contradiction}, or something like it",
+    )
+
+
+def _nouns(attribution: Attribution) -> dict[str, str]:
+    """Return what effects are called, by their kind."""
+    nouns = {PERIODIC: "a position-periodic force"}
+    return nouns | {cause.kind: cause.noun for cause in attribution.causes}
 
 
 def _motion(tests: ExperimentTests) -> list[Finding]:

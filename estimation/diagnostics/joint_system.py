@@ -3,7 +3,8 @@
 One Gauss–Newton step in (p, ξ) takes the residuals of any estimator to where the model explains as
 much of them as it can. What is left, e*, has the covariance W⁻¹ − U J⁻¹ Uᵀ whatever the estimator
 was. A further column z is tested by its score s = zᵀ W e* with the information
-I = zᵀ W z − zᵀ W U J⁻¹ Uᵀ W z: its coefficient is I⁻¹ s, and sᵀ I⁻¹ s is χ² if there is none.
+I = zᵀ W z − zᵀ W U J⁻¹ Uᵀ W z: its coefficient is I⁻¹ s, and sᵀ I⁻¹ s is χ² if there is none. A
+column has rows in the forces and in the lengths (`Signature`).
 
 For held-out data the parameters are not fitted: they come with the information Cov(p̂)⁻¹.
 """
@@ -19,9 +20,12 @@ import scipy.linalg as sla
 
 from constraints.arrays import Array
 from estimation.diagnostics.linearisation import Linearisation
+from estimation.diagnostics.projection import Fit, Projection
+from estimation.diagnostics.signature import Signature
 from estimation.measurement_model.normal_equations import NormalEquations, whitened
 from estimation.processing import NoiseModel
 from expdesign.information.fisher import ScaledInformation, whitening
+from expdesign.mechanism.hexapod import ACTUATORS
 
 _DETERMINED = 1e-12
 """Eigenvalues of the scaled J below this share of the largest belong to dependent columns."""
@@ -44,6 +48,13 @@ class JointSystem:
     """(u, u) and (u,), of the unknowns from the lengths, from other experiments and from priors."""
     freedom: float
     """Degrees of freedom behind Σ; inf when it was given."""
+    length_white: Array
+    length_counts: Array
+    """As of the forces: (6, 6), (R',)."""
+    lengths: Array
+    length_columns: Array
+    """(R', 6) and (R', 6, u), whitened, likewise; what they say of the unknowns is part of
+    `information` and `gradient` already."""
 
     @cached_property
     def solved(self) -> SolvedSystem:
@@ -57,21 +68,34 @@ class JointSystem:
         root = vectors[:, kept] / np.sqrt(values[kept]) / scales[:, None]
         inverse = root @ root.T
         step = inverse @ (flat.T @ self.forces.ravel() + self.gradient)
-        return SolvedSystem(self, inverse, root, self.forces - self.columns @ step)
-
-    def with_columns(self, columns: Array) -> JointSystem:
-        """Include further columns of the forces, (R, 6, q) in N, among the unknowns."""
-        new = columns.shape[2]
-        return replace(
+        return SolvedSystem(
             self,
-            columns=np.concatenate([self.columns, self.whitened(columns)], axis=2),
-            information=np.pad(self.information, (0, new)),
-            gradient=np.pad(self.gradient, (0, new)),
+            inverse,
+            root,
+            self.forces - self.columns @ step,
+            self.lengths - self.length_columns @ step,
         )
 
-    def whitened(self, columns: Array) -> Array:
-        """Return columns of the forces, (R, 6, q), as rows of the regression."""
-        return whitened(columns, self.white, self.counts)
+    def with_effects(self, effects: Signature) -> JointSystem:
+        """Include effects among the unknowns."""
+        forces, lengths = self.whitened(effects)
+        new = lengths.reshape(self.lengths.size, effects.count)
+        known = self.length_columns.reshape(self.lengths.size, len(self.gradient))
+        cross = known.T @ new
+        return replace(
+            self,
+            columns=np.concatenate([self.columns, forces], axis=2),
+            length_columns=np.concatenate([self.length_columns, lengths], axis=2),
+            information=np.block([[self.information, cross], [cross.T, new.T @ new]]),
+            gradient=np.concatenate([self.gradient, new.T @ self.lengths.ravel()]),
+        )
+
+    def whitened(self, effects: Signature) -> tuple[Array, Array]:
+        """Return effects as rows of the regression: of the forces, and of the lengths."""
+        return (
+            whitened(effects.forces, self.white, self.counts),
+            whitened(effects.lengths, self.length_white, self.length_counts),
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,25 +107,29 @@ class SolvedSystem:
     root: Array
     """(u, u) and (u, r), J⁻¹ = root rootᵀ."""
     rest: Array
-    """(R, 6), whitened e*."""
+    length_rest: Array
+    """(R, 6) and (R', 6), whitened e* of forces and lengths."""
 
-    def scores(self, columns: Array) -> tuple[Array, Array, Array]:
-        """Return scores, information and zᵀ W z, (q,), of columns, (R, 6, q), one by one."""
-        rows, mixed = self._projected(columns)
-        whole = np.einsum("nq,nq->q", rows, rows)
-        return rows.T @ self.rest.ravel(), whole - np.einsum("qr,qr->q", mixed, mixed), whole
+    def projection(self, effects: Signature) -> Projection:
+        """Return what the data say of effects beyond the unknowns."""
+        system = self.system
+        rows = [
+            part.reshape(rest.size, effects.count)
+            for part, rest in zip(
+                system.whitened(effects), (self.rest, self.length_rest), strict=True
+            )
+        ]
+        columns = (system.columns, system.length_columns)
+        mixed = sum(
+            part.T @ unknown.reshape(len(part), unknown.shape[2])
+            for part, unknown in zip(rows, columns, strict=True)
+        )
+        rest = np.concatenate([self.rest.ravel(), self.length_rest.ravel()])
+        return Projection(np.concatenate(rows), mixed @ self.root, rest, system.freedom)
 
-    def fitted(self, columns: Array) -> tuple[Array, Array]:
-        """Return the coefficients, (q,), of columns fitted together, and their covariance."""
-        rows, mixed = self._projected(columns)
-        scaled = ScaledInformation.of(rows.T @ rows - mixed @ mixed.T)
-        inverse = np.linalg.inv(scaled.matrix) / np.multiply.outer(scaled.scales, scaled.scales)
-        return inverse @ (rows.T @ self.rest.ravel()), inverse
-
-    def _projected(self, columns: Array) -> tuple[Array, Array]:
-        """Return the rows of columns and what the unknowns explain of them, (q, r)."""
-        rows = self.system.whitened(columns).reshape(self.rest.size, -1)
-        return rows, (rows.T @ self.system.columns.reshape(self.rest.size, -1)) @ self.root
+    def fitted(self, effects: Signature) -> Fit:
+        """Fit effects together."""
+        return self.projection(effects).beside(()).fit(range(effects.count))
 
     def force_residuals(self) -> Array:
         """Return e*, (R, 6), N."""
@@ -130,20 +158,25 @@ def joint_systems(
         nothing about the residuals of another.
     """
     count = len(known[1])
-    lengths = [_length_equations(part, noise) for part, noise in zip(parts, noises, strict=True)]
+    measured = [_length_equations(part, noise) for part, noise in zip(parts, noises, strict=True)]
     own = [
         NormalEquations.of([(part.forces, part.columns, part.counts)], noise.forces.covariance)
         .with_motion(motion)
         .eliminated(count)
-        for part, noise, motion in zip(parts, noises, lengths, strict=True)
+        for part, noise, motion in zip(parts, noises, measured, strict=True)
         if len(parts) > 1 and not held_out
     ]
     systems = []
-    for number, (part, noise, motion) in enumerate(zip(parts, noises, lengths, strict=True)):
+    for number, (part, noise, motion) in enumerate(zip(parts, noises, measured, strict=True)):
         others = [each for other, each in enumerate(own) if other != number]
         known_here = known[0] + sum(each.information for each in others)
         gradient = known[1] + sum(each.gradient for each in others)
         white = whitening(noise.forces.covariance)
+        length_white = whitening(noise.lengths.covariance)
+        unknowns = part.columns.shape[2]
+        lengths = np.zeros((0, ACTUATORS)) if part.lengths is None else part.lengths
+        length_columns = np.zeros((len(lengths), ACTUATORS, unknowns))
+        length_columns[:, :, count:] = part.length_columns
         systems.append(
             JointSystem(
                 white=white,
@@ -153,6 +186,10 @@ def joint_systems(
                 information=np.asarray(sla.block_diag(known_here, motion.matrix)),
                 gradient=np.concatenate([gradient, motion.gradient]),
                 freedom=noise.forces.freedom,
+                length_white=length_white,
+                length_counts=part.length_counts,
+                lengths=whitened(lengths, length_white, part.length_counts),
+                length_columns=whitened(length_columns, length_white, part.length_counts),
             )
         )
     return systems

@@ -115,6 +115,9 @@ class Linearisation:
     """(T, 6), residuals of the record's single rows, N."""
     length_rows: Array | None
     """(T, 6), likewise, m."""
+    cells: PhaseCells
+    length_cells: PhaseCells
+    """Over which forces, and lengths, were averaged."""
 
     @property
     def columns(self) -> Array:
@@ -184,6 +187,8 @@ def linearise(
         speed=cells.mean(struts.length_rate),
         force_rows=rows,
         length_rows=lengths,
+        cells=cells,
+        length_cells=length_cells,
     )
 
 

@@ -50,6 +50,8 @@ class PitchScan:
     """Logarithm of the probability of one so large, over all pitches of this strut."""
     critical: float
     """What the statistic must exceed to be significant over all struts and pitches."""
+    reach: float
+    """∫ √λ₂ df over the scan."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +84,7 @@ def scan_pitches(
     frequencies = _frequencies(length, part.speed[:, strut], step)
     if not len(frequencies):
         nothing = np.zeros(0)
-        return PitchScan(strut, nothing, nothing, np.nan, 0.0, 0.0, np.inf)
+        return PitchScan(strut, nothing, nothing, np.nan, 0.0, 0.0, np.inf, 0.0)
     pair_statistic = _pair_statistic(solved, strut, length - np.mean(length))
     statistic = pair_statistic(frequencies)
     top = int(np.argmax(statistic))
@@ -106,6 +108,7 @@ def scan_pitches(
         best=best,
         log_p=log_exceedance(best, reach, freedom),
         critical=critical_value(level / ACTUATORS, reach, freedom),
+        reach=reach,
     )
 
 

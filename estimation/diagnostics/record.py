@@ -8,8 +8,8 @@ from typing import Annotated, ClassVar
 import numpy as np
 
 from estimation.diagnostics.attribution import Attribution, Effect
+from estimation.diagnostics.cause_test import CauseResult, DelayTest
 from estimation.diagnostics.channel_test import Strut
-from estimation.diagnostics.column_test import ColumnTest, DelayTest
 from estimation.diagnostics.finding import Verdict
 from estimation.diagnostics.lack_of_fit import ChiSquare, LackOfFit
 from estimation.diagnostics.noise_record import Histogram, NoisePictures, Quantiles
@@ -57,8 +57,12 @@ class ExperimentTests:
     variance_comparison: Annotated[VarianceComparison, described("", "the paper's comparison")]
     effects: Annotated[tuple[Effect, ...], described("", "what the model lacks, strongest first")]
     position_periodic: Annotated[tuple[PitchResult, ...], described("", "strut by strut")]
-    columns: Annotated[ColumnTest, described("", "errors of parameters")]
-    columns_with_effects: Annotated[ColumnTest, described("", "with the effects as known")]
+    causes: Annotated[
+        tuple[CauseResult, ...], described("", "what the model may lack, family by family")
+    ] = ()
+    causes_with_effects: Annotated[
+        tuple[CauseResult, ...], described("", "with the effects as known")
+    ] = ()
     delay: Annotated[DelayTest, described("", "between forces and lengths")]
     delay_with_effects: Annotated[DelayTest, described("", "with the effects as known")]
     whiteness: Annotated[Whitenesses, described("", "autocorrelation")]

@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import stats
 from scipy.optimize import brentq
+from scipy.special import gammaln
 
 from constraints.arrays import Array
 
@@ -37,6 +38,22 @@ def log_pair_tail(statistic: Array, freedom: float) -> Array:
     if not np.isfinite(freedom):
         return -0.5 * statistic
     return -0.5 * freedom * np.log1p(statistic / freedom)
+
+
+def log_tail(statistic: Array, count: Array, freedom: float) -> Array:
+    """Return log P(T > statistic) of χ² with `count` ≥ 1 degrees, or `count` F with ν.
+
+    ν, `freedom`, is that of an estimated Σ; T is then `count` times an F of (count, ν).
+    """
+    half = np.asarray(count) / 2
+    if np.isfinite(freedom):
+        direct = stats.f.sf(statistic / (2 * half), 2 * half, freedom)
+        size = freedom * np.log1p(statistic / freedom) / 2
+    else:
+        direct, size = stats.chi2.sf(statistic, 2 * half), np.asarray(statistic) / 2
+    # Beyond what numbers hold, the leading term of the tail.
+    far = (half - 1) * np.log(np.maximum(size, 1.0)) - size - gammaln(half)
+    return np.where(direct > _SMALLEST, np.log(np.maximum(direct, _SMALLEST)), far)
 
 
 def ratio_tail(value: float, weights: Array, freedom: float) -> float:

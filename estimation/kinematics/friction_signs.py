@@ -14,7 +14,7 @@ from scipy.special import erf
 
 from constraints.arrays import Array
 from estimation.measurement_model import HarmonicMotion
-from estimation.measurement_model.prediction import chunks, sliding_kernel
+from estimation.measurement_model.prediction import chunks, sliding_kernel, sliding_rate_kernel
 from expdesign.robot import Robot
 
 
@@ -23,7 +23,8 @@ def expected_signs(robot: Robot, motion: HarmonicMotion, times: Array, spread: A
 
     `spread` is their standard deviation, (S, s), as of `rate_spread`; 0 gives the plain signs.
     """
-    rates, _ = sliding_kernel(robot.terms)(motion.at(times).state(), robot.geometry_vector)
+    kernel = sliding_rate_kernel(robot.terms)
+    (rates,) = kernel(motion.at(times).state(), robot.geometry_vector)
     doubtful = spread > 0
     scaled = np.divide(rates, np.sqrt(2) * spread, out=np.zeros_like(rates), where=doubtful)
     return np.where(doubtful, erf(scaled), np.sign(rates))

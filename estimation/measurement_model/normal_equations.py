@@ -33,7 +33,7 @@ def filtered(parts: Iterable[Rows], whitening_filter: Filter) -> Rows:
 
 def whitened(values: Array, white: Array, counts: Array) -> Array:
     """Return residuals (S, 6) or columns (S, 6, u) scaled to unit covariance by S: S Σ Sᵀ = 1."""
-    columns = values.reshape(*values.shape[:2], -1)
+    columns = values.reshape(*values.shape[:2], int(np.prod(values.shape[2:])))
     return (np.matmul(white, columns) * np.sqrt(counts)[:, None, None]).reshape(values.shape)
 
 

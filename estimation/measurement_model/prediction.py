@@ -54,6 +54,13 @@ def sliding_kernel(terms: tuple[Term, ...]) -> BatchFunction:
     return BatchFunction("sliding", [graph.state], [graph.geometry.vector], [graph.sliding, slope])
 
 
+@cache
+def sliding_rate_kernel(terms: tuple[Term, ...]) -> BatchFunction:
+    """State (18) → the rates (s) of dry friction."""
+    graph = hexapod_graph(terms)
+    return BatchFunction("sliding_rate", [graph.state], [graph.geometry.vector], [graph.sliding])
+
+
 def predict_lengths(robot: Robot, motion: HarmonicMotion, times: Array) -> tuple[Array, Array]:
     """Return strut lengths at the times given, (S, 6), m, and their slope to ξ, (S, 6, x)."""
     sampled = motion.at(times)

@@ -8,9 +8,11 @@ import pytest
 from scipy import stats
 
 from estimation.data.measurement import Measurement
+from estimation.diagnostics.causes import causes
 from estimation.diagnostics.joint_system import joint_systems
 from estimation.diagnostics.linearisation import linearise
 from estimation.diagnostics.residual_law import held_out_law, joint_law, linear_laws
+from estimation.diagnostics.suspects import Suspects
 from estimation.estimators import Experiment, Knowledge, linear_estimate, maximum_likelihood
 from estimation.kinematics.fourier_fit import fit_motion
 from estimation.kinematics.pointwise import pointwise_motion
@@ -132,6 +134,12 @@ class LinearTwin:
         model = replace(noise, forces=replace(noise.forces, freedom=self.freedom))
         information = self.zero if known is None else known
         return joint_systems([part], [model], information, held_out=held_out)[0]
+
+    def families(self, *, held_out):
+        """Return the causes that are looked for at the truth."""
+        lab, motion = self.lab, self.experiment.fit.motion
+        suspects = Suspects(lab.robot, self.experiment, motion, lab.robot.parameters, self.part)
+        return causes(suspects, lab.knowledge.names, held_out=held_out)
 
     def law(self, kind):
         if kind == "ml":

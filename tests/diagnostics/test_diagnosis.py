@@ -77,7 +77,13 @@ def test_a_diagnosis_in_a_file(laboratory, sound, tmp_path):
     assert only["lack_of_fit"]["ms_lof"] == pytest.approx(test.mean_square.tolist())
     assert only["lack_of_fit"]["failed"] == []
     assert [scan["strut"] for scan in only["position_periodic"]] == [1, 2, 3, 4, 5, 6]
-    assert len(only["columns"]["columns"]) == 72
+    kinds = {family["kind"]: family for family in only["causes"]}
+    assert len(kinds["column"]["candidates"]) == 72
+    assert [joint["parameter"] for joint in kinds["joint"]["candidates"]] == [
+        *["base"] * 6,
+        *["platform"] * 6,
+    ]
+    assert all(len(joint["values"]) == 3 for joint in kinds["joint"]["candidates"])
 
 
 def test_residuals_of_every_period_average_to_the_mean(laboratory, sound):

@@ -1,0 +1,169 @@
+"""Tests of the candidates of a family of causes, beside effects that are taken as known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Any, Self
+
+import numpy as np
+from pydantic import Field, model_serializer
+from scipy import stats
+
+from constraints.arrays import Array
+from estimation.diagnostics.cause import Cause
+from estimation.diagnostics.channel_test import Strut
+from estimation.diagnostics.projection import Conditional, Places
+from estimation.diagnostics.tails import log_tail
+from expdesign.runfolder import OpenNumber, OpenNumbers, described
+
+POWER = 0.8
+"""Of the test, for which the smallest error that is found is stated."""
+
+
+@dataclass(frozen=True, eq=False)
+class CauseTest:
+    """What is seen of every candidate of a family."""
+
+    cause: Cause
+    first: int
+    """Place of its first column in the projection."""
+    statistic: Array
+    """(n,), χ², NaN where nothing is left to be seen."""
+    rank: Array
+    """(n,), its degrees of freedom."""
+    log_p: Array
+    """(n,), of each by itself."""
+
+    @property
+    def tested(self) -> int:
+        """How many candidates leave something to test."""
+        return int(np.count_nonzero(np.isfinite(self.log_p)))
+
+    @property
+    def best(self) -> int:
+        """Number of the most significant candidate; -1 when none is left."""
+        return int(np.nanargmin(self.log_p)) if self.tested else -1
+
+    @property
+    def limit(self) -> float:
+        """Largest log p of a candidate that is significant in its family."""
+        return float(np.log(self.cause.level / max(self.tested, 1)))
+
+    def places(self, candidate: int) -> Places:
+        """Return the places of a candidate's columns in the projection."""
+        return self.cause.columns_of(candidate) + self.first
+
+
+def cause_test(beside: Conditional, cause: Cause, first: int) -> CauseTest:
+    """Test every candidate by itself; its columns stand in the projection from `first` on."""
+    count = cause.candidates
+    statistic, rank = np.full(count, np.nan), np.ones(count)
+    if cause.places:
+        for number in range(count):
+            fit = beside.fit(cause.columns_of(number) + first)
+            if fit.rank:
+                statistic[number], rank[number] = fit.statistic, fit.rank
+    else:
+        own = slice(first, first + count)
+        seen = beside.seen[own]
+        information = np.where(seen, np.diag(beside.information)[own], np.nan)
+        statistic = beside.score[own] ** 2 / information
+    log_p = np.full(count, np.nan)
+    done = np.isfinite(statistic)
+    log_p[done] = log_tail(statistic[done], rank[done], beside.freedom)
+    return CauseTest(cause, first, statistic, rank, log_p)
+
+
+@dataclass(frozen=True, eq=False)
+class CandidateResult:
+    """Test of the residuals on the columns of one candidate."""
+
+    parameter: Annotated[str, described("", "whose column it is, or base or platform; or empty")]
+    actuator: Annotated[Strut, described("1", "number of the actuator; null: all of them")]
+    constant: Annotated[OpenNumber, described("SI", "a constant of the columns; null: none")]
+    statistic: Annotated[OpenNumber, described("1", "χ²; null where nothing is left to test")]
+    freedom: Annotated[
+        float, Field(alias="degrees_of_freedom"), described("1", "combinations that are seen")
+    ]
+    log_p: Annotated[OpenNumber, described("1", "logarithm of p of this test")]
+    values: Annotated[OpenNumbers, described("SI", "what is asked for")]
+    std: Annotated[OpenNumbers, described("SI", "standard deviations of the values")]
+    detectable: Annotated[
+        OpenNumbers, described("SI", "smallest values, each by itself, that are found with `power`")
+    ]
+    failed: Annotated[bool, described("", "residuals lie along the columns")]
+
+
+@dataclass(frozen=True, eq=False)
+class CauseResult:
+    """Tests of all candidates of a family."""
+
+    kind: Annotated[str, described("", "of the family")]
+    power: Annotated[float, described("1", "of the test")]
+    family_level: Annotated[float, described("1", "level of all candidates together")]
+    tested: Annotated[int, described("1", "candidates that leave something to test")]
+    candidates: Annotated[tuple[CandidateResult, ...], described("", "one by one")]
+
+    @classmethod
+    def of(cls, test: CauseTest, beside: Conditional) -> Self:
+        """State a test."""
+        cause = test.cause
+        far = stats.norm.isf(np.exp(test.limit) / 2) + stats.norm.ppf(POWER)
+        rows = []
+        own = slice(test.first, test.first + cause.columns.count)
+        information = np.where(beside.seen[own], np.diag(beside.information)[own], np.nan)
+        alone = beside.score[own] / information, 1 / np.sqrt(information)
+        for number, (name, strut) in enumerate(cause.labels):
+            values, std = (each[number : number + 1] for each in alone)
+            if cause.places:
+                fit = beside.fit(test.places(number))
+                values, std = fit.values, np.sqrt(np.diag(fit.covariance))
+            rows.append(
+                CandidateResult(
+                    parameter=name,
+                    actuator=strut,
+                    constant=cause.constant_of(number),
+                    statistic=float(test.statistic[number]),
+                    freedom=float(test.rank[number]),
+                    log_p=float(test.log_p[number]),
+                    values=values,
+                    std=std,
+                    detectable=far * std,
+                    failed=bool(test.log_p[number] < test.limit),
+                )
+            )
+        return cls(cause.kind, POWER, cause.level, test.tested, tuple(rows))
+
+    @property
+    def best(self) -> CandidateResult | None:
+        """The most significant candidate; None when nothing was tested."""
+        found = [each for each in self.candidates if np.isfinite(each.log_p)]
+        return min(found, key=lambda each: each.log_p, default=None)
+
+
+@dataclass(frozen=True)
+class DelayTest:
+    """By how much the forces lag behind the lengths, beyond the delays that were given."""
+
+    refused: Annotated[str, described("", "why there is no test; empty when there is one")]
+    delay: Annotated[
+        OpenNumber, Field(alias="seconds"), described("s", "positive when the forces lag")
+    ] = np.nan
+    std: Annotated[OpenNumber, described("s", "standard deviation of the delay")] = np.nan
+    log_p: Annotated[
+        OpenNumber, described("1", "logarithm of p of the test of no delay, of all that were tried")
+    ] = np.nan
+    failed: Annotated[bool, described("", "there is a delay")] = False
+
+    @classmethod
+    def of(cls, result: CauseResult, cause: Cause) -> Self:
+        """Take the most significant of its secants."""
+        best = result.best
+        if best is None:
+            return cls(cause.untested)
+        log_p = min(0.0, best.log_p + float(np.log(result.tested)))
+        return cls("", float(best.values[0]), float(best.std[0]), log_p, best.failed)
+
+    @model_serializer(mode="wrap")
+    def _in_a_file(self, fields: Any) -> dict[str, Any]:
+        return {"refused": self.refused} if self.refused else fields(self)

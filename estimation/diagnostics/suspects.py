@@ -1,0 +1,164 @@
+"""Columns of what a model may lack: terms of the catalogue, deviations of the machine, a delay.
+
+They are taken at the estimate along the estimated motion, and averaged over the same cells as the
+residuals. What depends on the parameters, such as the load of the actuators, is that of the
+estimate.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from constraints.arrays import Array
+from estimation.diagnostics.linearisation import Linearisation
+from estimation.diagnostics.signature import Signature
+from estimation.estimators.experiment import Experiment, regressors_along, regressors_at
+from estimation.kinematics.friction_signs import expected_signs, rate_spread
+from estimation.measurement_model import HarmonicMotion
+from estimation.measurement_model.deviation import deviation_forces, deviation_lengths
+from expdesign.mechanism.catalogue import TERMS
+from expdesign.mechanism.hexapod import ACTUATORS
+from expdesign.mechanism.term import Term, parameters_of
+from expdesign.robot import Robot
+from expdesign.robot.deviation import deviations
+
+
+@dataclass(frozen=True, eq=False)
+class Suspects:
+    """Where the columns are taken."""
+
+    robot: Robot
+    experiment: Experiment
+    motion: HarmonicMotion | None
+    """None: the pointwise motion of the experiment."""
+    values: Array
+    """(m,), estimated parameters, SI."""
+    part: Linearisation
+
+    def gains(self) -> Signature:
+        """Return six: the predicted force of one actuator each, N per share."""
+        forces = self.part.regressors @ self.values
+        return self._of_forces(forces[:, :, None] * np.eye(ACTUATORS))
+
+    def lacks(self, name: str) -> bool:
+        """Tell whether a term of the catalogue is none of the robot's."""
+        return TERMS[name] not in self.robot.terms
+
+    def term(self, name: str, **constants: float) -> Signature:
+        """Return the columns of a term that the robot does not have, for its constants, SI."""
+        if tuple(constants) != tuple(constant.name for constant in TERMS[name].constants):
+            raise ValueError(f"{name} has other constants than {', '.join(constants)}")
+        robot, signs = self._extended
+        first = 0
+        held: list[float] = []
+        for term in robot.terms:
+            own = len(term.constants)
+            known = robot.description.constants[first : first + own]
+            held += constants.values() if term.name == name else known
+            first += own
+        changed = Robot(replace(robot.description, constants=tuple(held)), robot.load_parameters)
+        regressors = self._regressors(changed, signs)
+        columns = slice(*_columns_of(robot.terms, name))
+        return self._of_forces(self.part.cells.mean(regressors[:, :, columns]))
+
+    def deviations(self, names: Sequence[str]) -> Signature:
+        """Return the columns of `expdesign.robot.deviation` with these names."""
+        picked = [self._deviations[1].index(name) for name in names]
+        return self._deviations[0].picked(picked)
+
+    def delay(self, seconds: float) -> Signature:
+        """Return what a delay of the forces by so much adds, N per second of it.
+
+        A secant, not a derivative: jumps of dry friction come late by as much.
+        """
+        if self.motion is None:
+            raise ValueError("pointwise kinematics cannot be moved in time")
+        change = (self._forces(self.motion.delayed(seconds)) - self._forces_in_time) / seconds
+        return self._of_forces(self.part.cells.mean(change)[:, :, None])
+
+    @cached_property
+    def _forces_in_time(self) -> Array:
+        if self.motion is None:
+            raise ValueError("pointwise kinematics cannot be moved in time")
+        return self._forces(self.motion)
+
+    def _forces(self, motion: HarmonicMotion) -> Array:
+        """Return the predicted forces at the samples along a motion, (T, 6)."""
+        signs = self.experiment.signs(self.robot, motion)
+        return regressors_along(self.robot, motion, self.experiment.times, signs) @ self.values
+
+    @cached_property
+    def _deviations(self) -> tuple[Signature, tuple[str, ...]]:
+        robot, experiment, motion, part = self.robot, self.experiment, self.motion, self.part
+        if motion is None:
+            raise ValueError("pointwise kinematics have no motion that deviations could move")
+        wanted = [each for each in deviations(robot) if each.group in _GEOMETRIC]
+        signs = experiment.signs(robot, motion)
+        forces = deviation_forces(robot, motion, experiment.times, signs, self.values, wanted)
+        lengths = deviation_lengths(robot, motion, experiment.record.lengths.times, wanted)
+        columns = Signature(part.cells.mean(forces), part.length_cells.mean(lengths))
+        return columns, tuple(each.name for each in wanted)
+
+    def _of_forces(self, columns: Array) -> Signature:
+        return Signature.of_forces(self.part, columns)
+
+    @cached_property
+    def _extended(self) -> tuple[Robot, Array | None]:
+        """The robot's terms without friction, and all of the catalogue that it lacks.
+
+        With the load that it bears at the estimate, and the signs of friction (T, s); None after
+        pointwise kinematics, which take the exact ones.
+        """
+        about, experiment, motion = self.robot.description, self.experiment, self.motion
+        own = iter(about.constants)
+        constants = {term: [next(own) for _ in term.constants] for term in about.terms}
+        held = tuple(term for term in about.terms if not term.rates)
+        terms = (*held, *(TERMS[name] for name in SUSPECTED if self.lacks(name)))
+        values = dict(zip(self.robot.parameter_names, self.values.tolist(), strict=True))
+        parameters = {p.name: values.get(p.name, 0.0) for p in parameters_of(terms)}
+        robot = Robot(
+            replace(
+                about,
+                terms=terms,
+                constants=tuple(
+                    value
+                    for term in terms
+                    for value in constants.get(term, [1.0] * len(term.constants))
+                ),
+                parameters=parameters,
+            )
+        )
+        if motion is None or experiment.fit is None:
+            return robot, None
+        times = experiment.record.forces.times
+        if not robot.graph.rates:
+            return robot, np.zeros((len(times), 0))
+        spread = rate_spread(robot, motion, times, experiment.fit.covariance)
+        return robot, expected_signs(robot, motion, times, spread)
+
+    def _regressors(self, robot: Robot, signs: Array | None) -> Array:
+        """Return A of another robot at the samples, (T, 6, m)."""
+        if self.motion is not None and signs is not None:
+            return regressors_along(robot, self.motion, self.experiment.record.forces.times, signs)
+        if self.experiment.pointwise is None:
+            raise ValueError("an experiment has a fitted or a pointwise motion")
+        return regressors_at(robot, self.experiment.pointwise)
+
+
+def _columns_of(terms: Sequence[Term], name: str) -> tuple[int, int]:
+    """Return the first column of a term of these, and that behind its last."""
+    names = [term.name for term in terms]
+    place = names.index(name)
+    first = len(parameters_of(tuple(terms[:place])))
+    return first, first + len(terms[place].parameters)
+
+
+SUSPECTED = ("load_friction", "stribeck", "force_offset", "cable")
+"""Terms of the catalogue that a robot may lack; that which takes the load comes first, so that the
+load is that of the robot's own terms."""
+
+_GEOMETRIC = ("base_joints", "platform_joints", "gravity", "strut_length")
