@@ -104,9 +104,11 @@ class Instructions:
 
 def _by_casadi(operation: int, operands: int) -> Callable[..., None]:
     """Return one operation on rows of a block, the last of which takes the result."""
-    symbols = [ca.SX.sym("x") for _ in range(operands)]
-    made = ca.SX.unary if operands == 1 else ca.SX.binary
-    function = ca.Function("operation", symbols, [made(operation, *symbols)]).map(BLOCK)
+    x, y = ca.MX.sym("x", BLOCK), ca.MX.sym("y", BLOCK)
+    if operands == 1:
+        function = ca.Function("operation", [x], [ca.MX.unary(operation, x)])
+    else:
+        function = ca.Function("operation", [x, y], [ca.MX.binary(operation, x, y)])
     buffer, evaluate = function.buffer()
 
     def done(*rows: Array) -> None:
