@@ -117,8 +117,20 @@ class PredictedStd:
     experiment: _Precision
 
 
-_WORST = ("value", "bound", "unit", "row", "strut", "time", "violation", "origin")
-"""What `design.json` says of the worst moment of a limit; see `LimitCheck`."""
+@dataclass(frozen=True)
+class WorstMoment:
+    """What `design.json` says of a limit: of its `LimitCheck`, and how that was found."""
+
+    value: OpenNumber
+    bound: OpenNumber
+    unit: str
+    row: str
+    strut: int | None
+    time: OpenNumber
+    violation: OpenNumber
+    origin: str
+    certified: bool
+    method: str
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -167,7 +179,7 @@ class DesignFile(TrajectoryFile):
         ),
     ]
     limits: Annotated[
-        dict[str, dict[str, Any]],
+        dict[str, WorstMoment],
         described(
             "",
             "for each limit: worst value, bound, unit, row, strut, time, violation, origin, "
@@ -196,11 +208,7 @@ class DesignFile(TrajectoryFile):
             predicted_std=PredictedStd(result.per_period, result.experiment),
             solver=SolverRecord.of(result),
             limits={
-                check.key: {
-                    **{name: getattr(check, name) for name in _WORST},
-                    "certified": False,
-                    "method": result.check.method,
-                }
+                check.key: copied(WorstMoment, check, certified=False, method=result.check.method)
                 for check in result.check.limits
             },
         )

@@ -13,8 +13,9 @@ import pytest
 
 from expdesign.cli.app import app
 from expdesign.cli.errors import run
-from expdesign.configuration import load_run
+from expdesign.configuration import InputError, load_run
 from expdesign.experiment import DesignRecord
+from expdesign.experiment.design_file import DesignFile
 from expdesign.export.record import ExportsRecord
 from expdesign.motion.record import RecordedMotion
 from expdesign.runfolder.manifest import Manifest
@@ -44,6 +45,16 @@ def test_the_design_is_read():
     sign, log_det = np.linalg.slogdet(record.information)
     assert sign == 1
     assert log_det == pytest.approx(record.summary.log_det_information, rel=1e-6)
+
+
+@pytest.mark.parametrize(("key", "value"), [("strut", "one"), ("time", "soon"), ("method", None)])
+def test_what_is_said_of_a_limit_is_checked(key, value, tmp_path):
+    document = json.loads((OLD / "design.json").read_text(encoding="utf-8"))
+    document["limits"]["tilt"][key] = value
+    (tmp_path / "design.json").write_text(json.dumps(document), encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        DesignFile.read(tmp_path)
+    assert [problem.key for problem in caught.value.problems] == [f"limits.tilt.{key}"]
 
 
 def test_its_stages_are_done_as_they_would_be_now(monkeypatch):
