@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import lru_cache
 from numbers import Integral, Real
 from pathlib import Path
 from typing import Any, Generic, TypeVar
@@ -195,7 +196,9 @@ def read_text(path: Path, largest: int, allowed: str) -> str:
         raise InputError(message, path, line, allowed=allowed) from None
 
 
+@lru_cache(maxsize=8)
 def _compose(path: Path, text: str) -> Node | None:
+    """Return the nodes of a text, which nobody changes: a robot is often read again."""
     try:
         node: Node | None = YAML(typ="safe", pure=True).compose(text)
     except RecursionError:
