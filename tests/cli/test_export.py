@@ -13,6 +13,10 @@ from expdesign.trajectory import FourierTrajectory
 from tests.export.motions import motion_of, task
 
 COARSE = {"segment": "4 ms", "tolerance": "0.2 mm"}
+# Segments that are given need no search, which the tests of the exports and of one table here see.
+GIVEN = {"segment": "10 ms", "tolerance": "50 um"}
+BY_HAND = ("--segment", "10 ms", "--tolerance", "50 um")
+READ = {"segment": 0.01, "tolerance": 5e-5}
 
 
 @pytest.fixture(autouse=True)
@@ -105,7 +109,7 @@ def test_a_table_with_the_runs_options(expdesign, folder):
 
 def test_a_second_table_is_added(expdesign, folder):
     for name, more in (
-        ("xps-pvt", ()),
+        ("xps-pvt", BY_HAND),
         ("pi-wave", ("--segment", "4 ms", "--tolerance", "0.2 mm")),
     ):
         status, _, messages = expdesign("export", folder, "--format", name, *more)
@@ -225,6 +229,8 @@ ACTUATORS = {"order": [2, 1, 3, 4, 5, 6], "sign": -1, "offset": "home"}
 def test_options_override_those_of_the_run(
     stated, arguments, left_out, expected, expdesign, folder, resolved
 ):
+    if "segment" not in stated:
+        stated, expected = stated | GIVEN, expected | READ
     resolved([stated])
     command = ("export", folder, "--format", stated["format"], *arguments, "--json")
     status, answer, messages = expdesign(*command)
@@ -239,8 +245,8 @@ def test_one_of_several_tables_of_the_run_is_named(expdesign, folder, resolved):
     resolved(
         [
             "csv",
-            {"format": "xps-pvt", **ACTUATORS},
-            {"format": "xps-pvt", "file": "b", "units": "um"},
+            {"format": "xps-pvt", **ACTUATORS, **GIVEN},
+            {"format": "xps-pvt", "file": "b", "units": "um", **GIVEN},
         ]
     )
     command = ("export", folder, "--format", "xps-pvt")
@@ -252,13 +258,13 @@ def test_one_of_several_tables_of_the_run_is_named(expdesign, folder, resolved):
     assert expdesign(*command, "--file", "b")[0] == 0
     assert expdesign(*command, "--file", "xps-pvt")[0] == 0
     files = json.loads((folder / "exports/exports.json").read_text())["files"]
-    assert files["b.trj"]["options"] == {"format": "xps-pvt", "file": "b", "units": "um"}
+    assert files["b.trj"]["options"] == {"format": "xps-pvt", "file": "b", "units": "um", **READ}
     assert files["xps-pvt.trj"]["options"]["order"] == ACTUATORS["order"]
     # Where there is one, it lends its options to a table of another name.
-    resolved([{"format": "xps-pvt", "units": "in"}])
+    resolved([{"format": "xps-pvt", "units": "in", **GIVEN}])
     assert expdesign(*command, "--file", "c")[0] == 0
     files = json.loads((folder / "exports/exports.json").read_text())["files"]
-    assert files["c.trj"]["options"] == {"format": "xps-pvt", "file": "c", "units": "in"}
+    assert files["c.trj"]["options"] == {"format": "xps-pvt", "file": "c", "units": "in", **READ}
 
 
 def test_folders_that_are_none(expdesign, folder, tmp_path):
@@ -303,7 +309,7 @@ def test_a_table_beyond_its_tolerance_is_not_kept(expdesign, folder):
     ],
 )
 def test_what_may_help_fits_the_cause(room, options, cause, remedy, expdesign, folder, run_file):
-    assert expdesign("export", folder, "--format", "xps-pvt")[0] == 0
+    assert expdesign("export", folder, "--format", "xps-pvt", *BY_HAND)[0] == 0
     made = json.loads((folder / "exports/exports.json").read_text())["files"]["xps-pvt.trj"]
     largest = abs(made["read_back"]["limits"]["strut_acceleration"]["value"])
     run = json.loads(run_file(["xps-pvt"]).read_text())
@@ -326,7 +332,8 @@ def test_no_way_into_the_motion(expdesign, folder, monkeypatch):
 
 
 def test_the_stage_of_run(expdesign, folder, run_file):
-    file = run_file(["xps-pvt", {"format": "linuxcnc-strut", **COARSE}])
+    quick = {"format": "xps-pvt", **GIVEN}
+    file = run_file([quick, {"format": "linuxcnc-strut", **COARSE}])
     text = json.loads(file.read_text())
     del text["experiment"]
     file.write_text(json.dumps(text | {"experiment": {"periods": 1, "sampling": 500}}))
@@ -347,7 +354,7 @@ def test_the_stage_of_run(expdesign, folder, run_file):
     status, answer, _ = expdesign("run", file, "--out", folder, "--json")
     assert json.loads(answer)["resumed"] is True
     # Another list: what it no longer names goes.
-    data["export"] = ["xps-pvt"]
+    data["export"] = [quick]
     file.write_text(json.dumps(data))
     status, answer, _ = expdesign("run", file, "--out", folder, "--json")
     assert json.loads(answer)["resumed"] is False
@@ -358,7 +365,7 @@ def test_a_run_keeps_what_is_told_of_tables_exported_by_hand(expdesign, folder, 
     file = measured_run(run_file(["linuxcnc-strut"]), COARSE)
     assert expdesign("run", file, "--out", folder)[0] == 0
     exports = folder / "exports"
-    status, _, messages = expdesign("export", folder, "--format", "xps-pvt")
+    status, _, messages = expdesign("export", folder, "--format", "xps-pvt", *BY_HAND)
     assert status == 0, messages
 
     def described():
@@ -386,7 +393,7 @@ def test_a_run_keeps_what_is_told_of_tables_exported_by_hand(expdesign, folder, 
 
 
 def test_tables_of_another_motion_are_told_of_no_longer(expdesign, folder):
-    assert expdesign("export", folder, "--format", "xps-pvt")[0] == 0
+    assert expdesign("export", folder, "--format", "xps-pvt", *BY_HAND)[0] == 0
     data = json.loads((folder / "design.json").read_text())
     data["mu"][0][0] *= 1 - 1e-6
     (folder / "design.json").write_text(json.dumps(data))
@@ -411,12 +418,14 @@ def measured_run(file, options):
 
 
 def test_a_table_of_the_stage_is_described_though_the_next_one_fails(expdesign, folder, run_file):
-    file = run_file([{"format": "xps-pvt", "units": "mm"}, {"format": "csv", "segment": "80 ms"}])
+    mine = {"format": "xps-pvt", "units": "mm", **GIVEN}
+    file = run_file([mine, {"format": "csv", "segment": "80 ms"}])
     measured = folder.parent / "measured.csv"
     measured.write_text("t\n")
     data = json.loads(file.read_text()) | {"data": {"file": str(measured)}}
     file.write_text(json.dumps(data))
-    assert expdesign("export", folder, "--format", "xps-pvt", "--units", "um")[0] == 0
+    command = ("export", folder, "--format", "xps-pvt")
+    assert expdesign(*command, "--units", "um", *BY_HAND)[0] == 0
     status, _, messages = expdesign("run", file, "--out", folder)
     assert (status, "csv.csv" in messages) == (1, True)
     exports = folder / "exports"
@@ -425,14 +434,14 @@ def test_a_table_of_the_stage_is_described_though_the_next_one_fails(expdesign, 
     assert found["sha256"] == file_hash(exports / "xps-pvt.trj")
     assert "q1     mm" in (exports / "README.txt").read_text()
     # By hand it is the same table, not one with the options of before.
-    status, answer, _ = expdesign("export", folder, "--format", "xps-pvt", "--json")
+    status, answer, _ = expdesign(*command, "--json")
     assert status == 0
     assert next(iter(json.loads(answer)["files"].values()))["options"]["units"] == "mm"
 
 
 def test_the_options_of_a_run_that_was_changed_are_those_of_its_folder(expdesign, folder, run_file):
     for options in ({"units": "um"}, {"units": "mm", "sign": -1}):
-        file = measured_run(run_file(["xps-pvt"]), options)
+        file = measured_run(run_file(["xps-pvt"]), options | GIVEN)
         status, _, messages = expdesign("run", file, "--out", folder)
         assert status == 0, messages
         assert (folder / "run.yaml").read_text() == resolved_yaml(load_run(file))

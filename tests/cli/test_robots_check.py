@@ -318,9 +318,8 @@ def test_the_console_script(tmp_path):
             env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path), "PYTHONIOENCODING": "ascii"},
         )
 
-    for arguments in (["check", "palida"], ["robots"], ["check", "--json", "palida"]):
-        good = command(*arguments)
-        assert good.returncode == 0, good.stderr
+    good = command("check", "palida")
+    assert good.returncode == 0, good.stderr
     bad = command("check", str(tmp_path))
     assert bad.returncode == 2
     assert "Traceback" not in bad.stderr

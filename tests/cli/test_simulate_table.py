@@ -51,14 +51,42 @@ def folder(tmp_path, run_file, searches):
     return out
 
 
+TABLES = {
+    "xps-pvt.trj": ("xps-pvt", "--sign", "-1", "--units", "um"),
+    "ros2.yaml": ("ros2",),
+}
+COARSE = ("--segment", "25 ms", "--tolerance", "50 um")
+
+
+@pytest.fixture(scope="module")
+def exported():
+    """Keep what was exported from the design of `folder`, by the table's name."""
+    return {}
+
+
 @pytest.fixture
-def table(folder, expdesign):
-    status, _, messages = expdesign(
-        *("export", folder, "--format", "xps-pvt"),
-        *("--segment", "25 ms", "--tolerance", "50 um", "--sign", "-1", "--units", "um"),
-    )
-    assert status == 0, messages
-    return folder / "exports" / "xps-pvt.trj"
+def export(exported, folder, expdesign, searches, tmp_path):
+    """Return a maker of a table in the folder, with its record: each is exported once."""
+
+    def made(name):
+        if name not in exported:
+            status, _, messages = expdesign("export", folder, "--format", *TABLES[name], *COARSE)
+            assert status == 0, messages
+            assert len(searches) == 1
+            searches.clear()
+            written = (folder / "exports").iterdir()
+            exported[name] = {path.name: path.read_bytes() for path in written}
+        (folder / "exports").mkdir(exist_ok=True)
+        for file, content in exported[name].items():
+            (folder / "exports" / file).write_bytes(content)
+        return folder / "exports" / name
+
+    return made
+
+
+@pytest.fixture
+def table(export):
+    return export("xps-pvt.trj")
 
 
 def measured(folder):
@@ -100,7 +128,7 @@ def test_it_is_another_experiment_than_the_design(expdesign, run_file, folder, t
 def test_a_table_with_its_record_elsewhere(expdesign, run_file, folder, tmp_path):
     far = tmp_path / "far" / "table.pmc"
     export = ("export", folder, "--format", "pmac-pvt", "--out", far, "--offset", "home")
-    assert expdesign(*export)[0] == 0
+    assert expdesign(*export, *COARSE)[0] == 0
     arguments = ("--design", folder, "--out", tmp_path / "out", "--table", far, "--json")
     status, answer, messages = expdesign("simulate", run_file(), *arguments)
     assert status == 0, messages
@@ -131,21 +159,15 @@ def test_a_table_that_was_replaced(expdesign, run_file, folder, table, tmp_path)
 def test_a_table_in_the_exports_of_another_run(expdesign, folder, table, tmp_path):
     other = tmp_path / "other"
     shutil.copytree(folder, other)
-    assert expdesign("export", other, "--format", "ros2")[0] == 0
-    assert (
-        expdesign("export", folder, "--format", "xps-pvt", "--out", other / "exports" / table.name)[
-            0
-        ]
-        == 0
-    )
+    assert expdesign("export", other, "--format", "ros2", *COARSE)[0] == 0
+    into = ("--out", other / "exports" / table.name)
+    assert expdesign("export", folder, "--format", "xps-pvt", *COARSE, *into)[0] == 0
     record = json.loads((other / "exports/exports.json").read_text())
     assert set(record["files"]) == {"ros2.yaml"}
     assert table.name not in (other / "exports/README.txt").read_text()
     assert (other / "exports" / f"{table.name}.README.txt").is_file()
-    assert (
-        expdesign("export", folder, "--format", "ros2", "--out", other / "exports/ros2.yaml")[0]
-        == 0
-    )
+    into = ("--out", other / "exports/ros2.yaml")
+    assert expdesign("export", folder, "--format", "ros2", *COARSE, *into)[0] == 0
     assert not (other / "exports/exports.json").exists()
     assert not (other / "exports/README.txt").exists()
 
@@ -167,8 +189,8 @@ def test_a_table_that_was_changed_by_hand(expdesign, run_file, folder, table, tm
     [
         ("table", ("--format", "csv", "--segment", "2 ms", "--tolerance", "1 mm")),
         ("table.xyz", ("--format", "mat", "--segment", "2 ms", "--tolerance", "1 mm")),
-        ("table.mcap", ("--format", "ros2")),
-        ("table.mcap", ("--format", "ros2", "--encoding", "mcap")),
+        ("table.mcap", ("--format", "ros2", *COARSE)),
+        ("table.mcap", ("--format", "ros2", "--encoding", "mcap", *COARSE)),
     ],
 )
 def test_a_table_of_any_name_that_export_takes(
@@ -293,10 +315,8 @@ def _text(old, new):
         (lambda table: table.write_bytes(b"\xff"), "no YAML"),
     ],
 )
-def test_bad_messages(spoil, expected, expdesign, run_file, folder, tmp_path):
-    export = ("--format", "ros2", "--segment", "25 ms", "--tolerance", "50 um")
-    assert expdesign("export", folder, *export)[0] == 0
-    table = folder / "exports" / "ros2.yaml"
+def test_bad_messages(spoil, expected, expdesign, run_file, folder, export, tmp_path):
+    table = export("ros2.yaml")
     spoil(table)
     arguments = ("--design", folder, "--out", tmp_path / "out", "--table", table)
     status, _, messages = expdesign("simulate", run_file(), *arguments)
@@ -323,22 +343,20 @@ def test_a_table_of_another_design_or_too_few_periods(expdesign, run_file, folde
 
 
 def test_ways_are_looked_for_once(expdesign, folder, table, searches):
-    assert len(searches) == 1
     first = table.read_bytes()
-    status, _, messages = expdesign("export", folder, "--format", "ros2")
+    status, _, messages = expdesign("export", folder, "--format", "ros2", *COARSE)
     assert status == 0, messages
     assert "are those of" in messages
-    assert len(searches) == 1
+    assert searches == []
     record = json.loads((folder / "exports/exports.json").read_text())
     assert set(record["files"]) == {"xps-pvt.trj", "ros2.yaml"}
     # The same table, whether its ways were found or read.
     (folder / "exports/exports.json").unlink()
-    options = ("--segment", "25 ms", "--tolerance", "50 um", "--sign", "-1", "--units", "um")
-    again = ("export", folder, "--format", "xps-pvt", *options)
+    again = ("export", folder, "--format", *TABLES["xps-pvt.trj"], *COARSE)
     assert expdesign(*again)[0] == 0
-    assert len(searches) == 2
+    assert len(searches) == 1
     assert expdesign(*again)[0] == 0
-    assert len(searches) == 2
+    assert len(searches) == 1
     assert table.read_bytes() == first
 
 
@@ -361,7 +379,7 @@ def test_ways_of_something_else_are_not_taken(what, expdesign, folder, table, se
         data |= {"limits": {"strut_speed": 1.9}} if what == "limits" else {}
         data["experiment"]["periods"] = 2 + (what == "periods")
         (folder / "run.yaml").write_text(resolved_yaml(load_run(data)), encoding="utf-8")
-    status, _, messages = expdesign("export", folder, "--format", "ros2")
+    status, _, messages = expdesign("export", folder, "--format", "ros2", *COARSE)
     assert status == 0, messages
-    assert len(searches) == 2
+    assert len(searches) == 1
     assert "are those of" not in messages
