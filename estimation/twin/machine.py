@@ -26,8 +26,11 @@ _STEP = 2e-5
 """Between a state and those by which its carried force is differentiated, s."""
 
 _NEWTON_STEPS = 3
-"""From a pose that is less than a millimetre away: the first leaves micrometres, the second none
-that a computer resolves."""
+"""From a pose a millimetre away the first leaves micrometres, the third nothing that a computer
+resolves."""
+
+_FURTHEST = 0.02
+"""By which struts may be bent, m: what is more is no machine, or no number."""
 
 _REACHED = 1e-9
 """Of lengths, m."""
@@ -128,8 +131,8 @@ class Machine:
         joints = robot.strut_motion(*states)
         lengths = joints.length + self.compliance * carried
         speeds = joints.length_rate + self.compliance * (ahead - behind) / (2 * _STEP)
-        if not np.all(np.isfinite(lengths)):
-            return lengths, carried
+        if not np.max(np.abs(lengths - joints.length)) <= _FURTHEST:
+            return np.full_like(lengths, np.nan), carried
         # A state in which the joints are as far apart, and part as fast, as the motors do: what
         # acts beside the motor depends on these.
         pose = states.pose

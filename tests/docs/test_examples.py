@@ -103,14 +103,16 @@ def test_the_python_of_the_readme(robots, monkeypatch):
 
 
 def test_the_python_of_the_twin(tmp_path, monkeypatch):
-    (text,) = (b.text for b in blocks("python") if b.page.name == "twin.md")
-    (run,) = (b for b in YAML_BLOCKS if _name(b) == "my-experiment.yaml")
-    (tmp_path / "my-experiment.yaml").write_text(run.text, encoding="utf-8")
+    text = "".join(b.text for b in blocks("python") if b.page.name == "twin.md")
+    for name in ("my-experiment.yaml", "real-machine.yaml"):
+        (run,) = (b for b in YAML_BLOCKS if _name(b) == name)
+        (tmp_path / name).write_text(run.text, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     names = {}
     exec(compile(text, "twin.md", "exec"), names)
     assert names["first"].lengths.shape == names["second"].forces.shape == (20944, 6)
     assert names["twin"].truth.executed.harmonics == 15
+    assert len(names["drawn"].values) == 36
 
 
 def test_the_python_page(tiny_result, tmp_path, monkeypatch):

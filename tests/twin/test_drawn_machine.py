@@ -1,0 +1,105 @@
+"""Machines drawn from tolerances."""
+
+import pickle
+
+import numpy as np
+import pytest
+
+from estimation.twin import Twin
+from estimation.twin.drawn_machine import drawn_machine
+from expdesign.configuration import load_run
+from tests.twin.examples import motion
+
+TOLERANCES = {
+    "base_joints": "0.3 mm",
+    "platform_joints": [[0, 0, 1e-3]] + [[0, 0, 0]] * 5,
+    "strut_length": [1e-4, 0, 0, 0, 0, 2e-4],
+    "force_constant": {"common": "2 %", "each": "1 %"},
+    "gravity": "0.5 deg",
+    "delay": "0.2 ms",
+    "clock": "20 ppm",
+}
+DRAWS = 400
+
+
+def configuration(tolerances=TOLERANCES, **experiment):
+    given = {"periods": 2, "sampling": 50, **experiment}
+    return load_run({"name": "n", "robot": "palida", "tolerances": tolerances, "experiment": given})
+
+
+def drawn(seed=0, **more):
+    return drawn_machine(configuration(**more), np.random.default_rng(seed))
+
+
+def spread(values):
+    """Return root mean squares over the draws; known to 1/√(2 · 400), 3.5 %."""
+    return np.sqrt(np.mean(np.square(values), axis=0))
+
+
+def test_everything_is_off_by_its_tolerance():
+    start = configuration()
+    rng = np.random.default_rng(1)
+    machines = [drawn_machine(start, rng).configuration for _ in range(DRAWS)]
+    close = {"rtol": 5 / np.sqrt(2 * DRAWS)}
+    base = spread([m.truth.base_joints - start.robot.base_joints for m in machines])
+    np.testing.assert_allclose(base, 3e-4, **close)
+    platform = spread([m.truth.platform_joints - start.robot.platform_joints for m in machines])
+    np.testing.assert_allclose(platform[0, 2], 1e-3, **close)
+    assert np.count_nonzero(platform) == 1
+    up = np.array([0, 0, -1])
+    tilts = [np.linalg.norm(np.cross(m.truth.gravity / 9.81, up)) for m in machines]
+    np.testing.assert_allclose(spread(tilts), np.sqrt(2) * np.radians(0.5), **close)
+    sections = [m.run.experiment for m in machines]
+    for name, expected in (
+        ("delay", 2e-4),
+        ("clock", 2e-5),
+        ("strut_length", [1e-4, 0, 0, 0, 0, 2e-4]),
+    ):
+        np.testing.assert_allclose(spread([getattr(s, name) for s in sections]), expected, **close)
+    np.testing.assert_allclose(spread([s.force_constant.common for s in sections]), 0.02, **close)
+    each = spread([s.force_constant.each for s in sections])
+    np.testing.assert_allclose(each, 0.01, **close)
+
+
+def test_it_is_what_the_twin_measures():
+    found = drawn()
+    twin = Twin.of(found.configuration, motion())
+    truth = twin.truth
+    np.testing.assert_array_equal(truth.machine.base_joints, found.configuration.truth.base_joints)
+    assert truth.parameters == dict(configuration().robot.parameters)
+    assert truth.disturbances.delay == found.configuration.run.experiment.delay
+    by_name = dict(zip((d.name for d in found.deviations), found.values, strict=True))
+    assert by_name["delay"] == truth.disturbances.delay
+    assert by_name["strut_length_6"] == truth.disturbances.strut_length[5]
+    # The robot that the estimator knows stays.
+    np.testing.assert_array_equal(
+        found.configuration.robot.base_joints, configuration().robot.base_joints
+    )
+    again = pickle.loads(pickle.dumps(found.configuration))
+    np.testing.assert_array_equal(Twin.of(again, motion()).lengths, twin.lengths)
+
+
+def test_it_comes_to_what_the_run_states():
+    stated = {"delay": 1e-3, "strut_length": 5e-3, "force_constant": {"common": 0.5, "drift": 0.1}}
+    plain, more = (drawn(**e).configuration.run.experiment for e in ({}, stated))
+    assert more.delay == pytest.approx(plain.delay + 1e-3)
+    np.testing.assert_allclose(more.strut_length, np.add(plain.strut_length, 5e-3))
+    both = 1.5 * (1 + plain.force_constant.common) - 1
+    assert more.force_constant.common == pytest.approx(both)
+    assert more.force_constant.drift == (0.1,) * 6
+
+
+def test_it_is_drawn_about_the_machine_that_the_run_states():
+    robot = load_run("palida").run.robot.model_dump(exclude_none=True)
+    joints = np.array(robot["base_joints"]) + 0.01
+    other = robot | {"name": "other", "base_joints": joints.tolist()}
+    found = drawn(truth=other).configuration
+    assert found.truth.name == "other"
+    assert 0 < np.abs(found.truth.base_joints - joints).max() < 2e-3
+
+
+def test_without_tolerances_it_is_the_robot():
+    found = drawn(tolerances={})
+    assert found.deviations == ()
+    plain = Twin.of(configuration({}), motion())
+    np.testing.assert_array_equal(Twin.of(found.configuration, motion()).forces, plain.forces)
