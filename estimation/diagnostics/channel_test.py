@@ -22,6 +22,8 @@ CAUSES = 0.02
 """Over all families of causes together."""
 POSITION_PERIODIC = 0.001
 """Over six struts and all pitches."""
+GAIN_DRIFT = 0.002
+"""Over all gains."""
 NOISE = 0.001
 """Each of whiteness, normality, outliers and drift, over six channels. Long records show what
 matters beyond any doubt; what they hardly show need not alarm anybody."""

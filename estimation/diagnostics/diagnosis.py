@@ -12,9 +12,10 @@ from constraints.arrays import Array
 from estimation.diagnostics.attribution import Attribution, attribute
 from estimation.diagnostics.cause_test import CauseResult, DelayTest
 from estimation.diagnostics.causes import causes
-from estimation.diagnostics.channel_test import LACK_OF_FIT, NOISE
+from estimation.diagnostics.channel_test import GAIN_DRIFT, LACK_OF_FIT, NOISE
 from estimation.diagnostics.finding import Outcome, Status, Verdict
 from estimation.diagnostics.findings import experiment_findings
+from estimation.diagnostics.gain_drift import gain_drift
 from estimation.diagnostics.joint_system import joint_systems
 from estimation.diagnostics.lack_of_fit import chi_square, lack_of_fit
 from estimation.diagnostics.linearisation import Linearisation, linearise
@@ -204,6 +205,7 @@ def _tests(
         ),
         causes=tuple(found.values()),
         causes_with_effects=tuple(left_found.values()),
+        gain_drift=gain_drift(experiment, part, GAIN_DRIFT / shares),
         delay=DelayTest.of(found["delay"], delay),
         delay_with_effects=DelayTest.of(left_found["delay"], delay),
         whiteness=replace(

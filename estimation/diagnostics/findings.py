@@ -78,6 +78,12 @@ _ALIKE = Assumption(
     "the periods differ from each other",
     "let the machine warm up, or leave out the first periods: drift is counted as noise",
 )
+_GAINS_STAY = Assumption(
+    "the gains of the forces stay the same",
+    "the gain of a force drifts during the recording",
+    "let the drives warm up (a motor constant falls with the temperature), or record less; a mean "
+    "gain that is wrong has its tolerance, `tolerances.force_constant`",
+)
 
 
 def experiment_findings(diagnosis: ExperimentDiagnosis) -> list[Finding]:
@@ -90,6 +96,7 @@ def experiment_findings(diagnosis: ExperimentDiagnosis) -> list[Finding]:
         _bias(diagnosis),
         _position_periodic(diagnosis),
         *(_cause(diagnosis, cause) for cause in diagnosis.attribution.causes),
+        _gain_drift(tests),
         _white(_RESIDUALS_WHITE, white, "actuator", "mean residual", left),
         _size(_NOISE_LEVEL, tests.chi_square.forces_with_effects, "force", left),
         *_motion(tests),
@@ -239,6 +246,29 @@ def _nouns(attribution: Attribution) -> dict[str, str]:
     """Return what effects are called, by their kind."""
     nouns = {PERIODIC: "a position-periodic force"}
     return nouns | {cause.kind: cause.noun for cause in attribution.causes}
+
+
+def _gain_drift(tests: ExperimentTests) -> Finding:
+    """Whether gains drift from period to period."""
+    test = tests.gain_drift
+    if test.refused:
+        return _GAINS_STAY.untested(test.refused)
+    p = float(np.exp(test.log_p))
+    where = [
+        "all actuators" if each.actuator is None else f"actuator {each.actuator + 1}"
+        for each in test.found
+    ]
+    changes = [
+        f"{place} by {100 * each.change:+.2g} ± {100 * each.std:.1g} %"
+        for place, each in zip(where, test.found, strict=True)
+    ]
+    return _GAINS_STAY.judged(
+        ", ".join(where),
+        f"no gain drifts (p = {p:.2g})",
+        f"gains drift from the first period to the last: {'; '.join(changes)}",
+        p,
+        test.level,
+    )
 
 
 def _motion(tests: ExperimentTests) -> list[Finding]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated, ClassVar
 
 import numpy as np
@@ -11,6 +11,7 @@ from estimation.diagnostics.attribution import Attribution, Effect
 from estimation.diagnostics.cause_test import CauseResult, DelayTest
 from estimation.diagnostics.channel_test import Strut
 from estimation.diagnostics.finding import Verdict
+from estimation.diagnostics.gain_drift import GainDriftTest
 from estimation.diagnostics.lack_of_fit import ChiSquare, LackOfFit
 from estimation.diagnostics.noise_record import Histogram, NoisePictures, Quantiles
 from estimation.diagnostics.noise_tests import Drifts, Normalities, Whitenesses
@@ -65,6 +66,9 @@ class ExperimentTests:
     ] = ()
     delay: Annotated[DelayTest, described("", "between forces and lengths")]
     delay_with_effects: Annotated[DelayTest, described("", "with the effects as known")]
+    gain_drift: Annotated[
+        GainDriftTest, described("", "of the forces' gains, from period to period")
+    ] = field(default_factory=lambda: GainDriftTest("it was not looked for"))
     whiteness: Annotated[Whitenesses, described("", "autocorrelation")]
     normality: Annotated[Normalities, described("", "distribution of the noise")]
     drift: Annotated[Drifts, described("", "change from period to period")]

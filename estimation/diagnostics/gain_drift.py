@@ -1,0 +1,170 @@
+"""Gains that drift during a recording: a motor constant that falls as the motor warms up.
+
+The mean forces do not show it, the differences between the periods do, whatever the model lacks:
+what it lacks is the same in every period. In each period the residuals of all actuators are
+regressed on the predicted force and on a constant of each actuator, weighted with Σ⁻¹; the twelve
+coefficients are regressed on the number of the period. Their scatter about these lines, over all
+actuators together, scales the variance that Σ states, so that a noise with memory, or a Σ that was
+given too small, is not taken for a drift.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import Field, model_serializer
+
+from constraints.arrays import Array
+from estimation.diagnostics.channel_test import GAIN_DRIFT, Strut
+from estimation.diagnostics.linearisation import Linearisation
+from estimation.diagnostics.projection import Conditional
+from estimation.diagnostics.tails import log_two_sided
+from estimation.estimators.experiment import Experiment
+from estimation.measurement_model.normal_equations import whitened
+from expdesign.information.fisher import whitening
+from expdesign.mechanism.hexapod import ACTUATORS
+from expdesign.runfolder import OpenNumber, described
+
+_FEWEST = 4
+"""Periods, so that lines leave a scatter."""
+_EXACT = 1e-9
+"""Share of an information that is rounding."""
+
+
+@dataclass(frozen=True)
+class GainDrift:
+    """The drift of one force's gain, or of all of them alike."""
+
+    actuator: Annotated[Strut, described("1", "number of the actuator; null: all alike")]
+    change: Annotated[OpenNumber, described("1", "of the gain, from the first period to the last")]
+    std: Annotated[OpenNumber, described("1", "standard deviation of the change")]
+    log_p: Annotated[OpenNumber, described("1", "logarithm of p, corrected for their number")]
+
+
+@dataclass(frozen=True)
+class GainDriftTest:
+    """Which gains drift."""
+
+    refused: Annotated[str, described("", "why there is no test; empty when there is one")]
+    level: Annotated[
+        float, Field(alias="family_level"), described("1", "level of all candidates together")
+    ] = GAIN_DRIFT
+    scale: Annotated[
+        OpenNumber,
+        described("1", "variance of the coefficients between periods, relative to what Σ states"),
+    ] = np.nan
+    log_p: Annotated[
+        OpenNumber, described("1", "logarithm of p of the most significant, corrected")
+    ] = np.nan
+    found: Annotated[
+        tuple[GainDrift, ...], described("", "what drifts, most significant first")
+    ] = ()
+
+    @model_serializer(mode="wrap")
+    def _in_a_file(self, fields: Any) -> dict[str, Any]:
+        return {"refused": self.refused} if self.refused else fields(self)
+
+
+def gain_drift(experiment: Experiment, part: Linearisation, level: float) -> GainDriftTest:
+    """Test the recording of one experiment, linearised at its estimate."""
+    blocks, predicted = _by_period(experiment, part)
+    periods = len(blocks)
+    if periods < _FEWEST:
+        return GainDriftTest(f"lines through less than {_FEWEST} periods leave no scatter", level)
+    white = whitening(experiment.noise.forces.covariance)
+    coefficients, inverses = zip(
+        *(_fitted(rest, force, white) for rest, force in zip(blocks, predicted, strict=True)),
+        strict=True,
+    )
+    values, covariance = np.array(coefficients), np.array(inverses)
+    time = np.arange(periods) - (periods - 1) / 2
+    slope = time @ values / (time @ time)
+    of_slope = np.einsum("m,mij->ij", time**2, covariance) / (time @ time) ** 2
+    rest = values - np.mean(values, axis=0) - np.multiply.outer(time, slope)
+    freedom = float(rest.shape[1] * (periods - 2))
+    scale = float(np.einsum("mi,mij,mj->", rest, np.linalg.inv(covariance), rest)) / freedom
+    # Constants that drift are no gains: what is left beside them.
+    own = of_slope[:ACTUATORS, :ACTUATORS] * scale
+    return _selected(slope[:ACTUATORS], own, freedom, periods, GainDriftTest("", level, scale))
+
+
+def _selected(
+    slope: Array, covariance: Array, freedom: float, periods: int, test: GainDriftTest
+) -> GainDriftTest:
+    """Select, one by one, a drift of all gains alike or of one."""
+    design = np.concatenate([np.ones((ACTUATORS, 1)), np.eye(ACTUATORS)], axis=1)
+    inverse = np.linalg.inv(covariance)
+    information, score = design.T @ inverse @ design, design.T @ inverse @ slope
+    level = np.log(test.level / len(score))
+    chosen: list[int] = []
+    log_ps: list[float] = []
+    strongest = np.nan
+    while len(chosen) < ACTUATORS:
+        beside = _beside(information, score, chosen, freedom)
+        diagonal = np.diag(beside.information)
+        seen = diagonal > _EXACT * beside.whole
+        statistic = np.where(seen, beside.score / np.sqrt(np.where(seen, diagonal, 1.0)), 0.0)
+        log_p = log_two_sided(statistic, freedom)
+        best = int(np.argmin(log_p))
+        corrected = min(0.0, float(log_p[best] + np.log(len(score))))
+        strongest = corrected if np.isnan(strongest) else strongest
+        if log_p[best] >= level:
+            break
+        chosen.append(best)
+        log_ps.append(corrected)
+    found = []
+    if chosen:
+        fit = Conditional(score, information, np.diag(information), freedom).fit(chosen)
+        length = periods - 1
+        for k, (place, tail) in enumerate(zip(chosen, log_ps, strict=True)):
+            found.append(
+                GainDrift(
+                    actuator=place - 1 if place else None,
+                    change=float(fit.values[k]) * length,
+                    std=float(np.sqrt(fit.covariance[k, k])) * length,
+                    log_p=tail,
+                )
+            )
+    return replace(test, log_p=strongest, found=tuple(found))
+
+
+def _beside(information: Array, score: Array, chosen: Sequence[int], freedom: float) -> Conditional:
+    whole = np.diag(information)
+    if not chosen:
+        return Conditional(score, information, whole, freedom)
+    cross = information[:, chosen] @ np.linalg.inv(information[np.ix_(chosen, chosen)])
+    return Conditional(
+        score - cross @ score[chosen], information - cross @ information[chosen], whole, freedom
+    )
+
+
+def _by_period(experiment: Experiment, part: Linearisation) -> tuple[list[Array], list[Array]]:
+    """Return residuals and predicted forces, (n, 6) each, of every whole period."""
+    predicted = experiment.forces - part.force_rows
+    whitening_filter = experiment.noise.forces.filter
+    periods = experiment.record.forces.periods
+    if periods is not None:
+        if experiment.pointwise is not None:
+            periods = periods[:, experiment.pointwise.rows]
+        elif whitening_filter is not None:
+            predicted = whitening_filter(predicted)
+            periods = np.stack([whitening_filter(period) for period in periods])
+        return [period - predicted for period in periods], [predicted] * len(periods)
+    record = experiment.record
+    times = experiment.times - experiment.times[0]
+    number = np.floor(times / record.period * (1 + 1e-12)).astype(int)
+    rows = [np.flatnonzero(number == k) for k in range(int(record.periods))]
+    return [part.force_rows[each] for each in rows], [predicted[each] for each in rows]
+
+
+def _fitted(rest: Array, predicted: Array, white: Array) -> tuple[Array, Array]:
+    """Return coefficients, (12,), of gains and constants in one period, and their covariance."""
+    unit = np.broadcast_to(np.eye(ACTUATORS), (len(rest), ACTUATORS, ACTUATORS))
+    columns = np.concatenate([predicted[:, :, None] * unit, unit], axis=2)
+    ones = np.ones(len(rest))
+    rows = whitened(columns, white, ones).reshape(rest.size, -1)
+    inverse: Array = np.asarray(np.linalg.inv(rows.T @ rows), dtype=np.float64)
+    return inverse @ (rows.T @ whitened(rest, white, ones).ravel()), inverse
