@@ -106,24 +106,26 @@ def diagnose(
         _known(estimate, knowledge, free, held_out=held_out),
         held_out=held_out,
     )
+    # What residuals may be is told behind the filters that make their noise white.
+    white = [part.filtered(e.noise) for part, e in zip(parts, experiments, strict=True)]
     if held_out:
-        laws = [held_out_law(p, e, estimate) for p, e in zip(parts, experiments, strict=True)]
+        laws = [held_out_law(p, e, estimate) for p, e in zip(white, experiments, strict=True)]
     elif own_motion:
         laws = [
             joint_law(part, experiment, system.solved)
-            for part, experiment, system in zip(parts, experiments, systems, strict=True)
+            for part, experiment, system in zip(white, experiments, systems, strict=True)
         ]
     else:
-        laws = linear_laws(parts, experiments, estimate, knowledge)
+        laws = linear_laws(parts, white, experiments, estimate, knowledge)
     results = []
-    for experiment, motion, part, system, law in zip(
-        experiments, motions, parts, systems, laws, strict=True
+    for experiment, motion, part, filtered, system, law in zip(
+        experiments, motions, parts, white, systems, laws, strict=True
     ):
         lengths = None
         if experiment.fit is not None:
             k = int(np.count_nonzero(free))
             own = system.solved.inverse[k:, k:] if own_motion else experiment.fit.covariance
-            lengths = length_law(part, experiment, own)
+            lengths = length_law(filtered, experiment, own)
         suspects = Suspects(robot, experiment, motion, estimate.values, part)
         families = causes(suspects, knowledge.names, held_out=held_out, experiments=len(parts))
         attribution = attribute(
@@ -132,7 +134,9 @@ def diagnose(
         noises = noise_tests(
             experiment.record, part.force_rows, part.length_rows, NOISE / len(parts)
         )
-        tests = _tests(experiment, part, attribution, (law, lengths), noises, len(parts), held_out)
+        tests = _tests(
+            experiment, filtered, attribution, (law, lengths), noises, len(parts), held_out
+        )
         results.append(
             ExperimentDiagnosis(
                 tests=tests,

@@ -21,10 +21,11 @@ import scipy.linalg as sla
 from constraints.arrays import Array
 from estimation.diagnostics.linearisation import Linearisation
 from estimation.diagnostics.projection import Fit, Projection
+from estimation.diagnostics.row_whitening import RowWhitening
 from estimation.diagnostics.signature import Signature
-from estimation.measurement_model.normal_equations import NormalEquations, whitened
+from estimation.measurement_model.normal_equations import NormalEquations
 from estimation.processing import NoiseModel
-from expdesign.information.fisher import ScaledInformation, whitening
+from expdesign.information.fisher import ScaledInformation
 from expdesign.mechanism.hexapod import ACTUATORS
 
 _DETERMINED = 1e-12
@@ -35,10 +36,8 @@ _DETERMINED = 1e-12
 class JointSystem:
     """Whitened rows of one experiment, with what is known of the unknowns from elsewhere."""
 
-    white: Array
-    """(6, 6), S: S Σ Sᵀ = 1."""
-    counts: Array
-    """(R,), samples that each row is the mean of."""
+    force_rows: RowWhitening
+    length_rows: RowWhitening
     forces: Array
     columns: Array
     """(R, 6) and (R, 6, u), whitened: residuals before the step; columns of the unknowns (free
@@ -48,9 +47,6 @@ class JointSystem:
     """(u, u) and (u,), of the unknowns from the lengths, from other experiments and from priors."""
     freedom: float
     """Degrees of freedom behind Σ; inf when it was given."""
-    length_white: Array
-    length_counts: Array
-    """As of the forces: (6, 6), (R',)."""
     lengths: Array
     length_columns: Array
     """(R', 6) and (R', 6, u), whitened, likewise; what they say of the unknowns is part of
@@ -92,10 +88,7 @@ class JointSystem:
 
     def whitened(self, effects: Signature) -> tuple[Array, Array]:
         """Return effects as rows of the regression: of the forces, and of the lengths."""
-        return (
-            whitened(effects.forces, self.white, self.counts),
-            whitened(effects.lengths, self.length_white, self.length_counts),
-        )
+        return self.force_rows(effects.forces), self.length_rows(effects.lengths)
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,9 +125,8 @@ class SolvedSystem:
         return self.projection(effects).beside(()).fit(range(effects.count))
 
     def force_residuals(self) -> Array:
-        """Return e*, (R, 6), N."""
-        rest = self.rest / np.sqrt(self.system.counts)[:, None]
-        return np.asarray(sla.solve_triangular(self.system.white, rest.T, lower=True)).T
+        """Return e*, (R, 6), N, behind the filter."""
+        return self.system.force_rows.unscaled(self.rest)
 
 
 def joint_systems(
@@ -158,45 +150,50 @@ def joint_systems(
         nothing about the residuals of another.
     """
     count = len(known[1])
-    measured = [_length_equations(part, noise) for part, noise in zip(parts, noises, strict=True)]
+    force_rows = [
+        RowWhitening.of(noise.forces, part.counts)
+        for part, noise in zip(parts, noises, strict=True)
+    ]
+    length_rows = [
+        RowWhitening.of(noise.lengths, part.length_counts)
+        for part, noise in zip(parts, noises, strict=True)
+    ]
+    measured = [
+        _length_equations(part, rows) for part, rows in zip(parts, length_rows, strict=True)
+    ]
     own = [
-        NormalEquations.of([(part.forces, part.columns, part.counts)], noise.forces.covariance)
-        .with_motion(motion)
-        .eliminated(count)
-        for part, noise, motion in zip(parts, noises, measured, strict=True)
+        rows.equations(part.forces, part.columns).with_motion(motion).eliminated(count)
+        for part, rows, motion in zip(parts, force_rows, measured, strict=True)
         if len(parts) > 1 and not held_out
     ]
     systems = []
-    for number, (part, noise, motion) in enumerate(zip(parts, noises, measured, strict=True)):
+    for number, (part, noise, motion, of_forces, of_lengths) in enumerate(
+        zip(parts, noises, measured, force_rows, length_rows, strict=True)
+    ):
         others = [each for other, each in enumerate(own) if other != number]
         known_here = known[0] + sum(each.information for each in others)
         gradient = known[1] + sum(each.gradient for each in others)
-        white = whitening(noise.forces.covariance)
-        length_white = whitening(noise.lengths.covariance)
         unknowns = part.columns.shape[2]
         lengths = np.zeros((0, ACTUATORS)) if part.lengths is None else part.lengths
         length_columns = np.zeros((len(lengths), ACTUATORS, unknowns))
         length_columns[:, :, count:] = part.length_columns
         systems.append(
             JointSystem(
-                white=white,
-                counts=part.counts,
-                forces=whitened(part.forces, white, part.counts),
-                columns=whitened(part.columns, white, part.counts),
+                force_rows=of_forces,
+                length_rows=of_lengths,
+                forces=of_forces(part.forces),
+                columns=of_forces(part.columns),
                 information=np.asarray(sla.block_diag(known_here, motion.matrix)),
                 gradient=np.concatenate([gradient, motion.gradient]),
-                freedom=noise.forces.freedom,
-                length_white=length_white,
-                length_counts=part.length_counts,
-                lengths=whitened(lengths, length_white, part.length_counts),
-                length_columns=whitened(length_columns, length_white, part.length_counts),
+                freedom=noise.forces.weights_freedom,
+                lengths=of_lengths(lengths) if len(lengths) else lengths,
+                length_columns=of_lengths(length_columns) if len(lengths) else length_columns,
             )
         )
     return systems
 
 
-def _length_equations(part: Linearisation, noise: NoiseModel) -> NormalEquations:
+def _length_equations(part: Linearisation, rows: RowWhitening) -> NormalEquations:
     if part.lengths is None:
         return NormalEquations(0.0, np.zeros((0, 0)), np.zeros(0))
-    rows = (part.lengths, part.length_columns, part.length_counts)
-    return NormalEquations.of([rows], noise.lengths.covariance)
+    return rows.equations(part.lengths, part.length_columns)

@@ -14,7 +14,8 @@ within a step.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +26,7 @@ from estimation.estimators.experiment import Experiment
 from estimation.kinematics.fourier_fit import length_residuals
 from estimation.measurement_model import HarmonicMotion, predict_forces, predict_lengths
 from estimation.measurement_model.prediction import chunks, force_kernel
-from estimation.processing import NoiseEstimate
+from estimation.processing import NoiseEstimate, NoiseModel
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.robot import Robot
 
@@ -123,6 +124,17 @@ class Linearisation:
     def columns(self) -> Array:
         """(R, 6, k + x) columns of the free parameters and of the motion."""
         return np.concatenate([self.regressors[:, :, self.free], self.motion_columns], axis=2)
+
+    def filtered(self, noise: NoiseModel) -> Linearisation:
+        """Return what stands behind the filters that make the noise white."""
+        changes: dict[str, Any] = {}
+        if noise.forces.filter is not None:
+            names = ("forces", "regressors", "motion_columns", "delay_column")
+            changes |= {name: noise.forces.filter(getattr(self, name)) for name in names}
+        if noise.lengths.filter is not None and self.lengths is not None:
+            changes["lengths"] = noise.lengths.filter(self.lengths)
+            changes["length_columns"] = noise.lengths.filter(self.length_columns)
+        return replace(self, **changes) if changes else self
 
 
 def linearise(

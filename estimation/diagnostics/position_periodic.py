@@ -195,22 +195,23 @@ def _pair_statistic(
 ) -> Callable[[Array | float], Array]:
     """Return what tells χ² of sine and cosine of a strut's length from their frequencies."""
     system = solved.system
-    # What columns in one actuator meet: z becomes S_j √c z.
-    column, root = system.white[:, strut], np.sqrt(system.counts)
-    residual = solved.rest @ column * root
-    mixed = np.einsum("i,riu->ru", column, system.columns) @ solved.root * root[:, None]
-    weight = float(column @ column) * root**2
+    # zᵀ W e* and zᵀ W U of a column z in this actuator alone.
+    residual = system.force_rows.weighted(solved.rest[:, :, None])[:, strut, 0]
+    mixed = system.force_rows.weighted(system.columns)[:, strut] @ solved.root
+    weight = system.force_rows.quadratic(strut)
+    one = np.ones((1, len(length)))
+    whole = float(weight(one, one)[0])
 
     def statistic(frequencies: Array | float) -> Array:
         angle = 2 * np.pi * np.multiply.outer(np.atleast_1d(frequencies), length)
         sin, cos = np.sin(angle), np.cos(angle)
         scores = np.stack([sin @ residual, cos @ residual], axis=1)
         sin_mixed, cos_mixed = sin @ mixed, cos @ mixed
-        ss = (sin * sin) @ weight - np.sum(sin_mixed**2, axis=1)
-        sc = (sin * cos) @ weight - np.sum(sin_mixed * cos_mixed, axis=1)
-        cc = (cos * cos) @ weight - np.sum(cos_mixed**2, axis=1)
+        ss = weight(sin, sin) - np.sum(sin_mixed**2, axis=1)
+        sc = weight(sin, cos) - np.sum(sin_mixed * cos_mixed, axis=1)
+        cc = weight(cos, cos) - np.sum(cos_mixed**2, axis=1)
         determinant = ss * cc - sc**2
-        seen = determinant > _SEEN * np.sum(weight) ** 2 / 4
+        seen = determinant > _SEEN * whole**2 / 4
         value = cc * scores[:, 0] ** 2 - 2 * sc * scores[:, 0] * scores[:, 1]
         value = value + ss * scores[:, 1] ** 2
         return np.where(seen, value / np.where(seen, determinant, 1.0), 0.0)

@@ -79,8 +79,8 @@ class ResidualLaw:
 def joint_law(part: Linearisation, experiment: Experiment, solved: SolvedSystem) -> ResidualLaw:
     """Return the law of e*, the residuals after the joint fit of (p, ξ) and effects."""
     system = solved.system
-    unwhitened = np.asarray(np.linalg.solve(system.white, system.columns), dtype=np.float64)
-    return _force_law(part, experiment, unwhitened, solved.inverse, solved.inverse)
+    columns = system.force_rows.unscaled(system.columns) * np.sqrt(part.counts)[:, None, None]
+    return _force_law(part, experiment, columns, solved.inverse, solved.inverse)
 
 
 def held_out_law(
@@ -94,25 +94,30 @@ def held_out_law(
 
 def linear_laws(
     parts: Sequence[Linearisation],
+    white: Sequence[Linearisation],
     experiments: Sequence[Experiment],
     estimate: ParameterEstimate,
     knowledge: Knowledge,
 ) -> list[ResidualLaw]:
-    """Return the laws of the residuals of LS or Gauss–Markov, experiment by experiment."""
+    """Return the laws of the residuals of LS or Gauss–Markov, experiment by experiment.
+
+    `white` are the parts behind the filters that make their noise white, where LS does not look.
+    """
+    seen = parts if estimate.estimator == "ls" else white
     weightings = [
         weighting_covariance(estimate.estimator, e.noise.forces.covariance) for e in experiments
     ]
     equations = [
         NormalEquations.of([(part.forces, part.columns, part.counts)], weighting)
-        for part, weighting in zip(parts, weightings, strict=True)
+        for part, weighting in zip(seen, weightings, strict=True)
     ]
     k = int(np.count_nonzero(knowledge.free))
     inverse = knowledge.inverse(
         knowledge.precision + sum(each.matrix[:k, :k] for each in equations)
     )
     laws = []
-    for part, experiment, weighting, own in zip(
-        parts, experiments, weightings, equations, strict=True
+    for raw, part, experiment, weighting, own in zip(
+        parts, white, experiments, weightings, equations, strict=True
     ):
         covariance = _errors(part, experiment, estimate)
         if experiment.fit is not None:
@@ -125,8 +130,11 @@ def linear_laws(
         partner = columns
         if estimate.estimator == "ls":
             partner = np.zeros_like(columns)
-            mixed = np.linalg.solve(weighting, experiment.noise.forces.covariance).T  # Σ W
-            partner[:, :, :k] = np.matmul(mixed, part.regressors[:, :, part.free]) * scale
+            noise = experiment.noise.forces
+            weighted = np.matmul(np.linalg.inv(weighting), raw.regressors[:, :, raw.free])
+            if noise.filter is not None:
+                weighted = noise.filter.undone(weighted)  # H C H = Σ: H C W A = Σ H⁻¹ W A
+            partner[:, :, :k] = np.matmul(noise.covariance, weighted) * scale
         laws.append(_force_law(part, experiment, columns, cross, covariance, partner))
     return laws
 

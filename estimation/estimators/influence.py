@@ -179,6 +179,8 @@ def _covariance(
     lines = noise.lines
     if lines is None or lines.samples != len(counts):
         return Covariance.known(white)
+    if noise.filter is not None:
+        loss = 1.0  # Its weights know nothing of the very line that they are for.
     spectral = lines_of(np.concatenate(whole)) / np.sqrt(counts[0])
     return Covariance(
         loss * lines.spread(spectral), loss**2 * lines.variance_of(lines.shares(spectral)), white

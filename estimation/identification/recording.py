@@ -72,7 +72,8 @@ def prepare_recording(
     noise = choose_noise(configuration, record, data.source)
     if section.differentiation != "fourier":
         motion = pointwise_motion(robot, record, cutoff=_cutoff(configuration, record, design))
-        experiment = Experiment.from_points(robot, record, noise, motion)
+        # Differences of neighbours end with the samples that they have.
+        experiment = Experiment.from_points(robot, record, noise.taken_for_white(), motion)
         return RecordSummary(data.source, experiment, None, data.jitter)
     least = 1 if design is None else design.harmonics
     noise, fit = _fitted(configuration, robot, record, noise, design, least)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -43,15 +43,25 @@ class NoiseEstimate:
     nothing is known."""
 
     @property
+    def weights_freedom(self) -> float:
+        """Degrees of freedom behind the weights, of one line where these differ; inf when given."""
+        return self.freedom if self.filter is None else min(self.freedom, self.filter.freedom)
+
+    def taken_for_white(self) -> NoiseEstimate:
+        """Return the covariance alone, for rows that are not the samples of a period."""
+        return replace(self, lines=None, filter=None)
+
+    @property
     def weighting_loss(self) -> float:
-        """Variance of an estimate relative to the one stated by weights from this covariance.
+        """Variance of an estimate relative to the one stated by the weights that are made of it.
 
         Notes
         -----
-        E[Σ̂⁻¹ Σ Σ̂⁻¹] / E[Σ̂⁻¹] of a Wishart matrix: 1 for a covariance that was given. A filter has
-        its own in its spectrum.
+        E[Σ̂⁻¹ Σ Σ̂⁻¹] / E[Σ̂⁻¹] of a Wishart matrix: 1 for a covariance that was given.
         """
-        if not np.isfinite(self.freedom) or self.filter is not None:
+        if self.filter is not None:
+            return self.filter.loss
+        if not np.isfinite(self.freedom):
             return 1.0
         channels = len(self.covariance)
         nu = max(self.freedom, channels + 4.0)
@@ -80,6 +90,10 @@ class NoiseModel:
     def given(cls, forces: Array, lengths: Array) -> NoiseModel:
         """Take covariances that are known."""
         return cls(NoiseEstimate(forces, np.inf, "given"), NoiseEstimate(lengths, np.inf, "given"))
+
+    def taken_for_white(self) -> NoiseModel:
+        """Return the covariances alone."""
+        return NoiseModel(self.forces.taken_for_white(), self.lengths.taken_for_white())
 
     @property
     def source(self) -> str:

@@ -147,7 +147,9 @@ class LinearTwin:
         if kind == "held out":
             return held_out_law(self.part, self.experiment, self.estimates["gm"])
         estimate = self.estimates[kind]
-        return linear_laws([self.part], [self.experiment], estimate, self.lab.knowledge)[0]
+        return linear_laws(
+            [self.part], [self.part], [self.experiment], estimate, self.lab.knowledge
+        )[0]
 
     def draw(self, rng, kind):
         """Return the linearisation with residuals that this kind of estimator leaves."""

@@ -1,0 +1,198 @@
+"""The spectrum of the noise, smoothed over neighbouring lines as far as the data allow.
+
+The spectrum at a line is the mean over its neighbours without the line itself. Weights made of it
+are then independent of the line's own contrasts, and a variance that is computed from these (a
+sandwich) is right whatever the weights are. What is smoothed is flat already but for what an
+autoregressive model of each channel leaves (prewhitening: Blackman and Tukey, 1958). The order of
+that model and the number of neighbours are those that predict the lines left out best (Beltrão and
+Bloomfield, J. Time Series Analysis 8, 1987). A line that stands out of its neighbours, such as a
+drive's hum, keeps its own size.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg as sla
+from scipy import stats
+
+from constraints.arrays import Array, ComplexArray, Mask
+from estimation.processing.noise_lines import NoiseLines, multiplicity
+
+_ORDERS = (0, 1, 2, 4, 8)
+_HALF_WIDTHS = (8, 24, 72, 216)
+_FEWEST_FREEDOM = 24.0
+"""Complex degrees of freedom of a smoothed 6 × 6 spectrum, at the least."""
+
+_CLEARLY_BETTER = 5.0
+"""Gain in log likelihood, beside one for each parameter, below which noise counts as white."""
+
+_STANDING_OUT = 0.01
+"""Probability that any line of noise is taken for one that stands out."""
+
+_MIDDLE_WIDTH = 32
+"""Neighbours among which lines that stand out are looked for."""
+
+
+@dataclass(frozen=True, eq=False)
+class SmoothedSpectrum:
+    """What the noise of one sample is taken for at every line."""
+
+    matrices: ComplexArray
+    """(L, 6, 6)."""
+    freedom: float
+    """Complex degrees of freedom of one line, the median over all of them."""
+    order: int
+    """Of the autoregressive model."""
+    half_width: int | None
+    """Neighbours to either side; None: all lines."""
+    standing_out: Mask
+    """(L,), lines that keep their own size."""
+
+    @property
+    def words(self) -> str:
+        """How it was smoothed."""
+        parts = [
+            "the mean over all lines"
+            if self.half_width is None
+            else f"the mean over ± {self.half_width} lines",
+            f"after an autoregressive model of order {self.order}" if self.order else "",
+            f"{np.count_nonzero(self.standing_out)} lines by themselves"
+            if np.any(self.standing_out)
+            else "",
+        ]
+        return ", ".join(part for part in parts if part)
+
+
+def smoothed_spectrum(
+    lines: NoiseLines, covariance: Array, *, always: bool = False
+) -> SmoothedSpectrum | None:
+    """Return the spectrum that predicts the lines best; None when that is white noise of Σ.
+
+    With `always` the best one that is not constant is returned, where there is any.
+    """
+    white, *others = _candidates(lines, covariance)
+    best = max(others, key=lambda each: each.likelihood, default=None)
+    better = best is not None and best.likelihood > white.likelihood + _CLEARLY_BETTER
+    chosen = best if best is not None and (better or always) else white
+    found = chosen.spectrum
+    constant = found.order == 0 and found.half_width is None and not np.any(found.standing_out)
+    return None if constant else found
+
+
+@dataclass(frozen=True, eq=False)
+class _Candidate:
+    spectrum: SmoothedSpectrum
+    likelihood: float
+
+
+def _candidates(lines: NoiseLines, covariance: Array) -> Iterator[_Candidate]:
+    """Yield spectra, that of white noise first, with Whittle's likelihood less their parameters."""
+    widest = lines.samples // 4 - 1
+    for order in _ORDERS:
+        filters = _prewhitening(lines, order)
+        flat = NoiseLines(_coloured(lines.matrices, filters), lines.samples, lines.freedom)
+        mean = _mean(flat) if order else covariance
+        constant = np.broadcast_to(mean, flat.matrices.shape).astype(np.complex128)
+        everyone = np.ones(len(flat.matrices))
+        all_lines = everyone * lines.freedom * lines.samples / 2
+        reference, freedom = constant, all_lines
+        if _usable(lines, min(_MIDDLE_WIDTH, widest)):
+            reference, freedom = _neighbours(flat, min(_MIDDLE_WIDTH, widest), everyone)
+        size = _own_size(flat, reference, freedom)
+        standing_out = np.any(size != 1.0, axis=1)
+        for width in (None, *(w for w in _HALF_WIDTHS if w <= widest and _usable(lines, w))):
+            if width is None:
+                smooth, freedom = constant, all_lines
+            else:
+                smooth, freedom = _neighbours(flat, width, np.where(standing_out, 0.0, 1.0))
+            own = size * np.sqrt(_diagonal(reference) / _diagonal(smooth))
+            own = np.where(standing_out[:, None], own, 1.0)
+            smooth = smooth * own[:, :, None] * own[:, None, :]
+            spectrum = SmoothedSpectrum(
+                _coloured(smooth, 1 / filters),
+                float(np.median(freedom)),
+                order,
+                width,
+                standing_out,
+            )
+            parameters = order * flat.matrices.shape[1]
+            yield _Candidate(spectrum, _likelihood(lines, spectrum.matrices) - parameters)
+
+
+def _usable(lines: NoiseLines, width: int) -> bool:
+    return lines.freedom * width >= _FEWEST_FREEDOM
+
+
+def _diagonal(matrices: ComplexArray) -> Array:
+    return np.asarray(np.einsum("lii->li", matrices).real)
+
+
+def _mean(lines: NoiseLines) -> ComplexArray:
+    """Return the mean over all N lines."""
+    weights = multiplicity(lines.samples) / lines.samples
+    return np.asarray(np.einsum("l,lij->ij", weights, lines.matrices).real)
+
+
+def _prewhitening(lines: NoiseLines, order: int) -> ComplexArray:
+    """Return the response of each channel's prediction error filter, (L, 6), by Yule and Walker."""
+    count, channels = lines.matrices.shape[:2]
+    if order == 0 or lines.samples <= 2 * order:
+        return np.ones((count, channels), dtype=np.complex128)
+    correlation = np.fft.irfft(_diagonal(lines.matrices), lines.samples, axis=0)[: order + 1]
+    angle = 2j * np.pi * np.multiply.outer(np.arange(count), np.arange(order + 1)) / lines.samples
+    filters = [
+        np.concatenate([[1.0], -sla.solve_toeplitz(own[:-1], own[1:])]) for own in correlation.T
+    ]
+    return np.asarray(np.exp(-angle) @ np.transpose(filters))
+
+
+def _coloured(matrices: ComplexArray, response: ComplexArray) -> ComplexArray:
+    """Return D C Dᴴ of every line for a response of the channels, (L, 6)."""
+    return matrices * response[:, :, None] * response.conj()[:, None, :]
+
+
+def _neighbours(lines: NoiseLines, width: int, kept: Array) -> tuple[ComplexArray, Array]:
+    """Return the mean over ± width lines without the line itself, (L, 6, 6), and its freedom."""
+    samples, count = lines.samples, len(kept)
+    own = np.arange(count)
+    # Beyond zero and N/2 stand the conjugates of the lines, which are no lines of their own: the
+    # line itself is there once more, and others count once.
+    double = (own > 0) & (2 * own < samples)
+    itself = double & ((2 * own <= width) | (own + width >= samples - own))
+
+    def windows(values: ComplexArray) -> ComplexArray:
+        circle = np.concatenate([values, values[1 : samples - count + 1].conj()[::-1]])
+        circle = np.concatenate([circle[samples - width :], circle, circle[:width]])
+        sums = np.cumsum(np.concatenate([np.zeros_like(circle[:1]), circle]), axis=0)
+        return (sums[2 * width + 1 :] - sums[: -2 * width - 1])[:count]
+
+    weight = windows(kept.astype(np.complex128)).real - kept * (1 + itself)
+    whole = lines.matrices * kept[:, None, None]
+    total = windows(whole) - whole - np.where(itself[:, None, None], whole.conj(), 0)
+    twice = np.maximum(width - own, 0) + np.maximum(own + width - samples // 2, 0)
+    distinct = np.maximum(weight - twice, 1.0)
+    return total / weight[:, None, None], lines.freedom * distinct
+
+
+def _own_size(lines: NoiseLines, spectrum: ComplexArray, freedom: Array) -> Array:
+    """Return the size of lines that stand out of the spectrum, (L, 6): 1 for all others."""
+    count, channels = len(lines.matrices), spectrum.shape[1]
+    doubled = multiplicity(lines.samples) * lines.freedom
+    level = _STANDING_OUT / count / 2
+    each = _diagonal(lines.matrices) / _diagonal(spectrum)
+    whole = np.einsum("lii->l", np.linalg.solve(spectrum, lines.matrices)).real / channels
+    line_out = stats.f.sf(whole, channels * doubled, 2 * freedom) < level
+    channel_out = stats.f.sf(each, doubled[:, None], 2 * freedom[:, None]) < level / channels
+    size = np.where(line_out[:, None], whole[:, None], 1.0)
+    return np.sqrt(np.where(channel_out, each, size))
+
+
+def _likelihood(lines: NoiseLines, spectrum: ComplexArray) -> float:
+    """Return Whittle's log likelihood of the lines, each predicted by its smoothed neighbours."""
+    _, logarithm = np.linalg.slogdet(spectrum)
+    ratio = np.einsum("lii->l", np.linalg.solve(spectrum, lines.matrices)).real
+    weight = multiplicity(lines.samples) / 2 * lines.freedom
+    return float(-np.sum(weight * (logarithm + ratio)))
