@@ -79,7 +79,11 @@ class ValidationBench:
         self.identified = {key: Twin.of(made, design, seed) for key, made in machines.items()}
         self.predicted_on = {
             key: tuple(
-                Twin.of(made.with_section("experiment", periods=motion.periods), trajectory, seed)
+                Twin.of(
+                    made.with_section("experiment", periods=motion.periods, lost=None),
+                    trajectory,
+                    seed,
+                )
                 for motion, trajectory in zip(section.motions, self.trajectories, strict=True)
             )
             for key, made in machines.items()

@@ -51,8 +51,8 @@ class _Prediction:
 def validate(configuration: RunConfiguration, saved: SavedEstimate) -> ValidationRecord:
     """Predict every motion of the run's `validate:` and judge the prediction.
 
-    Computed motions are measured on the digital twin, with the disturbances of `experiment:`;
-    recorded ones are read as `data:` says.
+    Computed motions are measured on the digital twin, with the disturbances of `experiment:` but
+    for lost samples; recorded ones are read as `data:` says.
 
     Raises
     ------
@@ -112,7 +112,7 @@ def _predicted(
         data = read_measurement(path, configuration.run.data, configuration.robot)
     else:
         trajectory = motion_of_run(configuration, motion, robot.home, f"validate[{number}]")
-        changed = configuration.with_section("experiment", periods=motion.periods)
+        changed = configuration.with_section("experiment", periods=motion.periods, lost=None)
         data = Twin.of(changed, trajectory).measurement(FIRST_REPETITION + number - 1)
         check = recheck(LimitModel.of(robot), trajectory, _RECHECK_SAMPLES)
         if not check.passed:

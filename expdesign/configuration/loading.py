@@ -101,7 +101,7 @@ def load_run(source: ConfigurationLike) -> RunConfiguration:
         warnings=(
             *robot.warnings,
             *(missing_noise if users else ()),
-            *(() if truth is None else (f"experiment.truth: {text}" for text in truth.warnings)),
+            *_other_warnings(truth, robot),
         ),
         truth=truth,
     )
@@ -161,6 +161,12 @@ def _true_machine(
     ]
     bare = source.value.model_copy(update={"noise": None})
     return resolve_robot(Placed(bare, source.document, source.key), (), [*noise, *run_noise])
+
+
+def _other_warnings(truth: ResolvedRobot | None, robot: ResolvedRobot) -> list[str]:
+    """Return what is odd about the true machine beyond what is odd about the robot."""
+    found = () if truth is None else truth.warnings
+    return [f"experiment.truth: {text}" for text in found if text not in robot.warnings]
 
 
 def _unknown_parameters(

@@ -37,6 +37,8 @@ def experiment_report(folder: RunFolder) -> StageReport:
     disturbances = ", ".join(truth.disturbances.active) or "none"
     table = "" if truth.table is None else truth.table.file
     twin = f"the digital twin executing {table}" if table else "the digital twin"
+    if truth.machine is not None:
+        twin += f", a machine ({truth.machine.name}) that is not the robot of the run"
     rate, periods = f"{readable(experiment.sampling)} Hz", f"{experiment.periods:g}"
     sentence = (
         f"Simulated on {twin}: {periods} periods measured at {rate}, {experiment.samples} "
@@ -56,6 +58,7 @@ def experiment_report(folder: RunFolder) -> StageReport:
             *((Fact("controller table", table),) if table else ()),
             *((Fact("true machine", truth.machine.name),) if truth.machine else ()),
             Fact("disturbances", disturbances),
+            Fact("noise", _memory(truth)),
             Fact("seed", str(truth.seeds.experiment)),
         )
     )
@@ -115,6 +118,15 @@ def noise_report(folder: RunFolder) -> StageReport:
         blocks += folder.figures(*NOISE_FIGURES)
     blocks.append(_covariance_table(noise))
     return StageReport(Verdict("Noise", level, word, sentence, "noise"), tuple(blocks))
+
+
+def _memory(truth: Truth) -> str:
+    coloured = [
+        kind
+        for kind, spectrum in (("forces", truth.force_spectrum), ("lengths", truth.length_spectrum))
+        if spectrum is not None
+    ]
+    return f"with memory: {' and '.join(coloured)}" if coloured else "white"
 
 
 def _range(std: Array) -> str:
