@@ -132,8 +132,21 @@ def diagnose(
             system, part, families, experiment.record.step, experiments=len(parts)
         )
         noises = noise_tests(
-            experiment.record, part.force_rows, part.length_rows, NOISE / len(parts)
+            experiment.record,
+            experiment.noise,
+            part.force_rows,
+            part.length_rows,
+            NOISE / len(parts),
         )
+        if not held_out:
+            k, ratio, p = estimate.most_coloured()
+            colour = replace(
+                noises.whiteness,
+                std_ratio=float(np.sqrt(ratio)),
+                std_ratio_p=p,
+                std_ratio_of=knowledge.names[k],
+            )
+            noises = replace(noises, whiteness=colour)
         tests = _tests(
             experiment, filtered, attribution, (law, lengths), noises, len(parts), held_out
         )

@@ -61,6 +61,12 @@ _NOISE_WHITE = Assumption(
     "a filter in the measurement? Sample more slowly or remove it: with correlated noise the "
     "standard deviations are too small",
 )
+_NOISE_WHITE_OR_COUNTED = Assumption(
+    "the noise is white",
+    "the noise is correlated in time",
+    "nothing: the standard deviations count it",
+    serious=False,
+)
 _NO_OUTLIERS = Assumption(
     "no outliers",
     "there are outliers",
@@ -84,6 +90,10 @@ _GAINS_STAY = Assumption(
     "let the drives warm up (a motor constant falls with the temperature), or record less; a mean "
     "gain that is wrong has its tolerance, `tolerances.force_constant`",
 )
+
+
+_NOTICEABLE_RATIO = 1.1
+"""Of a standard deviation to that of white noise: what is less is of no consequence."""
 
 
 def experiment_findings(diagnosis: ExperimentDiagnosis) -> list[Finding]:
@@ -329,7 +339,16 @@ def _noise_white(tests: _OfNoise) -> Finding:
     where = _listed([_channels(kind, test.failed) for kind, test in done.items()])
     absent = f"largest autocorrelation between periods {largest:.3f}"
     present = f"the noise is correlated in time ({where}; up to {largest:.2f})"
-    return _NOISE_WHITE.judged(where, absent, present, p, level)
+    if not white.counted:
+        return _NOISE_WHITE.judged(where, absent, present, p, level)
+    # What matters is what the correlation does to the parameters.
+    ratio = f"standard deviations up to {white.std_ratio:.2g} times those of white noise"
+    if white.std_ratio_p < level and white.std_ratio > _NOTICEABLE_RATIO:
+        where = where or white.std_ratio_of
+        p = min(p, white.std_ratio_p)
+    if white.std_ratio_of:
+        absent, present = f"{absent}, {ratio}", f"{present}, {ratio} ({white.std_ratio_of})"
+    return _NOISE_WHITE_OR_COUNTED.judged(where, absent, present, p, level)
 
 
 def _distribution(tests: _OfNoise) -> Iterator[Finding]:

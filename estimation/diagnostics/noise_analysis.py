@@ -22,7 +22,7 @@ def analyse_noise(record: Record, source: str = "") -> NoiseRecord:
     ValueError
         Fewer periods show no scatter.
     """
-    forces, lengths = record.forces.scatter, record.lengths.scatter
+    forces, lengths = record.forces.noise(), record.lengths.noise()
     if forces is None or lengths is None:
         raise ValueError(
             f"{record.periods:.3g} periods show no scatter between periods: the noise of a "
@@ -34,7 +34,7 @@ def analyse_noise(record: Record, source: str = "") -> NoiseRecord:
         each.values if record.averaged else record.about_series(each)[1]
         for each in (record.forces, record.lengths)
     )
-    tests = noise_tests(record, force_rows, length_rows)
+    tests = noise_tests(record, noise, force_rows, length_rows)
     summary = copied(
         NoiseFile,
         tests,

@@ -20,11 +20,12 @@ from scipy import stats
 
 from constraints.arrays import Array
 from estimation.diagnostics.channel_test import NOISE, ChannelTest, below_level, no_numbers
-from estimation.processing import Record
+from estimation.measurement_model.normal_equations import Filter
+from estimation.processing import NoiseModel, Record
 from estimation.processing.noise import NORMAL_MEDIAN
 from estimation.processing.noise_lines import contrasts
 from expdesign.mechanism.hexapod import ACTUATORS
-from expdesign.runfolder import OpenNumbers, described
+from expdesign.runfolder import OpenNumber, OpenNumbers, described
 
 _LAGS = 20
 _NOTICEABLE = 0.05
@@ -231,7 +232,10 @@ class Drifts:
 
 @dataclass(frozen=True, eq=False)
 class Whitenesses:
-    """Tests for autocorrelation; null where there is nothing to test."""
+    """Tests for autocorrelation; null where there is nothing to test.
+
+    Those of residuals are taken behind the filter that makes the noise white.
+    """
 
     force_noise: Annotated[Whiteness | None, described("", "scatter between periods")]
     length_noise: Annotated[Whiteness | None, described("", "scatter between periods")]
@@ -239,6 +243,18 @@ class Whitenesses:
         Whiteness | None, described("", "mean residuals, with the effects found taken as known")
     ] = None
     length_residuals: Annotated[Whiteness | None, described("", "mean residuals")] = None
+    counted: Annotated[
+        bool,
+        described("", "the standard deviations count the noise as it is, white or not"),
+    ] = False
+    std_ratio: Annotated[
+        OpenNumber,
+        described("1", "largest standard deviation over the one that white noise would make"),
+    ] = np.nan
+    std_ratio_p: Annotated[
+        OpenNumber, described("1", "p of a ratio so large if the noise is white")
+    ] = np.nan
+    std_ratio_of: Annotated[str, described("", "the parameter whose ratio that is")] = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -252,37 +268,56 @@ class NoiseTests:
 
 
 def noise_tests(
-    record: Record, forces: Array, lengths: Array | None, level: float = NOISE
+    record: Record,
+    noise: NoiseModel,
+    forces: Array,
+    lengths: Array | None,
+    level: float = NOISE,
 ) -> NoiseTests:
     """Test the noise of a record.
 
+    Distribution and change over the periods are told behind the filters that make the noise white.
+
     Parameters
     ----------
+    noise : NoiseModel
+        Whose filters and spectra were used.
     forces, lengths : (T, 6)
         Residuals of the record's rows, which serve where periods cannot be compared; None: there
         are none.
     """
-    samples, white, normal, change = _of_one_kind(record, record.forces.periods, forces, level)
+    samples, white, normal, change = _of_one_kind(
+        record, record.forces.periods, noise.forces.filter, forces, level
+    )
     if samples is None or normal is None or change is None:
         raise AssertionError("forces leave residuals")
-    lengths_tested = _of_one_kind(record, record.lengths.periods, lengths, level)
+    lengths_tested = _of_one_kind(
+        record, record.lengths.periods, noise.lengths.filter, lengths, level
+    )
     _, length_white, length_normal, length_change = lengths_tested
     return NoiseTests(
         samples.reshape(-1, forces.shape[1]),
-        Whitenesses(white, length_white),
+        Whitenesses(white, length_white, counted=noise.forces.lines is not None),
         Normalities("residuals" if white is None else "periods", normal, length_normal),
         Drifts(change, length_change),
     )
 
 
 def _of_one_kind(
-    record: Record, periods: Array | None, rows: Array | None, level: float
+    record: Record,
+    periods: Array | None,
+    noise_filter: Filter | None,
+    rows: Array | None,
+    level: float,
 ) -> tuple[Array | None, Whiteness | None, Normality | None, Drift | None]:
     """Return samples of the noise, (K, N, 6), and the tests of forces or lengths."""
     samples, white, change = None, None, None
     if periods is not None and len(periods) > 1:
         samples = contrasts(periods)
         white = whiteness(samples, level=level)
+        if noise_filter is not None:
+            periods = np.stack([noise_filter(period) for period in periods])
+            samples = contrasts(periods)
     elif rows is not None:
         samples = rows[None] - rows.mean(axis=0)
     if periods is not None:

@@ -5,13 +5,14 @@ from estimation.estimators.joint import cramer_rao_covariance
 from estimation.estimators.knowledge import Knowledge, UnidentifiableError
 from estimation.estimators.linear import linear_estimate
 from estimation.estimators.maximum_likelihood import maximum_likelihood
-from estimation.estimators.result import ParameterEstimate
+from estimation.estimators.result import ParameterEstimate, covariance_ml_less_gm
 
 __all__ = [
     "Experiment",
     "Knowledge",
     "ParameterEstimate",
     "UnidentifiableError",
+    "covariance_ml_less_gm",
     "cramer_rao_covariance",
     "linear_estimate",
     "maximum_likelihood",

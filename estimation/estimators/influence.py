@@ -178,7 +178,7 @@ def _covariance(
         whole.append(weights)
     lines = noise.lines
     if lines is None or lines.samples != len(counts):
-        return Covariance.known(white)
+        return Covariance(white, 2 * np.diag(white) ** 2 / noise.freedom, white)
     if noise.filter is not None:
         loss = 1.0  # Its weights know nothing of the very line that they are for.
     spectral = lines_of(np.concatenate(whole)) / np.sqrt(counts[0])

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy import stats
 
 from constraints.arrays import Array
-from estimation.estimators.influence import Covariance, Influence
+from estimation.estimators.influence import Covariance, Influence, difference_covariance
 from estimation.estimators.knowledge import Knowledge
 from estimation.measurement_model import HarmonicMotion
 
@@ -44,6 +45,13 @@ class ParameterEstimate:
     converged: bool
     status: str
     seconds: float
+
+    def most_coloured(self) -> tuple[int, float, float]:
+        """Return the parameter whose variance colour raises most, its ratio, and its p."""
+        k = int(np.argmax(self.colour))
+        ratio, freedom = float(self.colour[k]), float(self.freedom[k])
+        p = float(stats.chi2.sf(ratio * freedom, freedom)) if np.isfinite(freedom) else 1.0
+        return k, ratio, min(1.0, len(self.values) * p)
 
     @property
     def std(self) -> Array:
@@ -82,3 +90,13 @@ def precision(
         "colour": ratio,
         "influences": tuple(influences),
     }
+
+
+def covariance_ml_less_gm(estimates: Mapping[str, ParameterEstimate]) -> Array | None:
+    """Return the covariance of ML − GM from the same data, (m, m); None without both."""
+    if not {"gm", "ml"} <= set(estimates):
+        return None
+    gm, ml = estimates["gm"], estimates["ml"]
+    result, free = np.zeros_like(ml.covariance), ml.influences[0].free
+    result[np.ix_(free, free)] = difference_covariance(ml.influences, gm.influences)
+    return result

@@ -85,11 +85,8 @@ def estimate(
             name: identified_combinations(robot, knowledge.names, result.values, result.covariance)
             for name, result in estimates.items()
         }
-    freedom = min(experiment.noise.forces.freedom for experiment in experiments)
     rows = [
-        row
-        for result in estimates.values()
-        for row in parameter_rows(robot, result, knowledge, freedom)
+        row for result in estimates.values() for row in parameter_rows(robot, result, knowledge)
     ]
     return EstimationResult(
         configuration=configuration,

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated, ClassVar, Self
 
 import numpy as np
 
 from estimation.diagnostics.noise_record import NoiseKeys, noise_keys
 from estimation.diagnostics.record import Diagnosis, DiagnosisKeys
-from estimation.estimators import ParameterEstimate
+from estimation.estimators import ParameterEstimate, covariance_ml_less_gm
 from estimation.identification.result import EstimationResult, RecordSummary
 from estimation.uncertainty.intervals import Combination
-from expdesign.runfolder import Numbers, RunFile, copied, described
+from expdesign.runfolder import Numbers, OpenNumbers, RunFile, copied, described
 from expdesign.trajectory import FourierKeys
 
 
@@ -94,6 +94,14 @@ class EstimatorKeys:
         Numbers | None,
         described("SI", "its share that the lengths' noise makes; null where it is not known"),
     ]
+    freedom: Annotated[
+        OpenNumbers,
+        described("1", "(m,) degrees of freedom behind the standard deviations; null: endless"),
+    ] = field(default_factory=lambda: np.zeros(0))
+    colour: Annotated[
+        OpenNumbers,
+        described("1", "(m,) variances over those that white noise would make"),
+    ] = field(default_factory=lambda: np.zeros(0))
     combinations: Annotated[
         tuple[Combination, ...], described("", "what is known of parameters not identified")
     ]
@@ -111,6 +119,7 @@ class EstimatorKeys:
         return copied(
             cls,
             estimate,
+            freedom=np.where(np.isinf(estimate.freedom), np.nan, estimate.freedom),
             values=dict(zip(result.knowledge.names, estimate.values.tolist(), strict=True)),
             combinations=result.combinations[estimate.estimator],
             motions=tuple(copied(FourierKeys, motion) for motion in motions),
@@ -131,6 +140,10 @@ class EstimateFile(RunFile):
     cramer_rao_covariance: Annotated[
         Numbers | None, described("SI", "the bound with noise in forces and lengths, m × m")
     ]
+    covariance_ml_less_gm: Annotated[
+        Numbers | None,
+        described("SI", "of the difference of these estimates, m × m; null without both"),
+    ] = None
     intervals_cover: Annotated[bool, described("", "the intervals count the lengths' noise")]
     intervals_note: Annotated[str, described("", "what the intervals count, in words")]
     diagnostics: Annotated[
@@ -167,6 +180,7 @@ class EstimateFile(RunFile):
                 name: EstimatorKeys.of(result, found) for name, found in result.estimates.items()
             },
             cramer_rao_covariance=result.bound,
+            covariance_ml_less_gm=covariance_ml_less_gm(result.estimates),
             intervals_note="95 %, with the noise of forces and lengths"
             if result.intervals_cover
             else "pointwise differentiation: the lengths' noise is in the regressor, which biases "

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from constraints.arrays import Array
 from estimation.identification.period_choice import UnsuitableDataError
-from estimation.processing import Channels, NoiseEstimate, NoiseModel, Record
-from estimation.processing.noise_lines import FEWEST_PERIODS, NoiseLines
-from estimation.processing.whitening_filter import estimated_filter
+from estimation.processing import NoiseEstimate, NoiseModel, Record
+from estimation.processing.noise import FEWEST_PERIODS
 from estimation.uncertainty.intervals import correlation
 from expdesign.configuration import InputError, RunConfiguration
-from expdesign.configuration.sections.data import SpectrumOrigin
 
 _STILL = 1e-12
 """Smallest variance, relative to the largest, and eigenvalue of a correlation that is one."""
@@ -67,7 +64,7 @@ def choose_noise(configuration: RunConfiguration, record: Record, source: str = 
     def chosen(name: str) -> NoiseEstimate:
         repeated, stated = measured[name].scatter, given[name]
         if enough and repeated is not None:
-            return _with_spectrum(repeated, measured[name], configuration.run.estimate.spectrum)
+            return repeated
         if stated is not None:
             return NoiseEstimate(stated, np.inf, "given")
         first, _ = record.about_series(measured[name])
@@ -78,21 +75,12 @@ def choose_noise(configuration: RunConfiguration, record: Record, source: str = 
     found = NoiseModel(chosen("forces"), chosen("lengths"))
     _refuse_singular("q", found.lengths, source)
     _refuse_singular("Q", found.forces, source)
-    return found
-
-
-def _with_spectrum(
-    noise: NoiseEstimate, channels: Channels, wanted: SpectrumOrigin
-) -> NoiseEstimate:
-    """Add the noise's spectrum, and the filter for it, where all samples are means of as many."""
-    periods = channels.periods
-    if periods is None or len(periods) < FEWEST_PERIODS or np.ptp(channels.counts) > 0:
-        return noise
-    lines = NoiseLines.of(periods)
-    if wanted == "white":
-        return replace(noise, lines=lines)
-    found = estimated_filter(lines, noise.covariance, always=wanted == "estimated")
-    return replace(noise, lines=lines, filter=found)
+    spectrum = configuration.run.estimate.spectrum
+    spectra = {
+        name: measured[name].noise(spectrum) if own is measured[name].scatter else None
+        for name, own in (("forces", found.forces), ("lengths", found.lengths))
+    }
+    return NoiseModel(spectra["forces"] or found.forces, spectra["lengths"] or found.lengths)
 
 
 def _refuse_singular(letter: str, noise: NoiseEstimate, source: str) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from constraints.arrays import Array
 from estimation.estimators import Knowledge, ParameterEstimate
 from estimation.identification.estimate_file import EstimateFile
 from expdesign.configuration import InputError
@@ -88,7 +89,16 @@ def saved_estimate(
             entry,
             estimator=key,
             values=np.array([entry.values[name] for name in names]),
+            freedom=_or(entry.freedom, np.inf, len(names)),
+            colour=_or(entry.colour, 1.0, len(names)),
+            influences=(),
             motions=(),
         ),
         Knowledge.of(robot, EstimateSection(fixed=fixed)),
     )
+
+
+def _or(numbers: Array, missing: float, count: int) -> Array:
+    """Return numbers with those that are missing, all of them in a folder that has none."""
+    known = numbers if len(numbers) == count else np.full(count, np.nan)
+    return np.where(np.isnan(known), missing, known)

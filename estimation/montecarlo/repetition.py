@@ -19,6 +19,7 @@ from estimation.kinematics.fourier_fit import MotionFit
 from estimation.measurement_model import HarmonicMotion
 from estimation.processing import NoiseModel, PeriodSource, make_record
 from estimation.twin import Twin
+from estimation.uncertainty.intervals import interval_widths
 from expdesign.configuration import ComputationError, RunConfiguration
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.robot import Robot, robot_from
@@ -38,6 +39,9 @@ class Outcome:
 
     values: Annotated[Numbers | None, described("SI", "(m,) estimates; null when it failed")] = None
     std: Annotated[Numbers | None, described("SI", "(m,) as stated; null when it failed")] = None
+    widths: Annotated[
+        Numbers | None, described("1", "(m,) half widths of the 95 % intervals, in std")
+    ] = None
     converged: Annotated[bool, described("", "the iteration ended as it should")] = False
     iterations: Annotated[int, described("1", "number of iterations")] = 0
     error: Annotated[str, described("", "why it failed; empty when it did not")] = ""
@@ -155,7 +159,13 @@ class Workbench:
 def _outcome(estimate: ParameterEstimate) -> Outcome:
     if not (np.all(np.isfinite(estimate.values)) and np.all(np.isfinite(estimate.std))):
         return Outcome(error="the estimate is not finite", iterations=estimate.iterations)
-    return Outcome(estimate.values, estimate.std, estimate.converged, estimate.iterations)
+    return Outcome(
+        estimate.values,
+        estimate.std,
+        interval_widths(estimate.freedom),
+        estimate.converged,
+        estimate.iterations,
+    )
 
 
 def _reason(error: BaseException) -> str:

@@ -119,7 +119,7 @@ def parameter_statistics(
 def pooled_statistics(errors: Array, std: Array, widths: Array, bound: Array) -> PooledStatistics:
     """Return the statistics of m parameters together; arguments as of `parameter_statistics`.
 
-    Errors and std are (K, m) here, the bound is (m,).
+    Errors, std and widths are (K, m) here, the bound is (m,).
 
     Notes
     -----
@@ -135,7 +135,7 @@ def pooled_statistics(errors: Array, std: Array, widths: Array, bound: Array) ->
     error = float(np.std(squares, ddof=1) / np.sqrt(count)) if count > 1 else np.nan
     ratio = float(np.sqrt(mean))
     freedom = 2 * (mean / error) ** 2 if error > 0 else np.nan
-    hits = np.mean(np.abs(errors) <= widths[:, None] * std, axis=1)
+    hits = np.mean(np.abs(errors) <= widths * std, axis=1)
     coverage = float(np.mean(hits))
     coverage_error = float(np.std(hits, ddof=1) / np.sqrt(count)) if count > 1 else np.nan
     trials = float(count)

@@ -22,7 +22,7 @@ from estimation.montecarlo.statistics import (
     pooled_statistics,
 )
 from estimation.twin import Truth
-from estimation.uncertainty.intervals import IDENTIFIED, interval_width
+from estimation.uncertainty.intervals import IDENTIFIED
 from expdesign.configuration import ConfigurationLike, RunConfiguration, load_run
 from expdesign.configuration.section import unstated
 from expdesign.robot import Robot
@@ -88,7 +88,7 @@ class Study:
             return {}
         return {
             self.knowledge.names[k]: parameter_statistics(
-                errors[:, k], std[:, k], widths, float(self.bound_std[k])
+                errors[:, k], std[:, k], widths[:, k], float(self.bound_std[k])
             )
             for k in self.free
         }
@@ -99,15 +99,17 @@ class Study:
         which = self.identified
         if not len(errors) or not len(which):
             return None
-        return pooled_statistics(errors[:, which], std[:, which], widths, self.bound_std[which])
+        return pooled_statistics(
+            errors[:, which], std[:, which], widths[:, which], self.bound_std[which]
+        )
 
     def _samples(self, estimator: str) -> tuple[Array, Array, Array]:
-        """Return errors and std (K, m), and half widths of intervals (K,)."""
+        """Return errors, std and half widths of intervals in std, (K, m) each."""
         found = self.estimated(estimator)
         shape = (-1, len(self.knowledge.names))
         values = np.array([outcome.values for _, outcome in found], dtype=float).reshape(shape)
         std = np.array([outcome.std for _, outcome in found], dtype=float).reshape(shape)
-        widths = np.array([interval_width(repetition.freedom) for repetition, _ in found])
+        widths = np.array([outcome.widths for _, outcome in found], dtype=float).reshape(shape)
         return values - self.truth.values_of(self.knowledge.names), std, widths
 
 

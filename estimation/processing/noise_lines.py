@@ -14,9 +14,6 @@ import numpy as np
 
 from constraints.arrays import Array, ComplexArray
 
-FEWEST_PERIODS = 3
-"""Periods from which on the spectrum behind a covariance is taken from the data."""
-
 
 def contrasts(periods: Array) -> Array:
     """Return pure noise out of repeated periods, (M, N, 6): (M − 1, N, 6).

@@ -8,7 +8,7 @@ its own time and nothing is rounded.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -24,7 +24,10 @@ from estimation.processing.noise import (
     series_harmonics,
     series_weights,
 )
+from estimation.processing.noise_lines import NoiseLines
 from estimation.processing.period import PeriodError, PeriodSource, whole_samples
+from estimation.processing.whitening_filter import estimated_filter
+from expdesign.configuration.sections.data import SpectrumOrigin
 
 _REPEATED = 2
 
@@ -46,6 +49,23 @@ class Channels:
     """Covariance of one sample from the repetition; None with less than two periods."""
     periods: Array | None
     """(M, N, 6), the single periods, when they could be averaged."""
+
+    def noise(self, spectrum: SpectrumOrigin = "auto") -> NoiseEstimate | None:
+        """Return the scatter with its spectrum and the filter for it, as `estimate.spectrum` says.
+
+        White noise is assumed where there are too few periods for a spectrum, or samples that are
+        not means of as many.
+        """
+        repeated, periods = self.scatter, self.periods
+        if repeated is None or periods is None:
+            return repeated
+        if len(periods) < FEWEST_PERIODS or np.ptp(self.counts) > 0:
+            return repeated
+        lines = NoiseLines.of(periods)
+        if spectrum == "white":
+            return replace(repeated, lines=lines)
+        found = estimated_filter(lines, repeated.covariance, always=spectrum == "estimated")
+        return replace(repeated, lines=lines, filter=found)
 
 
 @dataclass(frozen=True, eq=False)

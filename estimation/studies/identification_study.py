@@ -19,7 +19,12 @@ from scipy import stats
 
 from constraints.arrays import Array, Mask
 from estimation.data.measurement import Measurement
-from estimation.estimators import Experiment, Knowledge, ParameterEstimate
+from estimation.estimators import (
+    Experiment,
+    Knowledge,
+    ParameterEstimate,
+    covariance_ml_less_gm,
+)
 from estimation.identification import prepare_experiment, run_estimators
 from estimation.identification.estimate import parameter_knowledge
 from estimation.montecarlo.repetition import FAILURES
@@ -162,13 +167,20 @@ class IdentificationBench:
                 estimates |= run_estimators(self.robot, [experiment], self.knowledge, ("ls", "gm"))
             except FAILURES:
                 return None
-        share = estimates["ml"].covariance_kinematics
-        if fitted.fit is None or share is None:
+        # What the difference is if nothing disturbs Gauss–Markov.
+        covariance = covariance_ml_less_gm(own)
+        if fitted.fit is None or covariance is None:
             raise AssertionError("maximum likelihood has a motion")
+        values = (estimates["gm"].values, estimates["ml"].values)
         return Identification(
             {name: estimates[name].values for name in ESTIMATORS},
             {name: estimates[name].std for name in ESTIMATORS},
-            difference_test(estimates["gm"].values, estimates["ml"].values, share),
+            difference_test(
+                estimates["gm"].values,
+                estimates["ml"].values,
+                covariance,
+                estimates["ml"].covariance,
+            ),
             fitted.fit.motion.harmonics,
         )
 

@@ -16,6 +16,10 @@ FAMILY_LEVEL = 0.01
 _RANK = 1e-10
 """Eigenvalues of the difference's correlation below this share of the largest do not count."""
 
+_TOLD_APART = 1e-4
+"""Variance of a difference of estimates from the same data, relative to that of the estimates,
+below which it is not judged: there, what is left out of a linear law decides."""
+
 
 @dataclass(frozen=True, eq=False)
 class Differences:
@@ -45,7 +49,9 @@ class Differences:
         return bool(self.freedom and self.p_joint < FAMILY_LEVEL)
 
 
-def difference_test(first: Array, second: Array, covariance: Array) -> Differences:
+def difference_test(
+    first: Array, second: Array, covariance: Array, own: Array | None = None
+) -> Differences:
     """Test whether two estimates are of the same parameters.
 
     Parameters
@@ -54,28 +60,34 @@ def difference_test(first: Array, second: Array, covariance: Array) -> Differenc
     covariance : (m, m)
         Of second − first when both estimate the same: the sum of their covariances for estimates
         from independent data. Rows of zeros belong to fixed parameters, which are not judged.
+    own : (m, m), optional
+        For estimates from the same data: the covariance of one of them. Combinations of
+        parameters whose difference varies by less than a hundredth of the estimates are left out;
+        with none left, nothing is judged.
 
     Notes
     -----
-    Gauss–Markov against maximum likelihood is the test of Hausman (1978) of whether the
-    information matrix is disturbed. While the motion enters the regressor without error, the
-    Gauss–Markov estimate is efficient with the covariance F⁻¹, and what the maximum-likelihood
-    estimate has more, by estimating the motion too (`covariance_kinematics`), is the covariance of
-    their difference. A larger difference means that errors of the motion bias Gauss–Markov.
+    Gauss–Markov against maximum likelihood is the test of Hausman (1978) of whether errors of the
+    motion disturb the information matrix: both are of the same data, and the covariance of their
+    difference comes from how these move either of them (`estimation.estimators.influence`); for
+    white noise it is Cov GM − Cov ML.
     """
     difference = np.asarray(second, dtype=np.float64) - np.asarray(first, dtype=np.float64)
     variance = np.diag(covariance)
     judged = np.isfinite(variance) & (variance > 0)
+    if own is not None:
+        judged &= variance > _TOLD_APART * np.diag(own)
     std = np.sqrt(np.where(judged, variance, np.nan))
     z = difference / std
     p_values = np.full(difference.size, np.nan)
     p_values[judged] = holm(2 * stats.norm.sf(np.abs(z[judged])))
     statistic, freedom = 0.0, 0
     if np.any(judged):
-        block = covariance[np.ix_(judged, judged)] / np.multiply.outer(std[judged], std[judged])
+        unit = std[judged] if own is None else np.sqrt(np.diag(own)[judged])
+        block = covariance[np.ix_(judged, judged)] / np.multiply.outer(unit, unit)
         values, vectors = np.linalg.eigh((block + block.T) / 2)
-        kept = values > _RANK * values[-1]
-        along = vectors[:, kept].T @ z[judged]
+        kept = values > (_RANK * values[-1] if own is None else _TOLD_APART)
+        along = vectors[:, kept].T @ (difference[judged] / unit)
         statistic = float(np.sum(along**2 / values[kept]))
         freedom = int(np.count_nonzero(kept))
     p_joint = float(stats.chi2.sf(statistic, freedom)) if freedom else float("nan")

@@ -47,16 +47,16 @@ class ParameterRow:
 
 
 def parameter_rows(
-    robot: Robot, estimate: ParameterEstimate, knowledge: Knowledge, freedom: float
+    robot: Robot, estimate: ParameterEstimate, knowledge: Knowledge
 ) -> list[ParameterRow]:
-    """Return the rows of all parameters; `freedom` is that behind the noise covariance."""
-    scales = robot.scales
-    width = interval_width(freedom)
+    """Return the rows of all parameters."""
+    scales, widths = robot.scales, interval_widths(estimate.freedom)
     rows = []
     for k, name in enumerate(knowledge.names):
         value, prior = float(estimate.values[k]), float(knowledge.nominal[k])
         free = bool(knowledge.free[k])
         std = float(estimate.std[k]) if free else np.nan
+        width = float(widths[k])
         rows.append(
             ParameterRow(
                 estimator=estimate.estimator,
@@ -74,10 +74,12 @@ def parameter_rows(
     return rows
 
 
-def interval_width(freedom: float) -> float:
-    """Return half the width of a 95 % interval in standard deviations, known (inf) or estimated."""
+def interval_widths(freedom: Array) -> Array:
+    """Return half the widths of 95 % intervals in standard deviations of so much freedom."""
     tail = 0.5 + LEVEL / 2
-    return float(stats.t.ppf(tail, freedom) if np.isfinite(freedom) else stats.norm.ppf(tail))
+    known = np.isinf(freedom)
+    student = stats.t.ppf(tail, np.where(known, 1.0, freedom))
+    return np.where(known, stats.norm.ppf(tail), student)
 
 
 def correlation(covariance: Array) -> Array:

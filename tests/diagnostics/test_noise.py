@@ -5,9 +5,10 @@ import pytest
 from scipy import signal, stats
 
 from estimation.diagnostics.lack_of_fit import chi_square
-from estimation.diagnostics.noise_tests import contrasts, drift, noise_tests, normality, whiteness
+from estimation.diagnostics.noise_tests import drift, noise_tests, normality, whiteness
 from estimation.diagnostics.residual_law import ResidualLaw
-from estimation.processing import NoiseEstimate
+from estimation.processing import NoiseEstimate, NoiseModel
+from estimation.processing.noise_lines import contrasts
 
 
 def test_contrasts_are_independent_and_have_the_noise_s_variance():
@@ -25,7 +26,8 @@ def test_without_periods_the_residuals_serve(sound):
     forces, lengths = replace(record.forces, periods=None), replace(record.lengths, periods=None)
     record = replace(record, forces=forces, lengths=lengths)
     residuals = np.random.default_rng(2).standard_normal((300, 6)) + 5
-    tests = noise_tests(record, residuals, None)
+    noise = NoiseModel(record.forces.scatter, record.lengths.scatter)
+    tests = noise_tests(record, noise, residuals, None)
     assert tests.normality.source == "residuals"
     assert tests.normality.lengths is None
     np.testing.assert_allclose(tests.samples.mean(axis=0), 0, atol=1e-12)

@@ -116,7 +116,7 @@ def _blocks(
         disturbed = test.differ_jointly or bool(np.any(test.differs))
         sentence = f"{information_sentence(test)}."
         blocks.append(TextBlock(sentence, Level.CAUTION if disturbed else Level.NEUTRAL))
-        caption = "ML − GM against the share of ML's covariance that comes from the motion"
+        caption = "ML − GM against the covariance that errors of the same data give this difference"
         blocks.append(differences_table("hausman", caption, summary.parameters, test, folded=True))
     if summary.diagnostics is not None:
         found = summary.diagnostics.verdict.findings
