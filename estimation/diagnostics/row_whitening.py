@@ -10,9 +10,9 @@ import numpy as np
 from constraints.arrays import Array
 from estimation.measurement_model.normal_equations import NormalEquations, whitened
 from estimation.processing import NoiseEstimate
-from estimation.processing.noise_lines import lines_of, multiplicity
 from estimation.processing.whitening_filter import WhiteningFilter
 from expdesign.information.fisher import whitening
+from expdesign.noise.fourier_lines import lines_of, multiplicity
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,7 +20,7 @@ from estimation.measurement_model import HarmonicMotion, predict_forces, predict
 from estimation.measurement_model.normal_equations import Filter
 from estimation.measurement_model.prediction import chunks
 from estimation.processing.noise import NoiseEstimate
-from estimation.processing.noise_lines import lines_of
+from expdesign.noise.fourier_lines import lines_of
 from expdesign.robot import Robot
 
 Part = tuple[slice, Array]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +11,12 @@ from constraints.arrays import Array
 from estimation.identification.period_choice import UnsuitableDataError
 from estimation.processing import NoiseEstimate, NoiseModel, Record
 from estimation.processing.noise import FEWEST_PERIODS
+from estimation.processing.noise_lines import NoiseLines
+from estimation.processing.whitening_filter import given_filter
 from estimation.uncertainty.intervals import correlation
 from expdesign.configuration import InputError, RunConfiguration
+from expdesign.configuration.sections.data import SpectrumOrigin
+from expdesign.noise.spectrum import NoiseSpectrum
 
 _STILL = 1e-12
 """Smallest variance, relative to the largest, and eigenvalue of a correlation that is one."""
@@ -75,12 +80,44 @@ def choose_noise(configuration: RunConfiguration, record: Record, source: str = 
     found = NoiseModel(chosen("forces"), chosen("lengths"))
     _refuse_singular("q", found.lengths, source)
     _refuse_singular("Q", found.forces, source)
-    spectrum = configuration.run.estimate.spectrum
-    spectra = {
-        name: measured[name].noise(spectrum) if own is measured[name].scatter else None
-        for name, own in (("forces", found.forces), ("lengths", found.lengths))
-    }
-    return NoiseModel(spectra["forces"] or found.forces, spectra["lengths"] or found.lengths)
+    origin = configuration.run.estimate.spectrum
+
+    def with_spectrum(name: str, own: NoiseEstimate) -> NoiseEstimate:
+        channels = measured[name]
+        if own is channels.scatter:
+            return channels.noise(origin) or own
+        stated = None if noise is None else getattr(noise, f"{name.removesuffix('s')}_spectrum")
+        if own.source != "given" or stated is None or not channels.alike:
+            return own
+        return _given_spectrum(own, stated, record, origin)
+
+    return NoiseModel(
+        with_spectrum("forces", found.forces), with_spectrum("lengths", found.lengths)
+    )
+
+
+def _given_spectrum(
+    noise: NoiseEstimate, stated: NoiseSpectrum, record: Record, origin: SpectrumOrigin
+) -> NoiseEstimate:
+    """Return noise with a spectrum that robot or run state, at the multiples of the motion's ω.
+
+    Raises
+    ------
+    UnsuitableDataError
+        It is not known up to half of the recording's sampling.
+    """
+    sampling, samples = 1 / record.step, record.samples
+    if not stated.covers(sampling):
+        raise UnsuitableDataError(
+            f"the spectrum given for the noise ends at a sampling of {stated.highest:g} Hz, the "
+            f"recording has {sampling:g} Hz",
+            allowed="a spectrum of this sampling, or estimate.noise: estimated",
+        )
+    count = samples // 2 + 1
+    matrices = stated.harmonics(1 / record.period, count, sampling, record.rows).value
+    lines = NoiseLines(matrices.astype(np.complex128), samples, np.inf)
+    weights = None if origin == "white" else given_filter(noise.covariance, lines.matrices, samples)
+    return replace(noise, lines=lines, filter=weights)
 
 
 def _refuse_singular(letter: str, noise: NoiseEstimate, source: str) -> None:

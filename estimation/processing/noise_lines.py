@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from constraints.arrays import Array, ComplexArray
+from expdesign.noise.fourier_lines import multiplicity
 
 
 def contrasts(periods: Array) -> Array:
@@ -25,20 +26,6 @@ def contrasts(periods: Array) -> Array:
     before = np.cumsum(periods, axis=0)[:-1]
     number = np.arange(1, len(periods), dtype=float)[:, None, None]
     return (periods[1:] - before / number) * np.sqrt(number / (number + 1))
-
-
-def lines_of(values: Array) -> ComplexArray:
-    """Return the lines Z = rfft(x)/√N of series, (N, …): (N // 2 + 1, …)."""
-    return np.fft.rfft(values, axis=0) / np.sqrt(len(values))
-
-
-def multiplicity(samples: int) -> Array:
-    """Return how often each line stands in a sum over all N lines, (N // 2 + 1,): 1 or 2."""
-    times = np.full(samples // 2 + 1, 2.0)
-    times[0] = 1.0
-    if samples % 2 == 0:
-        times[-1] = 1.0
-    return times
 
 
 @dataclass(frozen=True, eq=False)

@@ -50,6 +50,11 @@ class Channels:
     periods: Array | None
     """(M, N, 6), the single periods, when they could be averaged."""
 
+    @property
+    def alike(self) -> bool:
+        """True when all values are means of as many samples, one for each phase of a period."""
+        return self.periods is not None and np.ptp(self.counts) == 0
+
     def noise(self, spectrum: SpectrumOrigin = "auto") -> NoiseEstimate | None:
         """Return the scatter with its spectrum and the filter for it, as `estimate.spectrum` says.
 
@@ -57,9 +62,7 @@ class Channels:
         not means of as many.
         """
         repeated, periods = self.scatter, self.periods
-        if repeated is None or periods is None:
-            return repeated
-        if len(periods) < FEWEST_PERIODS or np.ptp(self.counts) > 0:
+        if repeated is None or periods is None or not self.alike or len(periods) < FEWEST_PERIODS:
             return repeated
         lines = NoiseLines.of(periods)
         if spectrum == "white":

@@ -19,7 +19,8 @@ import scipy.linalg as sla
 from scipy import stats
 
 from constraints.arrays import Array, ComplexArray, Mask
-from estimation.processing.noise_lines import NoiseLines, multiplicity
+from estimation.processing.noise_lines import NoiseLines
+from expdesign.noise.fourier_lines import multiplicity
 
 _ORDERS = (0, 1, 2, 4, 8)
 _HALF_WIDTHS = (8, 24, 72, 216)

@@ -175,12 +175,7 @@ class IdentificationBench:
         return Identification(
             {name: estimates[name].values for name in ESTIMATORS},
             {name: estimates[name].std for name in ESTIMATORS},
-            difference_test(
-                estimates["gm"].values,
-                estimates["ml"].values,
-                covariance,
-                estimates["ml"].covariance,
-            ),
+            difference_test(*values, covariance, own["ml"].covariance),
             fitted.fit.motion.harmonics,
         )
 

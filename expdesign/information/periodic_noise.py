@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from constraints.arrays import Array, ComplexArray
+from expdesign.noise.fourier_lines import lines_of, multiplicity, series_of
 from expdesign.noise.spectrum import NoiseSpectrum
 
 
@@ -35,29 +36,29 @@ class PeriodicNoise:
 
     def information(self, regressors: Array, omega: float) -> Array:
         """Return F of one period, (m, m), of A at n equal phases, (n, 6, m); ω in rad/s."""
-        lines = _lines(regressors)
+        lines = lines_of(regressors)
         matrices, _ = self._at(omega, len(lines))
         white = np.linalg.solve(np.linalg.cholesky(matrices), lines)
-        white *= np.sqrt(_multiplicity(len(regressors)))[:, None, None]
+        white *= np.sqrt(multiplicity(len(regressors)))[:, None, None]
         flat = white.reshape(-1, white.shape[2])
         stacked = np.concatenate([flat.real, flat.imag])
         return stacked.T @ stacked
 
     def weighted(self, regressors: Array, omega: float) -> Array:
         """Return what makes F of A: (n, 6, m) with Σ_t A_tᵀ (·)_t = F, and dF as twice as much."""
-        lines = _lines(regressors)
+        lines = lines_of(regressors)
         matrices, _ = self._at(omega, len(lines))
         weighted: ComplexArray = np.linalg.solve(matrices, lines).astype(np.complex128, copy=False)
-        return _series(weighted, len(regressors))
+        return series_of(weighted, len(regressors))
 
     def slope(self, weighted: Array, omega: float) -> Array:
         """Return ∂F/∂ω, (m, m), of A as it is: the lines move over the spectrum.
 
         `weighted` is what the method of this name returns.
         """
-        lines = _lines(weighted)
+        lines = lines_of(weighted)
         _, by_omega = self._at(omega, len(lines))
-        mixed = np.matmul(by_omega, lines) * _multiplicity(len(weighted))[:, None, None]
+        mixed = np.matmul(by_omega, lines) * multiplicity(len(weighted))[:, None, None]
         flat = lines.reshape(-1, lines.shape[2])
         change = -(flat.conj().T @ mixed.reshape(flat.shape)).real
         return (change + change.T) / 2
@@ -69,20 +70,3 @@ class PeriodicNoise:
         found = self.spectrum.harmonics(base, count, self.sampling, samples)
         slope = found.by_frequency - found.by_samples * (samples / base)
         return found.value, slope / (2 * np.pi)
-
-
-def _lines(series: Array) -> ComplexArray:
-    return np.fft.rfft(series, axis=0) / np.sqrt(len(series))
-
-
-def _series(lines: ComplexArray, samples: int) -> Array:
-    return np.fft.irfft(lines * np.sqrt(samples), samples, axis=0)
-
-
-def _multiplicity(samples: int) -> Array:
-    """Return how often each line stands among all, (samples // 2 + 1,)."""
-    times = np.full(samples // 2 + 1, 2.0)
-    times[0] = 1.0
-    if samples % 2 == 0:
-        times[-1] = 1.0
-    return times
