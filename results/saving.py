@@ -20,7 +20,7 @@ from results.figures.design import DESIGN_FIGURES
 from results.figures.drawing import FORMATS, FigureDefinition, save_figures
 from results.figures.montecarlo import STUDY_FIGURES
 from results.figures.motion import WholeMotion, motion_figure
-from results.figures.noise import NOISE_FIGURES
+from results.figures.noise import NOISE_FIGURES, SPECTRUM_FIGURES
 from results.figures.parameters import ESTIMATE_FIGURES
 from results.figures.residuals import DIAGNOSTIC_FIGURES, prediction_figure
 from results.figures.studies import RECORD_FIGURES, distributions_figure
@@ -88,6 +88,7 @@ def _parts(record: Drawn) -> Iterator[tuple[Iterable[FigureDefinition[Any]], Any
             yield DESIGN_FIGURES, record
         case NoiseRecord():
             yield NOISE_FIGURES, record
+            yield SPECTRUM_FIGURES, record
         case EstimateRecord():
             yield ESTIMATE_FIGURES, record
             for number, experiment in enumerate(record.experiments, start=1):

@@ -8,7 +8,9 @@ from __future__ import annotations
 import numpy as np
 
 from estimation.diagnostics.findings import noise_findings
-from estimation.diagnostics.noise_record import NoiseFile, NoiseRecord, noise_keys
+from estimation.diagnostics.hum_finding import hum_finding
+from estimation.diagnostics.noise_density import noise_density
+from estimation.diagnostics.noise_record import HumKeys, NoiseFile, NoiseRecord, noise_keys
 from estimation.diagnostics.noise_tests import noise_tests
 from estimation.processing import NoiseModel, Record
 from expdesign.runfolder import copied
@@ -35,6 +37,9 @@ def analyse_noise(record: Record, source: str = "") -> NoiseRecord:
         for each in (record.forces, record.lengths)
     )
     tests = noise_tests(record, noise, force_rows, length_rows)
+    force_density, force_hum = noise_density(record.forces, record.step)
+    length_density, length_hum = noise_density(record.lengths, record.step)
+    searches = {"force": force_hum, "length": length_hum}
     summary = copied(
         NoiseFile,
         tests,
@@ -46,6 +51,16 @@ def analyse_noise(record: Record, source: str = "") -> NoiseRecord:
         averaged=record.averaged,
         force_std=np.sqrt(np.diag(forces.covariance)),
         length_std=np.sqrt(np.diag(lengths.covariance)),
-        findings=noise_findings(tests),
+        hum=tuple(
+            HumKeys(quantity, line.frequency, line.amplitudes)
+            for quantity, search in searches.items()
+            for line in (() if search is None else search.lines)
+        ),
+        findings=(*noise_findings(tests), hum_finding(searches)),
     )
-    return NoiseRecord(summary=summary, **NoiseRecord.parts(noise, tests))
+    return NoiseRecord(
+        summary=summary,
+        force_density=force_density,
+        length_density=length_density,
+        **NoiseRecord.parts(noise, tests),
+    )

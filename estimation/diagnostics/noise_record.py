@@ -12,6 +12,7 @@ from scipy import stats
 
 from constraints.arrays import Array
 from estimation.diagnostics.finding import Finding
+from estimation.diagnostics.noise_density import NoiseDensity
 from estimation.diagnostics.noise_tests import (
     Drifts,
     NoiseTests,
@@ -169,6 +170,15 @@ def covariance_rows(noise: NoiseKeys) -> tuple[CovarianceRow, ...]:
     return tuple(rows)
 
 
+@dataclass(frozen=True, eq=False)
+class HumKeys:
+    """A hum in the noise."""
+
+    quantity: Annotated[str, described("", "force or length")]
+    frequency: Annotated[float, described("Hz", "of the sinusoid")]
+    amplitude: Annotated[Numbers, described("N or m", "in every actuator")]
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class NoiseFile(NoiseKeys, JsonFile):
     """`noise.json`; its covariances can be copied into a robot or run file."""
@@ -187,6 +197,10 @@ class NoiseFile(NoiseKeys, JsonFile):
     whiteness: Annotated[Whitenesses, described("", "autocorrelation")]
     normality: Annotated[Normalities, described("", "distribution")]
     drift: Annotated[Drifts, described("", "change from period to period")]
+    hum: Annotated[
+        tuple[HumKeys, ...],
+        described("", "sinusoids of the mains: quantity, frequency and amplitude of each"),
+    ] = ()
     findings: Annotated[tuple[Finding, ...], described("", "what holds and what does not")]
 
 
@@ -198,8 +212,18 @@ class NoiseRecord(NoisePictures):
         "covariance": RowTable("tables/noise_covariance.csv", NoiseFile.WRITTEN_BY, CovarianceRow),
         "histogram": ArrayTable("tables/noise_histogram.csv", NoiseFile.WRITTEN_BY, Histogram),
         "quantiles": ArrayTable("tables/noise_quantiles.csv", NoiseFile.WRITTEN_BY, Quantiles),
+        "force_density": ArrayTable(
+            "tables/force_spectrum.csv", NoiseFile.WRITTEN_BY, NoiseDensity
+        ),
+        "length_density": ArrayTable(
+            "tables/length_spectrum.csv", NoiseFile.WRITTEN_BY, NoiseDensity
+        ),
     }
     summary: NoiseFile
+    force_density: NoiseDensity
+    length_density: NoiseDensity
+    """Spectra, which `noise.force_spectrum` and `noise.length_spectrum` take; without rows where no
+    two periods can be compared sample by sample."""
 
     @classmethod
     def read(cls, folder: Path) -> Self:

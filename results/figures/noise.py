@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from constraints.arrays import Array
-from estimation.diagnostics.noise_record import NoisePictures
+from estimation.diagnostics.noise_record import NoisePictures, NoiseRecord
 from results.figures.drawing import (
+    centred_text,
     corner_text,
     correlation_image,
     figure_definition,
@@ -18,7 +19,7 @@ from results.figures.drawing import (
     strut_panels,
 )
 from results.notation import handy_unit, plain_number
-from results.style import BLUE, INK, STRUT_COLOURS, VERMILLION
+from results.style import ALERT, BLUE, INK, STRUT_COLOURS, VERMILLION
 
 
 @figure_definition(
@@ -142,6 +143,45 @@ def _pair(
     axes.set_ylabel(shown.label("Standard deviation"))
     axes.set_title(f"Standard deviation of the {title.split(',', maxsplit=1)[0]}")
 
+
+@figure_definition(
+    "noise_spectrum",
+    "Smoothed spectral density of the force noise of each actuator with its 95 % band; dashed: "
+    "white noise of the same size. Marked: a hum of the mains, with its amplitude.",
+    height=4.6,
+)
+def noise_spectrum_figure(figure: Figure, record: NoiseRecord) -> None:
+    """Draw density over frequency, both logarithmic; a hum is a line that stands beside it."""
+    found = record.force_density
+    panels = strut_panels(figure, "Actuator", share=True)
+    shown = found.frequency > 0
+    if not np.any(shown):
+        for axes in panels:
+            centred_text(axes, "no two periods can be compared")
+        return
+    low, high = found.band()
+    for j, axes in enumerate(panels):
+        frequency = found.frequency[shown]
+        axes.fill_between(
+            frequency, low[shown, j], high[shown, j], color=STRUT_COLOURS[j], alpha=0.3, linewidth=0
+        )
+        axes.plot(frequency, found.density[shown, j], color=STRUT_COLOURS[j], linewidth=1.0)
+        axes.axhline(found.white[j], color=INK, linewidth=0.8, dashes=(4, 2))
+        for row in np.flatnonzero(found.amplitude[:, j] > 0):
+            axes.axvline(found.frequency[row], color=ALERT, linewidth=0.9)
+            corner_text(
+                axes,
+                f"{plain_number(found.frequency[row], 4)} Hz: "
+                f"{plain_number(found.amplitude[row, j], 2)} N",
+            )
+        axes.set_xscale("log")
+        axes.set_yscale("log")
+    figure.supxlabel("Frequency (Hz)", fontsize="medium")
+    figure.supylabel("Density of the force noise (N²/Hz)", fontsize="medium")
+
+
+SPECTRUM_FIGURES = (noise_spectrum_figure,)
+"""What is shown of the noise of a recording beside `NOISE_FIGURES`."""
 
 NOISE_FIGURES = (noise_distribution_figure, noise_quantiles_figure, noise_covariance_figure)
 """What is shown of noise alone, in the order of a report."""

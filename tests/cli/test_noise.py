@@ -52,7 +52,12 @@ def test_the_noise_of_a_recording(folder, expdesign, samples):
     table = pd.read_csv(folder / "out" / "tables" / "noise_covariance.csv")
     assert len(table) == 72
     names = {path.stem for path in (folder / "out" / "figures").iterdir()}
-    assert names == {"noise_distribution", "noise_quantiles", "noise_covariance"}
+    assert names == {
+        "noise_distribution",
+        "noise_quantiles",
+        "noise_covariance",
+        "noise_spectrum",
+    }
 
 
 def test_outliers_are_found(folder, expdesign):

@@ -18,6 +18,7 @@ from tests.export.motions import task
 from tests.report.html import Page
 
 NOISE_FIGURES = {"noise_distribution", "noise_quantiles", "noise_covariance"}
+SPECTRUM = {"noise_spectrum"}
 
 
 def page(folder):
@@ -99,11 +100,11 @@ def test_the_noise_is_told(noisy):
 
 
 def test_noise_figures_are_shown_once(noisy):
-    assert figures(section(noisy, "noise")) == NOISE_FIGURES
+    assert figures(section(noisy, "noise")) == NOISE_FIGURES | SPECTRUM
     assert not NOISE_FIGURES & figures(section(noisy, "estimate"))
     # Of another recording: the figures are those of the estimate, which drew them last.
     change(noisy / "noise.json", lambda d: d.update(recording="another.csv"))
-    assert not figures(section(noisy, "noise"))
+    assert figures(section(noisy, "noise")) == SPECTRUM
     assert figures(section(noisy, "estimate")) >= NOISE_FIGURES
 
 
@@ -146,7 +147,7 @@ def test_noise_alone_makes_a_report(noisy, tmp_path):
             shutil.copytree(noisy / name, alone / name)
         else:
             shutil.copy(noisy / name, alone / name)
-    assert figures(section(alone, "noise")) == NOISE_FIGURES
+    assert figures(section(alone, "noise")) == NOISE_FIGURES | SPECTRUM
 
 
 def test_tables_are_told_with_what_they_do(with_tables):

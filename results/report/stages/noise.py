@@ -12,7 +12,7 @@ from estimation.diagnostics.noise_record import NoiseFile, covariance_rows
 from estimation.diagnostics.noise_tests import Normality, Whiteness
 from estimation.identification.record import EstimateRecord
 from estimation.twin.record import Truth
-from results.figures.noise import NOISE_FIGURES
+from results.figures.noise import NOISE_FIGURES, SPECTRUM_FIGURES
 from results.notation import readable
 from results.report.content import (
     Block,
@@ -116,6 +116,7 @@ def noise_report(folder: RunFolder) -> StageReport:
     blocks.append(findings_table("noise_findings", noise.findings, "the noise"))
     if shows_noise(folder):
         blocks += folder.figures(*NOISE_FIGURES)
+    blocks += folder.figures(*SPECTRUM_FIGURES)
     blocks.append(_covariance_table(noise))
     return StageReport(Verdict("Noise", level, word, sentence, "noise"), tuple(blocks))
 

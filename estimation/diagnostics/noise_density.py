@@ -1,0 +1,183 @@
+"""The spectrum of a recording's noise as a table, which `noise.force_spectrum` takes.
+
+It is the smoothed spectrum of the contrasts between periods, without the hum of the mains, whose
+lines stand beside it. Rows are chosen where a straight line between their neighbours would not do.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Self
+
+import numpy as np
+from scipy import stats
+
+from constraints.arrays import Array, ComplexArray
+from estimation.processing import Channels
+from estimation.processing.hum import HumSearch, find_hum
+from estimation.processing.noise_lines import NoiseLines, multiplicity
+from estimation.processing.smoothing import smoothed_spectrum
+from expdesign.configuration.noise_spectrum import COHERENCIES, FREQUENCY, PAIRS
+from expdesign.mechanism.hexapod import ACTUATORS
+from expdesign.runfolder import Column, strutwise
+
+_UNIT = "N^2/Hz or m^2/Hz"
+_AT_FIRST = 40
+_MOST_ROWS = 160
+_CLOSE = 0.5
+"""Share of a density's standard deviation by which it may be off between two rows."""
+_DIGITS = 7
+
+_COHERENCY_COLUMNS = tuple(
+    Column(name, "1", f"{name.split('_', maxsplit=1)[0]} part of the coherency of two actuators")
+    for name in COHERENCIES
+)
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseDensity:
+    """One-sided density of six channels at increasing frequencies, to half of the sampling.
+
+    A row at the frequency of a hum has its amplitudes; no rows: there were no contrasts.
+    """
+
+    frequency: Annotated[Array, Column(FREQUENCY, "Hz", "to half of the sampling")]
+    density: Annotated[Array, strutwise("density_", _UNIT, "one-sided density of the noise")]
+    amplitude: Annotated[Array, strutwise("amplitude_", "N or m", "amplitude of a hum")]
+    freedom: Annotated[
+        Array, Column("freedom", "1", "degrees of freedom of a density; 0: without end")
+    ]
+    coherency: Annotated[Array, _COHERENCY_COLUMNS]
+
+    @classmethod
+    def none(cls) -> Self:
+        """Return a table without rows."""
+        six, pairs = np.zeros((0, ACTUATORS)), np.zeros((0, len(COHERENCIES)))
+        return cls(np.zeros(0), six, six, np.zeros(0), pairs)
+
+    @property
+    def white(self) -> Array:
+        """(6,), the density that white noise of the same size has, without the hum."""
+        steps = np.diff(self.frequency)[:, None]
+        middle = (self.density[1:] + self.density[:-1]) / 2
+        return np.sum(middle * steps, axis=0) / self.frequency[-1]
+
+    def band(self) -> tuple[Array, Array]:
+        """Return lower and upper ends of the densities' 95 % intervals, (K, 6) each."""
+        freedom = np.where(self.freedom > 0, self.freedom, np.inf)[:, None]
+        with np.errstate(invalid="ignore"):
+            ends = [freedom / stats.chi2.isf(p, freedom) for p in (0.025, 0.975)]
+        low, high = (np.where(np.isfinite(freedom), end, 1.0) for end in ends)
+        return self.density * low, self.density * high
+
+
+def noise_density(channels: Channels, step: float) -> tuple[NoiseDensity, HumSearch | None]:
+    """Return the spectrum of the noise of forces or lengths, and the search for a hum in it.
+
+    A table without rows, and None, where there are no two periods that can be compared sample by
+    sample.
+    """
+    periods = channels.periods
+    if periods is None or len(periods) < 2 or np.ptp(channels.counts) > 0:  # noqa: PLR2004 - a contrast takes two
+        return NoiseDensity.none(), None
+    found, freedom = _smoothed(NoiseLines.of(periods))
+    hum = find_hum(periods, step, found, freedom)
+    if hum.lines:
+        sinusoids = hum.values(periods.shape[0] * periods.shape[1], step)
+        periods = periods - sinusoids.reshape(periods.shape)
+    lines = NoiseLines.of(periods)
+    found, freedom = _smoothed(lines)
+    frequencies, density = _ended(found * 2 * step, lines.samples, step)
+    close = _CLOSE * np.sqrt(2 / freedom)
+    rows = _decisive(frequencies, np.einsum("kii->ki", density).real, close)
+    frequencies, density = frequencies[rows], density[rows]
+    extra = np.array([line.frequency for line in hum.lines])
+    every = np.union1d(frequencies, extra)
+    density = _between(every, frequencies, density)
+    # Rows are fewer than lines: what they leave out is put back in size.
+    size = np.sqrt(np.diag(_covariance(lines)) / _content(every, density))
+    density = density * size[:, None] * size
+    diagonal = np.einsum("kii->ki", density).real
+    root = np.sqrt(diagonal)
+    coherency = density / (root[:, :, None] * root[:, None, :])
+    parts = [part for i, j in PAIRS for part in (coherency[:, i, j].real, coherency[:, i, j].imag)]
+    amplitude = np.zeros_like(diagonal)
+    for line in hum.lines:
+        amplitude[np.searchsorted(every, line.frequency)] = line.amplitudes
+    return (
+        NoiseDensity(
+            every,
+            _short(diagonal),
+            _short(amplitude),
+            np.full(len(every), freedom if np.isfinite(freedom) else 0.0),
+            np.round(np.stack(parts, axis=1), _DIGITS),
+        ),
+        hum,
+    )
+
+
+def _smoothed(lines: NoiseLines) -> tuple[ComplexArray, float]:
+    """Return the smoothed spectrum at every line, white where it may be, and its freedom."""
+    covariance = _covariance(lines)
+    found = smoothed_spectrum(lines, covariance)
+    if found is not None:
+        return found.matrices, 2 * found.freedom
+    flat = np.broadcast_to(covariance, lines.matrices.shape).astype(np.complex128)
+    return flat, lines.freedom * lines.samples
+
+
+def _covariance(lines: NoiseLines) -> Array:
+    times = multiplicity(lines.samples)[:, None, None]
+    return np.sum(lines.matrices.real * times, axis=0) / lines.samples
+
+
+def _ended(density: ComplexArray, samples: int, step: float) -> tuple[Array, ComplexArray]:
+    """Return frequencies to half of the sampling, and densities that are real at the ends."""
+    frequencies = np.arange(len(density)) / (samples * step)
+    if samples % 2:
+        frequencies, density = (
+            np.append(frequencies, 0.5 / step),
+            np.concatenate([density, density[-1:]]),
+        )
+    else:
+        frequencies[-1] = 0.5 / step
+    density = density.copy()
+    density[[0, -1]] = density[[0, -1]].real
+    return frequencies, density
+
+
+def _decisive(frequencies: Array, density: Array, close: float) -> Array:
+    """Return the rows between which the logarithm of the density is nearly straight, (K,)."""
+    last = len(frequencies) - 1
+    first = np.unique(np.round(np.geomspace(1, last, _AT_FIRST)).astype(int))
+    rows = np.union1d([0], first)
+    while len(rows) < _MOST_ROWS:
+        straight = np.stack(
+            [np.interp(frequencies, frequencies[rows], each[rows]) for each in density.T], axis=1
+        )
+        off = np.max(np.abs(np.log(straight / density)), axis=1)
+        worst = int(np.argmax(off))
+        if off[worst] <= close:
+            break
+        rows = np.union1d(rows, [worst])
+    return rows
+
+
+def _between(places: Array, frequencies: Array, density: ComplexArray) -> ComplexArray:
+    flat = density.reshape(len(density), -1)
+    columns = [np.interp(places, frequencies, column) for column in flat.T]
+    return np.stack(columns, axis=1).reshape(-1, *density.shape[1:])
+
+
+def _content(frequencies: Array, density: ComplexArray) -> Array:
+    steps = np.diff(frequencies)[:, None]
+    diagonal = np.einsum("kii->ki", density).real
+    return np.sum((diagonal[1:] + diagonal[:-1]) / 2 * steps, axis=0)
+
+
+def _short(values: Array) -> Array:
+    """Return numbers of as many digits as a person copies: a run file holds them, too."""
+    with np.errstate(divide="ignore"):
+        digits = _DIGITS - 1 - np.floor(np.log10(np.abs(values)))
+    scale = 10.0 ** np.where(np.isfinite(digits), digits, 0)
+    return np.round(values * scale) / scale

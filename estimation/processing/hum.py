@@ -1,0 +1,174 @@
+"""Hum of the mains in repeated periods: sinusoids at 50 or 60 Hz and their multiples.
+
+The mean over the periods is taken out first, and with it the motion. What is left of a sinusoid of
+frequency f is the share g = 1 − |D|² of its power, D the mean of its phase factors over the
+periods; at a multiple of the base frequency nothing is left, and no contrast shows it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+from scipy.optimize import minimize_scalar
+
+from constraints.arrays import Array, ComplexArray
+
+MAINS = (50.0, 60.0)
+"""Hz."""
+HUM = 0.001
+"""Level of the search over all frequencies."""
+
+_MULTIPLES = 10
+_WANDER = 1e-3
+"""By how much the frequency of the mains is off at most, as a share."""
+_OVERSAMPLING = 4
+_SEEN = 0.2
+"""Share of a sinusoid's power that must be left."""
+_NEAR, _FAR = 8, 24
+"""Lines beside a frequency that tell what is there without a hum."""
+
+
+@dataclass(frozen=True, eq=False)
+class HumLine:
+    """A sinusoid in six channels."""
+
+    frequency: float
+    """Hz."""
+    coefficients: ComplexArray
+    """(6,), c of Re c exp(2πi f t), t from the first sample."""
+    amplitudes: Array
+    """(6,), what they are without the share of the noise: N or m."""
+
+    def values(self, samples: int, step: float) -> Array:
+        """Return the sinusoid at so many samples, (samples, 6)."""
+        turns = np.exp(2j * np.pi * self.frequency * step * np.arange(samples))
+        return np.multiply.outer(turns, self.coefficients).real
+
+
+@dataclass(frozen=True, eq=False)
+class HumSearch:
+    """What was found, and where nothing can be seen."""
+
+    lines: tuple[HumLine, ...]
+    """In the order of their frequencies."""
+    hidden: tuple[float, ...]
+    """Multiples of the mains, Hz, too near to a multiple of the base frequency to be seen."""
+    p: float
+    """Smallest p, corrected for all frequencies; 1 where none was looked at."""
+
+    def values(self, samples: int, step: float) -> Array:
+        """Return the hum that was found at so many samples, (samples, 6)."""
+        return sum((line.values(samples, step) for line in self.lines), np.zeros((samples, 1)))
+
+
+def mains_frequencies(sampling: float) -> Iterator[float]:
+    """Yield the multiples of the mains below half of a sampling, Hz, each once, increasing."""
+    every = {mains * k for mains in MAINS for k in range(1, _MULTIPLES + 1)}
+    yield from sorted(frequency for frequency in every if 2 * frequency < sampling)
+
+
+def find_hum(periods: Array, step: float, spectrum: ComplexArray, freedom: float) -> HumSearch:
+    """Look for the hum of the mains.
+
+    Parameters
+    ----------
+    periods : (M, N, 6)
+        Repeated periods, M ≥ 2.
+    step : float
+        s.
+    spectrum : (N // 2 + 1, 6, 6)
+        Of the noise of one sample, smoothed, at the lines of a period.
+    freedom : float
+        Degrees of freedom behind it.
+    """
+    count, samples, channels = periods.shape
+    rest = (periods - periods.mean(axis=0)).reshape(count * samples, channels)
+    hidden, tried, largest = [], 0, 0.0
+    peaks: list[tuple[float, float, _Periodogram]] = []
+    for centre in mains_frequencies(1 / step):
+        grid = _grid(centre, count * samples * step)
+        left = _share_left(grid * samples * step, count)
+        if left[len(left) // 2] < _SEEN:
+            hidden.append(centre)
+        grid = grid[left >= _SEEN]
+        if not len(grid):
+            continue
+        tried += len(grid)
+        local = _Periodogram(rest, samples, _beside(spectrum, centre * samples * step))
+        statistic = local.statistic(grid * step)
+        top = int(np.argmax(statistic))
+        peaks.append((float(statistic[top]), float(grid[top]), local))
+        largest = max(largest, float(statistic[top]))
+    freedoms = (2 * channels, freedom)
+    critical = float(stats.f.isf(HUM / max(tried, 1), *freedoms))
+    p = min(1.0, tried * float(stats.f.sf(largest, *freedoms))) if tried else 1.0
+    reach = 1 / (_OVERSAMPLING * count * samples * step)
+    lines = tuple(
+        local.line(frequency, reach, step) for value, frequency, local in peaks if value > critical
+    )
+    return HumSearch(lines, tuple(hidden), p)
+
+
+@dataclass(frozen=True, eq=False)
+class _Periodogram:
+    """Sinusoids in periods whose mean was taken out, and how much they are above the noise."""
+
+    rest: Array
+    """(M N, 6)."""
+    samples: int
+    """N."""
+    spectrum: ComplexArray
+    """(6, 6), of the noise beside the frequencies."""
+
+    def coefficients(self, cycles: Array) -> ComplexArray:
+        """Return c of Re c exp(2πi n cycles) at sample n, (K, 6), of cycles per sample, (K,)."""
+        turns = np.exp(-2j * np.pi * np.multiply.outer(cycles, np.arange(len(self.rest))))
+        left = self._left(cycles)
+        return np.asarray(2 * (turns @ self.rest) / (len(self.rest) * left)[:, None])
+
+    def statistic(self, cycles: Array) -> Array:
+        """Return F of all channels together, (K,)."""
+        found = self.coefficients(cycles)
+        inverse = np.linalg.inv(self.spectrum)
+        power = np.einsum("ki,ij,kj->k", found.conj(), inverse, found).real
+        return power * len(self.rest) * self._left(cycles) / 4 / self.rest.shape[1]
+
+    def line(self, frequency: float, reach: float, step: float) -> HumLine:
+        """Return the sinusoid with the largest statistic at most `reach` from a frequency, Hz."""
+        best = minimize_scalar(
+            lambda f: -float(self.statistic(np.array([f * step]))[0]),
+            bounds=(frequency - reach, frequency + reach),
+            method="bounded",
+        )
+        cycles = np.array([best.x * step])
+        found = self.coefficients(cycles)[0]
+        noise = 4 * np.diag(self.spectrum).real / (len(self.rest) * self._left(cycles))
+        amplitudes = np.sqrt(np.maximum(np.abs(found) ** 2 - noise, 0.0))
+        return HumLine(float(best.x), found, amplitudes)
+
+    def _left(self, cycles: Array) -> Array:
+        return _share_left(cycles * self.samples, len(self.rest) // self.samples)
+
+
+def _grid(centre: float, duration: float) -> Array:
+    """Return the frequencies about a multiple of the mains that a record tells apart, Hz."""
+    steps = int(np.ceil(_WANDER * centre * duration * _OVERSAMPLING))
+    return centre + np.arange(-steps, steps + 1) / (_OVERSAMPLING * duration)
+
+
+def _share_left(turns: Array, count: int) -> Array:
+    """Return 1 − |mean over `count` periods of the phase factor|², of turns per period, (K,)."""
+    factors = np.exp(2j * np.pi * np.multiply.outer(turns, np.arange(count)))
+    return 1 - np.abs(factors.mean(axis=1)) ** 2
+
+
+def _beside(spectrum: ComplexArray, line: float) -> ComplexArray:
+    """Return the mean spectrum beside a line, (6, 6): a hum at the line has no part in it."""
+    distance = np.abs(np.arange(len(spectrum)) - line)
+    chosen = (distance >= _NEAR) & (distance <= _FAR)
+    if not np.any(chosen):
+        chosen = distance == np.max(distance)
+    return np.asarray(spectrum[chosen].mean(axis=0))

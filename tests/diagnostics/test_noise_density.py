@@ -1,0 +1,127 @@
+"""The spectrum of a recording's noise, and the search for a hum in it."""
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from estimation.diagnostics.hum_finding import hum_finding
+from estimation.diagnostics.noise_density import NoiseDensity, noise_density
+from estimation.processing.hum import find_hum
+from estimation.processing.record import Channels
+from expdesign.configuration import load_run
+from expdesign.configuration.noise_spectrum import read_spectrum_table
+from expdesign.runfolder import ArrayTable
+
+STEP, PERIODS, SAMPLES = 2e-3, 8, 497
+SIZE = np.array([1.0, 2.0, 3.0, 4.0, 5.0, 6.0])
+RHO = 0.8
+
+
+def _noise(rng, rho=RHO, samples=SAMPLES):
+    innovations = rng.normal(size=(PERIODS * samples + 200, 6)) * np.sqrt(1 - rho**2)
+    return (lfilter([1.0], [1.0, -rho], innovations, axis=0)[200:]) * SIZE
+
+
+def _channels(noise):
+    samples = len(noise) // PERIODS
+    motion = 100 * np.sin(2 * np.pi * np.arange(samples) / samples)
+    periods = noise.reshape(PERIODS, samples, 6) + motion[:, None]
+    times = STEP * np.arange(samples)
+    return Channels(times, periods.mean(axis=0), np.full(samples, PERIODS), None, periods)
+
+
+def _hum(frequency, amplitude, samples=SAMPLES):
+    time = STEP * np.arange(PERIODS * samples)
+    return amplitude * np.cos(2 * np.pi * frequency * time[:, None] + np.arange(6.0))
+
+
+def test_density_of_autoregressive_noise_and_its_band():
+    rng = np.random.default_rng(0)
+    inside = []
+    for _ in range(3):
+        found, hum = noise_density(_channels(_noise(rng)), STEP)
+        frequencies = np.linspace(10, 245, 60)
+        turns = np.exp(-2j * np.pi * frequencies * STEP)
+        expected = np.multiply.outer(
+            2 * STEP * (1 - RHO**2) / np.abs(1 - RHO * turns) ** 2, SIZE**2
+        )
+        low, high = (
+            np.stack([np.interp(frequencies, found.frequency, c) for c in end.T], axis=1)
+            for end in found.band()
+        )
+        inside.append(np.mean((low <= expected) & (expected <= high)))
+        np.testing.assert_allclose(found.white * found.frequency[-1], SIZE**2, rtol=0.25)
+        assert not hum.lines
+    # The band is that of the smoothed density: what is levelled out comes on top.
+    assert np.mean(inside) > 0.7
+
+
+def test_white_noise_is_flat():
+    found, _ = noise_density(_channels(_noise(np.random.default_rng(1), rho=0.0)), STEP)
+    np.testing.assert_allclose(found.density, np.tile(found.white, (len(found.density), 1)))
+    np.testing.assert_allclose(found.white, 2 * STEP * SIZE**2, rtol=0.1)
+
+
+@pytest.mark.parametrize("frequency", [50.02, 100.05])
+def test_a_hum_is_found_with_its_amplitude(frequency):
+    noise = _noise(np.random.default_rng(2)) + _hum(frequency, SIZE)
+    found, hum = noise_density(_channels(noise), STEP)
+    (line,) = hum.lines
+    assert line.frequency == pytest.approx(frequency, abs=0.5 / (PERIODS * SAMPLES * STEP))
+    np.testing.assert_allclose(line.amplitudes, SIZE, rtol=0.15)
+    row = int(np.argmin(np.abs(found.frequency - line.frequency)))
+    np.testing.assert_allclose(found.amplitude[row], line.amplitudes, rtol=1e-5)
+    # It is no part of the density beside it.
+    turn = np.exp(-2j * np.pi * frequency * STEP)
+    expected = 2 * STEP * (1 - RHO**2) / np.abs(1 - RHO * turn) ** 2 * SIZE**2
+    np.testing.assert_allclose(found.density[row], expected, rtol=0.35)
+    assert hum_finding({"force": hum, "length": None}).failed
+
+
+def test_a_hum_that_repeats_in_every_period_is_not_seen_and_said_so():
+    noise = _noise(np.random.default_rng(3), samples=500) + _hum(50.0, 10 * SIZE, 500)
+    _, hum = noise_density(_channels(noise), STEP)
+    assert not hum.lines
+    assert 50.0 in hum.hidden
+    assert "50" in hum_finding({"force": hum}).sentence
+
+
+def test_a_hum_is_seldom_found_where_there_is_none():
+    rng, alarms = np.random.default_rng(4), 0
+    spectrum = np.broadcast_to(np.diag(SIZE**2), (SAMPLES // 2 + 1, 6, 6)).astype(complex)
+    for _ in range(40):
+        noise = rng.normal(size=(PERIODS, SAMPLES, 6)) * SIZE
+        alarms += bool(find_hum(noise, STEP, spectrum, np.inf).lines)
+    assert alarms <= 2  # 0.04 expected
+
+
+def test_the_table_is_a_spectrum_that_a_run_takes(tmp_path):
+    noise = _noise(np.random.default_rng(5)) + _hum(49.96, SIZE)
+    found, _ = noise_density(_channels(noise), STEP)
+    table = ArrayTable("spectrum.csv", "a test", NoiseDensity)
+    table.write(tmp_path, found)
+    again = table.read(tmp_path)
+    np.testing.assert_array_equal(again.density, found.density)
+    read = read_spectrum_table(tmp_path / "spectrum.csv")
+    np.testing.assert_allclose(read.density, found.density, rtol=1e-12)
+    run = {
+        "name": "n",
+        "robot": "palida",
+        "experiment": {"sampling": 1 / STEP},
+        "noise": {"force_spectrum": str(tmp_path / "spectrum.csv")},
+    }
+    spectrum = load_run(run).robot.noise.force_spectrum
+    measured = np.diag(np.cov(noise.T))
+    np.testing.assert_allclose(np.diag(spectrum.covariance), measured, rtol=0.1)
+    near = spectrum.at(np.array([3.0, 40.0]), 1 / STEP, PERIODS * SAMPLES)
+    turns = np.exp(-2j * np.pi * np.array([3.0, 40.0]) * STEP)
+    expected = np.multiply.outer((1 - RHO**2) / np.abs(1 - RHO * turns) ** 2, SIZE**2)
+    np.testing.assert_allclose(np.einsum("kii->ki", near).real, expected, rtol=0.4)
+
+
+def test_without_periods_to_compare_there_is_no_spectrum():
+    single = Channels(np.arange(9.0), np.zeros((9, 6)), np.ones(9), None, None)
+    found, hum = noise_density(single, STEP)
+    assert hum is None
+    assert len(found.frequency) == 0
+    assert hum_finding({"force": hum, "length": hum}).p is None
