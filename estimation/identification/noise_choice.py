@@ -89,17 +89,17 @@ def choose_noise(configuration: RunConfiguration, record: Record, source: str = 
         stated = None if noise is None else getattr(noise, f"{name.removesuffix('s')}_spectrum")
         if own.source != "given" or stated is None or not channels.alike:
             return own
-        return _given_spectrum(own, stated, record, origin)
+        return with_stated_spectrum(own, stated, record, origin)
 
     return NoiseModel(
         with_spectrum("forces", found.forces), with_spectrum("lengths", found.lengths)
     )
 
 
-def _given_spectrum(
-    noise: NoiseEstimate, stated: NoiseSpectrum, record: Record, origin: SpectrumOrigin
+def with_stated_spectrum(
+    noise: NoiseEstimate, stated: NoiseSpectrum, record: Record, origin: SpectrumOrigin = "auto"
 ) -> NoiseEstimate:
-    """Return noise with a spectrum that robot or run state, at the multiples of the motion's ω.
+    """Return noise with a spectrum that is known, at the multiples of the motion's ω.
 
     Raises
     ------

@@ -13,12 +13,14 @@ from estimation.diagnostics.noise_record import Freedom
 from estimation.estimators import Experiment, Knowledge, ParameterEstimate, cramer_rao_covariance
 from estimation.identification.estimate import parameter_knowledge, run_estimators
 from estimation.identification.load import at_estimated_load
+from estimation.identification.noise_choice import with_stated_spectrum
 from estimation.identification.period_choice import UnsuitableDataError
 from estimation.identification.recording import prepare_experiment
 from estimation.kinematics.fourier_fit import MotionFit
 from estimation.measurement_model import HarmonicMotion
-from estimation.processing import NoiseModel, PeriodSource, make_record
+from estimation.processing import NoiseEstimate, NoiseModel, PeriodSource, Record, make_record
 from estimation.twin import Twin
+from estimation.twin.noise import NoiseSource
 from estimation.uncertainty.intervals import interval_widths
 from expdesign.configuration import ComputationError, RunConfiguration
 from expdesign.mechanism.hexapod import ACTUATORS
@@ -112,8 +114,10 @@ class Workbench:
         """Return the Cramér–Rao bound as a covariance, (m, m), SI; zero for fixed parameters.
 
         At the true parameters along the executed motion, whose harmonics are the kinematic
-        unknowns, with the true Σ and Δ, the exact signs of dry friction, and all samples of the
-        experiment. A prior counts as data.
+        unknowns, with the true noise, the exact signs of dry friction, and all samples of the
+        experiment. A prior counts as data. The model is that of the run's robot, whatever machine
+        is measured. Noise with a spectrum counts line by line where a period is a whole number of
+        samples, and for white elsewhere.
 
         Raises
         ------
@@ -133,16 +137,14 @@ class Workbench:
             covariance=np.zeros((motion.unknowns, motion.unknowns)),
             residuals=np.zeros((record.samples, ACTUATORS)),
         )
-        noise = NoiseModel.given(truth.force_covariance, truth.length_covariance)
-        spread = np.zeros((record.samples, self.robot.graph.signs.numel()))
-        experiment = Experiment.along(self.robot, record, noise, known, spread)
-        return cramer_rao_covariance(
-            self.robot,
-            [experiment],
-            [motion],
-            self.knowledge,
-            truth.values_of(self.robot.parameter_names),
+        noise = NoiseModel(
+            _known_noise(twin.force_noise, record), _known_noise(twin.length_noise, record)
         )
+        values = truth.values_of(self.robot.parameter_names)
+        robot = self.robot.with_load_at(values)
+        spread = np.zeros((record.samples, robot.graph.signs.numel()))
+        experiment = Experiment.along(robot, record, noise, known, spread)
+        return cramer_rao_covariance(robot, [experiment], [motion], self.knowledge, values)
 
     def _outcomes(self, experiment: Experiment, wanted: tuple[str, ...]) -> dict[str, Outcome]:
         try:
@@ -154,6 +156,13 @@ class Workbench:
             # One by one, to keep those that did not fail.
             return {name: self._outcomes(experiment, (name,))[name] for name in wanted}
         return {name: _outcome(found[name]) for name in wanted}
+
+
+def _known_noise(source: NoiseSource, record: Record) -> NoiseEstimate:
+    plain = NoiseEstimate(source.covariance, np.inf, "given")
+    if source.spectrum is None or not record.averaged:
+        return plain
+    return with_stated_spectrum(plain, source.spectrum, record)
 
 
 def _outcome(estimate: ParameterEstimate) -> Outcome:

@@ -12,10 +12,11 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import scipy.fft
+from scipy.fft import next_fast_len
 
 from constraints.arrays import Array, ComplexArray
 from expdesign.configuration import InputError, Problem, RunConfiguration
+from expdesign.noise.fourier_lines import multiplicity, series_of
 from expdesign.noise.hum import Hum
 from expdesign.noise.spectrum import NoiseSpectrum
 
@@ -74,14 +75,14 @@ class NoiseSource:
         wanted = np.diag(self._continuous.covariance)
         while length < longest and self._variance(length, wanted) > _RESOLVED:
             length *= 2
-        return int(scipy.fft.next_fast_len(length, real=True))
+        return int(next_fast_len(length, real=True))
 
     def _variance(self, length: int, wanted: Array) -> float:
         """Return by which share the variances on the lines of a length are off at most."""
         total = np.zeros(len(wanted))
         for block in _blocks(length // 2 + 1):
             matrices = self._matrices(block, length)
-            times = np.where((block == 0) | (2 * block == length), 1.0, 2.0)
+            times = multiplicity(length)[int(block[0]) : int(block[-1]) + 1]
             total += times @ np.einsum("ljj->lj", matrices).real
         return float(np.max(np.abs(total / length / wanted - 1)))
 
@@ -111,8 +112,7 @@ class NoiseSource:
         for block, factor in zip(blocks, self._kept or self._factors(), strict=True):
             place = slice(int(block[0]), int(block[-1]) + 1)
             lines[place] = np.einsum("lij,lj->li", factor, lines[place])
-        series = scipy.fft.irfft(lines * np.sqrt(length), n=length, axis=0)
-        return np.ascontiguousarray(series[: self.count])
+        return np.ascontiguousarray(series_of(lines, length)[: self.count])
 
 
 def _blocks(count: int) -> Iterator[Array]:
