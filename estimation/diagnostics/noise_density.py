@@ -15,10 +15,11 @@ from scipy import stats
 from constraints.arrays import Array, ComplexArray
 from estimation.processing import Channels
 from estimation.processing.hum import HumSearch, find_hum
-from estimation.processing.noise_lines import NoiseLines, multiplicity
+from estimation.processing.noise_lines import NoiseLines
 from estimation.processing.smoothing import smoothed_spectrum
 from expdesign.configuration.noise_spectrum import COHERENCIES, FREQUENCY, PAIRS
 from expdesign.mechanism.hexapod import ACTUATORS
+from expdesign.noise.fourier_lines import multiplicity
 from expdesign.runfolder import Column, strutwise
 
 _UNIT = "N^2/Hz or m^2/Hz"

@@ -5,9 +5,13 @@ import pickle
 import numpy as np
 import pytest
 
+from estimation.kinematics.friction_signs import expected_signs
+from estimation.measurement_model import HarmonicMotion
+from estimation.measurement_model.deviation import deviation_forces, deviation_lengths
 from estimation.twin import Twin
 from estimation.twin.drawn_machine import drawn_machine
 from expdesign.configuration import load_run
+from expdesign.robot import Robot
 from tests.twin.examples import motion
 
 TOLERANCES = {
@@ -77,6 +81,39 @@ def test_it_is_what_the_twin_measures():
     )
     again = pickle.loads(pickle.dumps(found.configuration))
     np.testing.assert_array_equal(Twin.of(again, motion()).lengths, twin.lengths)
+
+
+def test_what_is_measured_moves_as_the_columns_of_the_tolerances_say():
+    """Two derivations of the same: the machine as it is drawn, and derivatives of the graph."""
+    small = {
+        "base_joints": "3 um",
+        "platform_joints": "3 um",
+        "strut_length": "3 um",
+        "force_constant": {"common": "100 ppm", "each": "20 ppm"},
+        "gravity": "0.0003 deg",
+        "delay": "20 us",
+        "clock": "2 ppm",
+    }
+    found = drawn(3, tolerances=small)
+    plain = Twin.of(configuration({}), motion())
+    moved = Twin.of(found.configuration, motion())
+    robot, times = Robot(configuration({}).robot), plain.grid.times
+    along = HarmonicMotion.of(motion())
+    signs = expected_signs(robot, along, times, np.zeros((len(times), 18)))
+    chosen = found.deviations
+    assert len(chosen) == 18 + 18 + 6 + 7 + 2 + 1 + 1
+    forces = deviation_forces(robot, along, times, signs, robot.parameters, chosen)
+    lengths = deviation_lengths(robot, along, times, chosen)
+    off_length = moved.lengths - plain.lengths
+    most = 2e-3 * np.abs(off_length).max()
+    np.testing.assert_allclose(off_length, lengths @ found.values, atol=most)
+    off, expected = moved.forces - plain.forces, forces @ found.values
+    np.testing.assert_allclose(off, expected, atol=2e-3 * np.abs(expected).max())
+    # Every kind of entry is large enough to be seen in this.
+    for group in {each.group for each in chosen}:
+        own = [k for k, each in enumerate(chosen) if each.group == group]
+        seen = [np.abs(c[..., own] @ found.values[own]).max() for c in (forces, lengths)]
+        assert seen[0] > 0.02 * np.abs(expected).max() or seen[1] > 0.02 * np.abs(off_length).max()
 
 
 def test_it_comes_to_what_the_run_states():

@@ -1,9 +1,13 @@
 """Errors of the measurement that no motion makes: hum, delay, clock, force constants, lost rows."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from estimation.data.reading import read_measurement
+from estimation.identification import prepare_experiment, run_estimators
+from estimation.identification.estimate import parameter_knowledge
 from estimation.twin import Twin
 from estimation.twin.record import write_measurement
 from expdesign.configuration import InputError, load_run
@@ -54,6 +58,25 @@ def test_the_delay_is_that_of_the_cross_correlation(quiet):
     correlation = (np.exp(np.multiply.outer(lags, turns)) @ spectrum).real
     # Dry friction jumps between two samples: a tenth of a step.
     assert lags[np.argmax(correlation)] == pytest.approx(lag, abs=0.1 / sampling)
+
+
+def test_the_delay_is_that_which_data_states():
+    """Where `data.delay` says of it, the estimate knows nothing of it any more."""
+    late, noise = 2e-3, {"force_std": [1e-3] * 6, "length_std": [1e-9] * 6}
+    experiment = {"periods": 3, "sampling": 200, "delay": late}
+    run = {"name": "n", "robot": "palida", "noise": noise, "experiment": experiment}
+    run["estimate"] = {"estimators": ["gm"], "harmonics": 3}
+    configuration = load_run(run)
+    measured = Twin.of(configuration, motion()).measurement()
+    known = parameter_knowledge(configuration, ROBOT)
+    off = []
+    for told in (late, 0.0):
+        data = replace(measured, force_delay=told)
+        experiment = prepare_experiment(configuration, ROBOT, data, motion())
+        found = run_estimators(ROBOT, [experiment], known, ("gm",))["gm"]
+        off.append(np.abs(found.values - ROBOT.parameters) / ROBOT.scales)
+    assert np.max(off[0]) < 0.01
+    assert np.max(off[1]) > 30 * np.max(off[0])
 
 
 def test_stamps_of_a_fast_clock(quiet):
