@@ -17,15 +17,17 @@ from tests.export.motions import CASES, task
 
 STEP = 2e-3
 UNIFORM = {"segment": STEP, "tolerance": "50 um"}
+# Segments are searched for xps-pvt and ros2, and for the platform of ros2.
+GIVEN = {"segment": "4 ms", "tolerance": "50 um"}
 MM, DEG = 1e3, 180 / np.pi
 STRUT_MM = np.full(6, MM)
 POSE_MM = np.repeat([MM, DEG], 3)
 # options, reader, axes' units for m and rad, half a unit of the last digit
 EXPORTS = {
     "xps-pvt": ({}, reading.xps, STRUT_MM, 0.5e-8),
-    "pmac-pvt": ({}, reading.pmac, STRUT_MM, 0.5e-6),
-    "pmac-pvt pose": ({"space": "pose"}, reading.pmac, POSE_MM, 0.5e-6),
-    "pvt-csv": ({}, reading.zaber, STRUT_MM, 0.5e-6),
+    "pmac-pvt": (GIVEN, reading.pmac, STRUT_MM, 0.5e-6),
+    "pmac-pvt pose": (GIVEN | {"space": "pose"}, reading.pmac, POSE_MM, 0.5e-6),
+    "pvt-csv": (GIVEN, reading.zaber, STRUT_MM, 0.5e-6),
     "linuxcnc-gcode": (UNIFORM, reading.gcode, POSE_MM, 0.5e-6),
     "linuxcnc-strut": (UNIFORM, reading.rows_alone(STEP), STRUT_MM, 0.5e-6),
     "pi-wave": (UNIFORM, reading.rows_alone(STEP), POSE_MM, 0.5e-6),
@@ -33,7 +35,7 @@ EXPORTS = {
     "mat": (UNIFORM, reading.mat, STRUT_MM, 1e-9),
     "mat pose": (UNIFORM | {"space": "pose"}, reading.mat, POSE_MM, 1e-9),
     "ros2": ({}, reading.joint_yaml, np.ones(6), 0.5e-9),
-    "ros2 mcap": ({"encoding": "mcap"}, reading.joint_bag, np.ones(6), 1e-12),
+    "ros2 mcap": (GIVEN | {"encoding": "mcap"}, reading.joint_bag, np.ones(6), 1e-12),
 }
 
 

@@ -16,6 +16,7 @@ from tests.export.written import SAMPLING, small_task, written
 
 EXPERIMENT = {"periods": PERIODS, "sampling": SAMPLING}
 COARSE = {"format": "xps-pvt", "segment": "50 ms", "tolerance": "0.2 mm"}
+FINE = {"segment": "5 ms", "tolerance": "5 um"}
 
 
 @pytest.fixture(scope="module")
@@ -57,9 +58,10 @@ def test_the_forces_are_those_of_the_executed_motion(coarse):
     "options",
     [
         {"format": "xps-pvt"},
-        {"format": "xps-pvt", "space": "pose"},
-        {"format": "ros2"},
-        {"format": "pmac-pvt", "sign": [-1] * 6, "offset": "home", "counts_per_metre": [1e6] * 6},
+        {"format": "xps-pvt", "space": "pose"} | FINE,
+        {"format": "ros2", "segment": "20 ms", "tolerance": "50 um"},
+        {"format": "pmac-pvt", "sign": [-1] * 6, "offset": "home", "counts_per_metre": [1e6] * 6}
+        | FINE,
         {"format": "linuxcnc-gcode", "segment": "2 ms", "tolerance": "0.1 mm"},
         {"format": "linuxcnc-strut", "segment": "2 ms", "tolerance": "0.1 mm"},
     ],
@@ -109,11 +111,10 @@ def test_a_measurement_can_be_repeated_elsewhere(coarse):
     np.testing.assert_array_equal(again.measurement(2).forces, twin.measurement(2).forces)
 
 
-def test_a_phase_moves_the_beginning_of_the_design(tmp_path):
+def test_a_phase_moves_the_beginning_of_the_design(coarse):
     """`motion.phase: best` enters the orbit elsewhere: t = 0 is where the window begins."""
-    table = written(tmp_path / "table.trj", format="xps-pvt")
     moved = replace(
-        table, executed=replace(table.executed, motion=replace(small_task().motion, phase=0.31))
+        coarse, executed=replace(coarse.executed, motion=replace(small_task().motion, phase=0.31))
     )
     expected = trajectory().sample(np.array([0.31, 0.51])).pose
     np.testing.assert_allclose(moved.design.sample(np.array([0.0, 0.2])).pose, expected)
