@@ -25,7 +25,8 @@ $(VENV)/.locked: requirements/dev.txt
 	  echo "make: Python 3.11 or newer is needed, '$(PYTHON)' is: $$($(PYTHON) --version 2>&1)." >&2; \
 	  echo "make: name another one: make venv PYTHON=/path/to/python3.11" >&2; exit 1; }
 	$(PYTHON) -m venv --clear $(VENV)
-	$(BIN)/python -m pip install --quiet --require-hashes -r requirements/dev.txt
+	$(BIN)/python -m pip install --quiet --no-compile --require-hashes -r requirements/dev.txt
+	$(BIN)/python -m compileall -qq -j 0 $(VENV)/lib || true # on all cores; pip takes one
 	@touch $@
 
 $(VENV)/.installed: pyproject.toml $(VENV)/.locked
