@@ -22,7 +22,15 @@ import pandas as pd
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-NAMES = ("design_seeds", "condition", "hopping", "harmonics", "montecarlo", "roundtrip")
+NAMES = (
+    "design_seeds",
+    "condition",
+    "hopping",
+    "harmonics",
+    "montecarlo",
+    "roundtrip",
+    "departures",
+)
 
 
 def main() -> None:

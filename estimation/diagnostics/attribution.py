@@ -281,17 +281,20 @@ class _Search:
         label, solved = (item.parameter, item.strut), self.system.solved
         others, places = self.projection, _places(known)
 
+        own = self._fit(item, self.projection.beside(places))
+        start = float(own.values[0]) if item.sized_by_constant else item.constant
+
         def explained(factor: float) -> float:
-            new = solved.projection(at(label, float(item.constant * np.exp(factor))))
+            new = solved.projection(at(label, float(start * np.exp(factor))))
             fit = others.joined(new).beside(places).fit([len(others.score)])
             return -fit.statistic
 
         best = minimize_scalar(
             explained, bounds=(-_REACH, _REACH), method="bounded", options={"maxiter": _TRIALS}
         )
-        if -float(best.fun) <= self._fit(item, self.projection.beside(places)).statistic:
+        if -float(best.fun) <= own.statistic and not item.sized_by_constant:
             return item
-        constant = float(item.constant * np.exp(best.x))
+        constant = float(start * np.exp(best.x))
         return replace(item, places=self._appended(at(label, constant)), constant=constant)
 
     def _appended(self, new: Signature) -> Places:

@@ -27,8 +27,8 @@ from expdesign.mechanism.hexapod import ACTUATORS, numbered
 
 STRIBECK_VELOCITIES = (0.02, 0.05, 0.12)
 """Speeds at which friction beyond the dry one is tried, m/s: neighbours overlap."""
-_DELAYS = (-3.0, -1.0, 1.0, 3.0)
-"""Delays whose secants are tried, in steps of the recording."""
+_DELAYS = (-3.0, -1.0, 0.1, 1.0, 3.0)
+"""Delays whose secants are tried, in steps of the recording; the small one is a derivative."""
 
 _EACH: tuple[Label, ...] = tuple(("", j) for j in range(ACTUATORS))
 _ALL_AND_EACH: tuple[Label, ...] = (("", None), *_EACH)
