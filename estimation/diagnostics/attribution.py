@@ -13,45 +13,34 @@ to leave nothing significant for the effect itself. Rivals that do are named wit
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from operator import attrgetter
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
-from constraints.arrays import Array
 from estimation.diagnostics.cause import Cause
-from estimation.diagnostics.cause_test import CauseTest, cause_test
 from estimation.diagnostics.channel_test import POSITION_PERIODIC, Strut
 from estimation.diagnostics.joint_system import JointSystem, SolvedSystem
 from estimation.diagnostics.linearisation import Linearisation
 from estimation.diagnostics.position_periodic import (
     PeriodicForce,
     PitchScan,
-    log_exceedance,
-    periodic_columns,
     periodic_force,
-    scan_pitches,
 )
-from estimation.diagnostics.projection import Conditional, Fit, Places
-from estimation.diagnostics.signature import Signature
-from estimation.diagnostics.tails import log_tail
-from expdesign.mechanism.hexapod import ACTUATORS
+from estimation.diagnostics.search import (
+    PERIODIC,
+    Candidate,
+    EffectTests,
+    Search,
+    periodic_fit,
+    places_of,
+    without,
+)
 from expdesign.runfolder import Numbers, OpenNumber, described
 
-PERIODIC = "position-periodic"
-"""Kind of the effects that are periodic in a strut's length."""
-REJECTED = 0.001
-"""Level at which an effect must be seen beside a rival that takes its place."""
 _MOST = 12
 """Effects that are looked for: whoever has more needs another model."""
-_ROUNDS = 4
-"""Of exchanges of effects for better ones."""
-_REACH = 1.2
-"""How far, in its logarithm, a constant is looked for around that of a candidate."""
-_TRIALS = 8
 
 
 @dataclass(frozen=True)
@@ -94,20 +83,6 @@ class Effect:
 
 
 @dataclass(frozen=True, eq=False)
-class EffectTests:
-    """The search for effects in the residuals of one experiment, with some taken as known."""
-
-    solved: SolvedSystem
-    """The fit with these effects among its unknowns."""
-    beside: Conditional
-    """What is seen of every candidate's columns beside them."""
-    scans: tuple[PitchScan, ...]
-    """Of the six struts."""
-    families: Mapping[str, CauseTest]
-    """The test of every family of causes, by its kind."""
-
-
-@dataclass(frozen=True, eq=False)
 class Attribution:
     """All tests of effects."""
 
@@ -122,38 +97,6 @@ class Attribution:
     """The best-fitting position-periodic force of every strut, significant or not."""
     periodic_level: float
     """Of all scans together."""
-
-
-@dataclass(frozen=True, eq=False)
-class _Item:
-    """A candidate that may take a place among the effects."""
-
-    kind: str
-    strut: int | None
-    parameter: str
-    places: Places
-    """Of its columns in the projection."""
-    limit: float
-    """Largest log p, uncorrected, with which it is significant."""
-    constant: float = np.nan
-    contains: str = ""
-    sized_by_constant: bool = False
-    pitch: float = np.nan
-    reach: float = 0.0
-    """Of the scan that a position-periodic force comes from."""
-
-    @property
-    def name(self) -> tuple[str, int | None, str]:
-        """What tells it from others; candidates that differ in a constant are one."""
-        return self.kind, self.strut, self.parameter
-
-    def log_p(self, fit: Fit, freedom: float) -> float:
-        """Return the logarithm of p of its fit, uncorrected for its family."""
-        if not fit.rank:
-            return 0.0
-        if self.kind == PERIODIC:
-            return log_exceedance(fit.statistic, self.reach, freedom)
-        return float(log_tail(np.array(fit.statistic), np.array(fit.rank), freedom))
 
 
 def attribute(
@@ -175,9 +118,9 @@ def attribute(
     experiments : int
         How many share the level of the periodic forces; those of the families are their own.
     """
-    search = _Search(system, part, families, step, POSITION_PERIODIC / experiments)
+    search = Search(system, part, families, step, POSITION_PERIODIC / experiments)
     first = last = search.tests(())
-    found: list[_Item] = []
+    found: list[Candidate] = []
     seen: set[frozenset[tuple[str, int | None, str]]] = set()
     while len(found) < _MOST:
         best = search.most_significant(last, found)
@@ -191,7 +134,7 @@ def attribute(
         last = search.tests(found)
     found, rivals = search.settled(found)
     last = search.tests(found)
-    effects = search.effects(found, rivals)
+    effects = _effects(search, found, rivals)
     known = {e.strut: e.force for e in reversed(effects) if e.force is not None}
     best_forces = tuple(
         known[scan.strut] if scan.strut in known else _best_force(last.solved, part, scan)
@@ -200,268 +143,53 @@ def attribute(
     return Attribution(families, effects, first, last, best_forces, search.level)
 
 
-class _Search:
-    """The candidates of one experiment; position-periodic ones are added as they are found."""
-
-    def __init__(
-        self,
-        system: JointSystem,
-        part: Linearisation,
-        families: tuple[Cause, ...],
-        step: float,
-        level: float,
-    ) -> None:
-        self.system, self.part, self.families = system, part, families
-        self.step, self.level = step, level
-        nothing = Signature.of_forces(part, np.zeros((*part.forces.shape, 0)))
-        self.signature = Signature.joined([nothing, *(cause.columns for cause in families)])
-        self.projection = system.solved.projection(self.signature)
-        counts = [cause.columns.count for cause in families]
-        self.first = dict(
-            zip(
-                (cause.kind for cause in families),
-                np.cumsum([0, *counts[:-1]]).tolist(),
-                strict=True,
+def _effects(
+    search: Search,
+    found: Sequence[Candidate],
+    rivals: Sequence[tuple[tuple[Candidate, float], ...]],
+) -> tuple[Effect, ...]:
+    """Fit all effects together."""
+    fit = search.projection.beside(()).fit(places_of(found))
+    effects, first = [], 0
+    for item, others in zip(found, rivals, strict=True):
+        chosen = slice(first, first + len(item.places))
+        first = chosen.stop
+        values, covariance = fit.values[chosen], fit.covariance[chosen, chosen]
+        stds = np.sqrt(np.diag(covariance))
+        if item.sized_by_constant:
+            values = np.array([item.constant])
+        force, value, std = None, float(values[0]), float(stds[0])
+        if item.kind == PERIODIC and item.strut is not None:
+            force = periodic_force(search.part, item.strut, item.pitch, values, covariance)
+            value, std = force.amplitude, force.amplitude_std
+        log_p = search.log_p_beside(item, without(found, item)) - item.limit
+        level = _level(search, item.kind)
+        effects.append(
+            Effect(
+                kind=item.kind,
+                strut=item.strut,
+                parameter=item.parameter,
+                log_p=log_p + float(np.log(level)),
+                force=force,
+                value=value,
+                std=std,
+                values=values,
+                stds=stds,
+                constant=item.constant,
+                rivals=tuple(Rival(*rival.name, p) for rival, p in others),
             )
         )
-
-    # --- tests ------------------------------------------------------------------------------------
-
-    def tests(self, known: Sequence[_Item]) -> EffectTests:
-        """Test everything beside some effects."""
-        solved = self.system.solved
-        if known:
-            solved = self.system.with_effects(self.signature.picked(_places(known))).solved
-        beside = self.projection.beside(_places(known))
-        scans = tuple(self._scan(solved, strut) for strut in range(ACTUATORS))
-        return EffectTests(solved, beside, scans, self._family_tests(beside))
-
-    def _family_tests(self, beside: Conditional) -> dict[str, CauseTest]:
-        return {c.kind: cause_test(beside, c, self.first[c.kind]) for c in self.families}
-
-    def _scan(self, solved: SolvedSystem, strut: int) -> PitchScan:
-        return scan_pitches(solved, self.part, strut, self.step, self.level)
-
-    def _periodic(self, solved: SolvedSystem, scan: PitchScan) -> _Item:
-        """Return the best pitch of a scan as a candidate."""
-        columns, _, _ = _periodic_fit(solved, self.part, scan)
-        return _Item(
-            PERIODIC,
-            scan.strut,
-            "",
-            self._appended(Signature.of_forces(self.part, columns)),
-            float(np.log(self.level / ACTUATORS)),
-            pitch=scan.best_pitch,
-            reach=scan.reach,
-        )
-
-    def _candidates(self, tests: Mapping[str, CauseTest]) -> Iterator[tuple[_Item, float]]:
-        """Yield every candidate of the families with its log p."""
-        for test in tests.values():
-            cause, limit = test.cause, test.limit
-            for number in np.flatnonzero(np.isfinite(test.log_p)).tolist():
-                name, strut = cause.labels[number]
-                item = _Item(
-                    cause.kind,
-                    strut,
-                    name,
-                    test.places(number),
-                    limit,
-                    cause.constant_of(number),
-                    cause.contains,
-                    cause.sized_by_constant,
-                )
-                yield item, float(test.log_p[number])
-
-    def _refined(self, item: _Item, known: Sequence[_Item]) -> _Item:
-        """Return a candidate with the constant that explains most beside the effects known."""
-        at = next(cause.at for cause in self.families if cause.kind == item.kind)
-        if at is None:
-            return item
-        label, solved = (item.parameter, item.strut), self.system.solved
-        others, places = self.projection, _places(known)
-
-        own = self._fit(item, self.projection.beside(places))
-        start = float(own.values[0]) if item.sized_by_constant else item.constant
-
-        def explained(factor: float) -> float:
-            new = solved.projection(at(label, float(start * np.exp(factor))))
-            fit = others.joined(new).beside(places).fit([len(others.score)])
-            return -fit.statistic
-
-        best = minimize_scalar(
-            explained, bounds=(-_REACH, _REACH), method="bounded", options={"maxiter": _TRIALS}
-        )
-        if -float(best.fun) <= own.statistic and not item.sized_by_constant:
-            return item
-        constant = float(start * np.exp(best.x))
-        return replace(item, places=self._appended(at(label, constant)), constant=constant)
-
-    def _appended(self, new: Signature) -> Places:
-        """Append columns to the projection; return their places."""
-        start = self.signature.count
-        self.signature = Signature.joined([self.signature, new])
-        self.projection = self.projection.joined(self.system.solved.projection(new))
-        return np.arange(start, start + new.count)
-
-    # --- selection --------------------------------------------------------------------------------
-
-    def most_significant(self, tests: EffectTests, known: Sequence[_Item]) -> _Item | None:
-        """Return the effect with the smallest p-value, corrected for its family, if significant.
-
-        `tests` are beside those that are known.
-
-        Families of equal significance are compared by what the selection risks: p relative to
-        level, which is that of all scans.
-        """
-        scan = min(tests.scans, key=attrgetter("log_p"))
-        relative = scan.log_p - float(np.log(self.level / ACTUATORS))
-        found = min(
-            self._candidates(tests.families), key=lambda one: one[1] - one[0].limit, default=None
-        )
-        if found is not None and found[1] - found[0].limit < min(relative, 0.0):
-            return self._refined(found[0], known)
-        return self._periodic(tests.solved, scan) if relative < 0 else None
-
-    def significant(self, found: list[_Item]) -> list[_Item]:
-        """Drop, one by one, what is not significant beside all others."""
-        while found:
-            relative = [self._log_p(item, _without(found, item)) - item.limit for item in found]
-            worst = int(np.argmax(relative))
-            if relative[worst] < 0:
-                break
-            found = _without(found, found[worst])
-        return found
-
-    def settled(
-        self, found: list[_Item]
-    ) -> tuple[list[_Item], list[tuple[tuple[_Item, float], ...]]]:
-        """Exchange effects for rivals that are more significant in their place; sort what is left.
-
-        Returns the effects, most significant first, and the rivals of each with their log p.
-        """
-        for _ in range(_ROUNDS):
-            changed = False
-            for number, item in enumerate(found):
-                others = _without(found, item)
-                rivals = self._rivals(item, others)
-                if rivals and rivals[0][1] - rivals[0][0].limit < (
-                    self._log_p(item, others) - item.limit
-                ):
-                    found, changed = [*found[:number], rivals[0][0], *found[number + 1 :]], True
-            found = self.significant(found)
-            if not changed:
-                break
-        found = sorted(found, key=lambda i: self._log_p(i, _without(found, i)) - i.limit)
-        return found, [self._rivals(item, _without(found, item)) for item in found]
-
-    def _rivals(self, item: _Item, others: Sequence[_Item]) -> tuple[tuple[_Item, float], ...]:
-        """Return what explains an item about as well in its place, and with which log p."""
-        beside = self.projection.beside(_places(others))
-        own = self._fit(item, beside)
-        found: dict[tuple[str, int | None, str], tuple[_Item, float]] = {}
-        tests = self._family_tests(beside)
-        candidates = list(self._candidates(tests))
-        if item.kind != PERIODIC and item.strut is not None:
-            solved = self.system.solved
-            if others:
-                solved = self.system.with_effects(self.signature.picked(_places(others))).solved
-            scan = self._scan(solved, item.strut)
-            if np.isfinite(scan.best_pitch) and scan.log_p < np.log(REJECTED):
-                candidates.append((self._periodic(solved, scan), scan.log_p))
-                beside = self.projection.beside(_places(others))
-        taken = {item.name, *(other.name for other in others)}
-        for rival, log_p in candidates:
-            if rival.name in taken or log_p > np.log(REJECTED):
-                continue
-            if rival.contains == item.kind and rival.strut == item.strut:
-                continue
-            # What the item adds to a rival is at least the difference of what both explain.
-            least = own.statistic - self._fit(rival, beside).statistic
-            if self._rejects(item, Fit(max(least, 0.0), own.rank, own.values, own.covariance)):
-                continue
-            both = self.projection.beside(_places([*others, rival]))
-            if self._rejects(item, self._fit(item, both)):
-                continue
-            if rival.name not in found or log_p < found[rival.name][1]:
-                found[rival.name] = (rival, log_p)
-        return tuple(sorted(found.values(), key=lambda one: one[1] - one[0].limit))
-
-    def _rejects(self, item: _Item, fit: Fit) -> bool:
-        return item.log_p(fit, self.projection.freedom) < np.log(REJECTED)
-
-    def _fit(self, item: _Item, beside: Conditional) -> Fit:
-        # The third column of a periodic force, of a change of its pitch, is no size of it.
-        places = item.places[:2] if item.kind == PERIODIC else item.places
-        return beside.fit(places)
-
-    def _log_p(self, item: _Item, others: Sequence[_Item]) -> float:
-        fit = self._fit(item, self.projection.beside(_places(others)))
-        return item.log_p(fit, self.projection.freedom)
-
-    # --- results ----------------------------------------------------------------------------------
-
-    def effects(
-        self, found: Sequence[_Item], rivals: Sequence[tuple[tuple[_Item, float], ...]]
-    ) -> tuple[Effect, ...]:
-        """Fit all effects together."""
-        fit = self.projection.beside(()).fit(_places(found))
-        effects, first = [], 0
-        for item, others in zip(found, rivals, strict=True):
-            chosen = slice(first, first + len(item.places))
-            first = chosen.stop
-            values, covariance = fit.values[chosen], fit.covariance[chosen, chosen]
-            stds = np.sqrt(np.diag(covariance))
-            if item.sized_by_constant:
-                values = np.array([item.constant])
-            force, value, std = None, float(values[0]), float(stds[0])
-            if item.kind == PERIODIC and item.strut is not None:
-                force = periodic_force(self.part, item.strut, item.pitch, values, covariance)
-                value, std = force.amplitude, force.amplitude_std
-            log_p = self._log_p(item, _without(found, item)) - item.limit
-            level = self.level if item.kind == PERIODIC else self._level(item.kind)
-            effects.append(
-                Effect(
-                    kind=item.kind,
-                    strut=item.strut,
-                    parameter=item.parameter,
-                    log_p=log_p + float(np.log(level)),
-                    force=force,
-                    value=value,
-                    std=std,
-                    values=values,
-                    stds=stds,
-                    constant=item.constant,
-                    rivals=tuple(Rival(*rival.name, p) for rival, p in others),
-                )
-            )
-        return tuple(effects)
-
-    def _level(self, kind: str) -> float:
-        return next(cause.level for cause in self.families if cause.kind == kind)
+    return tuple(effects)
 
 
-def _places(items: Sequence[_Item]) -> Places:
-    return np.concatenate([np.zeros(0, dtype=np.intp), *(item.places for item in items)])
-
-
-def _without(items: Sequence[_Item], one: _Item) -> list[_Item]:
-    return [item for item in items if item is not one]
-
-
-def _periodic_fit(
-    solved: SolvedSystem, part: Linearisation, scan: PitchScan
-) -> tuple[Array, Array, Array]:
-    """Return the three columns of the best pitch of a strut, their coefficients and covariance."""
-    fixed = periodic_columns(part, scan.strut, scan.best_pitch, (0.0, 0.0))[:, :, :2]
-    a, b = solved.fitted(Signature.of_forces(part, fixed)).values
-    columns = periodic_columns(part, scan.strut, scan.best_pitch, (float(a), float(b)))
-    fit = solved.fitted(Signature.of_forces(part, columns))
-    return columns, fit.values, fit.covariance
+def _level(search: Search, kind: str) -> float:
+    if kind == PERIODIC:
+        return search.level
+    return next(cause.level for cause in search.families if cause.kind == kind)
 
 
 def _best_force(solved: SolvedSystem, part: Linearisation, scan: PitchScan) -> PeriodicForce | None:
     if not np.isfinite(scan.best_pitch) or scan.best <= 0:
         return None
-    _, values, covariance = _periodic_fit(solved, part, scan)
+    _, values, covariance = periodic_fit(solved, part, scan)
     return periodic_force(part, scan.strut, scan.best_pitch, values, covariance)

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Annotated
+
+import numpy as np
+from numpy.typing import NDArray
 
 from expdesign.runfolder import described
 
@@ -104,3 +108,15 @@ class Verdict:
     def failed(self) -> tuple[Finding, ...]:
         """Findings that fail."""
         return tuple(finding for finding in self.findings if finding.failed)
+
+
+def channels(kind: str, flags: NDArray[np.bool_]) -> str:
+    """Return ``"struts 3 and 4"`` for the channels with these flags, (6,); empty for none."""
+    numbers = [str(j + 1) for j in np.flatnonzero(flags)]
+    return f"{kind}{'s' * (len(numbers) > 1)} {listed(numbers)}" if numbers else ""
+
+
+def listed(words: Iterable[str]) -> str:
+    """Return ``"a, b and c"`` of the words that are not empty."""
+    *first, last = [word for word in words if word] or [""]
+    return f"{', '.join(first)} and {last}" if first else last

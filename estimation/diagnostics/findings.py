@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from constraints.arrays import Array
-from estimation.diagnostics.attribution import PERIODIC, Attribution, Effect, Rival
-from estimation.diagnostics.cause import Cause
 from estimation.diagnostics.channel_test import CHI_SQUARE
-from estimation.diagnostics.finding import Assumption, Finding
+from estimation.diagnostics.effect_findings import (
+    cause_finding,
+    nouns_of,
+    position_periodic_finding,
+)
+from estimation.diagnostics.finding import Assumption, Finding, channels, listed
 from estimation.diagnostics.lack_of_fit import ChiSquare
 from estimation.diagnostics.noise_tests import NoiseTests, Whiteness
 from estimation.diagnostics.record import ExperimentDiagnosis, ExperimentTests
-from expdesign.mechanism.hexapod import ACTUATORS
-
-_MOST_RIVALS = 3
-"""That are named in a sentence."""
 
 _OfNoise = NoiseTests | ExperimentTests
 """What has tests of the noise by itself."""
@@ -28,12 +25,6 @@ _EXPLAINED = Assumption(
     "the model explains the forces",
     "the model does not explain the forces",
     "look at the residuals over position and speed for what the model lacks",
-)
-_NOT_PERIODIC = Assumption(
-    "no position-periodic force",
-    "a force is periodic in the strut's length",
-    "compensate it in the drives or add it to the model: it biases the parameters by more than "
-    "their intervals show",
 )
 _RESIDUALS_WHITE = Assumption(
     "what the model leaves of the forces is white",
@@ -104,8 +95,8 @@ def experiment_findings(diagnosis: ExperimentDiagnosis) -> list[Finding]:
     left = "besides the effects named" if diagnosis.attribution.effects else ""
     return [
         _bias(diagnosis),
-        _position_periodic(diagnosis),
-        *(_cause(diagnosis, cause) for cause in diagnosis.attribution.causes),
+        position_periodic_finding(diagnosis),
+        *(cause_finding(diagnosis, cause) for cause in diagnosis.attribution.causes),
         _gain_drift(tests),
         _white(_RESIDUALS_WHITE, white, "actuator", "mean residual", left),
         _size(_NOISE_LEVEL, tests.chi_square.forces_with_effects, "force", left),
@@ -132,9 +123,9 @@ def _bias(diagnosis: ExperimentDiagnosis) -> Finding:
             f"{worst + 1}, p = {test.p_values[worst]:.2g})"
         )
         return _EXPLAINED.holds(sentence, p, test.level)
-    where = _channels("actuator", test.failed)
+    where = channels("actuator", test.failed)
     values = ", ".join(f"{value:.3f}" for value in test.statistic[test.failed])
-    words = _nouns(diagnosis.attribution)
+    words = nouns_of(diagnosis.attribution)
     found = " with ".join(dict.fromkeys(words[e.kind] for e in diagnosis.attribution.effects))
     if diagnosis.pointwise:
         advice = (
@@ -144,118 +135,11 @@ def _bias(diagnosis: ExperimentDiagnosis) -> Finding:
     elif not found:
         advice = f"no effect that was looked for explains it: {_EXPLAINED.advice}"
     elif np.any(left.failed):
-        rest = _channels("actuator", left.failed)
+        rest = channels("actuator", left.failed)
         advice = f"{found} explains a part; there is more in {rest}: {_EXPLAINED.advice}"
     else:
         advice = f"{found} explains it: see below"
     return _EXPLAINED.fails(f"a bias in {where} (F = {values})", p, test.level, where, advice)
-
-
-def _position_periodic(diagnosis: ExperimentDiagnosis) -> Finding:
-    attribution = diagnosis.attribution
-    level = attribution.periodic_level
-    if not any(len(scan.pitches) for scan in attribution.first.scans):
-        return _NOT_PERIODIC.untested(
-            "no pitch could be scanned: the struts move too far between two samples"
-        )
-    effects = sorted(
-        ((e.strut, e.force) for e in attribution.effects if e.strut is not None and e.force),
-        key=lambda found: found[0],
-    )
-    if not effects:
-        p = min(1.0, ACTUATORS * np.exp(min(scan.log_p for scan in attribution.last.scans)))
-        sentence = f"no strut has a position-periodic force (p = {p:.2g})"
-        return _NOT_PERIODIC.holds(sentence, p, level)
-    where = _channels("strut", np.isin(np.arange(ACTUATORS), [strut for strut, _ in effects]))
-    forces = [
-        f"strut {strut + 1} {force.amplitude:.3g} ± {force.amplitude_std:.1g} N, pitch "
-        f"{1e3 * force.pitch:.4g} ± {1e3 * force.pitch_std:.1g} mm"
-        for strut, force in effects
-    ]
-    own = [effect for effect in attribution.effects if effect.kind == PERIODIC]
-    return _not_told_apart(
-        diagnosis,
-        own,
-        _NOT_PERIODIC.fails(
-            f"position-periodic force (cogging) in {where}: {'; '.join(forces)}",
-            _effect_p(own, PERIODIC),
-            level,
-            where=where,
-        ),
-    )
-
-
-def _cause(diagnosis: ExperimentDiagnosis, cause: Cause) -> Finding:
-    """Whether there is an effect of a family of causes."""
-    attribution, assumption = diagnosis.attribution, cause.assumption
-    last = attribution.last.families[cause.kind]
-    effects = [effect for effect in attribution.effects if effect.kind == cause.kind]
-    if not attribution.first.families[cause.kind].tested:
-        return assumption.untested(cause.untested)
-    if not effects:
-        p, value, std = 1.0, 0.0, 0.0
-        if last.tested:
-            fit = attribution.last.beside.fit(last.places(last.best))
-            p = min(1.0, last.tested * np.exp(last.log_p[last.best]))
-            value = cause.scale * fit.values[0]
-            std = cause.scale * float(np.sqrt(fit.covariance[0, 0]))
-        return assumption.holds(cause.absent.format(p=p, value=value, std=std), p, cause.level)
-    found = assumption.fails(
-        "; ".join(_phrase(cause, effect) for effect in effects),
-        _effect_p(effects, cause.kind),
-        cause.level,
-        where=", ".join(dict.fromkeys(_place(effect) for effect in effects if _place(effect))),
-    )
-    return _not_told_apart(diagnosis, effects, found)
-
-
-def _phrase(cause: Cause, effect: Effect) -> str:
-    """Return what an effect is, where, and how large."""
-    unit = cause.unit(effect.parameter)
-    numbers = [
-        f"{cause.scale * value:{cause.number}} ± {cause.scale * std:.1g}"
-        for value, std in zip(effect.values, effect.stds, strict=True)
-    ][: cause.shown]
-    where = _place(effect)
-    constant = f", velocity {effect.constant:g} m/s" if effect.kind == "stribeck" else ""
-    size = f"{', '.join(numbers)} {unit}{constant}"
-    return f"{cause.noun}{' ' * bool(where)}{where} ({size})"
-
-
-def _place(effect: Effect | Rival) -> str:
-    """Return where an effect is: ``p4 in actuator 3``, ``base joint 2``."""
-    if effect.kind == "joint" and effect.strut is not None:
-        return f"{effect.parameter} joint {effect.strut + 1}"
-    number = "" if effect.strut is None else f"in actuator {effect.strut + 1}"
-    return f"{effect.parameter} {number}".strip()
-
-
-def _not_told_apart(
-    diagnosis: ExperimentDiagnosis, effects: Sequence[Effect], found: Finding
-) -> Finding:
-    """Name what explains the same about as well, in sentence and verdict."""
-    nouns = _nouns(diagnosis.attribution)
-    named = []
-    for effect in effects:
-        shown = [f"{nouns[r.kind]} {_place(r)}".strip() for r in effect.rivals]
-        if shown:
-            listed = _listed(shown[:_MOST_RIVALS])
-            more = f" and {len(shown) - _MOST_RIVALS} more" * (len(shown) > _MOST_RIVALS)
-            named.append(f"{nouns[effect.kind]} {_place(effect)}".strip() + f": {listed}{more}")
-    if not named:
-        return found
-    return replace(
-        found,
-        sentence=f"{found.sentence}; not told apart from others that explain it about as well "
-        f"({'; '.join(named)})",
-        contradiction=f"{found.contradiction}, or something like it",
-    )
-
-
-def _nouns(attribution: Attribution) -> dict[str, str]:
-    """Return what effects are called, by their kind."""
-    nouns = {PERIODIC: "a position-periodic force"}
-    return nouns | {cause.kind: cause.noun for cause in attribution.causes}
 
 
 def _gain_drift(tests: ExperimentTests) -> Finding:
@@ -316,7 +200,7 @@ def _white(
     verb = "are" if what.endswith("s") else "is"
     known = " " * bool(left) + left
     worst = float(np.max(np.abs(test.autocorrelation)))
-    where = _channels(kind, test.failed)
+    where = channels(kind, test.failed)
     return assumption.judged(
         where,
         f"the {what} {verb} not correlated in time to an extent that matters{known} (largest "
@@ -336,7 +220,7 @@ def _noise_white(tests: _OfNoise) -> Finding:
     p = min(_family_p(test.p_values) for test in done.values())
     level = next(iter(done.values())).level
     largest = max(float(np.max(np.abs(test.autocorrelation))) for test in done.values())
-    where = _listed([_channels(kind, test.failed) for kind, test in done.items()])
+    where = listed([channels(kind, test.failed) for kind, test in done.items()])
     absent = f"largest autocorrelation between periods {largest:.3f}"
     present = f"the noise is correlated in time ({where}; up to {largest:.2f})"
     if not white.counted:
@@ -402,20 +286,3 @@ def _periods(tests: _OfNoise) -> Finding:
 def _family_p(p_values: Array) -> float:
     """Return the smallest p of one family, corrected for its size."""
     return float(min(1.0, len(p_values) * np.nanmin(p_values)))
-
-
-def _effect_p(effects: Sequence[Effect], kind: str) -> float:
-    """Return the smallest p of the effects of one kind: corrected for their family already."""
-    return float(np.exp(min(effect.log_p for effect in effects if effect.kind == kind)))
-
-
-def _channels(kind: str, flags: NDArray[np.bool_]) -> str:
-    """Return ``"struts 3 and 4"`` for the channels with these flags, (6,); empty for none."""
-    numbers = [str(j + 1) for j in np.flatnonzero(flags)]
-    return f"{kind}{'s' * (len(numbers) > 1)} {_listed(numbers)}" if numbers else ""
-
-
-def _listed(words: Iterable[str]) -> str:
-    """Return ``"a, b and c"`` of the words that are not empty."""
-    *first, last = [word for word in words if word] or [""]
-    return f"{', '.join(first)} and {last}" if first else last
