@@ -16,6 +16,19 @@ from expdesign.robot import Robot
 
 
 @dataclass(frozen=True, eq=False)
+class WholeMotion:
+    """A motion with harmonics that forces and lengths show together, and the lengths alone do not.
+
+    LS and GM do without them: what the noise of the lengths hides would cost them more than it
+    tells.
+    """
+
+    motion: HarmonicMotion
+    spread: Array
+    """(S, s), standard deviations of the rates of friction at the force samples."""
+
+
+@dataclass(frozen=True, eq=False)
 class Experiment:
     """Measured forces with the motion that was estimated from the lengths."""
 
@@ -28,6 +41,8 @@ class Experiment:
     fitted_regressors: Array
     """(R, 6, m), A at the samples, along the motion that was estimated from the lengths."""
     pointwise: PointwiseMotion | None = None
+    whole: WholeMotion | None = None
+    """Where the forces show more harmonics than the lengths."""
 
     @classmethod
     def from_fit(
@@ -61,6 +76,24 @@ class Experiment:
             raise ValueError("an experiment has a fitted or a pointwise motion")
         return replace(self, fitted_regressors=self.regressors(robot, self.fit.motion))
 
+    @property
+    def harmonics(self) -> int | None:
+        """Of the motion that ML estimates; None after pointwise differentiation."""
+        return None if self.fit is None else self.motion.harmonics
+
+    @property
+    def motion(self) -> HarmonicMotion:
+        """The motion as far as it is known: ML begins from it.
+
+        Raises
+        ------
+        ValueError
+            The experiment has pointwise kinematics.
+        """
+        if self.fit is None:
+            raise ValueError("pointwise kinematics are no series")
+        return self.fit.motion if self.whole is None else self.whole.motion
+
     def used(self, values: Array) -> Array:
         """Return those of the record's values, (S, …), whose motion is known: (R, …)."""
         return values if self.pointwise is None else values[self.pointwise.rows]
@@ -84,7 +117,10 @@ class Experiment:
         """Return the expected friction signs along a motion, (S, s)."""
         if self.spread is None:
             raise ValueError("pointwise kinematics have no spread of their rates")
-        return expected_signs(robot, motion, self.record.forces.times, self.spread)
+        spread = self.spread
+        if self.whole is not None and motion.harmonics == self.whole.motion.harmonics:
+            spread = self.whole.spread
+        return expected_signs(robot, motion, self.record.forces.times, spread)
 
     def regressors(self, robot: Robot, motion: HarmonicMotion) -> Array:
         """Return A at the force samples along a motion, (S, 6, m)."""

@@ -55,7 +55,7 @@ def maximum_likelihood(
     if any(experiment.fit is None for experiment in experiments):
         raise ValueError("maximum likelihood needs motions that were fitted by Fourier series")
     problem = _Problem(robot, experiments, knowledge)
-    values, motions = start.values.copy(), list(start.motions)
+    values, motions = start.values.copy(), [experiment.motion for experiment in experiments]
     equations = problem.equations(values, motions)
     cost = problem.cost(equations, values)
     damping, iterations, status = 0.0, 0, "stopped at the most iterations allowed"

@@ -153,7 +153,7 @@ def _bound(
         return estimates["ml"].covariance
     if any(experiment.fit is None for experiment in experiments):
         return None
-    motions = [e.fit.motion for e in experiments if e.fit is not None]
+    motions = [experiment.motion for experiment in experiments]
     values = list(estimates.values())[-1].values
     return cramer_rao_covariance(robot, experiments, motions, knowledge, values)
 
@@ -231,6 +231,12 @@ def _warnings(
             if own.includes_model_error
         ]
         found += [where + warning for warning in record.warnings]
+        if record.harmonics_of_forces != record.harmonics:
+            found.append(
+                f"{where}forces and lengths together show {record.harmonics_of_forces} harmonics, "
+                f"the lengths alone {record.harmonics}: LS and GM take these, so that their "
+                "intervals do not count the motion beyond; ML does"
+            )
         if record.experiment.fit is None:
             found.append(
                 f"{where}pointwise differentiation: the errors of rates and accelerations are in "

@@ -42,8 +42,17 @@ class RecordingKeys:
     period_source: Annotated[str, described("", "where the period came from")]
     jitter: Annotated[float, described("1", "of the time stamps, as a share of a step")]
     harmonics: Annotated[
-        int | None, described("1", "of the fitted motion; null after pointwise differentiation")
+        int | None,
+        described(
+            "1",
+            "of the motion fitted to the lengths, which LS and GM take; null after pointwise "
+            "differentiation",
+        ),
     ]
+    harmonics_of_forces: Annotated[
+        int | None,
+        described("1", "of ML's motion: what forces and lengths show together; null as before"),
+    ] = None
     harmonics_of_the_design: Annotated[
         int | None, described("1", "fewest that were tried; null when the number was given")
     ]
@@ -66,6 +75,7 @@ class RecordingKeys:
             period_source=record.source.value,
             jitter=float(summary.jitter),
             harmonics=summary.harmonics,
+            harmonics_of_forces=summary.harmonics_of_forces,
             harmonics_of_the_design=summary.least_harmonics,
             noise=WeightingKeys(
                 **noise_keys(noise),

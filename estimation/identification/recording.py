@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from estimation.data.measurement import Measurement
-from estimation.estimators import Experiment
+from estimation.estimators import Experiment, Knowledge
+from estimation.identification.harmonics_choice import whole_motion
 from estimation.identification.noise_choice import choose_noise, residual_noise
 from estimation.identification.period_choice import (
     UnsuitableDataError,
@@ -39,9 +41,14 @@ def prepare_experiment(
     robot: Robot,
     data: Measurement,
     design: FourierTrajectory | None,
+    *,
+    held_out: bool = False,
 ) -> Experiment:
-    """Return one recording with its noise and motion, ready for the estimators."""
-    return prepare_recording(configuration, robot, data, design).experiment
+    """Return one recording with its noise and motion, ready for the estimators.
+
+    Of one whose forces are held out, to be predicted, the lengths alone tell the motion.
+    """
+    return prepare_recording(configuration, robot, data, design, held_out=held_out).experiment
 
 
 def prepare_recording(
@@ -49,8 +56,12 @@ def prepare_recording(
     robot: Robot,
     data: Measurement,
     design: FourierTrajectory | None,
+    *,
+    held_out: bool = False,
 ) -> RecordSummary:
     """Return one recording ready for the estimators, and how it was made so.
+
+    Of one whose forces are held out, to be predicted, the lengths alone tell the motion.
 
     Raises
     ------
@@ -75,18 +86,26 @@ def prepare_recording(
         # Differences of neighbours end with the samples that they have.
         experiment = Experiment.from_points(robot, record, noise.taken_for_white(), motion)
         return RecordSummary(data.source, experiment, None, data.jitter)
-    least = 1 if design is None else design.harmonics
-    noise, fit = _fitted(configuration, robot, record, noise, design, least)
+    noise, fit = _fitted(configuration, robot, record, noise, design)
     warning = (
         "" if free else period_warning(robot, data, record, fit.motion, noise.lengths.covariance)
     )
+    experiment = Experiment.from_fit(robot, record, noise, fit)
+    if section.harmonics is None and not held_out:
+        whole = whole_motion(robot, experiment, Knowledge.of(robot, section))
+        experiment = replace(experiment, whole=whole)
     return RecordSummary(
         data.source,
-        Experiment.from_fit(robot, record, noise, fit),
-        least if section.harmonics is None else None,
+        experiment,
+        _least(design) if section.harmonics is None else None,
         data.jitter,
         (warning,) if warning else (),
     )
+
+
+def _least(design: FourierTrajectory | None) -> int:
+    """Return how many harmonics the motion has for certain."""
+    return 1 if design is None else design.harmonics
 
 
 def _cutoff(
@@ -114,11 +133,13 @@ def _fitted(
     record: Record,
     noise: NoiseModel,
     design: FourierTrajectory | None,
-    least: int,
 ) -> tuple[NoiseModel, MotionFit]:
     section = configuration.run.estimate
-    fitting = choose_harmonics if section.harmonics is None else fit_motion
-    start = _start(robot, record, design)
+    expected = configuration.run.trajectory.harmonics if design is None else design.harmonics
+    fitting = partial(choose_harmonics, least=_least(design), expected=expected)
+    if section.harmonics is not None:
+        fitting = partial(fit_motion, harmonics=section.harmonics)
+    start = _start(robot, record, design, expected)
     # A Δ that nobody knows comes from the fit that it weights: a few rounds settle both.
     rounds = _RESIDUAL_ROUNDS if noise.lengths.includes_model_error else 1
     for remaining in reversed(range(rounds)):
@@ -126,7 +147,6 @@ def _fitted(
             robot,
             record,
             noise.lengths.covariance,
-            section.harmonics or least,
             start=start,
             free_frequency=section.frequency == "estimated",
             noise_filter=noise.lengths.filter,
@@ -139,8 +159,9 @@ def _fitted(
     return noise, fit
 
 
-def _start(robot: Robot, record: Record, design: FourierTrajectory | None) -> HarmonicMotion:
-    harmonics = 5 if design is None else design.harmonics
+def _start(
+    robot: Robot, record: Record, design: FourierTrajectory | None, harmonics: int
+) -> HarmonicMotion:
     try:
         return start_motion(robot, record, harmonics)
     except MotionFitError:

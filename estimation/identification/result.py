@@ -29,6 +29,11 @@ class RecordSummary:
         fit = self.experiment.fit
         return None if fit is None else fit.motion.harmonics
 
+    @property
+    def harmonics_of_forces(self) -> int | None:
+        """Of the motion that ML estimates: what forces and lengths show together."""
+        return self.experiment.harmonics
+
 
 @dataclass(frozen=True, eq=False)
 class EstimationResult:

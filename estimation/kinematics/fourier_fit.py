@@ -4,12 +4,13 @@ The pose is the finite series, not the lengths: the inverse kinematics of a fini
 pose has all harmonics. The fit is nonlinear and is solved by Gauss–Newton, which converges in a
 few steps because the residuals are small.
 
-How many harmonics the executed motion has is decided against the noise floor. Starting from the
-design's number, every further harmonic is tested for amplitudes that noise does not explain (a
+How many harmonics the lengths show is decided against the noise floor. Starting from the number
+that is expected, every further harmonic is tested for amplitudes that noise does not explain (a
 score test with 12 degrees of freedom each); the highest one that is found is included with all
 below it, and the test is repeated. A strong harmonic leaks into the scores of its neighbours: in
 the end the highest ones are dropped again while their fitted amplitudes, with all others in the
-fit, are within the noise (a Wald test). A controller's tracking error shows here.
+fit, are within the noise (a Wald test). A controller's tracking error shows here; what the forces
+show of it besides is judged with them (`estimation.identification.harmonics_choice`).
 """
 
 from __future__ import annotations
@@ -42,6 +43,10 @@ _POINTS = 4096
 
 class MotionFitError(ComputationError):
     """No motion was found that has the measured lengths."""
+
+
+class NoMotionFoundError(MotionFitError):
+    """The iteration did not end: with so few harmonics the residuals may be too large."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +104,9 @@ def fit_motion(
         if decrement < _CONVERGED**2 * len(step):
             break
     else:
-        raise MotionFitError(f"no motion was found in {_STEPS} iterations")
+        raise NoMotionFoundError(
+            f"no motion with {harmonics} harmonics was found in {_STEPS} iterations"
+        )
     return MotionFit(
         motion=motion,
         covariance=np.asarray(np.linalg.inv(present.matrix), dtype=np.float64),
@@ -150,22 +157,35 @@ def length_equations(
     return NormalEquations.of(map(rows, chunks(record.samples)), covariance, noise_filter)
 
 
+def most_harmonics(record: Record) -> int:
+    """Return how many harmonics are looked for: the sampling bears no more."""
+    per_period = record.samples if record.averaged else record.period / record.step
+    return int(min(_MOST, (per_period - 1) // 4, (record.samples - 1) // 8))
+
+
 def choose_harmonics(
     robot: Robot,
     record: Record,
     covariance: Array,
     least: int,
     *,
+    expected: int | None = None,
     start: HarmonicMotion | None = None,
     free_frequency: bool = False,
     noise_filter: Filter | None = None,
 ) -> MotionFit:
     """Fit the motion with as many harmonics as stand out of the noise.
 
-    The motion has `least` of them for certain; the covariance is Δ of one sample, (6, 6), m².
+    The motion has `least` of them for certain, and the search begins at those expected; the
+    covariance is Δ of one sample, (6, 6), m².
+
+    Raises
+    ------
+    MotionFitError
+        No motion has these lengths, with however many harmonics.
     """
-    per_period = record.samples if record.averaged else record.period / record.step
-    most = int(min(_MOST, (per_period - 1) // 4, (record.samples - 1) // 8))
+    most = most_harmonics(record)
+    first = max(least, min(expected or least, most))
     level = _FAMILY_LEVEL / max(most - least, 1)
 
     def fitted(count: int, begin: HarmonicMotion | None) -> MotionFit:
@@ -179,7 +199,16 @@ def choose_harmonics(
             noise_filter=noise_filter,
         )
 
-    fit = fitted(least, start)
+    def begun(count: int) -> MotionFit:
+        """Fit with that many, or with more where the residuals of so few are too large."""
+        try:
+            return fitted(count, start)
+        except NoMotionFoundError:
+            if count >= most:
+                raise
+            return begun(min(2 * count, most))
+
+    fit = begun(first)
     for _ in range(_ROUNDS):
         harmonics = fit.motion.harmonics
         if harmonics >= most:

@@ -150,7 +150,7 @@ class RepetitionTable(Table[Iterable[Repetition], None]):
             Column("failure", "", "why there is no estimate; empty when there is one"),
             Column("converged", "", "whether the iteration ended as it should"),
             Column("iterations", "1", "of the estimator"),
-            Column("harmonics", "1", "of the fitted motion; empty after pointwise differentiation"),
+            Column("harmonics", "1", "of ML's motion; empty after pointwise differentiation"),
             Column("freedom", "1", "degrees of freedom of the noise covariance; inf when given"),
             *(Column(name, "SI", f"estimate of {name}") for name in self.parameters),
             *(

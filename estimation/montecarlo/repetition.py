@@ -57,7 +57,7 @@ class Repetition:
 
     number: Annotated[int, described("1", "from 1")]
     harmonics: Annotated[
-        int | None, described("1", "of the fitted motion; null where there is none")
+        int | None, described("1", "of the motion that ML estimates; null where there is none")
     ]
     freedom: Annotated[
         Freedom,
@@ -105,7 +105,7 @@ class Workbench:
             return Repetition(number, None, np.inf, dict.fromkeys(wanted, failed))
         return Repetition(
             number,
-            None if experiment.fit is None else experiment.fit.motion.harmonics,
+            experiment.harmonics,
             experiment.noise.forces.freedom,
             self._outcomes(experiment, wanted),
         )

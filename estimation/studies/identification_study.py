@@ -169,14 +169,14 @@ class IdentificationBench:
                 return None
         # What the difference is if nothing disturbs Gauss–Markov.
         covariance = covariance_ml_less_gm(own)
-        if fitted.fit is None or covariance is None:
+        if fitted.harmonics is None or covariance is None:
             raise AssertionError("maximum likelihood has a motion")
         values = (estimates["gm"].values, estimates["ml"].values)
         return Identification(
             {name: estimates[name].values for name in ESTIMATORS},
             {name: estimates[name].std for name in ESTIMATORS},
             difference_test(*values, covariance, own["ml"].covariance),
-            fitted.fit.motion.harmonics,
+            fitted.harmonics,
         )
 
 

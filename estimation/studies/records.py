@@ -173,7 +173,7 @@ class HausmanRow:
     ]
     parameter: Annotated[str, described("", "that it is of")]
     disturbed: Annotated[str, described("", "whether the information matrix is, by this test")]
-    harmonics: Annotated[int, described("1", "that ML found in the lengths")]
+    harmonics: Annotated[int, described("1", "that ML found in lengths and forces")]
 
 
 @dataclass(frozen=True)

@@ -113,6 +113,7 @@ class ValidationBench:
                     self.robot,
                     twin.measurement(_FIRST_MOTION * (k + 1) + number),
                     self.trajectories[k],
+                    held_out=True,
                 )
                 for k, twin in enumerate(twins)
             )

@@ -122,7 +122,7 @@ def _predicted(
                 f"{worst.unit}, bound {worst.bound:.4g}); a real machine could not make it"
             )
     loaded = robot.with_load_at(saved.estimate.values)
-    experiment = prepare_experiment(configuration, loaded, data, trajectory)
+    experiment = prepare_experiment(configuration, loaded, data, trajectory, held_out=True)
     diagnosis = diagnose(loaded, [experiment], saved.knowledge, saved.estimate, held_out=True)
     record = experiment.record
     predicted = experiment.fitted_regressors @ saved.estimate.values

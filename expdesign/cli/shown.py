@@ -140,6 +140,8 @@ def estimate(outcome: Outcome) -> None:
     for record in result.records:
         data = record.experiment.record
         harmonics = "pointwise" if record.harmonics is None else f"{record.harmonics} harmonics"
+        if record.harmonics_of_forces != record.harmonics:
+            harmonics += f" ({record.harmonics_of_forces} with the forces)"
         console.print(
             f"{short(Path(record.source)) if record.source else 'data'}: {data.rows} rows, "
             f"{data.periods:.6g} periods of {data.period:.6g} s (from the {data.source.value}), "

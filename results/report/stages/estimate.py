@@ -217,7 +217,9 @@ def _details(summary: EstimateFile) -> tuple[Fact, ...]:
         )
         for number, recording in enumerate(summary.recordings, start=1)
     ]
-    harmonics = summary.recordings[0].harmonics
-    if harmonics is not None:
-        facts.append(Fact("harmonics of the motion", str(harmonics)))
+    first = summary.recordings[0]
+    if first.harmonics is not None:
+        together = first.harmonics_of_forces or first.harmonics
+        alone = f"{first.harmonics} in the lengths alone" if together > first.harmonics else ""
+        facts.append(Fact("harmonics of the motion", str(together), alone))
     return tuple(facts)

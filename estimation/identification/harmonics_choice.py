@@ -1,0 +1,206 @@
+"""How many harmonics the executed motion has, by what lengths and forces say together.
+
+Accelerations weigh harmonic k with k²: forces show harmonics of which the lengths show nothing, and
+a motion without them biases the parameters. All numbers of harmonics are judged at once, on the
+joint normal equations of (p, ξ) with the most harmonics that may be: the Cholesky factor of ξ's
+part, its unknowns in the order of the harmonics, holds the least cost of every shorter series. A
+harmonic more is twelve unknowns more; the number that is taken has the least cost plus two for each
+unknown (Akaike): it is exceeded by chance in a few of a hundred recordings, which costs next to
+nothing, and many weak harmonics are found together. A single one far above the others does not pay
+for those between: what it takes off the cost is tested by itself, and it is taken, too.
+
+Forces may lack something else, such as cogging, which harmonics would imitate. The lengths tell:
+where they contradict the further harmonics that the forces want, these are no motion.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg as sla
+from numpy.typing import NDArray
+from scipy import stats
+
+from constraints.arrays import Array
+from estimation.diagnostics.tails import ratio_tail
+from estimation.estimators import Experiment, Knowledge
+from estimation.estimators.experiment import WholeMotion
+from estimation.estimators.joint import force_equations
+from estimation.kinematics.fourier_fit import length_equations, most_harmonics
+from estimation.kinematics.friction_signs import rate_spread
+from estimation.measurement_model import HarmonicMotion
+from estimation.measurement_model.normal_equations import NormalEquations
+from expdesign.information.fisher import ScaledInformation
+from expdesign.mechanism.hexapod import COORDINATES
+from expdesign.robot import Robot
+
+_PER_UNKNOWN = 2.0
+"""By how much an unknown must reduce the cost: Akaike's."""
+
+_FAMILY_LEVEL = 1e-3
+"""Level of the tests of single harmonics, all together."""
+
+_CONTRADICTED = 1e-3
+"""Level at which the lengths contradict."""
+
+_UNKNOWNS = 2 * COORDINATES
+"""Of a harmonic."""
+
+_DETERMINED = 1e-10
+"""Smallest eigenvalue of scaled information on the parameters that is not nothing."""
+
+
+def whole_motion(robot: Robot, experiment: Experiment, knowledge: Knowledge) -> WholeMotion | None:
+    """Return the motion that forces and lengths show together, None when it is the fitted one.
+
+    The experiment's motion was fitted to the lengths with the harmonics that these show; the whole
+    one has more.
+
+    Raises
+    ------
+    ValueError
+        The experiment has pointwise kinematics.
+    """
+    fit, record = experiment.fit, experiment.record
+    if fit is None:
+        raise ValueError("pointwise kinematics have no harmonics")
+    least, most = fit.motion.harmonics, most_harmonics(record)
+    if least >= most:
+        return None
+    values = _first_estimate(experiment, knowledge)
+    motion = fit.motion.with_harmonics(most)
+    noise = experiment.noise
+    own = noise.forces.covariance, noise.forces.filter
+    forces = force_equations(robot, experiment, motion, values, knowledge.free, *own)
+    lengths = length_equations(
+        robot, record, noise.lengths.covariance, motion, noise.lengths.filter
+    )
+    series = _Series(least, motion, knowledge, forces.with_motion(lengths), lengths)
+    wanted = series.wanted()
+    if wanted == least or series.contradicted(wanted):
+        return None
+    whole, covariance = series.motion_with(wanted)
+    return WholeMotion(whole, rate_spread(robot, whole, record.forces.times, covariance))
+
+
+def _first_estimate(experiment: Experiment, knowledge: Knowledge) -> Array:
+    """Return parameters that explain the forces, (m,): Gauss–Markov's, the shortest if many do."""
+    free, start = knowledge.free, knowledge.start
+    rest = experiment.forces - experiment.fitted_regressors @ start
+    rows = (rest, experiment.fitted_regressors[:, :, free], experiment.counts)
+    noise = experiment.noise.forces
+    fitted = NormalEquations.of([rows], noise.covariance, noise.filter)
+    off = (knowledge.prior_mean - start)[free]
+    gradient = fitted.gradient + knowledge.precision @ off
+    values = start.copy()
+    values[free] += _solved(fitted.matrix + knowledge.precision, gradient)
+    return values
+
+
+def _solved(information: Array, gradient: Array) -> Array:
+    """Return F⁺ g, g (k,) or (k, n): nothing in directions that the data do not determine."""
+    scaled = ScaledInformation.of(information)
+    scales = np.where(scaled.scales > 0, scaled.scales, np.inf)
+    eigenvalues, vectors = np.linalg.eigh(scaled.matrix)
+    known = eigenvalues > _DETERMINED * eigenvalues[-1]
+    part = vectors[:, known]
+    right = part.T @ (gradient.T / scales).T
+    return np.asarray((part @ (right.T / eigenvalues[known]).T).T / scales).T
+
+
+@dataclass(frozen=True, eq=False)
+class _Series:
+    """Joint normal equations with the most harmonics, for the choice of fewer."""
+
+    least: int
+    motion: HarmonicMotion
+    """Where they were taken."""
+    knowledge: Knowledge
+    joint: NormalEquations
+    lengths: NormalEquations
+    """Of (p, ξ) from forces and lengths, and of ξ from the lengths alone."""
+
+    def wanted(self) -> int:
+        """Return the number of harmonics that forces and lengths show together."""
+        places = _places(self.motion, self.motion.harmonics)
+        count = int(np.count_nonzero(self.knowledge.free))
+        order = np.concatenate([count + places, np.arange(count)])
+        size = len(places)
+        matrix, gradient = self.joint.matrix[np.ix_(order, order)], self.joint.gradient[order]
+        scale = np.sqrt(np.diag(matrix)[:size])
+        inner = matrix[:size, :size] / np.multiply.outer(scale, scale)
+        right = np.column_stack([matrix[:size, size:], gradient[:size]]) / scale[:, None]
+        solved = sla.solve_triangular(np.linalg.cholesky(inner), right, lower=True)
+        slope, offset = solved[:, :-1], solved[:, -1]
+        reductions = []
+        for harmonics in range(self.least, self.motion.harmonics + 1):
+            n = len(_places(self.motion, harmonics))
+            information = matrix[size:, size:] - slope[:n].T @ slope[:n] + self.knowledge.precision
+            rest = gradient[size:] - slope[:n].T @ offset[:n]
+            reductions.append(offset[:n] @ offset[:n] + rest @ _solved(information, rest))
+        gains = np.diff(reductions)
+        if not len(gains):
+            return self.least
+        cheapest = int(np.argmin(np.cumsum(np.append(0.0, _PER_UNKNOWN * _UNKNOWNS - gains))))
+        single = stats.chi2.sf(gains, _UNKNOWNS) < _FAMILY_LEVEL / len(gains)
+        return self.least + max([cheapest, *(np.flatnonzero(single) + 1).tolist()])
+
+    def contradicted(self, harmonics: int) -> bool:
+        """Tell whether the lengths contradict the further harmonics that the forces want.
+
+        What forces and lengths say together differs from what the lengths say alone by an error
+        whose covariance is the difference of both covariances (Hausman, Econometrica 46, 1978).
+        """
+        places = _places(self.motion, harmonics)
+        new = slice(len(_places(self.motion, self.least)), None)
+        lengths = self.lengths.matrix[np.ix_(places, places)]
+        alone, covariance = _motion_alone(lengths, self.lengths.gradient[places])
+        together, smaller = self._together(places)
+        white = np.linalg.cholesky(covariance[new, new])
+        off = sla.solve_triangular(white, (together - alone)[new], lower=True)
+        half = sla.solve_triangular(white, smaller[new, new], lower=True)
+        share = sla.solve_triangular(white, half.T, lower=True)
+        weights = np.maximum(1 - np.linalg.eigvalsh(share), 0.0)
+        return ratio_tail(float(off @ off), weights, np.inf) < _CONTRADICTED
+
+    def motion_with(self, harmonics: int) -> tuple[HarmonicMotion, Array]:
+        """Return the motion that forces and lengths want together, and Cov(ξ), (x, x)."""
+        places = _places(self.motion, harmonics)
+        step, covariance = self._together(places)
+        moved = np.zeros(self.motion.unknowns)
+        moved[places] = step
+        motion = self.motion.moved(moved).with_harmonics(harmonics)
+        own = np.argsort(_places(motion, harmonics))
+        return motion, covariance[np.ix_(own, own)]
+
+    def _together(self, places: NDArray[np.intp]) -> tuple[Array, Array]:
+        """Return the step of the unknowns of ξ named, and their covariance, p eliminated."""
+        count = int(np.count_nonzero(self.knowledge.free))
+        inner = self.joint.matrix[np.ix_(count + places, count + places)]
+        cross = self.joint.matrix[count + places, :count]
+        outer = self.joint.matrix[:count, :count] + self.knowledge.precision
+        right = np.column_stack([cross.T, self.joint.gradient[:count]])
+        solved = _solved(outer, right)
+        matrix = inner - cross @ solved[:, :-1]
+        return _motion_alone(matrix, self.joint.gradient[count + places] - cross @ solved[:, -1])
+
+
+def _motion_alone(matrix: Array, gradient: Array) -> tuple[Array, Array]:
+    """Return N⁻¹ g and N⁻¹, scaled so that no digits are lost."""
+    scale = np.sqrt(np.diag(matrix))
+    inverse = np.linalg.inv(matrix / np.multiply.outer(scale, scale))
+    inverse = (inverse + inverse.T) / 2 / np.multiply.outer(scale, scale)
+    return inverse @ gradient, inverse
+
+
+def _places(motion: HarmonicMotion, harmonics: int) -> NDArray[np.intp]:
+    """Return where the unknowns of the first so many harmonics stand in ξ, (6 (2 H + 1),).
+
+    The frequency, when it is one of them, comes first; then centre and harmonics in turn.
+    """
+    most = motion.harmonics
+    table = np.arange(motion.table.size).reshape(COORDINATES, 2 * most + 1)
+    free = [np.array([motion.table.size])] if motion.free_frequency else []
+    parts = [np.concatenate([table[:, k], table[:, most + k]]) for k in range(1, harmonics + 1)]
+    return np.concatenate([*free, table[:, 0], *parts])
