@@ -36,6 +36,8 @@ class Measurement:
     one at t − length_delay."""
     jitter: float = 0.0
     """Largest deviation of the stamps from the uniform grid, as a share of a step."""
+    lost: int = 0
+    """Samples that are missing between the rows: gaps in a uniform grid, or in stamps."""
     source: str = ""
     warnings: tuple[str, ...] = ()
     """What a user should know about how it was read."""
@@ -56,6 +58,18 @@ class Measurement:
         for names, rows in ((LENGTH_CHANNELS, self.lengths), (FORCE_CHANNELS, self.forces)):
             values |= dict(zip(names, rows.T, strict=True))
         return values if self.period is None else values | {"period": self.period}
+
+    @property
+    def gapless(self) -> bool:
+        """True when the rows follow each other on a uniform grid."""
+        return not self.stamped and not self.lost
+
+    @property
+    def places(self) -> NDArray[np.intp]:
+        """(T,), steps from the first row to each, rounded."""
+        if self.gapless:
+            return np.arange(len(self))
+        return np.rint((self.time - self.time[0]) / self.step).astype(np.intp)
 
     def __len__(self) -> int:
         """Return the number of rows T."""

@@ -20,7 +20,7 @@ from estimation.data.defects import (
 from estimation.data.formats import FileFormat
 from estimation.data.measurement import Measurement
 from estimation.data.table import RawTable
-from estimation.data.timebase import time_base
+from estimation.data.timebase import lost_samples, time_base
 from estimation.data.units import in_si
 from expdesign.configuration import (
     FORCE_CHANNELS,
@@ -123,8 +123,9 @@ def measurement_of(
         length_delay=section.delay.lengths,
         force_delay=section.delay.forces,
         jitter=base.jitter,
+        lost=base.lost,
         source=str(table.file),
-        warnings=notes,
+        warnings=(*notes, *lost_samples(table, base)),
     )
 
 

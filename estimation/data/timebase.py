@@ -1,7 +1,12 @@
-"""Time of a recording: the uniform grid behind it, or its stamps; what makes either unusable."""
+"""Time of a recording: the uniform grid behind it, or its stamps; what makes either unusable.
+
+A few lost samples make neither unusable: the stamps say where they are missing, and the others keep
+their places on the grid.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,6 +24,9 @@ _NEIGHBOURS = 10
 _LATE = 0.75
 """By how much of a step they are late when a sample is missing: the neighbours jitter too."""
 
+_MOST_LOST = 0.1
+"""Largest share of the samples that may be missing: more is a fault of the recorder to look for."""
+
 _WIDEST_TOLERANCE = 0.5
 """Of a step: from there on a sample could belong to the neighbouring point of the grid."""
 
@@ -27,13 +35,15 @@ _WIDEST_TOLERANCE = 0.5
 class TimeBase:
     """Time of the samples, (T,), s, strictly increasing; its step, of stamps the mean one.
 
-    `jitter` is the largest deviation of the stamps from the fitted grid, in steps, `worst` its row.
+    `jitter` is the largest deviation of the stamps from the fitted grid, in steps, `worst` its row;
+    `lost` is how many samples are missing between the rows.
     """
 
     time: Array
     step: float
     jitter: float
     worst: int
+    lost: int = 0
 
 
 def time_base(table: RawTable, section: DataSection) -> TimeBase:
@@ -42,16 +52,26 @@ def time_base(table: RawTable, section: DataSection) -> TimeBase:
     Raises
     ------
     InputError
-        Time does not increase, samples are missing, or it is not uniform.
+        Time does not increase, many samples are missing, or it is not uniform.
     """
     refuse_time(table)
     time = table.values["t"]
+    found = gaps(time)
+    refuse_many_gaps(table, found)
     if section.time == "stamped":
-        refuse_gaps(table)
-        return stamped(time)
-    grid = fitted_grid(time)
+        return stamped(time, found)
+    grid = fitted_grid(time, found)
     refuse_uneven(table, grid, section.time_tolerance)
     return grid
+
+
+def lost_samples(table: RawTable, base: TimeBase) -> tuple[str, ...]:
+    """Say how many samples are missing, and where the first of them are."""
+    if not base.lost:
+        return ()
+    first = gaps(table.values["t"])[0][0]
+    missing = f"{base.lost} samples are" if base.lost > 1 else "a sample is"
+    return (f"{missing} missing (after {table.row_name(first - 1)}): the others keep their places",)
 
 
 def refuse_time(table: RawTable) -> None:
@@ -69,25 +89,29 @@ def _times(time: Array, row: int) -> str:
     return f"{time[row - 1]:.9g} s, then {time[row]:.9g} s"
 
 
-def refuse_gaps(table: RawTable) -> None:
-    """Refuse missing samples; the row named is the one after the gap."""
+def refuse_many_gaps(table: RawTable, found: Sequence[tuple[int, int]]) -> None:
+    """Refuse too many missing samples, (row after the gap, how many) each."""
     time = table.values["t"]
+    lost = sum(missing for _, missing in found)
+    if lost <= _MOST_LOST * (len(time) + lost):
+        return
     problems = []
-    for row, missing in gaps(time):
+    share = f"{100 * lost / (len(time) + lost):.2g} %"
+    allowed = (
+        f"up to {100 * _MOST_LOST:g} % of missing samples, here {share}: take a part without them "
+        "(data.start, data.end), or record again"
+    )
+    for row, missing in found:
         count = f"{missing} sample{'' if missing == 1 else 's'}"
         message = f"a gap of {count} after {table.row_name(row - 1)}: {_times(time, row)}"
-        problems.append(table.problem(message, "t", row))
+        problems.append(table.problem(message, "t", row, allowed))
     refuse(problems, table.file, "gaps")
 
 
 def refuse_uneven(table: RawTable, grid: TimeBase, tolerance: float) -> None:
-    """Refuse time that deviates from its uniform grid by more than a share of a step.
-
-    Missing samples are reported as such.
-    """
+    """Refuse time that deviates from its uniform grid by more than a share of a step."""
     if grid.jitter <= tolerance:
         return
-    refuse_gaps(table)
     off = f"{100 * grid.jitter:.3g} % of a step ({grid.step:.6g} s)"
     message = f"time is not uniform: {off} off the fitted grid"
     allowed = f"up to {100 * tolerance:g} %; data.time: stamped"
@@ -96,23 +120,30 @@ def refuse_uneven(table: RawTable, grid: TimeBase, tolerance: float) -> None:
     raise InputError(table.problem(message, "t", grid.worst, allowed))
 
 
-def fitted_grid(stamps: Array) -> TimeBase:
-    """Return the uniform grid t₀ + i h that fits increasing stamps best, by least squares; s."""
-    count = len(stamps)
-    index = np.arange(count) - (count - 1) / 2
+def fitted_grid(stamps: Array, missing: Sequence[tuple[int, int]] = ()) -> TimeBase:
+    """Return the uniform grid t₀ + i h that fits increasing stamps best, by least squares; s.
+
+    Where samples are `missing`, as `gaps` finds them, as many places of the grid are empty.
+    """
+    index = np.arange(len(stamps), dtype=float)
+    for row, lost in missing:
+        index[row:] += lost
+    index -= np.mean(index)
     relative = stamps - stamps[0]  # stamps since 1970 would lose digits in the sums
     centre = float(np.mean(relative))
     step = float(index @ (relative - centre) / (index @ index))
     grid = centre + index * step
     deviation = np.abs(relative - grid) / step
     worst = int(np.argmax(deviation))
-    return TimeBase(stamps[0] + grid, step, float(deviation[worst]), worst)
+    lost = sum(count for _, count in missing)
+    return TimeBase(stamps[0] + grid, step, float(deviation[worst]), worst, lost)
 
 
-def stamped(stamps: Array) -> TimeBase:
+def stamped(stamps: Array, missing: Sequence[tuple[int, int]] = ()) -> TimeBase:
     """Return the stamps (T,) as they are, with their mean step and the jitter about a grid."""
-    mean = float((stamps[-1] - stamps[0]) / (len(stamps) - 1))
-    return replace(fitted_grid(stamps), time=stamps, step=mean)
+    grid = fitted_grid(stamps, missing)
+    mean = float((stamps[-1] - stamps[0]) / (len(stamps) - 1 + grid.lost))
+    return replace(grid, time=stamps, step=mean)
 
 
 def gaps(stamps: Array) -> list[tuple[int, int]]:

@@ -63,6 +63,12 @@ _NO_OUTLIERS = Assumption(
     "there are outliers",
     "look at them, and estimate with the robust loss (`estimate.loss: huber`)",
 )
+_OUTLIERS_COUNT_LESS = Assumption(
+    _NO_OUTLIERS.text,
+    "there are outliers, which the robust loss lets count less",
+    "look at what makes them; the estimate does without them",
+    serious=False,
+)
 _NORMAL = Assumption(
     "the noise is normal",
     "the noise is not normal",
@@ -249,7 +255,11 @@ def _distribution(tests: _OfNoise) -> Iterator[Finding]:
     counts = ", ".join(f"{channel}: {count}" for channel, count in outliers.items())
     absent = "no more samples are far off than in normal noise"
     present = f"more samples are far off than normal noise has ({counts})"
-    yield _NO_OUTLIERS.judged(", ".join(outliers), absent, present, p, level)
+    assumption, taken = _NO_OUTLIERS, tests.normality.taken
+    if taken is not None:
+        assumption = _OUTLIERS_COUNT_LESS
+        present += f"; the robust loss took the weight of {taken:.3g} samples from them"
+    yield assumption.judged(", ".join(outliers), absent, present, p, level)
     p = min(_family_p(test.p_values) for test in done.values())
     shapes = {
         f"{kind} {j + 1}": f"skewness {test.skewness[j]:.2f}, excess kurtosis "

@@ -145,7 +145,7 @@ def lack_of_fit(
     if law.noise.includes_model_error:
         return LackOfFit(
             refused="the noise was taken from the residuals of the model, so it includes the "
-            "error of the model: measure three or more periods, or give the noise"
+            "error of the model: measure two or more periods, or give the noise"
         )
     scatter = part.force_scatter
     if scatter is None:

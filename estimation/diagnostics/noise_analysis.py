@@ -33,7 +33,7 @@ def analyse_noise(record: Record, source: str = "") -> NoiseRecord:
     noise = NoiseModel(forces, lengths)
     # What a long Fourier series leaves; the periods serve where there are any.
     force_rows, length_rows = (
-        each.values if record.averaged else record.about_series(each)[1]
+        each.values if each.periods is not None else record.about_series(each)[1]
         for each in (record.forces, record.lengths)
     )
     tests = noise_tests(record, noise, force_rows, length_rows)

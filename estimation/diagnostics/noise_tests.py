@@ -220,6 +220,10 @@ class Normalities:
     source: Annotated[str, described("", "periods, or residuals where they cannot be compared")]
     forces: Annotated[Normality, described("", "of the forces")]
     lengths: Annotated[Normality | None, described("", "of the lengths")]
+    taken: Annotated[
+        float | None,
+        described("1", "samples' worth of weight that the robust loss took; null: it was not used"),
+    ] = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -298,7 +302,12 @@ def noise_tests(
     return NoiseTests(
         samples.reshape(-1, forces.shape[1]),
         Whitenesses(white, length_white, counted=noise.forces.lines is not None),
-        Normalities("residuals" if white is None else "periods", normal, length_normal),
+        Normalities(
+            "residuals" if white is None else "periods",
+            normal,
+            length_normal,
+            record.weight_taken if record.robust else None,
+        ),
         Drifts(change, length_change),
     )
 
@@ -324,6 +333,9 @@ def _of_one_kind(
         count, phases, channels = periods.shape
         values = (periods - periods.mean(axis=0)).reshape(-1, channels)
         change = drift(values, np.repeat(np.arange(count), phases), phases, level)
+    elif record.averaged:
+        lost = "samples are missing: the means of the periods are not compared"
+        change = Drift(refused=lost, level=level)
     elif rows is not None:
         block = np.arange(len(rows)) * max(1, round(record.periods)) // len(rows)
         change = drift(rows, block, 0, level)

@@ -59,13 +59,16 @@ class VarianceComparison:
 def variance_comparison(experiment: Experiment, part: Linearisation) -> VarianceComparison:
     """Compare as the paper does, over the single samples where periods were averaged."""
     single, periods = part.force_rows, experiment.record.forces.periods
+    noise = np.diag(experiment.noise.forces.covariance)
+    averaged = 0.0
     if periods is not None:
         if experiment.pointwise is not None:
             periods = periods[:, experiment.pointwise.rows]
         single = (periods - (experiment.forces - part.force_rows)).reshape(-1, single.shape[1])
-    return VarianceComparison(
-        np.mean(single**2, axis=0), np.diag(experiment.noise.forces.covariance).copy()
-    )
+    else:
+        # Means, where samples were lost: a single one has more noise.
+        averaged = float(np.mean(1 - 1 / np.maximum(experiment.counts, 1.0)))
+    return VarianceComparison(np.mean(single**2, axis=0) + averaged * noise, noise.copy())
 
 
 @dataclass(frozen=True)

@@ -32,6 +32,9 @@ class RecordingKeys:
     source: Annotated[str, described("", "its file")]
     rows: Annotated[int, described("1", "rows that were used")]
     dropped_rows: Annotated[int, described("1", "rows of incomplete periods that were not")]
+    lost_samples: Annotated[
+        int, described("1", "samples that are missing among the rows that were used")
+    ] = 0
     samples: Annotated[int, described("1", "means over the periods, or rows")]
     averaged: Annotated[bool, described("", "the samples are means over the periods")]
     periods: Annotated[float, described("1", "number of periods")]
@@ -69,6 +72,7 @@ class RecordingKeys:
             record,
             source=summary.source,
             dropped_rows=record.dropped,
+            lost_samples=record.lost,
             periods=float(record.periods),
             omega=float(record.omega if fit is None else fit.motion.omega),
             omega_std=float(np.sqrt(fit.covariance[-1, -1])) if fit and free else None,

@@ -10,7 +10,6 @@ import numpy as np
 from constraints.arrays import Array
 from estimation.identification.period_choice import UnsuitableDataError
 from estimation.processing import NoiseEstimate, NoiseModel, Record
-from estimation.processing.noise import FEWEST_PERIODS
 from estimation.processing.noise_lines import NoiseLines
 from estimation.processing.whitening_filter import given_filter
 from estimation.uncertainty.intervals import correlation
@@ -21,15 +20,22 @@ from expdesign.noise.spectrum import NoiseSpectrum
 _STILL = 1e-12
 """Smallest variance, relative to the largest, and eigenvalue of a correlation that is one."""
 
-_PART_OF_A_PERIOD = 1e-6
+_ENOUGH_FREEDOM = 250.0
+"""Degrees of freedom from which on the scatter between periods is preferred to what is given: the
+inverse of a 6 × 6 covariance is then 3 % too large on average (ν / (ν − 7)), which standard
+deviations count, and weights from it lose as little."""
+
+_FEWEST_FREEDOM = 14.0
+"""Below that the scatter is no covariance to weight with: its inverse is twice too large."""
 
 
 def choose_noise(configuration: RunConfiguration, record: Record, source: str = "") -> NoiseModel:
     """Return Σ and Δ of one sample.
 
-    The scatter between periods from three periods on; with fewer what robot or run give; else the
-    residuals, in which case the covariances are first ones only and come anew from the residuals
-    of the fits (`residual_noise`). Forces and lengths are chosen each for itself.
+    The scatter between periods when it has 250 degrees of freedom, (M − 1) N, as two periods of
+    many samples have; with less what robot or run give; else the scatter, however little there is
+    of it; else the residuals, in which case the covariances are first ones only and come anew from
+    the residuals of the fits (`residual_noise`). Forces and lengths are chosen each for itself.
 
     Raises
     ------
@@ -60,15 +66,14 @@ def choose_noise(configuration: RunConfiguration, record: Record, source: str = 
             "scatter between periods",
             file=configuration.file,
             key="estimate.noise",
-            allowed="at least 2 periods (3 are better), or noise: given",
+            allowed="at least 2 periods, or noise: given",
         )
-    enough = wanted == "estimated" or (
-        wanted == "auto" and record.periods >= FEWEST_PERIODS - _PART_OF_A_PERIOD
-    )
 
     def chosen(name: str) -> NoiseEstimate:
         repeated, stated = measured[name].scatter, given[name]
-        if enough and repeated is not None:
+        freedom = 0.0 if repeated is None or wanted == "given" else repeated.freedom
+        least = _FEWEST_FREEDOM if stated is None else _ENOUGH_FREEDOM
+        if repeated is not None and (wanted == "estimated" or freedom >= least):
             return repeated
         if stated is not None:
             return NoiseEstimate(stated, np.inf, "given")

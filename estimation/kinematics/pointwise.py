@@ -21,6 +21,7 @@ from expdesign.robot import ForwardKinematicsError, Robot
 
 _FILTER_ORDER = 4
 _EDGE = 2
+_GAP = 1.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +54,12 @@ def pointwise_motion(
     if not np.allclose(record.lengths.times, record.forces.times, rtol=0, atol=1e-9):
         raise MotionFitError(
             "pointwise differentiation cannot shift channels by their delays; use the Fourier fit"
+        )
+    gap = np.max(np.diff(record.lengths.times)) if record.samples > 1 else 0.0
+    if gap > _GAP * record.step:
+        raise MotionFitError(
+            "pointwise differentiation needs a sample at every step; use the Fourier fit where "
+            "some were lost"
         )
     try:
         poses = robot.forward_kinematics(record.lengths.values)

@@ -76,7 +76,7 @@ def omega_from_data(data: Measurement) -> float:
         The lengths do not repeat within the recording.
     """
     times = data.time
-    if data.stamped:
+    if not data.gapless:
         grid = np.arange(times[0], times[-1], data.step)
         lengths = np.stack([np.interp(grid, times, column) for column in data.lengths.T], axis=1)
     else:

@@ -1,8 +1,8 @@
 """What the estimators work on: one trajectory's samples, averaged over periods where that is right.
 
 A period that is a whole number of samples gives the same phases again and again: their mean and
-scatter hold all that the samples tell. Otherwise, and with stamps that jitter, every sample keeps
-its own time and nothing is rounded.
+scatter hold all that the samples tell, also where some samples were lost. Otherwise, and with
+stamps that jitter, every sample keeps its own time and nothing is rounded.
 """
 
 from __future__ import annotations
@@ -12,8 +12,9 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
-from constraints.arrays import Array
+from constraints.arrays import Array, Mask
 from estimation.data.measurement import Measurement
 from estimation.processing.noise import (
     FEWEST_PERIODS,
@@ -48,7 +49,7 @@ class Channels:
     scatter: NoiseEstimate | None
     """Covariance of one sample from the repetition; None with less than two periods."""
     periods: Array | None
-    """(M, N, 6), the single periods, when they could be averaged."""
+    """(M, N, 6), the single periods, when they could be averaged and no sample is missing."""
 
     @property
     def alike(self) -> bool:
@@ -88,6 +89,12 @@ class Record:
     step: float
     """Between two rows of the recording, s."""
     stamped: bool
+    averaged: bool
+    """True when the samples are means over whole periods."""
+    robust: bool = False
+    """True when samples that are far from their fellows count less."""
+    lost: int = 0
+    """Samples that are missing among those that were used."""
     origin: float = 0.0
     """What was taken off the recording's times, s: whole periods, so that phases are those of the
     recording. Far from the origin phases and ω could not be told from each other."""
@@ -98,9 +105,10 @@ class Record:
         return len(self.lengths.values)
 
     @property
-    def averaged(self) -> bool:
-        """True when the samples are means over whole periods."""
-        return self.lengths.periods is not None
+    def weight_taken(self) -> float:
+        """How many samples' worth of weight outliers of forces and lengths have lost."""
+        kept = self.forces.counts.sum() + self.lengths.counts.sum()
+        return float(max(2 * self.rows - kept, 0.0))
 
     @property
     def period(self) -> float:
@@ -140,7 +148,8 @@ def make_record(
     """
     per_period = 2 * np.pi / (omega * data.step)
     start = _first_row(data)
-    available = len(data) - start
+    places = data.places[start:] - data.places[start]
+    available = int(places[-1]) + 1
     # A last period that lacks less than a sample is complete.
     complete = int(np.floor(available / per_period + (1 - 1e-9) / per_period))
     if complete < 1:
@@ -149,24 +158,25 @@ def make_record(
             f"{per_period:.6g}"
         )
     whole = None if data.stamped else whole_samples(omega, data.step, complete)
+    averaged = whole is not None and average
+    span = complete * whole if whole is not None and average else complete * per_period
+    rows = int(np.searchsorted(places, min(int(np.ceil(span * (1 - 1e-12))), available)))
+    used = slice(start, start + rows)
     collected: Callable[[Array], _Collected]
     if whole is not None and average:
-        rows, origin = complete * whole, 0.0
-        periods: float = complete
-        used = slice(start, start + rows)
-        times = data.time[start : start + whole]
-        collected = partial(_mean_period, data.time[used], omega, whole, robust=robust)
+        origin, periods = 0.0, float(complete)
+        phases = _Phases(places[:rows], complete, whole)
+        times = data.time[start] + data.step * np.flatnonzero(phases.seen)
+        collected = partial(_mean_period, data.time[used], omega, phases, robust=robust)
     else:
-        rows = min(int(np.ceil(complete * per_period * (1 - 1e-12))), available)
-        used = slice(start, start + rows)
         middle = 0.5 * (data.time[used][0] + data.time[used][-1])
         period = 2 * np.pi / omega
         origin = float(np.floor(middle / period) * period)
         times = data.time[used] - origin
         # A last period that lacks less than a sample counts as whole.
-        nearest = round(rows / per_period)
-        near = abs(rows / per_period - nearest) * per_period < 1
-        periods = nearest if near else rows / per_period
+        reach = (int(places[rows - 1]) + 1) / per_period
+        nearest = round(reach)
+        periods = nearest if abs(reach - nearest) * per_period < 1 else reach
         repeated = periods >= _REPEATED - 0.5 / per_period
         collected = partial(
             _single_samples, times, omega, per_period, repeated=repeated, robust=robust
@@ -181,6 +191,9 @@ def make_record(
         dropped=len(data) - rows,
         step=data.step,
         stamped=data.stamped,
+        averaged=averaged,
+        robust=robust,
+        lost=int(places[rows - 1]) + 1 - rows if data.lost else 0,
         origin=origin,
     )
 
@@ -192,24 +205,58 @@ def _first_row(data: Measurement) -> int:
     changes = np.flatnonzero(np.diff(data.period) != 0) + 1
     if not len(changes):
         return 0
-    first, second = int(changes[0]), int([*changes, len(data)][1]) - int(changes[0])
-    return first if first < second - 1 else 0
+    # In steps, not rows: of the first one as many may be missing as of any other.
+    ends = [*data.places[changes], data.places[-1] + 1]
+    first, second = int(ends[0]), int(ends[1] - ends[0])
+    return int(changes[0]) if first < second - 1 else 0
+
+
+@dataclass(frozen=True, eq=False)
+class _Phases:
+    """Where rows stand in whole periods: their places, (T,), in M periods of N samples each."""
+
+    places: NDArray[np.intp]
+    periods: int
+    samples: int
+
+    @property
+    def present(self) -> Mask:
+        """(M, N), whether there is a row."""
+        return self.arranged(np.ones((len(self.places), 1)))[:, :, 0] > 0
+
+    @property
+    def seen(self) -> Mask:
+        """(N,), whether any period has a row at this phase."""
+        return np.any(self.present, axis=0)
+
+    def arranged(self, values: Array) -> Array:
+        """Return rows, (T, c), period by period, (M, N, c); zeros where there are none."""
+        result = np.zeros((self.periods * self.samples, values.shape[1]))
+        result[self.places] = values
+        return result.reshape(self.periods, self.samples, -1)
 
 
 def _mean_period(
-    times: Array, omega: float, samples: int, values: Array, *, robust: bool
+    times: Array, omega: float, phases: _Phases, values: Array, *, robust: bool
 ) -> _Collected:
-    periods = values.reshape(-1, samples, values.shape[1])
-    weights = np.ones(periods.shape[:2])
+    periods, present, seen = phases.arranged(values), phases.present, phases.seen
+    weights = present.astype(float)
+    complete = bool(np.all(present))
+    if not complete:
+        # An absent sample is no outlier: it stands where the others of its phase do.
+        mean = periods.sum(axis=0) / np.maximum(weights.sum(axis=0), 1.0)[:, None]
+        periods = np.where(present[:, :, None], periods, mean)
     if robust and len(periods) >= FEWEST_PERIODS:
-        weights = huber_weights(periods)
+        weights = weights * huber_weights(periods)
     elif robust:
-        harmonics = series_harmonics(len(values), samples)
-        weights = series_weights(times, values, omega, harmonics)[1].reshape(weights.shape)
+        harmonics = series_harmonics(len(values), phases.samples)
+        own = series_weights(times, values, omega, harmonics)[1]
+        weights = phases.arranged(own[:, None])[:, :, 0]
+    periods, weights = periods[:, seen], weights[:, seen]
     counts = weights.sum(axis=0)
     mean = np.einsum("mn,mnj->nj", weights, periods) / counts[:, None]
-    repeated = len(periods) >= _REPEATED
-    return mean, counts, scatter_between_periods(periods, weights) if repeated else None, periods
+    scatter = scatter_between_periods(periods, weights) if len(periods) >= _REPEATED else None
+    return mean, counts, scatter, periods if complete else None
 
 
 def _single_samples(

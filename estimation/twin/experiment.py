@@ -239,11 +239,12 @@ def without_samples(measurement: Measurement, kept: Mask) -> Measurement:
     if np.all(kept):
         return measurement
     period = measurement.period
+    places = np.flatnonzero(kept)
     return replace(
         measurement,
         time=measurement.time[kept],
         lengths=measurement.lengths[kept],
         forces=measurement.forces[kept],
         period=None if period is None else period[kept],
-        stamped=True,
+        lost=int(places[-1] - places[0] + 1 - len(places)),
     )

@@ -142,14 +142,27 @@ def test_time_that_goes_back(time, csv, refused):
 
 
 @pytest.mark.parametrize("time", ["uniform", "stamped"])
-@pytest.mark.parametrize(("first", "count"), [(1, 1), (20, 1), (20, 7), (58, 1)])
-def test_gaps(time, first, count, csv, rec, refused):
+@pytest.mark.parametrize(("first", "count"), [(1, 7), (20, 7), (40, 19)])
+def test_many_lost_samples(time, first, count, csv, rec, refused):
     frame = rec.frame.drop(range(first, first + count))
     (problem,) = refused(csv(frame=frame), time=time)
     assert (problem.line, problem.key) == (first + 2, "t")
     assert problem.message.startswith(
         f"a gap of {count} sample{'s' if count > 1 else ''} after line {first + 1}: "
     )
+    assert "data.start, data.end" in problem.allowed
+
+
+@pytest.mark.parametrize("time", ["uniform", "stamped"])
+@pytest.mark.parametrize(("first", "count"), [(1, 1), (20, 1), (20, 5), (58, 1)])
+def test_a_few_lost_samples_are_counted(time, first, count, csv, rec, read):
+    frame = rec.frame.drop(range(first, first + count))
+    found = read(csv(frame=frame), time=time)
+    assert found.lost == count
+    assert found.time == pytest.approx(frame["t"].to_numpy(), abs=1e-12)
+    assert found.step == pytest.approx(1e-3, rel=1e-9)
+    assert found.places.tolist() == frame.index.tolist()
+    assert sum("missing" in warning for warning in found.warnings) == 1
 
 
 def test_time_that_is_not_uniform(csv, rec, refused, read):

@@ -6,9 +6,11 @@ import pandas as pd
 import pytest
 
 from estimation.data.measurement import Measurement
-from estimation.identification import estimate
+from estimation.diagnostics.diagnosis import diagnose
+from estimation.identification import estimate, prepare_experiment
 from estimation.identification.period_choice import choose_omega
 from estimation.identification.record import EstimateRecord
+from estimation.kinematics.fourier_fit import MotionFitError
 from estimation.processing import PeriodSource
 from expdesign.configuration import InputError, load_run
 from expdesign.robot import robot_from
@@ -175,7 +177,7 @@ def test_a_clock_that_is_right_is_not_doubted(seed):
     assert not [warning for warning in result.warnings if "repeat" in warning]
 
 
-@pytest.mark.parametrize(("periods", "samples"), [(1, 100), (2, 100), (1, 200)])
+@pytest.mark.parametrize(("periods", "samples"), [(1, 100), (1, 200)])
 def test_lengths_of_unknown_noise_have_the_covariance_of_what_the_motion_leaves(periods, samples):
     motion = trajectory(samples, 1.0 / samples)
     config = without_noise()
@@ -253,12 +255,111 @@ def test_one_period_of_few_samples_does_not_identify_p1():
 
 
 def test_without_periods_and_noise_the_residuals_serve_and_it_is_said():
-    result = estimate(without_noise(), measured(MOTION, periods=2), MOTION)
+    result = estimate(without_noise(), measured(MOTION, periods=1), MOTION)
     noise = result.records[0].experiment.noise
     assert noise.forces.includes_model_error
     assert any("includes the model's error" in warning for warning in result.warnings)
     ratio = np.diag(noise.forces.covariance) / np.diag(ROBOT.description.noise.force_covariance)
     assert np.all((ratio > 0.6) & (ratio < 1.5))
+
+
+@pytest.mark.parametrize(
+    ("samples", "periods", "stated", "source"),
+    [
+        (200, 2, True, "given"),
+        (200, 3, True, "estimated"),
+        (300, 2, True, "estimated"),
+        (40, 3, True, "given"),
+        (40, 3, False, "estimated"),
+        (200, 1, False, "residuals"),
+    ],
+)
+def test_freedom_decides_whether_the_periods_tell_the_noise(samples, periods, stated, source):
+    motion = trajectory(samples, 1.0 / samples)
+    config = run() if stated else without_noise()
+    data = measured(motion, periods=periods, step=1.0 / samples)
+    experiment = prepare_experiment(config, ROBOT, data, motion)
+    assert experiment.noise.forces.source == source
+
+
+def lossy(data, rows):
+    """Return the data without these rows."""
+    kept = np.setdiff1d(np.arange(len(data)), rows)
+    parts = {name: getattr(data, name)[kept] for name in ("time", "lengths", "forces")}
+    return changed(data, **parts, lost=len(rows))
+
+
+def test_a_few_lost_samples_change_little():
+    data = measured(MOTION)
+    whole = estimate(run(), data, MOTION)
+    result = estimate(run(), lossy(data, [17, 18, 444, 998]), MOTION)
+    record = result.records[0].experiment.record
+    assert (record.samples, record.lost, record.rows) == (200, 4, 996)
+    assert record.averaged
+    assert record.forces.periods is None
+    assert record.forces.counts[[16, 17, 18, 44]].tolist() == [5, 4, 4, 4]
+    assert result.records[0].experiment.noise.source == "estimated"
+    for name in result.estimates:
+        moved = (result[name].values - whole[name].values) / whole[name].std
+        # Four of a thousand samples: each parameter moves by some √0.004 of its std.
+        assert np.max(np.abs(moved)) < 0.4
+        # One counts the noise as white, the other by its few measured lines.
+        assert np.exp(np.mean(np.log(result[name].std / whole[name].std))) == pytest.approx(
+            1, abs=0.15
+        )
+
+
+def test_a_phase_that_every_period_lost_is_left_out():
+    rows = [30 + 200 * k for k in range(PERIODS)]
+    result = estimate(run({"estimators": ["gm"]}), lossy(measured(MOTION), rows), MOTION)
+    record = result.records[0].experiment.record
+    assert record.samples == 199
+    assert np.max(np.diff(record.forces.times)) == pytest.approx(2 * STEP)
+    assert np.sum(pull(result, "gm") ** 2) / 24 < 2.5
+    pointwise, lost = run({"differentiation": "central"}), lossy(measured(MOTION), rows)
+    with pytest.raises(MotionFitError, match="some were lost"):
+        prepare_experiment(pointwise, ROBOT, lost, MOTION)
+
+
+@pytest.mark.parametrize("samples", [200, 200.4])
+def test_lost_samples_with_outliers_and_any_period(samples):
+    motion = trajectory(samples)
+    data = measured(motion, periods=6)
+    data.forces[::53, 2] += 800.0
+    config = run({"estimators": ["gm"], "loss": "huber"})
+    result = estimate(config, lossy(data, range(40, 60)), motion)
+    assert np.sum(pull(result, "gm") ** 2) / 24 < 2.5
+
+
+def test_lost_samples_and_a_period_column_with_a_beginning():
+    data = measured(MOTION, periods=6)
+    numbers = (np.arange(len(data)) + 150) // 200
+    begun = changed(data, period=numbers)
+    kept = lossy(begun, [])
+    assert kept.lost == 0
+    missing = [3, 60, 61, 300]
+    rest = np.setdiff1d(np.arange(len(data)), missing)
+    record = prepare_experiment(
+        run(), ROBOT, changed(lossy(data, missing), period=numbers[rest]), MOTION
+    ).record
+    assert (record.periods, record.dropped) == (5, 49 + 150)
+    assert record.lost == 3
+
+
+def test_the_robust_loss_does_not_advise_itself():
+    data = measured(MOTION, periods=8)
+    data.forces[::53, 2] += 800.0
+    found = {}
+    for loss in ("squared", "huber"):
+        result = estimate(run({"estimators": ["gm"], "loss": loss}), data, MOTION)
+        verdict = diagnose(result.robot, result.experiments, result.knowledge, result.best).verdict
+        (found[loss],) = (f for f in verdict.findings if f.assumption == "no outliers")
+    assert found["squared"].failed
+    assert found["squared"].serious
+    assert "huber" in found["squared"].advice
+    assert found["huber"].failed
+    assert not found["huber"].serious
+    assert "huber" not in found["huber"].advice
 
 
 def test_outliers_with_and_without_a_robust_loss():

@@ -189,7 +189,7 @@ class EstimateSection(Section):
     """Of the kinematics; None (``auto`` in the YAML): chosen from the data."""
     noise: Annotated[NoiseOrigin, one_of(NoiseOrigin)] = "auto"
     """Covariances from the scatter between periods, or those of robot and run; ``auto`` is
-    ``estimated`` from three periods on."""
+    ``estimated`` where the periods have 250 degrees of freedom."""
     spectrum: Annotated[SpectrumOrigin, one_of(SpectrumOrigin)] = "auto"
     """What the weights of GM and ML take the noise for: ``auto`` is ``estimated`` where the scatter
     between three or more periods speaks against ``white``."""
