@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from constraints.arrays import Array
-from expdesign.configuration import RunConfiguration
+from expdesign.configuration import ResolvedRobot, RunConfiguration
+from expdesign.configuration.robot import RobotDescription
 from expdesign.configuration.sections.disturbances import ForceConstantError
 from expdesign.robot import Robot
 from expdesign.robot.deviation import Deviation, deviated, deviations, tolerated
@@ -55,15 +56,38 @@ def drawn_machine(configuration: RunConfiguration, rng: np.random.Generator) -> 
         "common": _product(error.common, common),
         "each": tuple(_product(stated, drawn) for stated, drawn in each),
     }
+    truth = replace(deviated(robot, entries, values).description, tolerances=base.tolerances)
+    described = _described(truth)
     measured = configuration.with_section(
         "experiment",
+        truth=described,
         strut_length=tuple(np.add(section.strut_length, off["strut_length"]).tolist()),
         force_constant=error.model_copy(update=constants),
         delay=section.delay + sum(off["delay"]),
         clock=section.clock + sum(off["clock"]),
     )
-    truth = replace(deviated(robot, entries, values).description, tolerances=base.tolerances)
+    truth = replace(truth, description=described)
     return DrawnMachine(replace(measured, truth=truth), entries, values)
+
+
+def _described(machine: ResolvedRobot) -> RobotDescription:
+    """Return a machine that was moved as it could stand in a file."""
+    constants = iter(machine.constants)
+    terms = tuple(
+        term.model_copy(
+            update={
+                "constants": {
+                    name: constant.model_copy(update={"value": next(constants)})
+                    for name, constant in term.constants.items()
+                }
+            }
+        )
+        for term in machine.description.terms
+    )
+    names = ("base_joints", "platform_joints")
+    joints = {name: tuple(map(tuple, getattr(machine, name).tolist())) for name in names}
+    gravity = tuple(machine.gravity.tolist())
+    return machine.description.model_copy(update=joints | {"gravity": gravity, "terms": terms})
 
 
 def _product(stated: float, drawn: float) -> float:

@@ -10,7 +10,7 @@ from estimation.measurement_model import HarmonicMotion
 from estimation.measurement_model.deviation import deviation_forces, deviation_lengths
 from estimation.twin import Twin
 from estimation.twin.drawn_machine import drawn_machine
-from expdesign.configuration import load_run
+from expdesign.configuration import load_run, resolved_yaml
 from expdesign.robot import Robot
 from tests.twin.examples import motion
 
@@ -114,6 +114,21 @@ def test_what_is_measured_moves_as_the_columns_of_the_tolerances_say():
         own = [k for k, each in enumerate(chosen) if each.group == group]
         seen = [np.abs(c[..., own] @ found.values[own]).max() for c in (forces, lengths)]
         assert seen[0] > 0.02 * np.abs(expected).max() or seen[1] > 0.02 * np.abs(off_length).max()
+
+
+def test_it_stands_in_the_run_that_is_written(tmp_path):
+    robot = load_run("palida").run.robot.model_dump(exclude_none=True)
+    robot["terms"] = [*robot["terms"], {"stribeck": {"velocity": 0.05}}]
+    more = TOLERANCES | {"terms": {"stribeck": {"velocity": 0.01}}}
+    given = {"name": "n", "robot": robot, "tolerances": more, "experiment": {"periods": 1}}
+    found = drawn_machine(load_run(given), np.random.default_rng(6)).configuration
+    assert found.truth.constants != (0.05,)
+    (tmp_path / "run.yaml").write_text(resolved_yaml(found), encoding="utf-8")
+    again = load_run(tmp_path / "run.yaml")
+    assert again.run == found.run
+    for name in ("base_joints", "platform_joints", "gravity", "alpha_axes"):
+        np.testing.assert_array_equal(getattr(again.truth, name), getattr(found.truth, name))
+    assert again.truth.constants == found.truth.constants
 
 
 def test_it_comes_to_what_the_run_states():
