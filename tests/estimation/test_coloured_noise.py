@@ -1,0 +1,260 @@
+"""Noise with memory: its spectrum, weights for it, and covariances that count it."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy import signal, stats
+
+from estimation.estimators import (
+    Experiment,
+    Knowledge,
+    covariance_ml_less_gm,
+    linear_estimate,
+    maximum_likelihood,
+)
+from estimation.estimators.experiment import regressors_along
+from estimation.estimators.result import precision
+from estimation.kinematics.fourier_fit import fit_motion
+from estimation.measurement_model import HarmonicMotion
+from estimation.processing import NoiseEstimate, NoiseModel, PeriodSource, make_record
+from estimation.processing.noise_lines import NoiseLines, contrasts
+from estimation.processing.smoothing import smoothed_spectrum
+from estimation.processing.whitening_filter import estimated_filter, given_filter
+from estimation.uncertainty.intervals import interval_widths
+from expdesign.configuration.sections.data import EstimateSection
+from expdesign.noise.fourier_lines import multiplicity
+from tests.estimation.cases import ROBOT, measured, trajectory
+
+SIGMA = ROBOT.description.noise.force_covariance
+DELTA = ROBOT.description.noise.length_covariance
+MOTION = trajectory()
+KNOWN = Knowledge.of(ROBOT, EstimateSection())
+
+
+def coloured(rng, covariance, periods, samples, memory):
+    """Return stationary noise, (M, N, 6), with the autocorrelation memory^lag."""
+    white = rng.standard_normal((periods * samples + 2000, 6)) @ np.linalg.cholesky(covariance).T
+    series = signal.lfilter([np.sqrt(1 - memory**2)], [1, -memory], white, axis=0)
+    return series[2000:].reshape(periods, samples, 6)
+
+
+def first_order(samples, memory):
+    """Return the spectrum of such noise of unit variance at the lines of a period."""
+    angle = 2 * np.pi * np.arange(samples // 2 + 1) / samples
+    return (1 - memory**2) / (1 - 2 * memory * np.cos(angle) + memory**2)
+
+
+def scatter(periods):
+    flat = contrasts(periods).reshape(-1, 6)
+    return NoiseEstimate(flat.T @ flat / len(flat), float(len(flat)))
+
+
+@pytest.mark.parametrize("samples", [200, 201])
+def test_the_lines_hold_the_variance_of_a_sample(samples):
+    periods = coloured(np.random.default_rng(0), SIGMA, 4, samples, 0.5)
+    lines = NoiseLines.of(periods)
+    mean = np.einsum("l,lij->ij", multiplicity(samples) / samples, lines.matrices).real
+    np.testing.assert_allclose(mean, scatter(periods).covariance, rtol=1e-12, atol=1e-9)
+
+
+@pytest.mark.parametrize(("memory", "samples"), [(0.5, 400), (0.9, 801)])
+def test_a_smooth_spectrum_is_found(memory, samples):
+    periods = coloured(np.random.default_rng(1), SIGMA, 10, samples, memory)
+    found = smoothed_spectrum(NoiseLines.of(periods), scatter(periods).covariance)
+    expected = first_order(samples, memory)[:, None, None] * SIGMA
+    ratio = np.einsum("lii->li", found.matrices).real / np.einsum("lii->li", expected)
+    assert np.max(np.abs(np.log(ratio))) < 0.25
+    assert np.mean(np.abs(np.log(ratio))) < 0.06
+
+
+def test_white_noise_needs_no_filter():
+    rng = np.random.default_rng(2)
+    kept = 0
+    for _ in range(20):
+        periods = coloured(rng, SIGMA, 5, 200, 0.0)
+        kept += estimated_filter(NoiseLines.of(periods), scatter(periods).covariance) is None
+    assert kept >= 17
+
+
+def test_the_weights_of_a_line_know_nothing_of_its_own_noise():
+    periods = coloured(np.random.default_rng(3), SIGMA, 10, 300, 0.3)
+    lines = NoiseLines.of(periods)
+    changed = lines.matrices.copy()
+    changed[40] *= 1.3
+    for always in (True, False):
+        before = smoothed_spectrum(lines, SIGMA, always=always)
+        after = smoothed_spectrum(replace(lines, matrices=changed), SIGMA, always=always)
+        if before.half_width is None:
+            continue
+        if before.order == after.order == 0:
+            np.testing.assert_allclose(after.matrices[40], before.matrices[40])
+        else:  # The line has its share in the few numbers of the autoregressive model.
+            np.testing.assert_allclose(after.matrices[40], before.matrices[40], rtol=0.02)
+        assert np.max(np.abs(after.matrices[41] / before.matrices[41] - 1)) > 1e-4
+
+
+def test_a_hum_keeps_its_own_line():
+    samples, rng = 400, np.random.default_rng(4)
+    periods = coloured(rng, np.eye(6), 10, samples, 0.0)
+    time = np.arange(10 * samples)
+    # Between two lines, so that its phase differs from period to period.
+    hum = 0.7 * np.sin(2 * np.pi * 20.3 * time / samples).reshape(10, samples)
+    found = smoothed_spectrum(NoiseLines.of(periods + hum[:, :, None]), np.eye(6) * 1.25)
+    assert found.standing_out[20]
+    assert np.count_nonzero(found.standing_out) <= 4
+    size = np.einsum("lii->l", found.matrices).real / 6
+    assert size[20] > 5 * np.median(size)
+
+
+def test_filtered_noise_is_white():
+    samples, memory = 300, 0.8
+    spectrum = first_order(samples, memory)[:, None, None] * SIGMA.astype(complex)
+    whiten = given_filter(SIGMA, spectrum, samples)
+    noise = coloured(np.random.default_rng(5), SIGMA, 400, samples, memory)
+    lines = NoiseLines.of(np.stack([whiten(period) for period in noise]))
+    size = np.einsum("lij,ji->l", lines.matrices, np.linalg.inv(SIGMA)).real / 6
+    # A period's ends do not meet: what leaks is of the memory's share in the period.
+    np.testing.assert_allclose(size, 1.0, atol=0.15)
+    np.testing.assert_allclose(whiten.undone(whiten(noise[0])), noise[0], atol=1e-9)
+
+
+@cache
+def experiment(memory=0.0, *, filtered=False, scale=1.0, longer=1.0):
+    """Return an experiment whose noise is filtered as noise with this memory would be.
+
+    Its noise is smaller by `scale` than what is assumed, that of the lengths larger by `longer`.
+    """
+    data = measured(MOTION, force_scale=scale, length_scale=scale * longer)
+    record = make_record(data, MOTION.omega, PeriodSource.DESIGN)
+    noises = []
+    for covariance in (SIGMA, longer**2 * DELTA):
+        matrices = first_order(record.samples, memory)[:, None, None] * covariance.astype(complex)
+        own = given_filter(covariance, matrices, record.samples) if filtered else None
+        lines = NoiseLines(matrices, record.samples, np.inf)
+        noises.append(NoiseEstimate(covariance, np.inf, "given", lines, own))
+    noise = NoiseModel(*noises)
+    start = HarmonicMotion.of(MOTION)
+    own = noise.lengths
+    fit = fit_motion(ROBOT, record, own.covariance, 2, start=start, noise_filter=own.filter)
+    return Experiment.from_fit(ROBOT, record, noise, fit)
+
+
+def estimated(case):
+    results = {name: linear_estimate(ROBOT, [case], KNOWN, name) for name in ("ls", "gm")}
+    return results | {"ml": maximum_likelihood(ROBOT, [case], KNOWN, results["gm"])}
+
+
+def disturbed(case, forces, lengths):
+    """Return the experiment with errors added to its means, its signs of friction as they were."""
+    record = case.record
+    record = replace(
+        record,
+        forces=replace(record.forces, values=record.forces.values + forces),
+        lengths=replace(record.lengths, values=record.lengths.values + lengths),
+    )
+    fit = fit_motion(
+        ROBOT, record, DELTA, 2, start=case.fit.motion, noise_filter=case.noise.lengths.filter
+    )
+    signs = case.signs(ROBOT, case.fit.motion)
+    regressors = regressors_along(ROBOT, fit.motion, record.forces.times, signs)
+    return Experiment(record, case.noise, fit, case.spread, regressors)
+
+
+@pytest.mark.parametrize("filtered", [False, True])
+def test_the_influence_is_how_an_estimate_moves_with_the_data(filtered):
+    # Next to no residuals: what they add to the second derivative is not in a Gauss–Newton law.
+    case = experiment(memory=0.6, filtered=filtered, scale=1e-3, longer=20.0)
+    rng = np.random.default_rng(6)
+    count = case.record.samples
+    forces = 0.3 * coloured(rng, SIGMA, 1, count, 0.9)[0]
+    lengths = 6 * coloured(rng, DELTA, 1, count, 0.9)[0]
+    for errors in ((forces, 0 * lengths), (0 * forces, lengths)):
+        moved, present = estimated(disturbed(case, *errors)), estimated(case)
+        for name, estimate in present.items():
+            (influence,) = estimate.influences
+            expected = influence.response(
+                lambda part: errors[0][part][:, :, None],  # noqa: B023 - called at once
+                lambda part: errors[1][part][:, :, None],  # noqa: B023 - called at once
+            )[:, 0]
+            found = moved[name].values - estimate.values
+            wrong = np.linalg.norm((found - expected) / estimate.std)
+            # Signs of friction follow the motion that ML estimates; the law holds them.
+            allowed = 0.1 if name == "ml" else 0.05
+            assert wrong < allowed * np.linalg.norm(expected / estimate.std)
+
+
+@pytest.mark.parametrize("filtered", [False, True])
+def test_the_covariance_is_that_of_the_noise_as_it_is(filtered):
+    case = experiment(memory=0.9, filtered=filtered)
+    found = estimated(case)
+    rng = np.random.default_rng(7)
+    draws = 400
+    periods = [coloured(rng, each, draws, case.record.samples, 0.9) for each in (SIGMA, DELTA)]
+    means = [each / np.sqrt(case.counts[0]) for each in periods]
+    for estimate in found.values():
+        (influence,) = estimate.influences
+        moved = influence.response(
+            lambda part: means[0].transpose(1, 2, 0)[part],
+            lambda part: means[1].transpose(1, 2, 0)[part],
+        )
+        ratio = np.var(moved, axis=1) / np.diag(estimate.covariance)
+        assert abs(np.mean(ratio) - 1) < 0.15
+        assert np.all(np.abs(ratio - 1) < 6 * np.sqrt(2 / draws))
+    spread = np.exp(np.mean(np.log(found["gm"].std / found["ls"].std)))
+    assert spread < (0.75 if filtered else 1.0)
+
+
+def test_white_lines_give_the_covariance_of_white_noise():
+    case = experiment()
+    plain = replace(case, noise=case.noise.taken_for_white())
+    for name, estimate in estimated(case).items():
+        expected = estimated(plain)[name]
+        np.testing.assert_allclose(estimate.covariance, expected.covariance, rtol=1e-8)
+        np.testing.assert_allclose(estimate.colour, 1.0, rtol=1e-8)
+
+
+def test_the_difference_of_gm_and_ml_under_white_noise_is_that_of_their_covariances():
+    # Hardly any residuals: both are linearised at the same place.
+    found = estimated(experiment(scale=1e-4, longer=30.0))
+    expected = found["gm"].covariance - found["ml"].covariance
+    covariance = covariance_ml_less_gm(found)
+    scale = np.diag(found["ml"].covariance)
+    error = np.abs(covariance - expected) / np.sqrt(np.multiply.outer(scale, scale))
+    assert np.max(error) < 0.02 * np.max(np.diag(covariance) / scale)
+
+
+@pytest.mark.parametrize(("periods", "memory"), [(3, 0.0), (3, 0.8), (10, 0.8)])
+def test_intervals_cover_with_the_spectrum_of_few_periods(periods, memory):
+    case = experiment(memory=memory)
+    (influence,) = linear_estimate(ROBOT, [case], KNOWN, "gm").influences
+    rng = np.random.default_rng(8)
+    samples, hits = case.record.samples, []
+    for _ in range(60):
+        noise = [coloured(rng, each, periods, samples, memory) for each in (SIGMA, DELTA)]
+        means = [each.mean(axis=0)[:, :, None] for each in noise]
+        error = influence.response(lambda part: means[0][part], lambda part: means[1][part])  # noqa: B023 - called at once
+        record = replace(
+            case.record,
+            forces=replace(case.record.forces, counts=np.full(samples, float(periods))),
+            lengths=replace(case.record.lengths, counts=np.full(samples, float(periods))),
+        )
+        seen = [replace(scatter(each), lines=NoiseLines.of(each)) for each in noise]
+        # Weights as they were; the spectrum and the number of periods are this draw's.
+        known = replace(case, record=record, noise=NoiseModel(*seen))
+        share = periods / case.counts[0]
+        own = replace(
+            influence,
+            experiment=known,
+            weighting=influence.weighting,
+            force_gain=influence.force_gain / share,
+            length_gain=influence.length_gain / share,
+        )
+        stated = precision([own], KNOWN, np.zeros_like(influence.force_gain))
+        std = np.sqrt(np.diag(stated["covariance"]))
+        hits.append(np.abs(error[:, 0]) <= interval_widths(stated["freedom"]) * std)
+    coverage, trials = np.mean(hits), len(hits)
+    # Parameters of one draw are not independent: about a sixth of them count.
+    margin = stats.norm.ppf(0.999) * np.sqrt(0.95 * 0.05 / (trials * 4))
+    assert abs(coverage - 0.95) < margin
