@@ -14,7 +14,6 @@ from estimation.estimators import (
     linear_estimate,
     maximum_likelihood,
 )
-from estimation.estimators.experiment import regressors_along
 from estimation.estimators.result import precision
 from estimation.kinematics.fourier_fit import fit_motion
 from estimation.measurement_model import HarmonicMotion
@@ -31,6 +30,9 @@ SIGMA = ROBOT.description.noise.force_covariance
 DELTA = ROBOT.description.noise.length_covariance
 MOTION = trajectory()
 KNOWN = Knowledge.of(ROBOT, EstimateSection())
+DRY = tuple(name for name in ROBOT.parameter_names if name.startswith("r"))
+GLIDING = Knowledge.of(ROBOT, EstimateSection(fixed=dict.fromkeys(DRY, 0.0)))
+"""Without dry friction, whose signs follow the motion and have no part in a linear law."""
 
 
 def coloured(rng, covariance, periods, samples, memory):
@@ -121,12 +123,17 @@ def test_filtered_noise_is_white():
 
 
 @cache
-def experiment(memory=0.0, *, filtered=False, scale=1.0, longer=1.0):
+def experiment(memory=0.0, *, filtered=False, scale=1.0, longer=1.0, gliding=False):
     """Return an experiment whose noise is filtered as noise with this memory would be.
 
     Its noise is smaller by `scale` than what is assumed, that of the lengths larger by `longer`.
     """
     data = measured(MOTION, force_scale=scale, length_scale=scale * longer)
+    if gliding:
+        states = MOTION.sample(data.time)
+        values = np.array(ROBOT.parameters)
+        without = ROBOT.actuator_forces(*states, np.where(GLIDING.free, values, 0.0))
+        data = replace(data, forces=data.forces + without - ROBOT.actuator_forces(*states))
     record = make_record(data, MOTION.omega, PeriodSource.DESIGN)
     noises = []
     for covariance in (SIGMA, longer**2 * DELTA):
@@ -141,13 +148,13 @@ def experiment(memory=0.0, *, filtered=False, scale=1.0, longer=1.0):
     return Experiment.from_fit(ROBOT, record, noise, fit)
 
 
-def estimated(case):
-    results = {name: linear_estimate(ROBOT, [case], KNOWN, name) for name in ("ls", "gm")}
-    return results | {"ml": maximum_likelihood(ROBOT, [case], KNOWN, results["gm"])}
+def estimated(case, known=KNOWN):
+    results = {name: linear_estimate(ROBOT, [case], known, name) for name in ("ls", "gm")}
+    return results | {"ml": maximum_likelihood(ROBOT, [case], known, results["gm"])}
 
 
 def disturbed(case, forces, lengths):
-    """Return the experiment with errors added to its means, its signs of friction as they were."""
+    """Return the experiment with errors added to its means."""
     record = case.record
     record = replace(
         record,
@@ -157,32 +164,28 @@ def disturbed(case, forces, lengths):
     fit = fit_motion(
         ROBOT, record, DELTA, 2, start=case.fit.motion, noise_filter=case.noise.lengths.filter
     )
-    signs = case.signs(ROBOT, case.fit.motion)
-    regressors = regressors_along(ROBOT, fit.motion, record.forces.times, signs)
-    return Experiment(record, case.noise, fit, case.spread, regressors)
+    return Experiment.along(ROBOT, record, case.noise, fit, case.spread)
 
 
 @pytest.mark.parametrize("filtered", [False, True])
 def test_the_influence_is_how_an_estimate_moves_with_the_data(filtered):
     # Next to no residuals: what they add to the second derivative is not in a Gauss–Newton law.
-    case = experiment(memory=0.6, filtered=filtered, scale=1e-3, longer=20.0)
+    case = experiment(memory=0.6, filtered=filtered, scale=1e-3, longer=20.0, gliding=True)
     rng = np.random.default_rng(6)
     count = case.record.samples
     forces = 0.3 * coloured(rng, SIGMA, 1, count, 0.9)[0]
     lengths = 6 * coloured(rng, DELTA, 1, count, 0.9)[0]
     for errors in ((forces, 0 * lengths), (0 * forces, lengths)):
-        moved, present = estimated(disturbed(case, *errors)), estimated(case)
+        moved, present = (estimated(each, GLIDING) for each in (disturbed(case, *errors), case))
         for name, estimate in present.items():
             (influence,) = estimate.influences
             expected = influence.response(
                 lambda part: errors[0][part][:, :, None],  # noqa: B023 - called at once
                 lambda part: errors[1][part][:, :, None],  # noqa: B023 - called at once
             )[:, 0]
-            found = moved[name].values - estimate.values
-            wrong = np.linalg.norm((found - expected) / estimate.std)
-            # Signs of friction follow the motion that ML estimates; the law holds them.
-            allowed = 0.1 if name == "ml" else 0.05
-            assert wrong < allowed * np.linalg.norm(expected / estimate.std)
+            found = (moved[name].values - estimate.values)[GLIDING.free]
+            std = estimate.std[GLIDING.free]
+            assert np.linalg.norm((found - expected) / std) < 0.05 * np.linalg.norm(expected / std)
 
 
 @pytest.mark.parametrize("filtered", [False, True])
@@ -217,12 +220,12 @@ def test_white_lines_give_the_covariance_of_white_noise():
 
 def test_the_difference_of_gm_and_ml_under_white_noise_is_that_of_their_covariances():
     # Hardly any residuals: both are linearised at the same place.
-    found = estimated(experiment(scale=1e-4, longer=30.0))
+    found = estimated(experiment(scale=1e-4, longer=30.0, gliding=True), GLIDING)
     expected = found["gm"].covariance - found["ml"].covariance
     covariance = covariance_ml_less_gm(found)
-    scale = np.diag(found["ml"].covariance)
-    error = np.abs(covariance - expected) / np.sqrt(np.multiply.outer(scale, scale))
-    assert np.max(error) < 0.02 * np.max(np.diag(covariance) / scale)
+    std = np.where(GLIDING.free, found["ml"].std, 1.0)
+    error = np.abs(covariance - expected) / np.multiply.outer(std, std)
+    assert np.max(error) < 0.02 * np.max(np.diag(covariance) / std**2)
 
 
 @pytest.mark.parametrize(("periods", "memory"), [(3, 0.0), (3, 0.8), (10, 0.8)])
