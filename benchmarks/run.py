@@ -30,6 +30,7 @@ NAMES = (
     "montecarlo",
     "roundtrip",
     "departures",
+    "multibody",
 )
 
 
