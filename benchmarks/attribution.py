@@ -134,7 +134,7 @@ def _gain(change: float, *, drifting: bool = False) -> Recorded:
 
 def _cogging(size: float) -> Recorded:
     lengths, forces = _of(_robot())
-    wave = size * np.sin(2 * np.pi * lengths / 0.03 + 0.3)
+    wave = size * np.sin(2 * np.pi * lengths / 0.06 + 0.3)
     return lengths, forces + wave * np.array([0, 0, 1, 1, 0, 0])
 
 
@@ -173,7 +173,7 @@ def cases() -> dict[str, Case]:
             lambda x: _with_term(spring, k4=x), _one("cable", 3),
         ),
         Case(
-            "cogging, two struts", "N", 5.0, 1.0, _cogging,
+            "cogging (60 mm), two struts", "N", 5.0, 1.0, _cogging,
             _one("position-periodic", 2) | _one("position-periodic", 3),
         ),
         Case(

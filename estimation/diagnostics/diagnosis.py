@@ -128,8 +128,10 @@ def diagnose(
             lengths = length_law(filtered, experiment, own)
         suspects = Suspects(robot, experiment, motion, estimate.values, part)
         families = causes(suspects, knowledge.names, held_out=held_out, experiments=len(parts))
+        # What may deviate within its tolerance is no cause.
+        allowing = system.with_effects(*suspects.tolerated())
         attribution = attribute(
-            system, part, families, experiment.record.step, experiments=len(parts)
+            allowing, part, families, experiment.record.step, experiments=len(parts)
         )
         noises = noise_tests(
             experiment.record,

@@ -72,17 +72,20 @@ class JointSystem:
             self.lengths - self.length_columns @ step,
         )
 
-    def with_effects(self, effects: Signature) -> JointSystem:
-        """Include effects among the unknowns."""
+    def with_effects(self, effects: Signature, precision: Array | None = None) -> JointSystem:
+        """Include effects among the unknowns, known to 1/std², (q,), or not at all."""
         forces, lengths = self.whitened(effects)
         new = lengths.reshape(self.lengths.size, effects.count)
         known = self.length_columns.reshape(self.lengths.size, len(self.gradient))
         cross = known.T @ new
+        own = new.T @ new
+        if precision is not None:
+            own += np.diag(precision)
         return replace(
             self,
             columns=np.concatenate([self.columns, forces], axis=2),
             length_columns=np.concatenate([self.length_columns, lengths], axis=2),
-            information=np.block([[self.information, cross], [cross.T, new.T @ new]]),
+            information=np.block([[self.information, cross], [cross.T, own]]),
             gradient=np.concatenate([self.gradient, new.T @ self.lengths.ravel()]),
         )
 

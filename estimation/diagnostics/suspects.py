@@ -20,11 +20,12 @@ from estimation.estimators.experiment import Experiment, regressors_along, regre
 from estimation.kinematics.friction_signs import expected_signs, rate_spread
 from estimation.measurement_model import HarmonicMotion
 from estimation.measurement_model.deviation import deviation_forces, deviation_lengths
+from estimation.processing import PeriodSource
 from expdesign.mechanism.catalogue import TERMS
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.term import Term, parameters_of
 from expdesign.robot import Robot
-from expdesign.robot.deviation import deviations
+from expdesign.robot.deviation import deviations, tolerated
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +71,17 @@ class Suspects:
         picked = [self._deviations[1].index(name) for name in names]
         return self._deviations[0].picked(picked)
 
+    def tolerated(self) -> tuple[Signature, Array]:
+        """Return the columns of all that has a tolerance, and 1/std² of each, (t,).
+
+        None after pointwise kinematics.
+        """
+        entries = tolerated(self.robot) if self.motion is not None else ()
+        if not entries:
+            return self._of_forces(np.zeros((*self.part.forces.shape, 0))), np.zeros(0)
+        precision = np.array([each.std**-2 for each in entries])
+        return self.deviations([each.name for each in entries]), precision
+
     def delay(self, seconds: float) -> Signature:
         """Return what a delay of the forces by so much adds, N per second of it.
 
@@ -96,10 +108,14 @@ class Suspects:
         robot, experiment, motion, part = self.robot, self.experiment, self.motion, self.part
         if motion is None:
             raise ValueError("pointwise kinematics have no motion that deviations could move")
-        wanted = [each for each in deviations(robot) if each.group in _GEOMETRIC]
+        wanted = [each for each in deviations(robot) if each.group in _GEOMETRIC or each.std > 0]
         signs = experiment.signs(robot, motion)
-        forces = deviation_forces(robot, motion, experiment.times, signs, self.values, wanted)
-        lengths = deviation_lengths(robot, motion, experiment.record.lengths.times, wanted)
+        own_clock = experiment.record.source is not PeriodSource.DESIGN
+        forces = deviation_forces(
+            robot, motion, experiment.times, signs, self.values, wanted, own_clock=own_clock
+        )
+        times = experiment.record.lengths.times
+        lengths = deviation_lengths(robot, motion, times, wanted, own_clock=own_clock)
         columns = Signature(part.cells.mean(forces), part.length_cells.mean(lengths))
         return columns, tuple(each.name for each in wanted)
 

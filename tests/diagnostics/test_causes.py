@@ -1,0 +1,205 @@
+"""Causes that a machine has and the model does not: columns, and what is named."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from estimation.diagnostics.cause_test import cause_test
+from estimation.diagnostics.diagnosis import diagnose
+from estimation.diagnostics.linearisation import linearise
+from estimation.diagnostics.projection import Projection
+from estimation.diagnostics.suspects import Suspects
+from expdesign.configuration import load_run
+from expdesign.configuration.robot import load_robot_description
+from expdesign.mechanism.catalogue import DEFAULT
+from expdesign.robot import robot_from
+from expdesign.robot.deviation import deviated, deviations
+from tests.diagnostics.conftest import Laboratory
+
+
+@pytest.fixture(scope="module")
+def palida():
+    return load_robot_description("palida").description.model_dump(mode="json", by_alias=True)
+
+
+def _with_terms(palida, terms, **parameters):
+    changed = {"terms": [*DEFAULT, *terms], "parameters": palida["parameters"] | parameters}
+    return robot_from(load_run({"name": "n", "robot": palida | changed}).robot)
+
+
+@pytest.fixture(scope="module")
+def lab():
+    return Laboratory(samples=200, periods=4)
+
+
+@pytest.fixture(scope="module")
+def suspects(lab, palida):
+    """Return where columns are taken, at parameters that are not the nominal ones."""
+    experiment = lab.experiment(lab.measure(1), lab.noise)
+    values = lab.robot.parameters.copy()
+    values[lab.knowledge.names.index("p10")] *= 1.3
+    motion = experiment.fit.motion
+    part = linearise(lab.robot, experiment, values, lab.knowledge.free, motion)
+    return Suspects(lab.robot, experiment, motion, values, part)
+
+
+@pytest.mark.parametrize(
+    ("name", "constants"),
+    [
+        ("force_offset", {}),
+        ("cable", {"rest_length": 0.6}),
+        ("stribeck", {"velocity": 0.05}),
+        ("load_friction", {}),
+    ],
+)
+def test_columns_are_those_of_the_term_at_the_estimate(suspects, palida, name, constants):
+    machine = _with_terms(palida, [{name: constants}] if constants else [name])
+    machine = machine.with_load_at(np.concatenate([suspects.values, np.zeros(6)]))
+    states = suspects.motion.at(suspects.experiment.times).state()
+    expected = machine.regressor(*np.split(states, 3, axis=1))[:, :, -6:]
+    found = suspects.term(name, **constants)
+    assert not np.any(found.lengths)
+    # Next to a reversal the sign is an expectation: the few samples there may differ.
+    sliding = np.all(np.abs(suspects.part.speed) > 0.02, axis=1)
+    assert np.mean(sliding) > 0.5
+    np.testing.assert_allclose(
+        found.forces[sliding], expected[sliding], rtol=1e-9, atol=1e-9 * np.abs(expected).max()
+    )
+
+
+def test_a_term_of_the_robot_is_no_suspect(suspects, palida):
+    own = replace(suspects, robot=_with_terms(palida, ["force_offset"]))
+    assert suspects.lacks("force_offset")
+    assert not own.lacks("force_offset")
+
+
+def test_subsets_are_fitted_as_by_least_squares():
+    rng = np.random.default_rng(0)
+    model, rows, rest = rng.normal(size=(60, 4)), rng.normal(size=(60, 5)), rng.normal(size=60)
+    basis, _ = np.linalg.qr(model)
+    left = rest - basis @ (basis.T @ rest)
+    projection = Projection(rows, rows.T @ basis, left, np.inf)
+    grown = Projection(rows[:, :2], rows[:, :2].T @ basis, left, np.inf).joined(
+        Projection(rows[:, 2:], rows[:, 2:].T @ basis, left, np.inf)
+    )
+
+    def squares(columns):
+        whole = np.concatenate([model, rows[:, columns]], axis=1)
+        fitted = np.linalg.lstsq(whole, rest, rcond=None)[0]
+        return np.sum((rest - whole @ fitted) ** 2), fitted[4:]
+
+    for known, wanted in (([], [1]), ([0, 3], [2]), ([4], [0, 1]), ([1, 2, 4], [0, 3])):
+        for one in (projection, grown):
+            fit = one.beside(known).fit(wanted)
+            assert fit.rank == len(wanted)
+            gain = squares(known)[0] - squares([*known, *wanted])[0]
+            assert fit.statistic == pytest.approx(gain, rel=1e-9)
+            np.testing.assert_allclose(fit.values, squares([*known, *wanted])[1][len(known) :])
+    # A combination of what is known is not seen.
+    doubled = Projection(rows[:, [0, 0]], rows[:, [0, 0]].T @ basis, left, np.inf)
+    assert doubled.beside([0]).fit([1]).rank == 0
+
+
+# --- what is named --------------------------------------------------------------------------------
+
+
+def _diagnosed(lab, data, robot=None):
+    experiment = lab.experiment(data)
+    estimate = lab.estimate([experiment])
+    return diagnose(robot or lab.robot, [experiment], lab.knowledge, estimate)
+
+
+def _machine(lab, robot, seed):
+    """Return what a machine measures, with the laboratory's noise."""
+    ideal, noisy = lab.measure(seed), lab.measure(seed)
+    states = lab.trajectory.sample(noisy.time)
+    lengths = robot.inverse_kinematics(states.pose) - lab.robot.inverse_kinematics(states.pose)
+    forces = robot.actuator_forces(*states) - lab.robot.actuator_forces(*states)
+    return replace(noisy, lengths=ideal.lengths + lengths, forces=ideal.forces + forces)
+
+
+def _named(result):
+    effects = result.experiments[0].attribution.effects
+    return [(e.kind, e.strut, e.parameter) for e in effects]
+
+
+@pytest.mark.parametrize(
+    ("terms", "parameters", "expected"),
+    [
+        (["force_offset"], {"o3": 15.0}, ("force_offset", 2, "")),
+        (
+            [{"stribeck": {"velocity": 0.05}}],
+            {f"s{j}": 40.0 for j in range(1, 7)},
+            ("stribeck", None, ""),
+        ),
+        ([{"cable": {"rest_length": 0.6}}], {"k4": 300.0}, ("cable", 3, "")),
+    ],
+)  # fmt: skip
+def test_a_term_that_is_missing_is_named(lab, palida, terms, parameters, expected):
+    machine = _with_terms(palida, terms, **parameters)
+    result = _diagnosed(lab, _machine(lab, machine, 2))
+    assert _named(result)[0] == expected
+    (effect, *_) = result.experiments[0].attribution.effects
+    assert effect.value == pytest.approx(next(iter(parameters.values())), abs=5 * effect.std)
+    if expected[0] == "stribeck":
+        assert 0.02 < effect.constant < 0.1
+    assert result.verdict.status.value == "doubtful"
+
+
+def _moved_joint(lab, size):
+    names = [f"platform_joint_5_{axis}" for axis in "xyz"]
+    chosen = [each for each in deviations(lab.robot) if each.name in names]
+    return deviated(lab.robot, chosen, size * np.array([0.6, 0.64, -0.48]))
+
+
+def test_one_joint_elsewhere_is_no_cogging(lab):
+    result = _diagnosed(lab, _machine(lab, _moved_joint(lab, 3e-3), 3))
+    assert _named(result)[0] == ("joint", 4, "platform")
+    (effect, *_) = result.experiments[0].attribution.effects
+    errors = (effect.values - 3e-3 * np.array([0.6, 0.64, -0.48])) / effect.stds
+    assert np.max(np.abs(errors)) < 5
+    assert not any(kind == "position-periodic" for kind, _, _ in _named(result))
+
+
+def test_within_its_tolerance_a_joint_is_no_cause(lab, palida):
+    tolerances = {"platform_joints": "3 mm"}
+    tolerant = robot_from(
+        load_run({"name": "n", "robot": palida | {"tolerances": tolerances}}).robot
+    )
+    data = _machine(lab, _moved_joint(lab, 3e-3), 3)
+    assert _named(_diagnosed(lab, data, tolerant)) == []
+
+
+def test_what_cannot_be_told_apart_is_named_together(lab):
+    """The zero of a length is a joint that is moved along the strut."""
+    data = lab.measure(4)
+    lengths = data.lengths + 3e-3 * np.eye(6)[1]
+    result = _diagnosed(lab, replace(data, lengths=lengths))
+    (effect, *_) = result.experiments[0].attribution.effects
+    assert (effect.kind, effect.strut) == ("length_zero", 1)
+    assert effect.value == pytest.approx(3e-3, abs=5 * effect.std)
+    assert not effect.sure
+    assert ("joint", 1) in {(rival.kind, rival.strut) for rival in effect.rivals}
+    (failed,) = [
+        f for f in result.verdict.failed if f.assumption.startswith("lengths are measured")
+    ]
+    assert "joint" in failed.sentence
+
+
+def test_rivals_leave_nothing_of_an_effect(lab, palida):
+    """By the definition of a rival, from the tests of the candidates themselves."""
+    machine = _with_terms(palida, [{"cable": {"rest_length": 0.6}}], k4=60.0)
+    attribution = _diagnosed(lab, _machine(lab, machine, 5)).experiments[0].attribution
+    assert attribution.effects
+    for effect in attribution.effects:
+        for rival in effect.rivals:
+            assert rival.log_p < np.log(0.001)
+            assert (rival.kind, rival.strut, rival.parameter) not in {
+                (e.kind, e.strut, e.parameter) for e in attribution.effects
+            }
+    first = attribution.first
+    for cause in attribution.causes:
+        test = first.families[cause.kind]
+        again = cause_test(first.beside, cause, test.first)
+        np.testing.assert_array_equal(again.log_p, test.log_p)
