@@ -7,6 +7,7 @@ from typing import Any
 
 import pandas as pd
 
+from benchmarks import coverage
 from benchmarks.attribution import attribution, clean
 
 TITLE = "Departures from the model"
@@ -25,11 +26,12 @@ def summary(table: pd.DataFrame) -> str:
     held = int((table["holds"] == "yes").sum())
     broken = table[table["holds"] == "no"]
     text = f"{held} of {held + len(broken)} claims hold"
-    return text if not len(broken) else f"{text}; not: " + "; ".join(broken["departure"])
+    return text if not len(broken) else f"{text}; not: " + "; ".join(broken.iloc[:, 0])
 
 
 SECTIONS: dict[str, tuple[Callable[[int], Iterator[Row]], int]] = {
     "attribution": (attribution, 100),
     "attribution-clean": (clean, 200),
+    **coverage.SECTIONS,
 }
 """How each section is measured, and with how many repetitions."""

@@ -8,42 +8,44 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from functools import cache
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
+from benchmarks.studies import (
+    CLEAR_BIAS,
+    ROOT,
+    Row,
+    all_there,
+    claim_row,
+    coverage_text,
+    identified_in,
+    palida_design,
+    palida_study,
+    pooled_over,
+    ratio_text,
+    sampled_experiment,
+    study_folder,
+    unbiased,
+)
 from estimation.identification.estimate import parameter_knowledge, run_estimators
 from estimation.identification.recording import prepare_experiment
-from estimation.montecarlo import Study, run_study
-from estimation.montecarlo.journal import NAME as JOURNAL
+from estimation.montecarlo import run_study
 from estimation.montecarlo.record import MonteCarloRecord, StatisticsRow
-from estimation.montecarlo.statistics import ParameterStatistics, PooledStatistics
 from estimation.twin import Twin
 from expdesign.configuration import load_run
 from expdesign.robot import robot_from
-from expdesign.trajectory import FourierTrajectory, TrajectoryFile
-from results import record_figures
 from results.figures.drawing import save_figures
 from results.figures.montecarlo import bias_figure
 
 TITLE = "Monte-Carlo study"
-
-CLEAR_BIAS = 3.5
-"""Standard errors from which on a bias is no chance."""
 
 MANY = 10.0
 """Standard errors that are "many"."""
 
 OUTLIER = 6.0
 """Largest error of a study without outlier runs, in units of the RMSE."""
-
-_ROOT = Path(__file__).resolve().parents[1]
-
-Row = dict[str, Any]
 
 
 def rows(section: str, repetitions: int | None = None) -> Iterator[Row]:
@@ -52,83 +54,74 @@ def rows(section: str, repetitions: int | None = None) -> Iterator[Row]:
     return measure(repetitions or wanted)
 
 
-def summary(table: pd.DataFrame) -> str:
-    """Return how many claims hold."""
-    judged = table[table["holds"] != ""]
-    broken = judged[judged["holds"] == "no"]
-    if not len(judged):
-        return "no claims"
-    text = f"{len(judged) - len(broken)} of {len(judged)} claims hold"
-    return text if not len(broken) else f"{text}; not: " + "; ".join(broken["claim"])
-
-
 # --- sections -------------------------------------------------------------------------------------
 
 
 def nominal(repetitions: int) -> Iterator[Row]:
     """Fourier differentiation, noise of the robot file, all three estimators."""
-    study = _study("nominal", repetitions, ("ls", "gm", "ml"))
-    yield from _all_there(study)
+    study = palida_study("nominal", repetitions, ("ls", "gm", "ml"))
+    yield from all_there(study)
     for name in ("gm", "ml"):
-        pooled = _pooled(study, name)
-        yield _unbiased(study, name)
-        yield _row(
+        pooled = pooled_over(study, name)
+        yield unbiased(study, name)
+        yield claim_row(
             f"{name}: RMSE / bound in 0.93 … 1.07",
-            _ratio(pooled),
+            ratio_text(pooled),
             0.93 <= pooled.rmse_over_bound <= 1.07,  # noqa: PLR2004 - the claim's
         )
-        yield _row(
+        yield claim_row(
             f"{name}: 95 % intervals cover 93 … 97 %, pooled",
-            _coverage(pooled),
+            coverage_text(pooled),
             0.93 <= pooled.coverage <= 0.97,  # noqa: PLR2004 - the claim's
         )
-        covers = {k: s.coverage for k, s in _identified(study, name).items()}
+        covers = {k: s.coverage for k, s in identified_in(study, name).items()}
         least, most = min(covers, key=covers.__getitem__), max(covers, key=covers.__getitem__)
-        yield _row(
+        yield claim_row(
             f"{name}: they cover 90 … 99 % for each parameter",
             f"{100 * covers[least]:.1f} ({least}) … {100 * covers[most]:.1f} ({most}) %",
             covers[least] >= 0.90 and covers[most] <= 0.99,  # noqa: PLR2004 - the claim's
         )
-    ls = _pooled(study, "ls")
-    yield _row("ls, to compare: RMSE / bound", _ratio(ls))
-    yield _row("ls, to compare: 95 % intervals cover", _coverage(ls))
+    ls = pooled_over(study, "ls")
+    yield claim_row("ls, to compare: RMSE / bound", ratio_text(ls))
+    yield claim_row("ls, to compare: 95 % intervals cover", coverage_text(ls))
 
 
 def central(repetitions: int) -> Iterator[Row]:
     """Pointwise differentiation beside ML on the same data."""
-    pointwise = _study(
+    pointwise = palida_study(
         "central", repetitions, ("ls", "gm"), estimate={"differentiation": "central"}
     )
-    fourier = _study("central-ml", repetitions, ("ml",))
-    yield from _all_there(pointwise)
-    yield from _all_there(fourier)
+    fourier = palida_study("central-ml", repetitions, ("ml",))
+    yield from all_there(pointwise)
+    yield from all_there(fourier)
     for name in ("ls", "gm"):
-        found = _identified(pointwise, name)
+        found = identified_in(pointwise, name)
         worst = max(found, key=lambda parameter: abs(found[parameter].bias_t))
         clear = sum(abs(one.bias_t) > CLEAR_BIAS for one in found.values())
-        yield _row(
+        yield claim_row(
             f"{name}, central: biased by more than {MANY:g} standard errors",
             f"{abs(found[worst].bias_t):.0f} ({worst}); {clear} of {len(found)} parameters "
             f"by more than {CLEAR_BIAS:g}",
             abs(found[worst].bias_t) > MANY,
         )
-        pooled = _pooled(pointwise, name)
-        yield _row(f"{name}, central: RMSE / bound", _ratio(pooled))
-        yield _row(f"{name}, central: 95 % intervals cover", _coverage(pooled))
-    yield _unbiased(fourier, "ml")
-    yield _row("ml beside it: RMSE / bound", _ratio(_pooled(fourier, "ml")))
+        pooled = pooled_over(pointwise, name)
+        yield claim_row(f"{name}, central: RMSE / bound", ratio_text(pooled))
+        yield claim_row(f"{name}, central: 95 % intervals cover", coverage_text(pooled))
+    yield unbiased(fourier, "ml")
+    yield claim_row("ml beside it: RMSE / bound", ratio_text(pooled_over(fourier, "ml")))
     labels = {"LS": "LS, central", "GM": "GM, central", "ML": "ML, Fourier"}
 
     def labelled(figure: Figure, statistics: Sequence[StatisticsRow]) -> None:
         bias_figure.fill(figure, statistics)
-        for text in figure.axes[0].get_legend().texts:
+        legend = figure.axes[0].get_legend()
+        for text in () if legend is None else legend.texts:
             name, _, count = text.get_text().partition(" ")
             text.set_text(f"{labels[name]} {count}")
 
-    studies = (MonteCarloRecord.read(_folder(name)) for name in ("central", "central-ml"))
+    studies = (MonteCarloRecord.read(study_folder(name)) for name in ("central", "central-ml"))
     statistics = [row for study in studies for row in study.rows]
     figure = replace(bias_figure, key="montecarlo_central", fill=labelled)
-    for path in save_figures([figure], statistics, _ROOT / "docs" / "figures"):
+    for path in save_figures([figure], statistics, ROOT / "docs" / "figures"):
         if path.suffix != ".png":
             path.unlink()
 
@@ -144,50 +137,54 @@ def length_noise_5mm(repetitions: int) -> Iterator[Row]:
 
 
 def _length_noise(size: str, allowed: float, repetitions: int) -> Iterator[Row]:
-    study = _study(
+    study = palida_study(
         f"length-{size.replace(' ', '')}",
         repetitions,
         ("gm", "ml"),
         noise={"length_std": [size] * 6},
     )
-    yield from _all_there(study)
-    gm, ml = _pooled(study, "gm"), _pooled(study, "ml")
-    yield _row(
-        f"ml, {size}: RMSE / bound at most {allowed:g}", _ratio(ml), ml.rmse_over_bound <= allowed
+    yield from all_there(study)
+    gm, ml = pooled_over(study, "gm"), pooled_over(study, "ml")
+    yield claim_row(
+        f"ml, {size}: RMSE / bound at most {allowed:g}",
+        ratio_text(ml),
+        ml.rmse_over_bound <= allowed,
     )
-    largest = max(one.largest_error for one in _identified(study, "ml").values())
-    yield _row(
+    largest = max(one.largest_error for one in identified_in(study, "ml").values())
+    yield claim_row(
         f"ml, {size}: no outlier runs (no error above {OUTLIER:g} RMSE)",
         f"largest error {largest:.1f} RMSE",
         largest < OUTLIER,
     )
-    yield _row(f"gm, {size}: worse than ml", _ratio(gm), gm.rmse_over_bound > ml.rmse_over_bound)
-    yield _row(f"ml, {size}: 95 % intervals cover", _coverage(ml))
+    yield claim_row(
+        f"gm, {size}: worse than ml", ratio_text(gm), gm.rmse_over_bound > ml.rmse_over_bound
+    )
+    yield claim_row(f"ml, {size}: 95 % intervals cover", coverage_text(ml))
     worst = f"{ml.largest_bias_t:.1f} standard errors"
-    yield _row(f"ml, {size}: largest bias", worst)
+    yield claim_row(f"ml, {size}: largest bias", worst)
 
 
 def tracking(repetitions: int) -> Iterator[Row]:
     """Tracking error of 1 mm and 0.1° in the harmonics 6 … 15."""
-    study = _study(
+    study = palida_study(
         "tracking",
         repetitions,
         ("ml",),
         experiment={"tracking_error": {"position": "1 mm", "angle": "0.1 deg"}},
     )
-    yield from _all_there(study)
-    yield _unbiased(study, "ml")
+    yield from all_there(study)
+    yield unbiased(study, "ml")
     counts = pd.Series([r.harmonics for r in study.repetitions]).value_counts().sort_index()
     chosen = ", ".join(f"{k} ({n} times)" for k, n in counts.items())
-    yield _row("ml: harmonics chosen, of 15", chosen)
-    yield _row("ml: RMSE / bound", _ratio(_pooled(study, "ml")))
-    yield _row("ml: 95 % intervals cover", _coverage(_pooled(study, "ml")))
+    yield claim_row("ml: harmonics chosen, of 15", chosen)
+    yield claim_row("ml: RMSE / bound", ratio_text(pooled_over(study, "ml")))
+    yield claim_row("ml: 95 % intervals cover", coverage_text(pooled_over(study, "ml")))
 
 
 def speed(repetitions: int) -> Iterator[Row]:
     """How long it takes."""
-    design = _design()
-    run = load_run({"name": "speed", "robot": "palida", "experiment": _sampled(400)})
+    design = palida_design()
+    run = load_run({"name": "speed", "robot": "palida", "experiment": sampled_experiment(400)})
     robot = robot_from(run.robot)
     knowledge = parameter_knowledge(run, robot)
     twin = Twin.of(run, design)
@@ -198,7 +195,7 @@ def speed(repetitions: int) -> Iterator[Row]:
         times.append(1000 * found.seconds)
     # The first one builds the functions: that is the set-up.
     low, middle, high = np.percentile(times[1:], [10, 50, 90])
-    yield _row(
+    yield claim_row(
         "ml alone, 400 averaged samples: under 400 ms after set-up",
         f"{middle:.0f} ms ({low:.0f} … {high:.0f})",
         middle < 400,  # noqa: PLR2004 - the claim's
@@ -207,7 +204,7 @@ def speed(repetitions: int) -> Iterator[Row]:
         {
             "name": "speed",
             "robot": "palida",
-            "experiment": _sampled(2000),
+            "experiment": sampled_experiment(2000),
             "montecarlo": {"repetitions": repetitions},
             "workers": 2,
         }
@@ -216,7 +213,7 @@ def speed(repetitions: int) -> Iterator[Row]:
     study = run_study(run, design)
     seconds = time.perf_counter() - began
     done = len(study.repetitions)
-    yield _row(
+    yield claim_row(
         f"{done} repetitions × 3 estimators on 10 × 2000 samples, 2 workers: under 150 s for 100",
         f"{seconds:.0f} s",
         seconds * 100 / done < 150,  # noqa: PLR2004 - the claim's
@@ -232,92 +229,3 @@ SECTIONS: dict[str, tuple[Callable[[int], Iterator[Row]], int]] = {
     "speed": (speed, 100),
 }
 """How each section is measured, and with how many repetitions."""
-
-
-# --- studies and rows -----------------------------------------------------------------------------
-
-
-@cache
-def _design() -> FourierTrajectory:
-    return TrajectoryFile.read(Path(__file__).parent / "designs" / "palida.json").trajectory
-
-
-def _folder(name: str) -> Path:
-    return _ROOT / "runs" / f"benchmark-{name}"
-
-
-def _sampled(samples: int) -> dict[str, Any]:
-    """Return an experiment of ten periods with so many samples each."""
-    return {"periods": 10, "sampling": samples / _design().period}
-
-
-def _study(
-    name: str, repetitions: int, estimators: tuple[str, ...], **sections: dict[str, Any]
-) -> Study:
-    run = load_run(
-        {
-            "name": f"benchmark-{name}",
-            "robot": "palida",
-            "montecarlo": {"repetitions": repetitions, "estimators": list(estimators)},
-            "workers": 2,
-        }
-        | sections
-    )
-    folder = _folder(name)
-    study = run_study(run, _design(), folder / JOURNAL)
-    record = MonteCarloRecord.of(study)
-    record.write(folder)
-    record_figures(record, folder)
-    return study
-
-
-def _identified(study: Study, estimator: str) -> dict[str, ParameterStatistics]:
-    names = {study.knowledge.names[k] for k in study.identified}
-    return {k: one for k, one in study.statistics(estimator).items() if k in names}
-
-
-def _pooled(study: Study, estimator: str) -> PooledStatistics:
-    pooled = study.pooled(estimator)
-    if pooled is None:
-        raise RuntimeError(f"{estimator} came to no estimate")
-    return pooled
-
-
-def _all_there(study: Study) -> Iterator[Row]:
-    for name in study.estimators:
-        stuck = sum(not outcome.converged for _, outcome in study.estimated(name))
-        failed = len(study.failures(name))
-        yield _row(
-            f"{name}: every repetition has an estimate that converged",
-            f"{len(study.repetitions)} repetitions, {failed} failed, {stuck} not converged",
-            failed == stuck == 0,
-        )
-
-
-def _unbiased(study: Study, estimator: str) -> Row:
-    found = _identified(study, estimator)
-    worst = max(found, key=lambda parameter: abs(found[parameter].bias_t))
-    return _row(
-        f"{estimator}: bias of all {len(found)} parameters within {CLEAR_BIAS:g} standard errors",
-        f"{abs(found[worst].bias_t):.2f} ({worst})",
-        abs(found[worst].bias_t) <= CLEAR_BIAS,
-    )
-
-
-def _ratio(pooled: PooledStatistics) -> str:
-    return (
-        f"{pooled.rmse_over_bound:.3f} ± {pooled.rmse_over_bound_std_error:.3f} "
-        f"[{pooled.rmse_over_bound_low:.3f}, {pooled.rmse_over_bound_high:.3f}]"
-    )
-
-
-def _coverage(pooled: PooledStatistics) -> str:
-    return (
-        f"{100 * pooled.coverage:.2f} ± {100 * pooled.coverage_std_error:.2f} % "
-        f"[{100 * pooled.coverage_low:.2f}, {100 * pooled.coverage_high:.2f}]"
-    )
-
-
-def _row(claim: str, value: str, holds: bool | None = None) -> Row:
-    """Return one row; a value that nothing is claimed of has no verdict."""
-    return {"claim": claim, "value": value, "holds": {None: "", True: "yes", False: "no"}[holds]}

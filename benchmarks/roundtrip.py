@@ -16,7 +16,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from benchmarks.montecarlo import CLEAR_BIAS
+from benchmarks.studies import CLEAR_BIAS
 from estimation.identification.estimate import parameter_knowledge, run_estimators
 from estimation.identification.recording import prepare_experiment
 from estimation.twin import Twin
@@ -105,7 +105,7 @@ def _executed(
     check = made.check
     said = _row(
         "the table",
-        f"{check.rows} rows, {1e3 * check.shortest:g} to {1e3 * check.longest:g} ms apart, "
+        f"{check.rows} rows, {1e3 * check.shortest_step:g} to {1e3 * check.longest_step:g} ms apart, "
         f"{check.duration:.3f} s, of which {motion.window[1] - motion.window[0]:.3f} s are "
         f"measured; struts within {1e6 * error:.2g} µm of the design",
     )

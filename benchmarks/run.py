@@ -62,11 +62,11 @@ def _wanted(words: list[str], parser: argparse.ArgumentParser) -> list[tuple[str
         else:
             known = f"; its sections are {', '.join(_sections(chosen[-1][0]))}" if chosen else ""
             parser.error(f"unknown benchmark '{word}'; there are {', '.join(NAMES)}{known}")
-    return [
-        (name, section)
-        for name, sections in chosen
-        for section in (sections or _sections(name) or [None])
-    ]
+    wanted: list[tuple[str, str | None]] = []
+    for name, sections in chosen:
+        named = sections or _sections(name)
+        wanted += [(name, section) for section in named] or [(name, None)]
+    return wanted
 
 
 def _module(name: str) -> Any:

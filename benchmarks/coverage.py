@@ -1,0 +1,161 @@
+"""How well 95 % intervals cover when the noise has a memory, and the level of GM against ML."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import Any
+
+import numpy as np
+from joblib import Parallel, delayed
+from threadpoolctl import threadpool_limits
+
+from benchmarks.studies import (
+    Row,
+    all_there,
+    claim_row,
+    coverage_text,
+    palida_design,
+    palida_study,
+    pooled_over,
+    ratio_text,
+)
+from estimation.estimators import covariance_ml_less_gm
+from estimation.identification.estimate import parameter_knowledge, run_estimators
+from estimation.identification.recording import prepare_experiment
+from estimation.montecarlo.statistics import PooledStatistics
+from estimation.twin import Twin
+from estimation.uncertainty.differences import difference_test
+from expdesign.configuration import load_run
+from expdesign.robot import robot_from
+
+_COVERS = (0.93, 0.97)
+_NEXT_TO_THE_BOUND = 1.05
+
+
+def _band(share: float) -> dict[str, Any]:
+    return {"band": {"frequency": "3 Hz", "width": "0.5 Hz", "share": share}}
+
+
+NOISES: dict[str, dict[str, Any]] = {
+    "white": {},
+    "AR(1), 0.5": {"force_spectrum": {"ar": 0.5}, "length_spectrum": {"ar": 0.5}},
+    "AR(1), 0.9": {"force_spectrum": {"ar": 0.9}, "length_spectrum": {"ar": 0.9}},
+    "1 % of the variance at 3 Hz": {"force_spectrum": _band(0.01)},
+    "2 % of the variance at 3 Hz": {"force_spectrum": _band(0.02)},
+    "hum, 5 N at 50 Hz": {"force_spectrum": {"hum": {"frequency": "50 Hz", "amplitude": "5 N"}}},
+}
+
+
+def noise(repetitions: int) -> Iterator[Row]:
+    """Yield every kind of noise, 10 periods at 1 kHz."""
+    for name, spectrum in NOISES.items():
+        key = name.split(",")[0].replace(" ", "-").replace("%", "percent").lower()
+        key = f"noise-{key}-{len(name)}"
+        study = palida_study(key, repetitions, ("gm", "ml"), noise=spectrum)
+        yield from all_there(study)
+        for estimator in ("gm", "ml"):
+            pooled = pooled_over(study, estimator)
+            yield _covers(f"{name}: {estimator}", pooled)
+            yield claim_row(
+                f"{name}: {estimator}: RMSE / bound at most 1.05",
+                ratio_text(pooled),
+                pooled.rmse_over_bound <= _NEXT_TO_THE_BOUND,
+            )
+
+
+def few_periods(repetitions: int) -> Iterator[Row]:
+    """Yield what 3 and 5 periods show of the noise."""
+    for periods in (3, 5):
+        for name in ("white", "AR(1), 0.9"):
+            study = palida_study(
+                f"noise-{periods}-periods-{len(name)}",
+                repetitions,
+                ("gm", "ml"),
+                noise=NOISES[name],
+                experiment={"periods": periods},
+            )
+            for estimator in ("gm", "ml"):
+                pooled = pooled_over(study, estimator)
+                yield _covers(f"{periods} periods, {name}: {estimator}", pooled)
+                claim = f"{periods} periods, {name}: {estimator}: RMSE / bound"
+                yield claim_row(claim, ratio_text(pooled))
+
+
+def tracking(repetitions: int) -> Iterator[Row]:
+    """Yield 50 µm of tracking error in the harmonics 6 to 30, hidden in 1 mm of length noise."""
+    study = palida_study(
+        "tracking-50um",
+        repetitions,
+        ("ml",),
+        noise={"length_std": ["1 mm"] * 6},
+        experiment={"tracking_error": {"position": "50 um", "angle": 0, "harmonics": [6, 30]}},
+    )
+    yield _covers("tracking error of 50 µm: ml", pooled_over(study, "ml"))
+
+
+def difference(length_noise: str, repetitions: int) -> Iterator[Row]:
+    """Yield how often GM and ML are said to differ where nothing is wrong."""
+    count = max(1, repetitions // 40)
+    found = Parallel(n_jobs=2)(
+        delayed(_differences)(length_noise, range(first, min(first + count, repetitions + 1)))
+        for first in range(1, repetitions + 1, count)
+    )
+    tests = np.array([test for part in found for test in part])
+    statistic, freedom, p = tests.T
+    tested = freedom > 0
+    share = float(np.mean(p[tested] < 0.05)) if np.any(tested) else np.nan  # noqa: PLR2004
+    error = float(np.sqrt(0.05 * 0.95 / max(np.count_nonzero(tested), 1)))
+    yield claim_row(
+        f"{length_noise}: GM and ML differ at 5 % in 3.5 … 6.5 %",
+        f"{100 * share:.1f} ± {100 * error:.1f} % of {np.count_nonzero(tested)} that were tested",
+        0.035 <= share <= 0.065,  # noqa: PLR2004 - the claim's
+    )
+    ratio = float(np.sum(statistic)) / max(float(np.sum(freedom)), 1.0)
+    yield claim_row(
+        f"{length_noise}: statistic / freedom", f"{ratio:.3f}, freedom {np.mean(freedom):.1f}"
+    )
+
+
+def _differences(length_noise: str, numbers: range) -> list[tuple[float, float, float]]:
+    design = palida_design()
+    run = load_run(
+        {"name": "difference", "robot": "palida", "noise": {"length_std": [length_noise] * 6}}
+    )
+    robot, twin = robot_from(run.robot), Twin.of(run, design, seed=5)
+    knowledge = parameter_knowledge(run, robot)
+    found: list[tuple[float, float, float]] = []
+    with threadpool_limits(limits=1):
+        for number in numbers:
+            experiment = prepare_experiment(run, robot, twin.measurement(number), design)
+            estimates = run_estimators(robot, [experiment], knowledge, ("gm", "ml"))
+            covariance = covariance_ml_less_gm(estimates)
+            if covariance is None:
+                raise RuntimeError("there are both")
+            test = difference_test(
+                estimates["gm"].values,
+                estimates["ml"].values,
+                covariance,
+                estimates["ml"].covariance,
+            )
+            found.append((test.statistic, test.freedom, test.p_joint))
+    return found
+
+
+def _covers(what: str, pooled: PooledStatistics) -> Row:
+    low, high = _COVERS
+    return claim_row(
+        f"{what}: 95 % intervals cover 93 … 97 %",
+        coverage_text(pooled),
+        low <= pooled.coverage <= high,
+    )
+
+
+SECTIONS: dict[str, tuple[Callable[[int], Iterator[Row]], int]] = {
+    "noise": (noise, 200),
+    "few-periods": (few_periods, 200),
+    "tracking": (tracking, 200),
+    "difference-1mm": (partial(difference, "1 mm"), 2000),
+    "difference-3mm": (partial(difference, "3 mm"), 2000),
+}
+"""How each section is measured, and with how many repetitions."""

@@ -1,0 +1,130 @@
+"""What benchmarks of simulated experiments share: their studies, and the rows of their tables."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from estimation.montecarlo import Study, run_study
+from estimation.montecarlo.journal import NAME as JOURNAL
+from estimation.montecarlo.record import MonteCarloRecord
+from estimation.montecarlo.statistics import ParameterStatistics, PooledStatistics
+from expdesign.configuration import load_run
+from expdesign.trajectory import FourierTrajectory, TrajectoryFile
+from results import record_figures
+
+CLEAR_BIAS = 3.5
+"""Standard errors from which on a bias is no chance."""
+
+ROOT = Path(__file__).resolve().parents[1]
+
+Row = dict[str, Any]
+
+
+def summary(table: pd.DataFrame) -> str:
+    """Return how many claims hold."""
+    judged = table[table["holds"] != ""]
+    broken = judged[judged["holds"] == "no"]
+    if not len(judged):
+        return "no claims"
+    text = f"{len(judged) - len(broken)} of {len(judged)} claims hold"
+    return text if not len(broken) else f"{text}; not: " + "; ".join(broken["claim"])
+
+
+@cache
+def palida_design() -> FourierTrajectory:
+    """Return the design of n = 5 for PaLiDA."""
+    return TrajectoryFile.read(Path(__file__).parent / "designs" / "palida.json").trajectory
+
+
+def study_folder(name: str) -> Path:
+    """Return the run folder of a study."""
+    return ROOT / "runs" / f"benchmark-{name}"
+
+
+def sampled_experiment(samples: int) -> dict[str, Any]:
+    """Return an experiment of ten periods with so many samples each."""
+    return {"periods": 10, "sampling": samples / palida_design().period}
+
+
+def palida_study(
+    name: str, repetitions: int, estimators: tuple[str, ...], **sections: dict[str, Any]
+) -> Study:
+    """Run a study of PaLiDA, or go on with one that was stopped."""
+    run = load_run(
+        {
+            "name": f"benchmark-{name}",
+            "robot": "palida",
+            "montecarlo": {"repetitions": repetitions, "estimators": list(estimators)},
+            "workers": 2,
+        }
+        | sections
+    )
+    folder = study_folder(name)
+    study = run_study(run, palida_design(), folder / JOURNAL)
+    record = MonteCarloRecord.of(study)
+    record.write(folder)
+    record_figures(record, folder)
+    return study
+
+
+def identified_in(study: Study, estimator: str) -> dict[str, ParameterStatistics]:
+    """Return the statistics of the parameters that are identified."""
+    names = {study.knowledge.names[k] for k in study.identified}
+    return {k: one for k, one in study.statistics(estimator).items() if k in names}
+
+
+def pooled_over(study: Study, estimator: str) -> PooledStatistics:
+    """Return the statistics of all parameters together."""
+    pooled = study.pooled(estimator)
+    if pooled is None:
+        raise RuntimeError(f"{estimator} came to no estimate")
+    return pooled
+
+
+def all_there(study: Study) -> Iterator[Row]:
+    """Yield whether every repetition has an estimate."""
+    for name in study.estimators:
+        stuck = sum(not outcome.converged for _, outcome in study.estimated(name))
+        failed = len(study.failures(name))
+        yield claim_row(
+            f"{name}: every repetition has an estimate that converged",
+            f"{len(study.repetitions)} repetitions, {failed} failed, {stuck} not converged",
+            failed == stuck == 0,
+        )
+
+
+def unbiased(study: Study, estimator: str) -> Row:
+    """Return whether no parameter has a clear bias."""
+    found = identified_in(study, estimator)
+    worst = max(found, key=lambda parameter: abs(found[parameter].bias_t))
+    return claim_row(
+        f"{estimator}: bias of all {len(found)} parameters within {CLEAR_BIAS:g} standard errors",
+        f"{abs(found[worst].bias_t):.2f} ({worst})",
+        abs(found[worst].bias_t) <= CLEAR_BIAS,
+    )
+
+
+def ratio_text(pooled: PooledStatistics) -> str:
+    """Return RMSE over bound in words."""
+    return (
+        f"{pooled.rmse_over_bound:.3f} ± {pooled.rmse_over_bound_std_error:.3f} "
+        f"[{pooled.rmse_over_bound_low:.3f}, {pooled.rmse_over_bound_high:.3f}]"
+    )
+
+
+def coverage_text(pooled: PooledStatistics) -> str:
+    """Return the coverage in words."""
+    return (
+        f"{100 * pooled.coverage:.2f} ± {100 * pooled.coverage_std_error:.2f} % "
+        f"[{100 * pooled.coverage_low:.2f}, {100 * pooled.coverage_high:.2f}]"
+    )
+
+
+def claim_row(claim: str, value: str, holds: bool | None = None) -> Row:
+    """Return one row; a value that nothing is claimed of has no verdict."""
+    return {"claim": claim, "value": value, "holds": {None: "", True: "yes", False: "no"}[holds]}
