@@ -53,6 +53,8 @@ class Cause:
     """From the parameter to the unit shown."""
     shown: int | None = None
     """How many of a candidate's values tell its size; None: all."""
+    paired: bool = False
+    """Values are sine and cosine of one sinusoid after the other: amplitudes tell its size."""
     contains: str = ""
     """Kind of the effects that are this one with a part of it zero: no rivals of it."""
 

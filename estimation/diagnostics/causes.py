@@ -20,6 +20,7 @@ from constraints.arrays import Array
 from estimation.diagnostics.cause import Cause, Label
 from estimation.diagnostics.channel_test import CAUSES
 from estimation.diagnostics.finding import Assumption
+from estimation.diagnostics.hum_cause import hum_causes
 from estimation.diagnostics.linearisation import Linearisation
 from estimation.diagnostics.signature import Signature
 from estimation.diagnostics.suspects import Suspects
@@ -51,6 +52,7 @@ def causes(
         *_forces(suspects),
         *_deviating(suspects),
         _delay(suspects),
+        *hum_causes(suspects),
     ]
     # What is wrong with a prediction is most often a parameter.
     weights = np.ones(1 + len(others))

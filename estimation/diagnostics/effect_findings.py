@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -88,12 +88,23 @@ def _phrase(cause: Cause, effect: Effect) -> str:
     unit = cause.unit(effect.parameter)
     numbers = [
         f"{cause.scale * value:{cause.number}} ± {cause.scale * std:.1g}"
-        for value, std in zip(effect.values, effect.stds, strict=True)
+        for value, std in _sizes(effect, cause)
     ][: cause.shown]
     where = _place(effect)
     constant = f", velocity {effect.constant:g} m/s" if effect.kind == "stribeck" else ""
     size = f"{', '.join(numbers)} {unit}{constant}"
     return f"{cause.noun}{' ' * bool(where)}{where} ({size})"
+
+
+def _sizes(effect: Effect, cause: Cause) -> Iterator[tuple[float, float]]:
+    """Yield what tells the size of an effect, with standard deviations: values, or amplitudes."""
+    pairs = zip(effect.values.tolist(), effect.stds.tolist(), strict=True)
+    if not cause.paired:
+        yield from pairs
+        return
+    for (sine, sine_std), (cosine, cosine_std) in zip(pairs, pairs, strict=True):
+        amplitude = float(np.hypot(sine, cosine))
+        yield amplitude, float(np.hypot(sine * sine_std, cosine * cosine_std)) / amplitude
 
 
 def _place(effect: Effect | Rival) -> str:

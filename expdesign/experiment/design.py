@@ -22,10 +22,13 @@ from expdesign.information.fisher import (
     parameter_covariance,
 )
 from expdesign.information.periodic_noise import PeriodicNoise
+from expdesign.noise.hum import Hum
 from expdesign.problem.design_problem import DesignProblem, build_problem
 from expdesign.recheck.information import Evaluator
 from expdesign.robot import Robot, robot_from
 from expdesign.solver.continuation import coarse_points
+from expdesign.solver.finish import FARTHEST
+from expdesign.solver.hum_distance import KnownHum
 from expdesign.solver.initial import InfeasibleLimitsError, random_start
 from expdesign.solver.jobs import DesignTask, SearchPlan
 from expdesign.solver.search import NoDesignError, search
@@ -34,6 +37,7 @@ from expdesign.workers import Monitor
 
 _PROBES = 3
 _PROBE_ATTEMPTS = 8
+_FEWEST_PERIODS = 2
 _HOPELESS = 1e-2
 """A random feasible motion whose weakest direction is this factor below what counts as excited
 will not be optimised into an exciting one: the limits themselves are too tight."""
@@ -90,6 +94,7 @@ def design(config: ConfigurationLike, monitor: Monitor | None = None) -> DesignR
         criterion_value=evaluator.value(information),
         per_period=_precision(evaluator, information, samples, 1),
         experiment=experiment,
+        hum=task.plan.hum.distances(trajectory.omega),
         check=found.finished.check,
         search=found,
         seconds=time.perf_counter() - began,
@@ -128,6 +133,7 @@ def design_task(configuration: RunConfiguration) -> DesignTask:
         widths=run.design.smoothing or smoothing_widths(configuration.robot),
         iterations=run.design.max_iterations,
         controller_period=run.controller_period,
+        hum=known_hum(configuration),
         workers=run.workers or 1,
         max_seconds=run.design.max_seconds,
     )
@@ -182,6 +188,21 @@ def force_memory(configuration: RunConfiguration) -> PeriodicNoise | None:
     if noise is None or noise.force_spectrum is None:
         return None
     return PeriodicNoise(noise.force_spectrum, experiment.sampling, experiment.periods)
+
+
+def known_hum(configuration: RunConfiguration) -> KnownHum:
+    """Return the hums that the run's noise has, in forces or lengths, and the run's periods."""
+    noise = configuration.robot.noise
+    spectra = () if noise is None else (noise.force_spectrum, noise.length_spectrum)
+    frequencies = {
+        float(frequency)
+        for spectrum in spectra
+        if spectrum is not None
+        for part in spectrum.parts
+        if isinstance(part, Hum)
+        for frequency in part.frequencies
+    }
+    return KnownHum(tuple(sorted(frequencies)), configuration.run.experiment.periods)
 
 
 def judged_parameters(configuration: RunConfiguration, robot: Robot) -> tuple[str, ...]:
@@ -262,6 +283,27 @@ def _warnings(
             f"{math.ceil(steps)} steps would be {slower:.9g} Hz, {math.floor(steps)} steps "
             f"{faster:.9g} Hz"
         )
+    found += [
+        f"the hum of {one.frequency:g} Hz is {one.lines:.2g} lines of the record from multiple "
+        f"{one.multiple} of the motion's frequency: it repeats in every period and biases the "
+        "parameters, and no scatter between periods shows it. "
+        + _no_way_around(configuration, task)
+        for one in task.plan.hum.distances(trajectory.omega)
+        if not one.kept
+    ]
     if configuration.run.scheduler is not None:
         found.append("the design runs in local processes; the scheduler serves the Monte Carlo")
     return tuple(found)
+
+
+def _no_way_around(configuration: RunConfiguration, task: DesignTask) -> str:
+    """Return why the frequency does not keep away from a hum, and what would help."""
+    if task.plan.hum.periods < _FEWEST_PERIODS:
+        return f"Measure {_FEWEST_PERIODS} periods or more"
+    low, high = configuration.run.trajectory.frequency
+    if low == high:
+        return "The frequency is fixed: choose another one"
+    return (
+        f"No whole number of controller steps within {100 * FARTHEST:g} % of the best period keeps "
+        "away from every hum: measure more periods, or let the controller's step be shorter"
+    )

@@ -12,6 +12,7 @@ from pydantic import BeforeValidator, PlainSerializer
 from expdesign.experiment.result import DesignResult, PredictedPrecision, whole
 from expdesign.information.criteria import CRITERIA
 from expdesign.runfolder import OpenNumber, copied, described
+from expdesign.solver.hum_distance import HumDistance
 from expdesign.trajectory import TrajectoryFile, fourier_keys
 
 
@@ -186,6 +187,14 @@ class DesignFile(TrajectoryFile):
             "certified, method",
         ),
     ]
+    hum: Annotated[
+        tuple[HumDistance, ...],
+        described(
+            "",
+            "hums of the noise: frequency [Hz], the multiple of the motion's frequency next to "
+            "it, distance [Hz], and the same in lines of the record (1 or more keeps away)",
+        ),
+    ] = ()
     warnings: Annotated[tuple[str, ...], described("", "in words")] = ()
 
     @classmethod

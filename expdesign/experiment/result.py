@@ -10,6 +10,7 @@ from constraints.arrays import Array
 from expdesign.configuration import RunConfiguration
 from expdesign.recheck.judge import Recheck
 from expdesign.robot import Robot
+from expdesign.solver.hum_distance import HumDistance
 from expdesign.solver.search import SearchResult
 from expdesign.solver.start import status_text
 from expdesign.trajectory import FourierTrajectory
@@ -81,6 +82,8 @@ class DesignResult:
     search: SearchResult
     seconds: float
     warnings: tuple[str, ...]
+    hum: tuple[HumDistance, ...] = ()
+    """Hums of the noise, and how far the motion's frequency keeps away from each."""
 
     @property
     def status(self) -> str:

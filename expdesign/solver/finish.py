@@ -18,6 +18,7 @@ from constraints.arrays import Array
 from expdesign.problem.design_problem import DesignProblem, hidden_by_smoothing
 from expdesign.recheck.information import Evaluator
 from expdesign.recheck.judge import Recheck, grid_points, local_worst, recheck, states_at
+from expdesign.solver.hum_distance import KnownHum
 from expdesign.solver.initial import largest
 from expdesign.solver.stage import Report, Stage, StageRecord, TracePoint, solve_rows
 from expdesign.trajectory import FourierTrajectory
@@ -43,9 +44,16 @@ class Finished:
     trace: tuple[TracePoint, ...] = ()
 
 
-def controller_omega(omega: float, bounds: tuple[float, float], step: float) -> tuple[float, int]:
+FARTHEST = 0.05
+"""Share of a period by which it is changed at most to keep away from a hum."""
+
+
+def controller_omega(
+    omega: float, bounds: tuple[float, float], step: float, hum: KnownHum | None = None
+) -> tuple[float, int]:
     """Return the nearest ω within the bounds whose period is a whole number of steps, and how many.
 
+    The nearest that keeps its multiples away from a hum, where there is one within `FARTHEST`.
     Raises `ValueError` where no whole number fits between the bounds.
     """
     slack = 1e-12
@@ -54,6 +62,12 @@ def controller_omega(omega: float, bounds: tuple[float, float], step: float) -> 
     if fewest > most:
         raise ValueError("no period within the frequency bounds is a whole number of steps")
     steps = int(np.clip(np.rint(2 * np.pi / (omega * step)), fewest, most))
+    if hum is not None and hum.frequencies:
+        reach = int(FARTHEST * steps)
+        near = np.arange(max(fewest, steps - reach), min(most, steps + reach) + 1)
+        near = near[hum.avoided(step * near.astype(np.float64))]
+        if len(near):
+            steps = int(near[np.argmin(np.abs(near - 2 * np.pi / (omega * step)))])
     return 2 * np.pi / (steps * step), steps
 
 

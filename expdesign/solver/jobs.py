@@ -17,6 +17,7 @@ from expdesign.solver.continuation import (
     hop_stages,
 )
 from expdesign.solver.finish import Finished, controller_omega, finish
+from expdesign.solver.hum_distance import KnownHum
 from expdesign.solver.initial import InfeasibleLimitsError, perturbed, random_start
 from expdesign.solver.stage import Watch
 from expdesign.solver.start import Screening, StartResult, run_start
@@ -41,6 +42,8 @@ class SearchPlan:
     """At most, of a start's first stage."""
     controller_period: float
     """s."""
+    hum: KnownHum
+    """What the finished frequency keeps away from."""
     workers: int
     max_seconds: float | None
 
@@ -165,7 +168,7 @@ def finish_job(
     omega = problem.variables.trajectory(variables).omega
     bounds = problem.variables.omega_bounds
     if bounds[0] < bounds[1]:
-        omega, _ = controller_omega(omega, bounds, plan.controller_period)
+        omega, _ = controller_omega(omega, bounds, plan.controller_period, plan.hum)
     fixed = problem.with_variables(omega_bounds=(omega, omega))
     stage = finish_stage(problem, plan.widths, plan.iterations)
     report = watch.of_stage(stage, problem)

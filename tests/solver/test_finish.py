@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from expdesign.recheck.judge import recheck
 from expdesign.solver.continuation import finish_stage
 from expdesign.solver.finish import controller_omega, finish
+from expdesign.solver.hum_distance import KnownHum
 from expdesign.solver.initial import random_start
 
 # --- whole controller steps -----------------------------------------------------------------------
@@ -55,6 +56,29 @@ def test_bounds_that_are_whole_steps_themselves_can_be_reached(seconds):
 def test_no_whole_number_of_steps():
     with pytest.raises(ValueError, match="whole number of steps"):
         controller_omega(2 * np.pi / 2.0005, (2 * np.pi / 2.0007, 2 * np.pi / 2.0003), 1e-3)
+
+
+def test_periods_keep_away_from_a_hum():
+    hum = KnownHum((50.0, 100.0), 10)
+    wanted = 2 * np.pi / 2.0004
+    assert controller_omega(wanted, (1.0, 10.0), 1e-3)[1] == 2000
+    assert not all(one.kept for one in hum.distances(2 * np.pi / 2.0))
+    found, steps = controller_omega(wanted, (1.0, 10.0), 1e-3, hum)
+    # 50 Hz turns 0.05 times more with every step: it is a tenth of a turn away after two.
+    assert steps == 2002
+    assert all(one.kept for one in hum.distances(found))
+    assert hum.distances(found)[0].distance == pytest.approx(abs(50 - 100 / 2.002), rel=1e-9)
+    # From 1999.6 steps 1998 are nearer than 2002.
+    assert controller_omega(2 * np.pi / 1.9996, (1.0, 10.0), 1e-3, hum)[1] == 1998
+
+
+@pytest.mark.parametrize(("periods", "step"), [(10, 20e-3), (1, 1e-3)])
+def test_where_no_period_keeps_away_the_nearest_is_taken(periods, step):
+    hum = KnownHum((50.0,), periods)
+    omega = 2 * np.pi / 2.001
+    assert controller_omega(omega, (1.0, 10.0), step, hum) == controller_omega(
+        omega, (1.0, 10.0), step
+    )
 
 
 # --- mending --------------------------------------------------------------------------------------
