@@ -294,7 +294,7 @@ def test_a_missing_file(expdesign, tmp_path):
 
 def test_ctrl_c_keeps_the_best_so_far(tiny, tmp_path):
     """As a terminal sends it: to every process, while the search runs."""
-    search = {"starts": 40, "max_iterations": 4}
+    search = {"starts": 40, "max_iterations": 4, "smoothing": [0.4]}
     path = write_run(tmp_path, tiny(design=search, workers=2, report={"figures": ["svg"]}))
     out = tmp_path / "out"
     process = subprocess.Popen(

@@ -27,9 +27,14 @@ def predicted():
     return parameter_covariance(PERIODS * information, ROBOT.parameter_names)
 
 
+@pytest.fixture(scope="module")
+def table(tmp_path_factory):
+    """Return a table of the small motion with the segments that are found for it."""
+    return written(tmp_path_factory.mktemp("table") / "table.trj", format="xps-pvt")
+
+
 @pytest.mark.slow
-def test_an_xps_table_is_as_good_as_its_design(tmp_path):
-    table = written(tmp_path / "table.trj", format="xps-pvt")
+def test_an_xps_table_is_as_good_as_its_design(table):
     configuration = run({"noise": "given"}, experiment={"periods": PERIODS, "sampling": SAMPLING})
     twin = Twin.of(configuration, table)
     knowledge = parameter_knowledge(configuration, ROBOT)
@@ -60,9 +65,8 @@ def test_an_xps_table_is_as_good_as_its_design(tmp_path):
     assert chi_square < identified.sum() + 4 * np.sqrt(2 * identified.sum())
 
 
-def test_the_window_of_a_recording_of_the_whole_motion(tmp_path):
+def test_the_window_of_a_recording_of_the_whole_motion(table, tmp_path):
     """What is recorded from rest to rest is cut to the window that the table marks."""
-    table = written(tmp_path / "table.trj", format="xps-pvt")
     begin, end = table.window
     duration = table.executed.motion.duration
     # The recording goes on for more than a period after the machine has come to rest.
