@@ -31,6 +31,7 @@ NAMES = (
     "roundtrip",
     "departures",
     "multibody",
+    "tolerances",
 )
 
 

@@ -87,7 +87,7 @@ def held_out_law(
     part: Linearisation, experiment: Experiment, estimate: ParameterEstimate
 ) -> ResidualLaw:
     """Return the law of a prediction's residuals: nothing was fitted to these forces."""
-    covariance = _errors(part, experiment, estimate)
+    covariance = _errors(part, experiment, estimate.covariance)
     columns = part.columns * np.sqrt(part.counts)[:, None, None]
     return _force_law(part, experiment, columns, np.zeros_like(covariance), covariance)
 
@@ -119,7 +119,8 @@ def linear_laws(
     for raw, part, experiment, weighting, own in zip(
         parts, white, experiments, weightings, equations, strict=True
     ):
-        covariance = _errors(part, experiment, estimate)
+        # What all samples share by the tolerances is no error of the fit to them.
+        covariance = _errors(part, experiment, estimate.covariance_random)
         if experiment.fit is not None:
             covariance[:k, k:] = -inverse @ own.matrix[:k, k:] @ experiment.fit.covariance
             covariance[k:, :k] = covariance[:k, k:].T
@@ -163,12 +164,12 @@ def _force_law(
     return ResidualLaw(experiment.noise.forces, columns, partner, cross, covariance, extra)
 
 
-def _errors(part: Linearisation, experiment: Experiment, estimate: ParameterEstimate) -> Array:
-    """Return Cov(p̂, ξ̂) as if they were independent, (k + x, k + x)."""
+def _errors(part: Linearisation, experiment: Experiment, own: Array) -> Array:
+    """Return Cov(p̂, ξ̂) as if they were independent, (k + x, k + x); `own` is Cov(p̂), (m, m)."""
     k = int(np.count_nonzero(part.free))
     size = k + part.motion_columns.shape[2]
     covariance = np.zeros((size, size))
-    covariance[:k, :k] = estimate.covariance[np.ix_(part.free, part.free)]
+    covariance[:k, :k] = own[np.ix_(part.free, part.free)]
     if experiment.fit is not None:
         covariance[k:, k:] = experiment.fit.covariance
     return covariance

@@ -1,19 +1,24 @@
 """Least squares, Gauss–Markov and maximum likelihood, all on the shared symbolic graph."""
 
+from estimation.estimators.deviating import DeviatingMachine
 from estimation.estimators.experiment import Experiment
 from estimation.estimators.joint import cramer_rao_covariance
 from estimation.estimators.knowledge import Knowledge, UnidentifiableError
 from estimation.estimators.linear import linear_estimate
 from estimation.estimators.maximum_likelihood import maximum_likelihood
 from estimation.estimators.result import ParameterEstimate, covariance_ml_less_gm
+from estimation.estimators.systematic import Systematic, systematic_share
 
 __all__ = [
+    "DeviatingMachine",
     "Experiment",
     "Knowledge",
     "ParameterEstimate",
+    "Systematic",
     "UnidentifiableError",
     "covariance_ml_less_gm",
     "cramer_rao_covariance",
     "linear_estimate",
     "maximum_likelihood",
+    "systematic_share",
 ]

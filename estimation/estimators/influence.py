@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from constraints.arrays import Array
+from estimation.estimators.deviating import DeviatingMachine
 from estimation.estimators.experiment import Experiment
 from estimation.measurement_model import HarmonicMotion, predict_forces, predict_lengths
 from estimation.measurement_model.normal_equations import Filter
@@ -69,6 +70,9 @@ class Influence:
     """(k, k), on the columns of the parameters; (k, k + x) with those of the motion."""
     length_gain: Array | None
     """(k, x), on the motion's columns in the lengths; None after pointwise kinematics."""
+    machine: DeviatingMachine | None = None
+    """Whose deviations θ were estimated, too: their columns stand before those of the motion in
+    both gains."""
 
     def forces(self) -> Iterator[Part]:
         """Yield K of the forces, part by part; all at once behind a filter."""
@@ -84,7 +88,7 @@ class Influence:
         gain, noise = self.length_gain.T, self.experiment.noise.lengths
         channels, motion = self.experiment.record.lengths, self.motion
         moved = (
-            (part, predict_lengths(self.robot, motion, channels.times[part])[1] @ gain)
+            (part, self._length_columns(motion, part) @ gain)
             for part in chunks(len(channels.times))
         )
         yield from _weighted(moved, channels.counts, noise.covariance, noise.filter)
@@ -103,6 +107,14 @@ class Influence:
                 total = total + np.einsum("sik,sit->kt", weights, columns(part))
         return np.asarray(total)
 
+    def _length_columns(self, motion: HarmonicMotion, part: slice) -> Array:
+        """Return the columns of the unknowns in the lengths."""
+        if self.machine is not None:
+            lengths = self.machine.lengths(self.experiment, motion, part)
+            return np.concatenate([lengths.deviations, lengths.slope], axis=2)
+        times = self.experiment.record.lengths.times[part]
+        return predict_lengths(self.robot, motion, times)[1]
+
     def _force_columns(self) -> Iterator[Part]:
         """Yield the columns of the unknowns in the forces."""
         experiment, motion = self.experiment, self.motion
@@ -113,6 +125,11 @@ class Influence:
             return
         times, signs = experiment.record.forces.times, experiment.signs(self.robot, motion)
         for part in chunks(len(times)):
+            if self.machine is not None:
+                seen = self.machine.forces(experiment, motion, self.values, part)
+                of_both = (seen.regressors[:, :, self.free], seen.deviations, seen.slope)
+                yield part, np.concatenate(of_both, axis=2)
+                continue
             found = predict_forces(self.robot, motion, times[part], signs[part], self.values)
             columns = (found.regressors[:, :, self.free], found.slope)
             yield part, np.concatenate(columns, axis=2)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg as sla
@@ -15,6 +15,7 @@ from expdesign.configuration import ComputationError
 from expdesign.configuration.sections.data import EstimateSection
 from expdesign.information.fisher import ScaledInformation
 from expdesign.robot import Robot
+from expdesign.robot.deviation import Deviation
 
 
 class UnidentifiableError(ComputationError):
@@ -81,6 +82,23 @@ class Knowledge:
             lower=lower,
             upper=upper,
         )
+
+    def with_deviations(self, deviations: Sequence[Deviation]) -> Knowledge:
+        """Return it with entries of θ behind the parameters: their tolerances are priors."""
+        count = len(deviations)
+        zero, endless = np.zeros(count), np.full(count, np.inf)
+        std = np.array([each.std for each in deviations])
+        behind = {
+            "nominal": zero,
+            "free": np.ones(count, dtype=bool),
+            "start": zero,
+            "prior_mean": zero,
+            "prior_precision": std**-2,
+            "lower": -endless,
+            "upper": endless,
+        }
+        wider = {key: np.concatenate([getattr(self, key), own]) for key, own in behind.items()}
+        return replace(self, names=(*self.names, *(one.name for one in deviations)), **wider)
 
     @property
     def bounded(self) -> bool:

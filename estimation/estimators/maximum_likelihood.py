@@ -10,19 +10,22 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from constraints.arrays import Array
+from estimation.estimators.deviating import DeviatingMachine
 from estimation.estimators.experiment import Experiment
 from estimation.estimators.influence import Influence
 from estimation.estimators.joint import joint_equations, reduced_information
 from estimation.estimators.knowledge import Knowledge
 from estimation.estimators.result import ParameterEstimate, precision
+from estimation.estimators.systematic import systematic_share
 from estimation.measurement_model import HarmonicMotion
 from estimation.measurement_model.normal_equations import Elimination, NormalEquations
 from expdesign.robot import Robot
+from expdesign.robot.deviation import Deviation
 
 _STEPS = 40
 _CONVERGED = 1e-3
@@ -39,10 +42,19 @@ def maximum_likelihood(
     experiments: Sequence[Experiment],
     knowledge: Knowledge,
     start: ParameterEstimate,
+    deviations: Sequence[Deviation] = (),
 ) -> ParameterEstimate:
     """Estimate parameters and motions jointly.
 
-    The motions of the experiments are fitted ones, and `start` is the Gauss–Markov estimate.
+    Parameters
+    ----------
+    experiments : sequence of Experiment
+        With fitted motions.
+    start : ParameterEstimate
+        The Gauss–Markov estimate.
+    deviations : sequence of Deviation
+        Entries of θ that are estimated, too, with their tolerances as priors: one θ for all
+        experiments.
 
     Raises
     ------
@@ -54,8 +66,11 @@ def maximum_likelihood(
     began = time.perf_counter()
     if any(experiment.fit is None for experiment in experiments):
         raise ValueError("maximum likelihood needs motions that were fitted by Fourier series")
-    problem = _Problem(robot, experiments, knowledge)
-    values, motions = start.values.copy(), [experiment.motion for experiment in experiments]
+    # θ stands behind the parameters and is treated as such, with its tolerances as priors.
+    known = knowledge.with_deviations(deviations)
+    problem = _Problem(robot, experiments, known, tuple(deviations))
+    values = np.concatenate([start.values, np.zeros(len(deviations))])
+    motions = [experiment.motion for experiment in experiments]
     equations = problem.equations(values, motions)
     cost = problem.cost(equations, values)
     damping, iterations, status = 0.0, 0, "stopped at the most iterations allowed"
@@ -88,15 +103,17 @@ def maximum_likelihood(
                 status = "no step improves the fit any more"
                 break
             move = problem.step(equations, values, motions, damping)
-    inverse = knowledge.inverse(reduced_information(equations, knowledge))
+    inverse = known.inverse(reduced_information(equations, known))
     influences = [
         _influence(problem, experiment, motion, values, each.eliminated(len(inverse)), inverse)
         for experiment, motion, each in zip(experiments, motions, equations, strict=True)
     ]
-    return ParameterEstimate(
+    count = int(np.count_nonzero(knowledge.free))
+    own = inverse[:count, :count]
+    found = ParameterEstimate(
         estimator="ml",
-        values=values,
-        **precision(influences, knowledge, inverse @ knowledge.precision @ inverse),
+        values=values[: len(knowledge.free)],
+        **precision(influences, knowledge, own @ knowledge.precision @ own),
         motions=tuple(motions),
         cost=cost,
         iterations=iterations,
@@ -104,6 +121,11 @@ def maximum_likelihood(
         status=status,
         seconds=time.perf_counter() - began,
     )
+    if not deviations:
+        return found
+    theta, std = values[len(knowledge.free) :], np.sqrt(np.diag(inverse)[count:])
+    systematic = systematic_share(influences, deviations, knowledge.free, theta, std)
+    return replace(found.with_systematic(systematic), seconds=time.perf_counter() - began)
 
 
 def _influence(
@@ -115,17 +137,21 @@ def _influence(
     inverse: Array,
 ) -> Influence:
     """Return how the errors of one experiment move the parameters, its motion eliminated."""
-    through_motion = -inverse @ eliminated.slope.T
+    machine = problem.machine(values)
+    free = problem.knowledge.free[: problem.parameters]
+    count = int(np.count_nonzero(free))
+    own, through_motion = inverse[:count], -inverse[:count] @ eliminated.slope.T
     return Influence(
         robot=problem.robot,
         experiment=experiment,
         motion=motion,
-        values=values,
-        free=problem.knowledge.free,
+        values=values[: problem.parameters],
+        free=free,
         weighting=experiment.noise.forces.covariance,
         weighted_by_noise=True,
-        force_gain=np.concatenate([inverse, through_motion], axis=1),
-        length_gain=through_motion,
+        force_gain=np.concatenate([own, through_motion], axis=1),
+        length_gain=np.concatenate([own[:, count:], through_motion], axis=1),
+        machine=machine,
     )
 
 
@@ -143,12 +169,26 @@ class _Problem:
     robot: Robot
     experiments: Sequence[Experiment]
     knowledge: Knowledge
+    """Of the parameters, and of θ behind them."""
+    deviations: tuple[Deviation, ...]
+
+    @property
+    def parameters(self) -> int:
+        """Number m of parameters."""
+        return len(self.knowledge.free) - len(self.deviations)
+
+    def machine(self, values: Array) -> DeviatingMachine | None:
+        """Return the machine at (p, θ), (m + t,); None where it is the one described."""
+        theta = values[self.parameters :]
+        return DeviatingMachine.of(self.robot, self.deviations, theta) if len(theta) else None
 
     def equations(self, values: Array, motions: Sequence[HarmonicMotion]) -> list[NormalEquations]:
-        return [
-            joint_equations(self.robot, experiment, motion, values, self.knowledge.free)
-            for experiment, motion in zip(self.experiments, motions, strict=True)
-        ]
+        machine = self.machine(values)
+        own, free = values[: self.parameters], self.knowledge.free[: self.parameters]
+        pairs = zip(self.experiments, motions, strict=True)
+        if machine is None:
+            return [joint_equations(self.robot, each, motion, own, free) for each, motion in pairs]
+        return [machine.joint_equations(each, motion, own, free) for each, motion in pairs]
 
     def cost(self, equations: Sequence[NormalEquations], values: Array) -> float:
         off = (values - self.knowledge.prior_mean)[self.knowledge.free]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ from scipy import stats
 from constraints.arrays import Array
 from estimation.estimators.influence import Covariance, Influence, difference_covariance
 from estimation.estimators.knowledge import Knowledge
+from estimation.estimators.systematic import Systematic
 from estimation.measurement_model import HarmonicMotion
 
 
@@ -25,6 +26,8 @@ class ParameterEstimate:
     """(m,), SI, in the order of the robot's parameters; fixed ones included."""
     covariance: Array
     """(m, m), of the estimate, all shares together; zero for fixed parameters."""
+    systematic: Systematic | None = None
+    """The share of what is not known exactly; None where everything is taken as exact."""
     covariance_forces: Array
     """(m, m), the part that the noise of the forces (and the prior) makes."""
     covariance_kinematics: Array | None
@@ -57,6 +60,33 @@ class ParameterEstimate:
     def std(self) -> Array:
         """(m,) standard deviations."""
         return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def covariance_systematic(self) -> Array:
+        """(m, m), the part that what is not known exactly makes: zero where all is exact."""
+        if self.systematic is None:
+            return np.zeros_like(self.covariance)
+        return self.systematic.covariance
+
+    @property
+    def covariance_random(self) -> Array:
+        """(m, m), the part that another recording of the same machine draws anew."""
+        return self.covariance - self.covariance_systematic
+
+    def with_systematic(self, systematic: Systematic | None) -> ParameterEstimate:
+        """Return the estimate with the share of what is not known exactly.
+
+        That share is taken as known: what is behind the standard deviations grows with it.
+        """
+        if systematic is None:
+            return self
+        share = systematic.covariance
+        with np.errstate(divide="ignore", invalid="ignore"):
+            grown = 1 + np.diag(share) / np.diag(self.covariance)
+        freedom = self.freedom * np.nan_to_num(grown, nan=1.0, posinf=np.inf) ** 2
+        return replace(
+            self, covariance=self.covariance + share, freedom=freedom, systematic=systematic
+        )
 
 
 def precision(

@@ -18,14 +18,17 @@ from estimation.estimators import (
     cramer_rao_covariance,
     linear_estimate,
     maximum_likelihood,
+    systematic_share,
 )
+from estimation.identification.corrected import corrected, estimated_machine
 from estimation.identification.load import at_estimated_load
 from estimation.identification.noise_choice import residual_noise
 from estimation.identification.recording import prepare_recording
-from estimation.identification.result import EstimationResult, RecordSummary
+from estimation.identification.result import EstimationResult, RecordSummary, best_of
 from estimation.uncertainty.intervals import identified_combinations, parameter_rows
 from expdesign.configuration import ConfigurationLike, InputError, RunConfiguration, load_run
 from expdesign.robot import Robot, robot_from
+from expdesign.robot.deviation import Deviation, tolerated
 from expdesign.trajectory import FourierTrajectory
 
 _RESIDUAL_ROUNDS = 2
@@ -79,8 +82,22 @@ def estimate(
             replace(record, experiment=experiment)
             for record, experiment in zip(records, experiments, strict=True)
         )
-        estimates = run_estimators(robot, experiments, knowledge, wanted)
+        chosen = tolerated(robot) if configuration.run.estimate.systematic != "none" else ()
+        joint = chosen if configuration.run.estimate.systematic == "estimated" else ()
+        estimates = {
+            name: with_budget(found, knowledge, chosen)
+            for name, found in run_estimators(robot, experiments, knowledge, wanted, joint).items()
+        }
         bound = _bound(robot, experiments, knowledge, estimates)
+        machine = estimated_machine(robot, best_of(estimates).systematic)
+        if machine.chosen:
+            # What follows sees the machine as it was found.
+            robot = machine.robot
+            records = tuple(
+                prepare_recording(configuration, robot, corrected(recording, machine), trajectory)
+                for recording, trajectory in zip(recordings, designs, strict=True)
+            )
+            records = _with_residual_noise(robot, records, knowledge)
         combinations = {
             name: identified_combinations(robot, knowledge.names, result.values, result.covariance)
             for name, result in estimates.items()
@@ -111,8 +128,12 @@ def run_estimators(
     experiments: Sequence[Experiment],
     knowledge: Knowledge,
     wanted: Sequence[str],
+    deviations: Sequence[Deviation] = (),
 ) -> dict[str, ParameterEstimate]:
-    """Return the estimates wanted, in the order ls, gm, ml."""
+    """Return the estimates wanted, in the order ls, gm, ml.
+
+    Maximum likelihood estimates the deviations given, too, with their tolerances as priors.
+    """
     # Maximum likelihood begins from Gauss–Markov.
     needed = {*wanted, "gm"} if "ml" in wanted else wanted
     results = {
@@ -121,8 +142,23 @@ def run_estimators(
         if name in needed
     }
     if "ml" in wanted:
-        results["ml"] = maximum_likelihood(robot, experiments, knowledge, results["gm"])
+        start = results["gm"]
+        results["ml"] = maximum_likelihood(robot, experiments, knowledge, start, deviations)
     return {name: found for name, found in results.items() if name in wanted}
+
+
+def with_budget(
+    estimate: ParameterEstimate, knowledge: Knowledge, tolerances: Sequence[Deviation]
+) -> ParameterEstimate:
+    """Return an estimate with what the tolerances given do to it.
+
+    It is returned as it is if it has estimated them, and after pointwise kinematics, where what
+    they do is not known.
+    """
+    if not tolerances or estimate.systematic is not None:
+        return estimate
+    share = systematic_share(estimate.influences, tolerances, knowledge.free)
+    return estimate.with_systematic(share)
 
 
 def _with_residual_noise(
@@ -150,7 +186,7 @@ def _bound(
     estimates: Mapping[str, ParameterEstimate],
 ) -> Array | None:
     if "ml" in estimates:
-        return estimates["ml"].covariance
+        return estimates["ml"].covariance_random
     if any(experiment.fit is None for experiment in experiments):
         return None
     motions = [experiment.motion for experiment in experiments]

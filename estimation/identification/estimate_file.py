@@ -10,8 +10,10 @@ import numpy as np
 from estimation.diagnostics.noise_record import NoiseKeys, noise_keys
 from estimation.diagnostics.record import Diagnosis, DiagnosisKeys
 from estimation.estimators import ParameterEstimate, covariance_ml_less_gm
+from estimation.identification.budget_record import SystematicKeys
 from estimation.identification.result import EstimationResult, RecordSummary
 from estimation.uncertainty.intervals import Combination
+from expdesign.robot.deviation import tolerated
 from expdesign.runfolder import Numbers, OpenNumbers, RunFile, copied, described
 from expdesign.trajectory import FourierKeys
 
@@ -116,6 +118,13 @@ class EstimatorKeys:
         OpenNumbers,
         described("1", "(m,) variances over those that white noise would make"),
     ] = field(default_factory=lambda: np.zeros(0))
+    covariance_systematic: Annotated[
+        Numbers | None, described("SI", "its share that the robot's tolerances make")
+    ] = None
+    systematic: Annotated[
+        SystematicKeys | None,
+        described("", "what is not known exactly, and what it does; null: taken as exact"),
+    ] = None
     combinations: Annotated[
         tuple[Combination, ...], described("", "what is known of parameters not identified")
     ]
@@ -135,6 +144,7 @@ class EstimatorKeys:
             estimate,
             freedom=np.where(np.isinf(estimate.freedom), np.nan, estimate.freedom),
             values=dict(zip(result.knowledge.names, estimate.values.tolist(), strict=True)),
+            systematic=SystematicKeys.of(estimate.systematic),
             combinations=result.combinations[estimate.estimator],
             motions=tuple(copied(FourierKeys, motion) for motion in motions),
         )
@@ -195,9 +205,28 @@ class EstimateFile(RunFile):
             },
             cramer_rao_covariance=result.bound,
             covariance_ml_less_gm=covariance_ml_less_gm(result.estimates),
-            intervals_note="95 %, with the noise of forces and lengths"
-            if result.intervals_cover
-            else "pointwise differentiation: the lengths' noise is in the regressor, which biases "
-            "the estimates and is not in the intervals; they do not cover",
+            intervals_note=_intervals_note(result),
             diagnostics=None if diagnosis is None else diagnosis.keys,
         )
+
+
+def _intervals_note(result: EstimationResult) -> str:
+    if not result.intervals_cover:
+        return (
+            "pointwise differentiation: the lengths' noise is in the regressor, which biases "
+            "the estimates and is not in the intervals; they do not cover"
+        )
+    systematic = result.best.systematic
+    if systematic is None:
+        return (
+            "95 %, with the noise of forces and lengths; they hold for exact geometry and force "
+            f"constants: {_NO_TOLERANCES[bool(tolerated(result.robot))]}"
+        )
+    verb = "and what is left of" if systematic.estimated else "and"
+    return f"95 %, with the noise of forces and lengths, {verb} the robot's tolerances"
+
+
+_NO_TOLERANCES = {
+    False: "the robot file gives no tolerances",
+    True: "its tolerances are left out (estimate.systematic: none)",
+}

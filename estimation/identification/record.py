@@ -11,7 +11,15 @@ import numpy as np
 from constraints.arrays import Array
 from estimation.diagnostics.noise_record import CovarianceRow, covariance_rows
 from estimation.diagnostics.record import Diagnosis, ExperimentRecord
+from estimation.identification.budget_record import (
+    BudgetRow,
+    DeviationRow,
+    budget_rows,
+    deviation_rows,
+)
 from estimation.identification.estimate_file import EstimateFile
+from estimation.identification.identified_robot import FILE as IDENTIFIED_ROBOT
+from estimation.identification.identified_robot import identified_robot
 from estimation.identification.result import EstimationResult
 from estimation.uncertainty.intervals import ParameterRow, correlation
 from expdesign.mechanism.hexapod import COORDINATES
@@ -25,6 +33,7 @@ from expdesign.runfolder import (
     RowTable,
     described,
 )
+from expdesign.runfolder.atomic import write_text
 from expdesign.runfolder.described import (
     ACCELERATION_COLUMNS,
     POSE_COLUMNS,
@@ -114,12 +123,16 @@ class EstimateRecord(FolderRecord):
         "correlations": _matrix_table("correlation", "1"),
         "covariances": _matrix_table("covariance", "SI"),
         "precision": RowTable("tables/precision.csv", _WRITTEN_BY, PrecisionRow),
+        "budget": RowTable("tables/budget.csv", _WRITTEN_BY, BudgetRow),
+        "deviations": RowTable("tables/deviations.csv", _WRITTEN_BY, DeviationRow),
         "noise": RowTable("tables/noise.csv", _WRITTEN_BY, NoiseRow),
     }
     summary: EstimateFile
     rows: tuple[ParameterRow, ...]
     experiments: tuple[ExperimentRecord, ...]
     motions: dict[int, EstimatedMotion]
+    identified: str | None = None
+    """The robot file of what was found; None in a folder whose version did not write it."""
 
     @classmethod
     def of(cls, result: EstimationResult, diagnosis: Diagnosis | None = None) -> Self:
@@ -133,6 +146,7 @@ class EstimateRecord(FolderRecord):
                 for number, record in enumerate(result.records)
                 if record.experiment.fit is not None
             },
+            identified_robot(result, diagnosis),
         )
 
     @classmethod
@@ -156,17 +170,30 @@ class EstimateRecord(FolderRecord):
         tables = enumerate(map(MOTION.numbered, summary.numbers), start=1)
         motions = {n: table.read(folder) for n, table in tables if table.is_in(folder)}
         rows = ESTIMATES.read(folder)
-        return cls(**found, rows=rows, experiments=experiments, motions=motions)
+        robot = folder / IDENTIFIED_ROBOT
+        identified = robot.read_text(encoding="utf-8") if robot.is_file() else None
+        return cls(
+            **found, rows=rows, experiments=experiments, motions=motions, identified=identified
+        )
 
     def contents(self) -> Contents:
         """Yield the tables, with those of each recording before the estimates themselves."""
-        yield from super().contents()
+        unsaid = () if self.budget else (self.TABLES["budget"], self.TABLES["deviations"])
+        yield from ((table, part) for table, part in super().contents() if table not in unsaid)
         numbers = self.summary.numbers
         for n, motion in self.motions.items():
             yield MOTION.numbered(numbers[n - 1]), motion
         for experiment, place in zip(self.experiments, numbers, strict=False):
             yield from ((table.numbered(place), part) for table, part in experiment.contents())
         yield ESTIMATES, self.rows
+
+    def write(self, folder: Path) -> list[Path]:
+        """Write the files, and the robot that was found."""
+        written = super().write(folder)
+        if self.identified is not None:
+            write_text(folder / IDENTIFIED_ROBOT, self.identified)
+            written.append(folder / IDENTIFIED_ROBOT)
+        return written
 
     def by_estimator(self) -> dict[str, tuple[ParameterRow, ...]]:
         """Return the rows of each estimator, in the order of the parameters."""
@@ -210,6 +237,27 @@ class EstimateRecord(FolderRecord):
                 )
             ]
         return rows
+
+    @property
+    def budget(self) -> list[BudgetRow]:
+        """What every tolerance costs every parameter; empty where all is taken as exact."""
+        names = self.summary.parameters
+        return [
+            row
+            for estimator, entry in self.summary.estimators.items()
+            if entry.systematic is not None
+            for row in budget_rows(estimator, names, entry.covariance, entry.systematic)
+        ]
+
+    @property
+    def deviations(self) -> list[DeviationRow]:
+        """What is known of every number that is not known exactly."""
+        return [
+            row
+            for estimator, entry in self.summary.estimators.items()
+            if entry.systematic is not None
+            for row in deviation_rows(estimator, entry.systematic)
+        ]
 
     @property
     def noise(self) -> list[NoiseRow]:

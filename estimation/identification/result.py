@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from constraints.arrays import Array
@@ -55,7 +56,7 @@ class EstimationResult:
     @property
     def best(self) -> ParameterEstimate:
         """The estimate to use: ML if there is one, else GM, else LS."""
-        return next(self.estimates[name] for name in ("ml", "gm", "ls") if name in self.estimates)
+        return best_of(self.estimates)
 
     @property
     def experiments(self) -> tuple[Experiment, ...]:
@@ -70,3 +71,8 @@ class EstimationResult:
     def __getitem__(self, estimator: str) -> ParameterEstimate:
         """Return one estimator's result."""
         return self.estimates[estimator]
+
+
+def best_of(estimates: Mapping[str, ParameterEstimate]) -> ParameterEstimate:
+    """Return the estimate to use of those by estimator: ML if there is one, else GM, else LS."""
+    return next(estimates[name] for name in ("ml", "gm", "ls") if name in estimates)

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from constraints.arrays import Array
-from estimation.estimators import Knowledge, ParameterEstimate
+from estimation.estimators import Knowledge, ParameterEstimate, Systematic
+from estimation.identification.budget_record import SystematicKeys
 from estimation.identification.estimate_file import EstimateFile
 from expdesign.configuration import InputError
 from expdesign.configuration.sections.data import EstimateSection
 from expdesign.robot import Robot
+from expdesign.robot.deviation import deviations
 from expdesign.runfolder import copied
 
 
@@ -92,6 +94,7 @@ def saved_estimate(
             freedom=_or(entry.freedom, np.inf, len(names)),
             colour=_or(entry.colour, 1.0, len(names)),
             influences=(),
+            systematic=_systematic(entry.systematic, robot),
             motions=(),
         ),
         Knowledge.of(robot, EstimateSection(fixed=fixed)),
@@ -102,3 +105,17 @@ def _or(numbers: Array, missing: float, count: int) -> Array:
     """Return numbers with those that are missing, all of them in a folder that has none."""
     known = numbers if len(numbers) == count else np.full(count, np.nan)
     return np.where(np.isnan(known), missing, known)
+
+
+def _systematic(keys: SystematicKeys | None, robot: Robot) -> Systematic | None:
+    """Return what tolerances do to an estimate; None where the robot has not what deviates."""
+    known = {one.name: one for one in deviations(robot)}
+    if keys is None or any(one.name not in known for one in keys.deviations):
+        return None
+    return Systematic(
+        tuple(replace(known[one.name], std=one.tolerance) for one in keys.deviations),
+        keys.response,
+        np.array([one.value for one in keys.deviations]),
+        np.array([one.std for one in keys.deviations]),
+        estimated=keys.estimated,
+    )

@@ -19,10 +19,10 @@ import numpy as np
 from constraints.arrays import Array
 from estimation.measurement_model.motion import HarmonicMotion
 from estimation.measurement_model.prediction import chunks
-from expdesign.mechanism.hexapod import COORDINATES
+from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
 from expdesign.robot import Robot
 from expdesign.robot.deviation import Deviation
-from expdesign.robot.deviation_slope import force_deviation_columns, length_deviation_columns
+from expdesign.robot.deviation_slope import deviating_forces, length_deviation_columns
 
 
 def deviation_forces(
@@ -48,17 +48,33 @@ def deviation_forces(
     chosen : sequence of Deviation
         The columns wanted.
     own_clock : bool
-        ω was taken from the recording itself, not from a design (`force_deviation_columns`).
+        ω was taken from the recording itself, not from a design (`deviating_forces`).
     """
-    parts = [np.empty((0, COORDINATES, len(chosen)))]
+    parts = [np.empty((0, ACTUATORS, len(chosen)))]
     for part in chunks(len(times)):
         state = _state(motion, times[part])
-        parts.append(
-            force_deviation_columns(
-                robot, state, times[part], signs[part], values, chosen, own_clock=own_clock
-            )
+        found = deviating_forces(
+            robot, state, times[part], signs[part], values, chosen, own_clock=own_clock
         )
+        parts.append(found.columns)
     return np.concatenate(parts)
+
+
+def predict_deviating_forces(
+    robot: Robot,
+    motion: HarmonicMotion,
+    times: Array,
+    signs: Array,
+    values: Array,
+    chosen: Sequence[Deviation],
+    *,
+    own_clock: bool = False,
+) -> tuple[Array, Array, Array]:
+    """Return A, (S, 6, m), ∂(A p)/∂ξ, (S, 6, x), and Z_f, (S, 6, t), all at once."""
+    found = deviating_forces(
+        robot, _state(motion, times), times, signs, values, chosen, own_clock=own_clock
+    )
+    return found.regressors, motion.at(times).chain(found.state_slope), found.columns
 
 
 def deviation_lengths(
@@ -70,7 +86,7 @@ def deviation_lengths(
     own_clock: bool = False,
 ) -> Array:
     """Return Z_l, (S, 6, t), in m per SI unit of each entry; `times` are those of the lengths."""
-    parts = [np.empty((0, COORDINATES, len(chosen)))]
+    parts = [np.empty((0, ACTUATORS, len(chosen)))]
     for part in chunks(len(times)):
         state = _state(motion, times[part])
         parts.append(

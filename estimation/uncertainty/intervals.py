@@ -22,7 +22,7 @@ IDENTIFIED = 0.5
 """A parameter is identified when its standard deviation is less than this share of its scale."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ParameterRow:
     """One parameter of one estimator: a row of `estimates.csv`."""
 
@@ -33,6 +33,12 @@ class ParameterRow:
     std: Annotated[
         OpenNumber, described("see unit", "standard deviation; empty for a fixed parameter")
     ]
+    std_random: Annotated[
+        OpenNumber, described("see unit", "share of std that another recording draws anew")
+    ] = np.nan
+    std_systematic: Annotated[
+        OpenNumber, described("see unit", "share of std that the robot's tolerances make")
+    ] = np.nan
     ci_low: Annotated[OpenNumber, described("see unit", "lower end of the 95 % interval")]
     ci_high: Annotated[OpenNumber, described("see unit", "upper end of the 95 % interval")]
     rel_std_percent: Annotated[
@@ -51,6 +57,10 @@ def parameter_rows(
 ) -> list[ParameterRow]:
     """Return the rows of all parameters."""
     scales, widths = robot.scales, interval_widths(estimate.freedom)
+    random, systematic = (
+        np.sqrt(np.maximum(np.diag(share), 0.0))
+        for share in (estimate.covariance_random, estimate.covariance_systematic)
+    )
     rows = []
     for k, name in enumerate(knowledge.names):
         value, prior = float(estimate.values[k]), float(knowledge.nominal[k])
@@ -64,6 +74,8 @@ def parameter_rows(
                 unit=parameter_unit(name),
                 value=value,
                 std=std,
+                std_random=float(random[k]) if free else np.nan,
+                std_systematic=float(systematic[k]) if free else np.nan,
                 ci_low=value - width * std,
                 ci_high=value + width * std,
                 rel_std_percent=100 * std / abs(prior) if prior else np.nan,

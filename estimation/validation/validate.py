@@ -13,8 +13,9 @@ from estimation.data.reading import read_measurement
 from estimation.diagnostics.diagnosis import diagnose
 from estimation.diagnostics.finding import Status
 from estimation.diagnostics.record import Diagnosis
-from estimation.estimators import Experiment
+from estimation.estimators import DeviatingMachine, Experiment
 from estimation.identification import prepare_experiment
+from estimation.identification.corrected import corrected, estimated_machine
 from estimation.identification.saved import SavedEstimate
 from estimation.twin import Twin
 from estimation.validation.motions import motion_name, motion_of_run
@@ -29,7 +30,7 @@ from estimation.validation.record import (
 from expdesign.configuration import InputError, RunConfiguration, ValidationMotion
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.recheck.judge import recheck
-from expdesign.robot import LimitModel, Robot, robot_from
+from expdesign.robot import LimitModel, robot_from
 from expdesign.trajectory import FourierTrajectory
 
 FIRST_REPETITION = 100_001
@@ -67,10 +68,11 @@ def validate(configuration: RunConfiguration, saved: SavedEstimate) -> Validatio
             key="validate",
             allowed="a list such as [{motion: circle}, {motion: circle, mirror: xz}]",
         )
-    robot = robot_from(configuration.robot)
+    machine = estimated_machine(robot_from(configuration.robot), saved.estimate.systematic)
+    robot = machine.robot
     with threadpool_limits(limits=1, user_api="blas"):
         predictions = [
-            _predicted(configuration, robot, saved, number, motion)
+            _predicted(configuration, machine, saved, number, motion)
             for number, motion in enumerate(configuration.run.validation, start=1)
         ]
     warnings = list(configuration.warnings)
@@ -99,14 +101,14 @@ def validate(configuration: RunConfiguration, saved: SavedEstimate) -> Validatio
 
 def _predicted(
     configuration: RunConfiguration,
-    robot: Robot,
+    machine: DeviatingMachine,
     saved: SavedEstimate,
     number: int,
     motion: ValidationMotion,
 ) -> _Prediction:
     trajectory: FourierTrajectory | None = None
     warnings: list[str] = []
-    name = motion_name(motion)
+    robot, name = machine.robot, motion_name(motion)
     if motion.motion == "file":
         path = Path(str(motion.file))
         data = read_measurement(path, configuration.run.data, configuration.robot)
@@ -122,6 +124,7 @@ def _predicted(
                 f"{worst.unit}, bound {worst.bound:.4g}); a real machine could not make it"
             )
     loaded = robot.with_load_at(saved.estimate.values)
+    data = corrected(data, machine)
     experiment = prepare_experiment(configuration, loaded, data, trajectory, held_out=True)
     diagnosis = diagnose(loaded, [experiment], saved.knowledge, saved.estimate, held_out=True)
     record = experiment.record

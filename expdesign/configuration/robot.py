@@ -16,6 +16,7 @@ from constraints.arrays import Array
 from expdesign.configuration import geometry as geo
 from expdesign.configuration.document import Placed, read_yaml
 from expdesign.configuration.finding import find_file
+from expdesign.configuration.identification import Identification
 from expdesign.configuration.limits import (
     Limits,
     limits_as_written,
@@ -88,6 +89,8 @@ class RobotDescription(Section):
     """Standard deviations of what is not known exactly; None: all is exact."""
     limits: Limits = Field(default_factory=dict)
     """As written."""
+    identification: Annotated[Identification | None, LATER] = None
+    """How the values are known, in a file that an estimate wrote."""
 
 
 def _name_or_inline(value: object) -> str:
@@ -227,6 +230,8 @@ def resolve_robot(
         raise InputError(problems)
 
     warnings += parameter_warnings(terms, description.parameters)
+    if description.identification is not None:
+        warnings += description.identification.warnings
     if sums:
         warnings.append(
             "the platform is declared symmetric, but sums over its joints do not vanish: "

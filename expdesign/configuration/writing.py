@@ -8,11 +8,16 @@ import textwrap
 from collections.abc import Iterator
 from typing import Any
 
+from expdesign.configuration.robot import RobotDescription
 from expdesign.configuration.run import STAGES, RunConfiguration
 
 _HEADER = """\
 # Resolved configuration: every value that is used, with the defaults. Values are in SI units
 # (m, s, kg, N, rad; frequencies in Hz). Loading this file gives the same configuration.
+"""
+_ROBOT_HEADER = """\
+# A robot file that an estimate wrote: its values in SI units (m, s, kg, N, rad), with how they are
+# known under `identification`. Name it as `robot:` of a run file.
 """
 _UNNAMED = "# What this run does not name, with the values that it would have:\n"
 _EXPERIMENT_IS_USED = (
@@ -57,6 +62,15 @@ def resolved_yaml(configuration: RunConfiguration) -> str:
         for key in unnamed:
             parts += [f"# {line}" for line in _lines(key, data[key], 0)]
     return "".join(parts)
+
+
+def robot_yaml(robot: RobotDescription) -> str:
+    """Return a robot as the text of its file, to the last bit."""
+    data = {
+        key: value for key, value in robot.model_dump(by_alias=True).items() if value is not None
+    }
+    lines = (line for key, value in data.items() for line in _lines(key, value, 0))
+    return "".join([_ROBOT_HEADER, *lines])
 
 
 def _lines(key: str, value: Any, indent: int) -> Iterator[str]:

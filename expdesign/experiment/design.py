@@ -13,6 +13,7 @@ from constraints.arrays import Array
 from expdesign.configuration import ConfigurationLike, InputError, RunConfiguration, load_run
 from expdesign.configuration.loading import smoothing_widths
 from expdesign.experiment.result import DesignResult, PredictedPrecision, imprecise, whole
+from expdesign.experiment.systematic import systematic_std
 from expdesign.information.criteria import CRITERIA
 from expdesign.information.fisher import (
     EXCITABLE,
@@ -95,6 +96,14 @@ def design(config: ConfigurationLike, monitor: Monitor | None = None) -> DesignR
         per_period=_precision(evaluator, information, samples, 1),
         experiment=experiment,
         hum=task.plan.hum.distances(trajectory.omega),
+        systematic=systematic_std(
+            evaluator.robot,
+            trajectory,
+            samples,
+            evaluator.names,
+            evaluator.covariance,
+            _length_covariance(configuration),
+        ),
         check=found.finished.check,
         search=found,
         seconds=time.perf_counter() - began,
@@ -180,6 +189,11 @@ def force_covariance(configuration: RunConfiguration) -> Array:
             allowed="force_std (six values) or force_covariance (6 × 6)",
         )
     return noise.force_covariance
+
+
+def _length_covariance(configuration: RunConfiguration) -> Array | None:
+    noise = configuration.robot.noise
+    return None if noise is None else noise.length_covariance
 
 
 def force_memory(configuration: RunConfiguration) -> PeriodicNoise | None:

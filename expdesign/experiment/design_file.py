@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Annotated, Any, Self
 
 import numpy as np
@@ -116,6 +116,7 @@ class PredictedStd:
 
     per_period: _Precision
     experiment: _Precision
+    systematic: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -164,7 +165,8 @@ class DesignFile(TrajectoryFile):
         described(
             "SI",
             "per_period and experiment: samples, periods and the standard deviation of each "
-            "parameter",
+            "parameter that noise makes; systematic: the one that the robot's tolerances make, "
+            "empty without them",
         ),
     ]
     status: Annotated[str, described("", "converged, not converged, interrupted or limits broken")]
@@ -214,7 +216,7 @@ class DesignFile(TrajectoryFile):
             frequency_hz=trajectory.frequency,
             controller_period=run.trajectory.controller_period,
             samples_per_period=whole(result.samples_per_period) or result.samples_per_period,
-            predicted_std=PredictedStd(result.per_period, result.experiment),
+            predicted_std=PredictedStd(result.per_period, result.experiment, result.systematic),
             solver=SolverRecord.of(result),
             limits={
                 check.key: copied(WorstMoment, check, certified=False, method=result.check.method)

@@ -61,6 +61,10 @@ class ParameterPrecision:
     rel_std_percent_experiment: Annotated[
         OpenNumber, described("%", "of the nominal value; empty where that is 0")
     ]
+    std_systematic: Annotated[
+        OpenNumber,
+        described("see unit", "share of the robot's tolerances, in both; empty without them"),
+    ] = np.nan
 
 
 @dataclass(frozen=True)
@@ -184,10 +188,18 @@ class DesignRecord(FolderRecord):
 def _parameters(result: DesignResult) -> Iterator[ParameterPrecision]:
     nominal = result.robot.description.parameters
     for name in result.parameter_names:
-        spreads = (result.per_period.std[name], result.experiment.std[name])
+        one_period, experiment = result.per_period.std[name], result.experiment.std[name]
         size = abs(nominal[name]) or np.nan
-        percents = (100 * std / size for std in spreads)
-        yield ParameterPrecision(name, parameter_unit(name), nominal[name], *spreads, *percents)
+        yield ParameterPrecision(
+            name,
+            parameter_unit(name),
+            nominal[name],
+            one_period,
+            experiment,
+            100 * one_period / size,
+            100 * experiment / size,
+            result.systematic.get(name, np.nan),
+        )
 
 
 def _iterations(search: SearchResult) -> Iterator[Iteration]:

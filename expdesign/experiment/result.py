@@ -78,6 +78,9 @@ class DesignResult:
     criterion_value: float
     per_period: PredictedPrecision
     experiment: PredictedPrecision
+    systematic: dict[str, float]
+    """Standard deviation that the robot's tolerances make of each parameter, SI, however many
+    periods are measured; empty without tolerances."""
     check: Recheck
     search: SearchResult
     seconds: float

@@ -22,6 +22,7 @@ _AXES = ("x", "y", "z")
 JOINT_ENTRIES = len(_AXES) * ACTUATORS
 """Of the base, and of the platform: joint by joint."""
 TILTS = 2
+_ALONG = 0.9
 
 
 @dataclass(frozen=True)
@@ -113,7 +114,8 @@ def tilt_axes(gravity: Array) -> Array:
     if size == 0:
         return np.zeros((TILTS, 3))
     up = -gravity / size
-    start = np.eye(3)[int(np.argmin(np.abs(up)))]
+    # The same axes for gravity a little turned: nothing that depends on the smallest component.
+    start = np.eye(3)[0 if abs(up[0]) < _ALONG else 1]
     first = start - (start @ up) * up
     first /= np.linalg.norm(first)
     return np.stack([first, np.cross(up, first)])
@@ -150,4 +152,4 @@ def deviated(robot: Robot, chosen: Sequence[Deviation], values: Array) -> Robot:
         gravity=read_only(gravity),
         constants=tuple((np.array(about.constants) + constants).tolist()),
     )
-    return Robot(moved)
+    return replace(robot, description=moved)

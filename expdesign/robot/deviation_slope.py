@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cache
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -20,18 +21,18 @@ _STATE = 3 * COORDINATES
 
 
 @cache
-def _force_kernel(terms: tuple[Term, ...]) -> BatchFunction:
-    """State (18), signs (s) → A p (6), its slopes to state (6, 18) and machine (6, 39 + c)."""
+def _force_kernel(terms: tuple[Term, ...], friction: Friction) -> BatchFunction:
+    """State (18), signs (s) if held → A (6, m), ∂(A p)/∂state (6, 18), ∂/∂machine (6, 39 + c)."""
     graph = hexapod_graph(terms)
-    force = graph.regressor_with(Friction.HELD) @ graph.parameters
+    regressor = graph.regressor_with(friction)
+    force = regressor @ graph.parameters
     geometry = graph.geometry
     joints = (ca.vec(geometry.base_joints), ca.vec(geometry.platform_joints))
     machine = ca.vertcat(*joints, geometry.gravity, graph.constants)
     slopes = [ca.densify(ca.jacobian(force, by)) for by in (graph.state, machine)]
     inputs = [graph.machine, graph.parameters]
-    return BatchFunction(
-        "deviating_force", [graph.state, graph.signs], inputs, [ca.densify(force), *slopes]
-    )
+    varying = [graph.state, graph.signs] if friction is Friction.HELD else [graph.state]
+    return BatchFunction("deviating_force", varying, inputs, [regressor, *slopes])
 
 
 @cache
@@ -47,17 +48,35 @@ def _length_kernel() -> BatchFunction:
     return BatchFunction("deviating_length", [graph.state], [geometry.vector], outputs)
 
 
-def force_deviation_columns(
+class DeviatingForces(NamedTuple):
+    """Forces of a motion, and what moves them.
+
+    Attributes
+    ----------
+    regressors : (S, 6, m)
+        A with the friction signs given.
+    state_slope : (S, 6, 18)
+        ∂(A p)/∂(λ, λ̇, λ̈).
+    columns : (S, 6, t)
+        Z_f = ∂(measured forces)/∂θ, in N per SI unit of each entry.
+    """
+
+    regressors: Array
+    state_slope: Array
+    columns: Array
+
+
+def deviating_forces(
     robot: Robot,
     state: Array,
     times: Array,
-    signs: Array,
+    signs: Array | None,
     parameters: Array,
     chosen: Sequence[Deviation],
     *,
     own_clock: bool = False,
-) -> Array:
-    """Return Z_f = ∂(measured forces)/∂θ, (S, 6, t), in N per SI unit of each entry.
+) -> DeviatingForces:
+    """Return the forces of a motion and how deviations of the machine move what is measured.
 
     The motion of the platform, the parameters and the signs of friction are held.
 
@@ -67,8 +86,8 @@ def force_deviation_columns(
         λ and its first three derivatives with respect to time.
     times : (S,)
         Stamps, s.
-    signs : (S, s)
-        Of the rates that the terms use.
+    signs : (S, s) or None
+        Of the rates that the terms use; None: the exact ones of this motion.
     parameters : (m,)
         SI.
     chosen : sequence of Deviation
@@ -77,8 +96,10 @@ def force_deviation_columns(
         The motion's frequency was taken from the recording itself, in its own clock. Else it is
         that of the controller, which is right, and stamps run away from it.
     """
-    kernel = _force_kernel(robot.terms)
-    forces, by_state, by_machine = kernel(state[:, :_STATE], signs, robot.machine, parameters)
+    kernel = _force_kernel(robot.terms, Friction.EXACT if signs is None else Friction.HELD)
+    varying = [state[:, :_STATE], *([] if signs is None else [signs])]
+    regressors, by_state, by_machine = kernel(*varying, robot.machine, parameters)
+    forces = regressors @ parameters
     tilting = np.cross(tilt_axes(robot.description.gravity), robot.description.gravity)
     joints = 2 * JOINT_ENTRIES
     by_gravity = by_machine[:, :, joints : joints + 3] @ tilting.T
@@ -105,7 +126,7 @@ def force_deviation_columns(
         -rate[:, :, None],
         clock[:, :, None],
     ]
-    return _picked(blocks, chosen)
+    return DeviatingForces(regressors, by_state, _picked(blocks, chosen))
 
 
 def length_deviation_columns(
@@ -118,7 +139,7 @@ def length_deviation_columns(
 ) -> Array:
     """Return Z_l = ∂(measured lengths)/∂θ, (S, 6, t), in m per SI unit of each entry.
 
-    As `force_deviation_columns`; the state's third derivative is not used.
+    As `deviating_forces`; the state's third derivative is not used.
     """
     rate, by_joints = _length_kernel()(state[:, :_STATE], robot.geometry_vector)
     samples = (len(state), ACTUATORS)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import MISSING, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Generic, Self, TypeVar
 
@@ -59,6 +59,11 @@ class Table(Generic[Written, Found]):
         """The names of the columns."""
         return tuple(column.name for column in self.columns)
 
+    @property
+    def required(self) -> tuple[str, ...]:
+        """Columns that it always has."""
+        return self.names
+
     def write(self, folder: Path, content: Written) -> list[Path]:
         """Write the table into a run folder; return its path and that of `columns.json`."""
         raise NotImplementedError
@@ -110,7 +115,7 @@ class Table(Generic[Written, Found]):
             frame = pd.read_csv(path, dtype=str, keep_default_na=False, encoding="utf-8")
         except (OSError, ValueError) as error:
             raise InputError(f"not a table that can be read: {error}", path) from error
-        missing = [name for name in self.names if name not in frame.columns]
+        missing = [name for name in self.required if name not in frame.columns]
         if missing:
             raise InputError(f"columns are missing: {', '.join(missing)}", path)
         return frame
@@ -121,7 +126,8 @@ class RowTable(Table[Iterable[Row], tuple[Row, ...]], Generic[Row]):
     """A table with a frozen dataclass for every row, whose fields are `described`.
 
     Cells may be empty where the field is `OpenNumber` or `MAY_BE_EMPTY`; where there are always
-    `some` rows, a table without any is refused.
+    `some` rows, a table without any is refused. A column that tables of earlier versions lack is a
+    field with a default.
     """
 
     row: type[Row]
@@ -131,6 +137,14 @@ class RowTable(Table[Iterable[Row], tuple[Row, ...]], Generic[Row]):
     def columns(self) -> tuple[Column, ...]:
         """One for every field of the row."""
         return tuple(column for _, columns in field_columns(self.row) for column in columns)
+
+    @property
+    def required(self) -> tuple[str, ...]:
+        """Those of fields without a default."""
+        later = {each.name for each in fields(self.row) if each.default is not MISSING}  # type: ignore[arg-type]
+        return tuple(
+            c.name for name, found in field_columns(self.row) for c in found if name not in later
+        )
 
     def write(self, folder: Path, content: Iterable[Row]) -> list[Path]:
         """Write the rows."""
@@ -143,11 +157,11 @@ class RowTable(Table[Iterable[Row], tuple[Row, ...]], Generic[Row]):
         frame = self.read_frame(folder)
         if self.some and frame.empty:
             raise InputError("the table has no rows", folder / self.file)
-        attributes = [name for name, _ in field_columns(self.row)]
-        names = list(self.names)
+        described = [(name, column.name) for name, (column,) in field_columns(self.row)]
+        attributes, names = zip(*(d for d in described if d[1] in frame.columns), strict=True)
         cells = [
             dict(zip(attributes, row, strict=True))
-            for row in frame[names].itertuples(index=False, name=None)
+            for row in frame[list(names)].itertuples(index=False, name=None)
         ]
         try:
             return checker(tuple[self.row, ...]).validate_python(cells)  # type: ignore[name-defined]

@@ -118,7 +118,7 @@ STAGES: dict[str, Stage] = {
         perform="expdesign.stages.estimate:perform",
         needs=("recording",),
         sections=_sections("trajectory", "data", "estimate"),
-        writes=("estimates.csv", *_TABLES),
+        writes=("estimates.csv", "identified-robot.yaml", *_TABLES),
         report="results.report.stages.estimate:estimate_report",
         left_out=(_study_does_it,),
     ),

@@ -201,3 +201,13 @@ def test_a_robot_without_gravity_has_nothing_to_tilt():
     assert columns.shape == (len(TIMES), 6, 2)
     assert not np.any(columns)
     assert not np.any(deviated(robot, tilts, np.array([0.1, 0.2])).description.gravity)
+
+
+def test_the_axes_of_tilts_turn_with_gravity_and_do_not_swap():
+    robot = load_robot("palida")
+    tilts = [each for each in deviations(robot) if each.group == "gravity"]
+    before = tilt_axes(robot.description.gravity)
+    np.testing.assert_allclose(before, [[1, 0, 0], [0, 1, 0]], atol=1e-15)
+    for theta in ([0.01, 0.0], [0.0, 0.01], [-0.008, 0.001]):
+        after = tilt_axes(deviated(robot, tilts, np.array(theta)).description.gravity)
+        np.testing.assert_allclose(after, before, atol=0.011)

@@ -8,7 +8,7 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from expdesign.configuration.parameters import known_parameter, parsed_parameter
 from expdesign.configuration.problem import refusal, require, shown
-from expdesign.configuration.section import Section
+from expdesign.configuration.section import LATER, Section
 from expdesign.configuration.values.quantity import (
     CURRENT,
     DURATION,
@@ -133,6 +133,7 @@ Differentiation = Literal["fourier", "central", "butterworth"]
 NoiseOrigin = Literal["auto", "estimated", "given"]
 SpectrumOrigin = Literal["auto", "white", "estimated"]
 FrequencyOrigin = Literal["known", "estimated"]
+SystematicOrigin = Literal["budget", "estimated", "none"]
 Loss = Literal["squared", "huber"]
 
 Estimators = Annotated[
@@ -193,6 +194,9 @@ class EstimateSection(Section):
     spectrum: Annotated[SpectrumOrigin, one_of(SpectrumOrigin)] = "auto"
     """What the weights of GM and ML take the noise for: ``auto`` is ``estimated`` where the scatter
     between three or more periods speaks against ``white``."""
+    systematic: Annotated[SystematicOrigin, one_of(SystematicOrigin), LATER] = "budget"
+    """What becomes of the robot's tolerances: their share is counted, or maximum likelihood
+    estimates what they are of, too."""
     frequency: Annotated[FrequencyOrigin, one_of(FrequencyOrigin)] = "known"
     loss: Annotated[Loss, one_of(Loss)] = "squared"
     """``huber`` lets outliers count less."""

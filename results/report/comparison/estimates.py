@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from constraints.arrays import Array
+from estimation.identification.budget_record import shared_response
 from estimation.identification.estimate_file import EstimateFile
 from estimation.twin.record import Truth
 from estimation.uncertainty.differences import Differences, difference_test
@@ -60,6 +61,22 @@ class ComparedEstimate:
         at = self._places(names)
         return self.summary.best_estimator.covariance[np.ix_(at, at)]
 
+    def difference_covariance(self, other: ComparedEstimate, names: tuple[str, ...]) -> Array:
+        """Return the covariance of the difference to an estimate from independent data, (m, m), SI.
+
+        What the tolerances make is shared by estimates of one machine: only what it does
+        differently to both is a difference.
+        """
+        total = self.covariance(names) + other.covariance(names)
+        if self.summary.robot != other.summary.robot:
+            return total
+        keys = (self.summary.best_estimator.systematic, other.summary.best_estimator.systematic)
+        own, others = shared_response(*keys)
+        if not own.shape[1]:
+            return total
+        first, second = own[self._places(names)], others[other._places(names)]
+        return total - first @ second.T - second @ first.T
+
     def _places(self, names: tuple[str, ...]) -> list[int]:
         return [self.summary.parameters.index(name) for name in names]
 
@@ -82,12 +99,12 @@ def estimates_report(found: tuple[ComparedEstimate, ...], figure: FigureBlock) -
             text = f"{title}: not tested. {reason}"
             blocks.append(TextBlock(text, Level.CAUTION))
             continue
-        covariance = one.covariance(names) + other.covariance(names)
+        covariance = one.difference_covariance(other, names)
         test = difference_test(one.of(names)[0], other.of(names)[0], covariance)
         tested += 1
         different += test.differ_jointly or bool(np.any(test.differs))
         blocks.append(TextBlock(_sentence(title, test)))
-        caption = f"{title}: each parameter against the sum of both covariances"
+        caption = f"{title}: each parameter against what noise and tolerances make of it"
         blocks.append(differences_table(f"difference_{number}", caption, names, test))
     for each in found:
         test_of_information = information_test(each.summary)

@@ -83,6 +83,7 @@ def limits_table(record: DesignRecord) -> ReportTable:
 
 def parameters_table(record: DesignRecord) -> ReportTable:
     """Return nominal parameters with their predicted standard deviations."""
+    shared = record.summary.predicted_std.systematic
     columns = (
         Column("parameter", kind="parameter", of="name"),
         Column("unit", kind="text", of="unit"),
@@ -91,14 +92,21 @@ def parameters_table(record: DesignRecord) -> ReportTable:
         Column("σ, one period", "%", digits=3, of="rel_std_percent_per_period"),
         Column("σ, experiment", digits=3, of="std_experiment"),
         Column("σ, experiment", "%", digits=3, of="rel_std_percent_experiment"),
+        *([Column("σ, tolerances", digits=3, of="std_systematic")] if shared else []),
     )
     experiment = record.summary.predicted_std.experiment
     caption = (
         f"Nominal parameters and predicted standard deviations σ: over {record.summary.samples} "
         f"samples of one period, and over {readable(experiment.periods)} periods with "
         f"{experiment.samples} samples; percent of the nominal value"
+        f"{_TOLERANCES if shared else ''}"
     )
     return ReportTable.of("parameters", caption, columns, record.parameters)
+
+
+_TOLERANCES = (
+    "; what the robot's tolerances make comes on top of either, and more periods do not reduce it"
+)
 
 
 def _starts_table(record: DesignRecord) -> ReportTable:

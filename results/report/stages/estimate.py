@@ -15,6 +15,7 @@ from results.figures.noise import NOISE_FIGURES
 from results.figures.parameters import ESTIMATE_FIGURES
 from results.figures.residuals import DIAGNOSTIC_FIGURES
 from results.notation import counted, readable
+from results.report.budget import budget_blocks, share_columns
 from results.report.content import (
     Block,
     Fact,
@@ -61,6 +62,7 @@ def estimates_table(record: EstimateRecord, truth: Mapping[str, float] | None) -
         Column("a priori", of="a_priori"),
         Column("estimate", digits=5, of="value"),
         Column("σ", digits=3, of="std"),
+        *share_columns(record),
         Column("95 % from", digits=5, of="ci_low"),
         Column("95 % to", digits=5, of="ci_high"),
         Column("σ / a priori", "%", digits=3, of="rel_std_percent"),
@@ -104,6 +106,7 @@ def _blocks(
     if not summary.intervals_cover:
         blocks.append(TextBlock(summary.intervals_note, Level.CAUTION))
     blocks.append(estimates_table(record, truth))
+    blocks += budget_blocks(record)
     weak = [combination.text for combination in summary.best_estimator.combinations]
     if weak:
         text = "Combinations of parameters that the data do not tell apart: " + "; ".join(weak)

@@ -1,0 +1,180 @@
+"""What a machine measures that deviates from its description by θ, and how that changes with θ.
+
+The joints, gravity's direction and the constants of the terms are really moved; lengths have their
+zeros, forces their gains, stamps their delay and clock. At θ = 0 it is the machine described.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from constraints.arrays import Array
+from estimation.estimators.experiment import Experiment
+from estimation.kinematics.friction_signs import expected_signs
+from estimation.measurement_model import HarmonicMotion, predict_lengths
+from estimation.measurement_model.deviation import deviation_lengths, predict_deviating_forces
+from estimation.measurement_model.normal_equations import NormalEquations, Rows
+from estimation.measurement_model.prediction import chunks
+from estimation.processing import PeriodSource
+from expdesign.mechanism.hexapod import ACTUATORS
+from expdesign.robot import Robot
+from expdesign.robot.deviation import Deviation, deviated
+
+_OWN_CLOCK = (PeriodSource.COLUMN, PeriodSource.DATA)
+"""Where ω comes from the recording itself."""
+
+
+class MeasuredForces(NamedTuple):
+    """Forces as they are measured, with their derivatives.
+
+    Attributes
+    ----------
+    regressors : (S, 6, m)
+        Times p: the forces, N.
+    deviations : (S, 6, t)
+        ∂(measured forces)/∂θ.
+    slope : (S, 6, x)
+        ∂(measured forces)/∂ξ.
+    """
+
+    regressors: Array
+    deviations: Array
+    slope: Array
+
+
+class MeasuredLengths(NamedTuple):
+    """Lengths as they are measured, (S, 6), m, and their derivatives as of `MeasuredForces`."""
+
+    values: Array
+    deviations: Array
+    slope: Array
+
+
+@dataclass(frozen=True, eq=False)
+class DeviatingMachine:
+    """A machine at θ."""
+
+    robot: Robot
+    """Whose joints, gravity and constants have moved."""
+    chosen: tuple[Deviation, ...]
+    theta: Array
+    """(t,), SI, of the entries chosen."""
+
+    @classmethod
+    def exact(cls, robot: Robot) -> DeviatingMachine:
+        """Take the machine described."""
+        return cls(robot, (), np.zeros(0))
+
+    @classmethod
+    def of(cls, robot: Robot, chosen: Sequence[Deviation], theta: Array) -> DeviatingMachine:
+        """Move the robot described by θ, (t,)."""
+        moves = any(
+            value != 0 for one, value in zip(chosen, theta, strict=True) if one.of_the_machine
+        )
+        return cls(deviated(robot, chosen, theta) if moves else robot, tuple(chosen), theta)
+
+    def forces(
+        self, experiment: Experiment, motion: HarmonicMotion, values: Array, part: slice
+    ) -> MeasuredForces:
+        """Return what some of an experiment's force samples should be at ξ and p, (m,)."""
+        times = experiment.record.forces.times[part]
+        own = experiment.record.source in _OWN_CLOCK
+        motion, true_times = self._seen(motion, times - self.delay, own_clock=own)
+        if experiment.spread is None:
+            raise ValueError("pointwise kinematics have no spread of their rates")
+        signs = expected_signs(self.robot, motion, true_times, experiment.spread[part])
+        regressors, slope, columns = predict_deviating_forces(
+            self.robot, motion, true_times, signs, values, self.chosen, own_clock=own
+        )
+        gains = self.gains[:, None]
+        read = np.array([one.group.startswith("force_constant.") for one in self.chosen], bool)
+        return MeasuredForces(
+            regressors * gains,
+            np.where(read, columns, columns * gains),
+            slope * gains,
+        )
+
+    def lengths(
+        self, experiment: Experiment, motion: HarmonicMotion, part: slice
+    ) -> MeasuredLengths:
+        """Return what some of an experiment's length samples should be at ξ."""
+        times = experiment.record.lengths.times[part]
+        own = experiment.record.source in _OWN_CLOCK
+        motion, true_times = self._seen(motion, times, own_clock=own)
+        lengths, slope = predict_lengths(self.robot, motion, true_times)
+        columns = deviation_lengths(self.robot, motion, true_times, self.chosen, own_clock=own)
+        return MeasuredLengths(lengths + self.zeros, columns, slope)
+
+    def joint_equations(
+        self,
+        experiment: Experiment,
+        motion: HarmonicMotion,
+        values: Array,
+        free: NDArray[np.bool_],
+    ) -> NormalEquations:
+        """Return what an experiment says of the free parameters, of θ and of ξ, in this order."""
+        forces, lengths, noise = (
+            experiment.record.forces,
+            experiment.record.lengths,
+            experiment.noise,
+        )
+
+        def force_rows(part: slice) -> Rows:
+            found = self.forces(experiment, motion, values, part)
+            columns = (found.regressors[:, :, free], found.deviations, found.slope)
+            residuals = forces.values[part] - found.regressors @ values
+            return residuals, np.concatenate(columns, axis=2), forces.counts[part]
+
+        def length_rows(part: slice) -> Rows:
+            found = self.lengths(experiment, motion, part)
+            columns = np.concatenate([found.deviations, found.slope], axis=2)
+            return lengths.values[part] - found.values, columns, lengths.counts[part]
+
+        parts = chunks(experiment.record.samples)
+        of_motion = NormalEquations.of(
+            map(length_rows, parts), noise.lengths.covariance, noise.lengths.filter
+        )
+        return NormalEquations.of(
+            map(force_rows, parts), noise.forces.covariance, noise.forces.filter
+        ).with_motion(of_motion)
+
+    @property
+    def delay(self) -> float:
+        """By how much forces lag behind the lengths, s."""
+        return self._one("delay")
+
+    @property
+    def zeros(self) -> Array:
+        """(6,), by how much lengths are measured too long, m."""
+        return self._per_actuator("strut_length")
+
+    @property
+    def gains(self) -> Array:
+        """(6,), measured over true forces."""
+        return 1.0 + self._one("force_constant.common") + self._per_actuator("force_constant.each")
+
+    def _one(self, group: str) -> float:
+        found = zip(self.chosen, self.theta, strict=True)
+        return float(sum(value for one, value in found if one.group == group))
+
+    def _per_actuator(self, group: str) -> Array:
+        """Return the entries of a group whose names end with the actuator's number, (6,)."""
+        result = np.zeros(ACTUATORS)
+        for one, value in zip(self.chosen, self.theta, strict=True):
+            if one.group == group:
+                result[int(one.name.rpartition("_")[2]) - 1] = value
+        return result
+
+    def _seen(
+        self, motion: HarmonicMotion, times: Array, *, own_clock: bool
+    ) -> tuple[HarmonicMotion, Array]:
+        """Return the motion and the times, s, at which it is measured at these stamps."""
+        fast = self._one("clock")
+        if own_clock:
+            return replace(motion, omega=motion.omega * (1 + fast)), times / (1 + fast)
+        return motion, times * (1 - fast)

@@ -1,0 +1,112 @@
+"""How what is not known exactly moves an estimate: the systematic share of its covariance.
+
+A machine that deviates by θ from its description moves the estimate by D θ. Over all experiments
+D = Σ K_fᵀ Z_f + K_lᵀ Z_l, with the estimator's own K (`estimation.estimators.influence`). By the
+tolerances θ has the covariance Θ, and D Θ Dᵀ is what they make (GUM, type B). θ is one and the
+same in all recordings of the machine: D is summed before it is squared.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from constraints.arrays import Array
+from estimation.estimators.deviating import DeviatingMachine, MeasuredForces, MeasuredLengths
+from estimation.estimators.influence import Influence
+from expdesign.robot.deviation import Deviation
+
+
+@dataclass(frozen=True, eq=False)
+class Systematic:
+    """What the deviations θ of a machine do to an estimate, and what is known of them."""
+
+    deviations: tuple[Deviation, ...]
+    response: Array
+    """(m, t), D: what p̂ moves by per unit of every entry; zero for fixed parameters."""
+    values: Array
+    """(t,), estimate of θ; zero where it is not estimated."""
+    std: Array
+    """(t,), its standard deviation: the tolerance where it is not estimated."""
+    estimated: bool = False
+    """θ was estimated together with the parameters."""
+
+    @property
+    def scaled(self) -> Array:
+        """(m, t), D times the tolerances: what one standard deviation of every entry does."""
+        return self.response * np.array([each.std for each in self.deviations])
+
+    @property
+    def covariance(self) -> Array:
+        """(m, m), D Θ Dᵀ."""
+        return self.scaled @ self.scaled.T
+
+    @property
+    def groups(self) -> dict[str, Array]:
+        """Standard deviation, (m,), that each group of tolerances makes."""
+        groups = np.array([each.group for each in self.deviations])
+        return {
+            group: np.linalg.norm(self.scaled[:, groups == group], axis=1)
+            for group in dict.fromkeys(groups.tolist())
+        }
+
+
+def systematic_share(
+    influences: Sequence[Influence],
+    chosen: Sequence[Deviation],
+    free: NDArray[np.bool_],
+    values: Array | None = None,
+    std: Array | None = None,
+) -> Systematic | None:
+    """Return what the entries chosen do to an estimate.
+
+    None after pointwise kinematics, where it is not known how lengths move the estimate.
+
+    Parameters
+    ----------
+    influences : sequence of Influence
+        Of every experiment of the estimate.
+    chosen : sequence of Deviation
+        At least one.
+    free : (m,) of bool
+        Parameters that were estimated.
+    values, std : (t,), optional
+        Estimate of θ and its standard deviation, where it was estimated.
+
+    Notes
+    -----
+    Where θ is estimated with its tolerances as priors, D = −(F⁻¹)_pθ Θ⁻¹: what the data leave to
+    the prior. It follows from the same sum, as K then holds the columns of θ.
+    """
+    response = np.zeros((len(free), len(chosen)))
+    for influence in influences:
+        motion = influence.motion
+        if motion is None or influence.length_gain is None:
+            return None
+        machine = influence.machine or DeviatingMachine.of(
+            influence.robot, chosen, np.zeros(len(chosen))
+        )
+        known = influence.experiment, motion
+        response[free] += influence.response(
+            _moved(partial(machine.forces, *known, influence.values)),
+            _moved(partial(machine.lengths, *known)),
+        )
+    tolerances = np.array([each.std for each in chosen])
+    return Systematic(
+        tuple(chosen),
+        response,
+        np.zeros(len(chosen)) if values is None else values,
+        tolerances if std is None else std,
+        estimated=values is not None,
+    )
+
+
+def _moved(
+    measured: Callable[[slice], MeasuredForces | MeasuredLengths],
+) -> Callable[[slice], Array]:
+    """Return what gives the columns of θ at some of the samples."""
+    return lambda part: measured(part).deviations

@@ -1,0 +1,117 @@
+"""The robot that an estimate found, as a robot file: `identified-robot.yaml`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from constraints.arrays import Array
+from estimation.diagnostics.record import Diagnosis
+from estimation.estimators import ParameterEstimate
+from estimation.identification.result import EstimationResult
+from expdesign.configuration.identification import Identification, IdentifiedDeviation
+from expdesign.configuration.robot import RobotDescription
+from expdesign.configuration.writing import robot_yaml
+from expdesign.mechanism.hexapod import ACTUATORS
+from expdesign.robot import robot_from
+from expdesign.robot.deviation import deviated
+
+FILE = "identified-robot.yaml"
+
+
+def identified_robot(result: EstimationResult, diagnosis: Diagnosis | None) -> str:
+    """Return the robot file with the parameters of the best estimate.
+
+    Joints, gravity and constants are those that were estimated, where they were; their tolerances
+    are then what the estimate left of them, each for itself. Tolerances of the measurement stay.
+    """
+    robot, best = robot_from(result.configuration.robot), result.best
+    found = best.systematic
+    changes: dict[str, Any] = {}
+    if found is not None and found.estimated:
+        moved = deviated(robot, found.deviations, found.values).description
+        constants = iter(moved.constants)
+        changes = {
+            "base_joints": _rows(moved.base_joints),
+            "platform_joints": _rows(moved.platform_joints),
+            "gravity": tuple(moved.gravity.tolist()),
+            "terms": tuple(
+                term.model_copy(
+                    update={
+                        "constants": {
+                            name: constant.model_copy(update={"value": next(constants)})
+                            for name, constant in term.constants.items()
+                        }
+                    }
+                )
+                for term in robot.description.description.terms
+            ),
+            "tolerances": _tolerances(robot.description.description, best),
+        }
+    names = result.knowledge.names
+    description = robot.description.description.model_copy(
+        update={
+            **changes,
+            "parameters": dict(zip(names, best.values.tolist(), strict=True)),
+            "identification": _identification(result, diagnosis),
+        }
+    )
+    return robot_yaml(description)
+
+
+def _identification(result: EstimationResult, diagnosis: Diagnosis | None) -> Identification:
+    best = result.best
+    found = best.systematic
+    verdict = None if diagnosis is None else diagnosis.verdict
+    entries = (
+        ()
+        if found is None
+        else zip(found.deviations, found.values.tolist(), found.std.tolist(), strict=True)
+    )
+    return Identification(
+        run=result.configuration.run.name,
+        estimator=best.estimator,
+        verdict="not judged" if verdict is None else verdict.status.value,
+        summary="" if verdict is None else verdict.summary,
+        parameters=result.knowledge.names,
+        covariance_random=_rows(best.covariance_random),
+        covariance_systematic=_rows(best.covariance_systematic),
+        deviations=tuple(
+            IdentifiedDeviation(name=one.name, tolerance=one.std, value=value, std=std)
+            for one, value, std in entries
+        ),
+        response=() if found is None else _rows(found.response),
+    )
+
+
+def _tolerances(description: RobotDescription, best: ParameterEstimate) -> Any:
+    """Return the tolerances with what the estimate left of those of the machine."""
+    given, found = description.tolerances, best.systematic
+    if given is None or found is None:
+        return given
+    left = {
+        one.name: std
+        for one, std in zip(found.deviations, found.std.tolist(), strict=True)
+        if one.of_the_machine
+    }
+    changes: dict[str, Any] = {}
+    for group in ("base_joints", "platform_joints"):
+        if getattr(given, group) is not None:
+            changes[group] = tuple(
+                tuple(left.get(f"{group[:-1]}_{j}_{axis}", 0.0) for axis in ("x", "y", "z"))
+                for j in range(1, ACTUATORS + 1)
+            )
+    tilts = [std for name, std in left.items() if name.startswith("gravity_")]
+    if tilts:
+        changes["gravity"] = float(np.sqrt(np.mean(np.square(tilts))))
+    if given.terms:
+        changes["terms"] = {
+            term: {name: left.get(f"{term}_{name}", std) for name, std in own.items()}
+            for term, own in given.terms.items()
+        }
+    return given.model_copy(update=changes)
+
+
+def _rows(matrix: Array) -> tuple[tuple[float, ...], ...]:
+    return tuple(tuple(row) for row in matrix.tolist())

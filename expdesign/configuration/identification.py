@@ -1,0 +1,74 @@
+"""`identification:` of a robot file that an estimate wrote: how its values are known."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import model_validator
+
+from expdesign.configuration.problem import refusal
+from expdesign.configuration.section import Section
+from expdesign.configuration.values.quantity import NotNegative, Number
+from expdesign.configuration.values.scalars import Text, at_least, one_of
+
+JudgedAs = Literal["accepted", "doubtful", "not judged"]
+
+Matrix = tuple[tuple[Number, ...], ...]
+
+
+class IdentifiedDeviation(Section):
+    """One number that was not known exactly, SI."""
+
+    name: Text
+    """As in tables/deviations.csv."""
+    tolerance: Annotated[Number, NotNegative]
+    value: Number
+    """Estimate, which the robot's geometry, gravity and constants have in them; zero where it was
+    not estimated."""
+    std: Annotated[Number, NotNegative]
+
+
+class Identification(Section):
+    """Where the robot's parameters come from, and their covariance, SI."""
+
+    run: Text
+    """Name of the run."""
+    estimator: Text
+    verdict: Annotated[JudgedAs, one_of(JudgedAs)]
+    summary: Text = ""
+    """The verdict in words."""
+    parameters: Annotated[tuple[Text, ...], at_least(1, "parameters")]
+    """Order of rows and columns."""
+    covariance_random: Matrix
+    """m × m: what another recording of the machine draws anew."""
+    covariance_systematic: Matrix
+    """m × m: what all recordings of the machine share."""
+    deviations: tuple[IdentifiedDeviation, ...] = ()
+    """What the systematic share comes from."""
+    response: Matrix = ()
+    """m × t: what the parameters move by per unit of each deviation."""
+
+    @model_validator(mode="after")
+    def _sizes_fit(self) -> Identification:
+        count, others = len(self.parameters), len(self.deviations)
+        for key, rows, columns in (
+            ("covariance_random", count, count),
+            ("covariance_systematic", count, count),
+            ("response", count if others else 0, others),
+        ):
+            matrix = getattr(self, key)
+            if len(matrix) != rows or any(len(row) != columns for row in matrix):
+                reason = f"{key} does not fit the parameters and deviations"
+                raise refusal(reason, f"{rows} rows of {columns} numbers", key=key)
+        return self
+
+    @property
+    def warnings(self) -> list[str]:
+        """What is to be known where the robot is used."""
+        if self.verdict == "accepted":
+            return []
+        words = f" ({self.summary})" if self.summary else ""
+        return [
+            f"the parameters come from the estimate of the run {self.run}, which is "
+            f"{self.verdict}{words}"
+        ]

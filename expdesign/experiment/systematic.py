@@ -1,0 +1,96 @@
+"""What the robot's tolerances will make of the parameters that a design's experiment estimates.
+
+The Gauss–Markov estimate takes the motion from the lengths, as a series of the design's harmonics.
+With a machine that deviates by θ the lengths lead to another motion, and the forces to other
+parameters: with L = ∂l/∂ξ
+
+    ∂ξ̂/∂θ = (Σ Lᵀ Δ⁻¹ L)⁻¹ Σ Lᵀ Δ⁻¹ Z_l,
+    D = F⁻¹ Σ Aᵀ Σ⁻¹ (Z_f − ∂(A p)/∂ξ · ∂ξ̂/∂θ).
+
+More periods do not make D smaller.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from constraints.arrays import Array
+from expdesign.information.fisher import whitening
+from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
+from expdesign.robot import Robot
+from expdesign.robot.deviation import tolerated
+from expdesign.robot.deviation_slope import deviating_forces, length_deviation_columns
+from expdesign.trajectory import FourierTrajectory, PhaseBasis
+
+
+def systematic_std(
+    robot: Robot,
+    trajectory: FourierTrajectory,
+    samples: int,
+    names: tuple[str, ...],
+    force_covariance: Array,
+    length_covariance: Array | None,
+) -> dict[str, float]:
+    """Return the standard deviation that the tolerances make, by parameter, SI.
+
+    Empty without tolerances. At the nominal parameters, with exact signs of friction, whose
+    changes are not counted, and weights for white noise.
+
+    Parameters
+    ----------
+    samples : int
+        Over one period.
+    names : tuple of str
+        Parameters that are estimated; the others are known.
+    force_covariance : (6, 6)
+        Σ, N².
+    length_covariance : (6, 6) or None
+        Δ, m²; None: all lengths count alike.
+    """
+    chosen = tolerated(robot)
+    if not chosen:
+        return {}
+    times = np.arange(samples) * trajectory.period / samples
+    bases = _bases(trajectory, times)
+    table = np.concatenate(
+        [trajectory.lambda0[:, None], trajectory.sine, trajectory.cosine], axis=1
+    )
+    state = np.concatenate([basis @ table.T for basis in bases], axis=1)
+    forces = deviating_forces(robot, state, times, None, robot.parameters, chosen)
+    lengths = length_deviation_columns(robot, state, times, chosen)
+    jacobian = robot.length_jacobian(state[:, :COORDINATES])
+    equal = np.eye(ACTUATORS) if length_covariance is None else length_covariance
+    by_motion = _rows(np.einsum("sic,sh->sich", jacobian, bases[0]), whitening(equal))
+    moved = np.linalg.lstsq(by_motion, _rows(lengths, whitening(equal)), rcond=None)[0]
+    slope = sum(
+        np.einsum(
+            "sic,sh->sich",
+            forces.state_slope[:, :, COORDINATES * order : COORDINATES * (order + 1)],
+            bases[order],
+        )
+        for order in range(3)
+    )
+    white = whitening(force_covariance)
+    judged = [robot.parameter_names.index(name) for name in names]
+    regressors = _rows(forces.regressors[:, :, judged], white)
+    unexplained = _rows(forces.columns, white) - _rows(np.asarray(slope), white) @ moved
+    sizes = np.linalg.norm(regressors, axis=0)
+    sizes = np.where(sizes > 0, sizes, 1.0)
+    response = np.linalg.lstsq(regressors / sizes, unexplained, rcond=None)[0] / sizes[:, None]
+    share = np.linalg.norm(response * np.array([each.std for each in chosen]), axis=1)
+    return dict(zip(names, share.tolist(), strict=True))
+
+
+def _bases(trajectory: FourierTrajectory, times: Array) -> tuple[Array, ...]:
+    """Return derivatives 0 … 3 of 1, sin kωt, cos kωt with respect to time, (S, 2 H + 1) each."""
+    orders = np.arange(1, trajectory.sine.shape[1] + 1)
+    phases = PhaseBasis.at(trajectory.omega * times, len(orders))
+    third = -(np.concatenate([[0.0], orders, orders]) ** 2) * phases.first
+    derivatives = (phases.value, phases.first, phases.second, third)
+    return tuple(trajectory.omega**n * basis for n, basis in enumerate(derivatives))
+
+
+def _rows(columns: Array, white: Array) -> Array:
+    """Return columns (S, 6, …) scaled to unit covariance, one row per channel and sample."""
+    flat = columns.reshape(*columns.shape[:2], -1)
+    return np.matmul(white, flat).reshape(-1, flat.shape[2])

@@ -1,0 +1,199 @@
+"""What is not known exactly: its share of the covariance, and its estimate, against new truths."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from estimation.data.measurement import Measurement
+from estimation.identification import estimate
+from expdesign.experiment.systematic import systematic_std
+from expdesign.robot import robot_from
+from expdesign.robot.deviation import deviated, tolerated
+from tests.estimation.cases import ROBOT, measured, run, trajectory
+
+STEP = 0.01
+MOTION, OTHER = (trajectory(100, STEP, seed=seed) for seed in (4, 5))
+TOLERANCES = {
+    "base_joints": "0.5 mm",
+    "platform_joints": [[0, 0, 0]] * 5 + [["1 mm", 0, 0]],
+    "strut_length": "0.2 mm",
+    "force_constant": {"common": "2 %", "each": "1 %"},
+    "gravity": "0.5 deg",
+    "delay": "1 ms",
+}
+GIVEN = {"noise": "given", "harmonics": 2}
+
+
+# Dry friction jumps where a sample is next to a reversal: no derivative tells of that.
+def _smooth(about):
+    smooth = {n: 0.0 if n.startswith("r") else v for n, v in about.parameters.items()}
+    return replace(about, parameters=smooth)
+
+
+SMOOTH = replace(ROBOT, description=_smooth(ROBOT.description))
+
+
+def _run(sections=None, **changes):
+    return run({**GIVEN, **changes}, tolerances=TOLERANCES, **(sections or {}))
+
+
+def _measured(theta, motion=MOTION, seed=0, scale=0.0, robot=ROBOT):
+    """Return what a machine measures that deviates by θ, with noise times the scale."""
+    chosen = tolerated(robot_from(_run().robot))
+    own = dict(zip((each.name for each in chosen), theta, strict=True))
+    machine = deviated(robot, chosen, theta)
+    noise = measured(motion, seed, robot=machine, step=STEP, force_scale=scale, length_scale=scale)
+    late, on_time = (motion.sample(noise.time - delay) for delay in (own["delay"], 0.0))
+    true, seen = (
+        machine.actuator_forces(state.pose, state.rate, state.acceleration)
+        for state in (on_time, late)
+    )
+    gains = 1 + own["force_constant"] + _each(own, "force_constant")
+    forces = noise.forces - true + seen * gains
+    return Measurement(noise.time, noise.lengths + _each(own, "strut_length"), forces, STEP)
+
+
+def _each(own, name):
+    return np.array([own[f"{name}_{j}"] for j in range(1, 7)])
+
+
+def _quiet(scale):
+    """Return what a run states of noise that is the robot's times a scale."""
+    noise = ROBOT.description.noise
+    return {
+        "force_covariance": (noise.force_covariance * scale**2).tolist(),
+        "length_covariance": (noise.length_covariance * scale**2).tolist(),
+    }
+
+
+@pytest.fixture(scope="module")
+def chosen():
+    return tolerated(robot_from(_run().robot))
+
+
+def _moved(config, theta, designs):
+    """Return estimates without noise: of a machine that deviates, and of the one described."""
+    return (
+        estimate(
+            config, [_measured(s * theta, motion, robot=SMOOTH) for motion in designs], designs
+        ).estimates
+        for s in (1, 0)
+    )
+
+
+def _theta(chosen, size):
+    std = np.array([each.std for each in chosen])
+    return size * std * np.random.default_rng(3).choice([-1, 1], len(std))
+
+
+def test_an_estimate_moves_as_the_response_says(chosen):
+    """Two recordings of one machine share what is not known of it."""
+    theta = _theta(chosen, 0.03)
+    far, near = _moved(_run(), theta, [MOTION, OTHER])
+    for name, found in near.items():
+        moved, expected = far[name].values - found.values, found.systematic.response @ theta
+        share = np.sqrt(np.diag(found.covariance_systematic))
+        assert np.max(np.abs(expected) / share) > 0.02
+        np.testing.assert_allclose(moved / share, expected / share, atol=2e-3)
+
+
+def test_with_estimated_tolerances_it_moves_by_what_the_data_leave(chosen):
+    theta = _theta(chosen, 0.3)
+    config = _run({"noise": _quiet(0.1)}, systematic="estimated", estimators=["ml"])
+    far, near = (found["ml"] for found in _moved(config, theta, [MOTION]))
+    share = np.sqrt(np.diag(near.covariance_systematic))
+    expected = near.systematic.response @ theta / share
+    assert np.max(np.abs(expected)) > 0.3
+    np.testing.assert_allclose((far.values - near.values) / share, expected, atol=0.06)
+
+
+def test_shares_add_up_and_the_common_gain_scales_all_forces(chosen):
+    result = estimate(_run(), _measured(np.zeros(len(chosen)), scale=1.0), MOTION)
+    plain = estimate(_run(systematic="none"), _measured(np.zeros(len(chosen)), scale=1.0), MOTION)
+    for name, found in result.estimates.items():
+        share = found.covariance_systematic
+        np.testing.assert_allclose(
+            found.covariance, plain[name].covariance + share, atol=1e-12 * np.max(share)
+        )
+        np.testing.assert_array_equal(found.values, plain[name].values)
+        variance = sum(std**2 for std in found.systematic.groups.values())
+        np.testing.assert_allclose(variance, np.diag(share))
+        # All forces 2 % too large: all parameters are.
+        np.testing.assert_allclose(
+            found.systematic.groups["force_constant.common"],
+            0.02 * np.abs(found.values),
+            rtol=0.05,
+            atol=1e-3 * found.std.min(),
+        )
+    row = next(r for r in result.rows if (r.estimator, r.parameter) == ("gm", "p10"))
+    assert row.std == pytest.approx(np.hypot(row.std_random, row.std_systematic))
+    assert plain["gm"].systematic is None
+
+
+def test_intervals_cover_truths_drawn_from_the_tolerances(chosen):
+    std = np.array([each.std for each in chosen])
+    scale, runs = 0.3, 5
+    inside, random_alone, theta_off = {}, [], []
+    config = _run({"noise": _quiet(scale)}, systematic="estimated")
+    for number in range(runs):
+        theta = std * np.random.default_rng([7, number]).normal(size=len(std))
+        result = estimate(config, _measured(theta, seed=number, scale=scale), MOTION)
+        for name, found in result.estimates.items():
+            off = np.abs(found.values - ROBOT.parameters)
+            inside.setdefault(name, []).append(np.mean(off < 1.96 * found.std))
+            if name == "gm":
+                random = np.sqrt(np.diag(found.covariance_random))
+                random_alone.append(np.mean(off < 1.96 * random))
+            if name == "ml":
+                theta_off.append((found.systematic.values - theta) / found.systematic.std)
+    for name, shares in inside.items():
+        # Errors within a run are correlated: the shares of runs scatter by about 0.12.
+        assert np.mean(shares) > 0.95 - 4 * 0.12 / np.sqrt(runs), name
+    assert np.mean(random_alone) < 0.85
+    assert np.mean(np.square(theta_off)) == pytest.approx(1, abs=0.25)
+
+
+def test_estimated_tolerances_are_known_better_than_before(chosen):
+    theta = np.zeros(len(chosen))
+    data = _measured(theta, scale=0.1)
+    quiet = {"noise": _quiet(0.1)}
+    budget, joint = (
+        estimate(_run(quiet, systematic=kind, estimators=["ml"]), data, MOTION)["ml"]
+        for kind in ("budget", "estimated")
+    )
+    before = np.array([each.std for each in chosen])
+    assert np.all(joint.systematic.std <= before * (1 + 1e-9))
+    names = [each.name for each in chosen]
+    # The delay shows in the data; a common factor of all forces does not.
+    assert joint.systematic.std[names.index("delay")] < 0.5 * 1e-3
+    assert joint.systematic.std[names.index("force_constant")] > 0.9 * 0.02
+    assert np.sum(np.log(joint.std[joint.std > 0])) < np.sum(np.log(budget.std[budget.std > 0]))
+
+
+def test_without_tolerances_everything_is_as_it_was():
+    data = measured(MOTION, 3, step=STEP)
+    with_key = estimate(run({**GIVEN, "systematic": "estimated"}), data, MOTION)
+    without = estimate(run(GIVEN), data, MOTION)
+    for name, found in with_key.estimates.items():
+        np.testing.assert_array_equal(found.values, without[name].values)
+        np.testing.assert_array_equal(found.covariance, without[name].covariance)
+        assert found.systematic is None
+        assert not np.any(found.covariance_systematic)
+
+
+def test_a_design_predicts_the_share_of_an_estimate(chosen):
+    config = _run(estimators=["gm"])
+    result = estimate(config, _measured(np.zeros(len(chosen)), robot=SMOOTH), MOTION)
+    noise = ROBOT.description.noise
+    predicted = systematic_std(
+        replace(robot_from(config.robot), description=_smooth(config.robot)),
+        MOTION,
+        100,
+        result.knowledge.names,
+        noise.force_covariance,
+        noise.length_covariance,
+    )
+    found = np.sqrt(np.diag(result["gm"].covariance_systematic))
+    np.testing.assert_allclose(list(predicted.values()), found, rtol=5e-3)
+    assert systematic_std(ROBOT, MOTION, 100, ("p1",), np.eye(6), None) == {}
