@@ -225,12 +225,14 @@ def _measured(
 
 
 def _refuse_lost_rows(lost: Lost | None, count: int, file: Path | None) -> None:
-    if lost is not None and lost.rows is not None and max(lost.rows) > count:
+    rows = () if lost is None or lost.rows is None else lost.rows
+    if rows and (max(rows) > count or len(rows) == count):
+        which = f"sample {max(rows)} of {count}" if max(rows) > count else f"all {count} samples"
         raise InputError(
-            f"sample {max(lost.rows)} of {count} cannot be lost",
+            f"{which} cannot be lost",
             file=file,
             key="experiment.lost.rows",
-            allowed=f"numbers of samples from 1 to {count}",
+            allowed=f"numbers of samples from 1 to {count}, not of all",
         )
 
 

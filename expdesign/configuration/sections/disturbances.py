@@ -72,6 +72,11 @@ class Outliers(Section):
     force: Annotated[Force, NotNegative] = 0.0
 
 
+_PART = require(
+    lambda value: 0 <= value < 0.5,  # noqa: PLR2004 - most of the recording is there
+    "{value:g} of the samples is no recording",
+    "0 ≤ share < 0.5",
+)
 _LARGEST_ROW = 10_000_000
 _NONE = (0.0,) * ACTUATORS
 
@@ -110,7 +115,7 @@ class Hum(Section):
 class Lost(Section):
     """Samples that are missing from the recording: the stamps of those that are there say so."""
 
-    share: Annotated[Share, _SHARE] | None = None
+    share: Annotated[Share, _PART] | None = None
     """Of the samples; every repetition draws its own."""
     rows: (
         Annotated[tuple[Annotated[int, whole(1, _LARGEST_ROW)], ...], at_least(1, "rows"), Distinct]
