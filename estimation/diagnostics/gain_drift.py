@@ -70,6 +70,8 @@ class GainDriftTest:
 
 def gain_drift(experiment: Experiment, part: Linearisation, level: float) -> GainDriftTest:
     """Test the recording of one experiment, linearised at its estimate."""
+    if experiment.record.averaged and experiment.record.forces.periods is None:
+        return GainDriftTest("samples are missing: single periods are not compared", level)
     blocks, predicted = _by_period(experiment, part)
     periods = len(blocks)
     if periods < _FEWEST:

@@ -74,7 +74,7 @@ def experiment(outcome: Outcome) -> None:
             f"{1e6 * truth.table.position_error:.2g} µm of the design"
         )
     if truth.machine is not None:
-        console.print(f"measured: {truth.machine.name}, which is not the run's {truth.robot}")
+        console.print(f"measured: {truth.machine.name} of experiment.truth, not the run's robot")
     named = ", ".join(truth.disturbances.active) or "none"
     console.print(f"noise with full covariances; disturbances: {named}")
     _place(outcome)

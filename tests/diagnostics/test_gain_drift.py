@@ -55,6 +55,13 @@ def test_level(lab, sample, memory):
     assert (scales > 5) if memory else (abs(scales - 1) < 0.06)
 
 
+def test_means_over_periods_with_lost_samples_show_no_single_period(lab, sample):
+    experiment, part = sample
+    forces = replace(experiment.record.forces, periods=None)
+    lost = replace(experiment, record=replace(experiment.record, forces=forces))
+    assert gain_drift(lost, part, 0.05).refused
+
+
 def test_drifts_are_found_where_they_are(lab, sample):
     rng = np.random.default_rng(4)
     planted = np.array([0.0, 0.0, -0.5, 0.6, 0.0, 0.0])
