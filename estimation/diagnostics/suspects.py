@@ -17,7 +17,6 @@ from constraints.arrays import Array
 from estimation.diagnostics.linearisation import Linearisation
 from estimation.diagnostics.signature import Signature
 from estimation.estimators.experiment import Experiment, regressors_along, regressors_at
-from estimation.kinematics.friction_signs import expected_signs, rate_spread
 from estimation.measurement_model import HarmonicMotion
 from estimation.measurement_model.deviation import deviation_forces, deviation_lengths
 from estimation.processing import PeriodSource
@@ -153,8 +152,7 @@ class Suspects:
         times = experiment.record.forces.times
         if not robot.graph.rates:
             return robot, np.zeros((len(times), 0))
-        spread = rate_spread(robot, motion, times, experiment.fit.covariance)
-        return robot, expected_signs(robot, motion, times, spread)
+        return robot, experiment.signs_of_others(robot, motion)
 
     def _regressors(self, robot: Robot, signs: Array | None) -> Array:
         """Return A of another robot at the samples, (T, 6, m)."""

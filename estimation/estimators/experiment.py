@@ -24,6 +24,8 @@ class WholeMotion:
     """
 
     motion: HarmonicMotion
+    covariance: Array
+    """(x, x), of its unknowns."""
     spread: Array
     """(S, s), standard deviations of the rates of friction at the force samples."""
 
@@ -117,10 +119,23 @@ class Experiment:
         """Return the expected friction signs along a motion, (S, s)."""
         if self.spread is None:
             raise ValueError("pointwise kinematics have no spread of their rates")
-        spread = self.spread
-        if self.whole is not None and motion.harmonics == self.whole.motion.harmonics:
-            spread = self.whole.spread
+        whole = self._whole_as(motion)
+        spread = self.spread if whole is None else whole.spread
         return expected_signs(robot, motion, self.record.forces.times, spread)
+
+    def signs_of_others(self, robot: Robot, motion: HarmonicMotion) -> Array:
+        """Return the expected signs that the terms of another robot use, (S, s)."""
+        if self.fit is None:
+            raise ValueError("pointwise kinematics have no spread of their rates")
+        whole, times = self._whole_as(motion), self.record.forces.times
+        covariance = self.fit.covariance if whole is None else whole.covariance
+        spread = rate_spread(robot, motion, times, covariance)
+        return expected_signs(robot, motion, times, spread)
+
+    def _whole_as(self, motion: HarmonicMotion) -> WholeMotion | None:
+        """Return the whole motion if this one has its harmonics."""
+        whole = self.whole
+        return whole if whole and motion.harmonics == whole.motion.harmonics else None
 
     def regressors(self, robot: Robot, motion: HarmonicMotion) -> Array:
         """Return A at the force samples along a motion, (S, 6, m)."""

@@ -81,7 +81,8 @@ def whole_motion(robot: Robot, experiment: Experiment, knowledge: Knowledge) -> 
     if wanted == least or series.contradicted(wanted):
         return None
     whole, covariance = series.motion_with(wanted)
-    return WholeMotion(whole, rate_spread(robot, whole, record.forces.times, covariance))
+    spread = rate_spread(robot, whole, record.forces.times, covariance)
+    return WholeMotion(whole, covariance, spread)
 
 
 def _first_estimate(experiment: Experiment, knowledge: Knowledge) -> Array:

@@ -10,6 +10,8 @@ from estimation.diagnostics.diagnosis import diagnose
 from estimation.diagnostics.linearisation import linearise
 from estimation.diagnostics.projection import Projection
 from estimation.diagnostics.suspects import Suspects
+from estimation.estimators.experiment import Experiment, WholeMotion
+from estimation.kinematics.fourier_fit import fit_motion
 from expdesign.configuration import load_run
 from expdesign.configuration.robot import load_robot_description
 from expdesign.mechanism.catalogue import DEFAULT
@@ -66,6 +68,23 @@ def test_columns_are_those_of_the_term_at_the_estimate(suspects, palida, name, c
     np.testing.assert_allclose(
         found.forces[sliding], expected[sliding], rtol=1e-9, atol=1e-9 * np.abs(expected).max()
     )
+
+
+def test_columns_along_a_motion_with_more_harmonics_than_the_lengths_show(lab):
+    """They are those of an experiment whose lengths do show them."""
+    fitted = lab.experiment(lab.measure(1), lab.noise)
+    covariance = lab.noise.lengths.covariance
+    more = fit_motion(lab.robot, fitted.record, covariance, fitted.fit.motion.harmonics + 2)
+    shown = Experiment.from_fit(lab.robot, fitted.record, lab.noise, more)
+    known = WholeMotion(more.motion, more.covariance, shown.spread)
+    values = lab.robot.parameters
+    found = []
+    for experiment in (replace(fitted, whole=known), shown):
+        part = linearise(lab.robot, experiment, values, lab.knowledge.free, more.motion)
+        suspects = Suspects(lab.robot, experiment, more.motion, values, part)
+        found.append(suspects.term("stribeck", velocity=0.05).forces)
+    assert np.abs(found[0]).max() > 0.1
+    np.testing.assert_allclose(*found, rtol=0, atol=1e-12)
 
 
 def test_a_term_of_the_robot_is_no_suspect(suspects, palida):
