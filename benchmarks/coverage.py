@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any
@@ -47,12 +48,15 @@ NOISES: dict[str, dict[str, Any]] = {
 }
 
 
+def _key(name: str) -> str:
+    """Return the name of a study, without signs that a folder's name does not have."""
+    return "noise-" + re.sub(r"[^a-z0-9.]+", "-", name.lower())
+
+
 def noise(repetitions: int) -> Iterator[Row]:
     """Yield every kind of noise, 10 periods at 1 kHz."""
     for name, spectrum in NOISES.items():
-        key = name.split(",")[0].replace(" ", "-").replace("%", "percent").lower()
-        key = f"noise-{key}-{len(name)}"
-        study = palida_study(key, repetitions, ("gm", "ml"), noise=spectrum)
+        study = palida_study(_key(name), repetitions, ("gm", "ml"), noise=spectrum)
         yield from all_there(study)
         for estimator in ("gm", "ml"):
             pooled = pooled_over(study, estimator)
@@ -69,7 +73,7 @@ def few_periods(repetitions: int) -> Iterator[Row]:
     for periods in (3, 5):
         for name in ("white", "AR(1), 0.9"):
             study = palida_study(
-                f"noise-{periods}-periods-{len(name)}",
+                f"{_key(name)}-{periods}-periods",
                 repetitions,
                 ("gm", "ml"),
                 noise=NOISES[name],
@@ -102,16 +106,16 @@ def difference(length_noise: str, repetitions: int) -> Iterator[Row]:
         for first in range(1, repetitions + 1, count)
     )
     tests = np.array([test for part in found for test in part])
-    statistic, freedom, p = tests.T
+    statistic, freedom, p = tests[:, 0], tests[:, 1], tests[:, 2]
     tested = freedom > 0
     share = float(np.mean(p[tested] < 0.05)) if np.any(tested) else np.nan  # noqa: PLR2004
-    error = float(np.sqrt(0.05 * 0.95 / max(np.count_nonzero(tested), 1)))
+    error = float(np.sqrt(0.05 * 0.95 / max(int(np.count_nonzero(tested)), 1)))
     yield claim_row(
         f"{length_noise}: GM and ML differ at 5 % in 3.5 … 6.5 %",
         f"{100 * share:.1f} ± {100 * error:.1f} % of {np.count_nonzero(tested)} that were tested",
         0.035 <= share <= 0.065,  # noqa: PLR2004 - the claim's
     )
-    ratio = float(np.sum(statistic)) / max(float(np.sum(freedom)), 1.0)
+    ratio = float(np.sum(statistic)) / max(1.0, float(np.sum(freedom)))
     yield claim_row(
         f"{length_noise}: statistic / freedom", f"{ratio:.3f}, freedom {np.mean(freedom):.1f}"
     )

@@ -17,10 +17,10 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy.stats import chi2, norm
 from threadpoolctl import threadpool_limits
 
+from constraints.arrays import Array
 from estimation.data.reading import read_measurement
 from estimation.diagnostics.diagnosis import diagnose
 from estimation.identification.estimate import estimate
@@ -35,7 +35,6 @@ from tests.multibody.recording import DATA, write_recording
 TITLE = "A machine in a multibody simulator"
 
 Row = dict[str, Any]
-Array = NDArray[np.float64]
 
 SAMPLES, PERIODS = 1667, 10
 STEP = 0.1e-3
@@ -102,7 +101,7 @@ def _forces() -> Iterator[Row]:
     robot, design = load_robot("palida"), json.loads(_DESIGN.read_text(encoding="utf-8"))
     geometry, bodies = Geometry.of(robot), _BODIES
     times = 2 * np.pi / design["omega"] / SAMPLES * np.arange(SAMPLES)
-    states = motion(design, times)
+    states: tuple[Array, Array, Array] = motion(design, times)
     exact = ExactMachine(geometry, bodies).simulate(*states)
     forces = robot.actuator_forces(*states, bodies.parameters(geometry.platform_joints))
     off = float(np.abs(exact.forces - forces).max())

@@ -105,7 +105,8 @@ def _executed(
     check = made.check
     said = _row(
         "the table",
-        f"{check.rows} rows, {1e3 * check.shortest_step:g} to {1e3 * check.longest_step:g} ms apart, "
+        f"{check.rows} rows, {1e3 * check.shortest_step:g} to {1e3 * check.longest_step:g} ms "
+        "apart, "
         f"{check.duration:.3f} s, of which {motion.window[1] - motion.window[0]:.3f} s are "
         f"measured; struts within {1e6 * error:.2g} µm of the design",
     )
