@@ -1,10 +1,14 @@
-"""What all tests share: the programs that some need, and how examples are drawn."""
+"""What all tests share: the programs that some need, how examples are drawn, what is made once."""
 
 import contextlib
 import copy
+import fcntl
 import importlib
 import os
+import pickle
 import shutil
+import time
+from pathlib import Path
 
 import pytest
 from hypothesis import settings
@@ -18,23 +22,43 @@ settings.load_profile("ci" if os.environ.get("CI") else "local")
 
 
 def pytest_collection_modifyitems(items):
-    """Begin with the files that take long: a long test at the end would run alone."""
+    """Begin with the files that take long: a long test at the end would run alone.
+
+    Tests that need programs come last: these may be installed while the others run.
+    """
     slow = {item.path for item in items if item.get_closest_marker("slow")}
-    items.sort(key=lambda item: item.path not in slow)
+    items.sort(
+        key=lambda item: (item.get_closest_marker("system") is not None, item.path not in slow)
+    )
 
 
-@pytest.fixture(autouse=True)
-def _system_programs(request):
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item):
     """Skip a test whose marker `system` names a missing program; fail it where that is a must."""
-    for marker in request.node.iter_markers("system"):
+    for marker in item.iter_markers("system"):
         if not marker.args or not all(isinstance(name, str) for name in marker.args):
             pytest.fail('the marker `system` names the programs needed, e.g. system("chromium")')
+        required = _programs_are_a_must()
         missing = [name for name in marker.args if shutil.which(name) is None]
         if missing:
             reason = f"needs the program {', '.join(missing)}, which is not installed"
-            if os.environ.get("EXPDESIGN_REQUIRE_SYSTEM") == "1":
+            if required:
                 pytest.fail(reason)
             pytest.skip(reason)
+
+
+def _programs_are_a_must():
+    """Tell whether programs have to be there; wait for those that are being installed.
+
+    Where `EXPDESIGN_INSTALLING` names a folder, its file `under-way` is there until the
+    installation has ended, and then its file `installed` if that went well.
+    """
+    folder = os.environ.get("EXPDESIGN_INSTALLING")
+    if folder is None:
+        return os.environ.get("EXPDESIGN_REQUIRE_SYSTEM") == "1"
+    while Path(folder, "under-way").exists():
+        time.sleep(0.2)
+    return Path(folder, "installed").exists()
 
 
 _TINY = {
@@ -69,9 +93,37 @@ def tiny():
 
 
 @pytest.fixture(scope="session")
-def tiny_result(tiny):
-    """Return the design of the tiny run: with the full recheck and finish, in this process."""
-    return expdesign.design(tiny())
+def made_once(tmp_path_factory):
+    """Return a way to make a folder once for all processes of a test run; its tests only read it.
+
+    The first that asks for a name makes it, the others wait.
+    """
+    place = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        place = place.parent
+
+    def once(name, make):
+        folder, done = place / name, place / f"{name}.done"
+        with (place / f"{name}.lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            if not done.exists():
+                shutil.rmtree(folder, ignore_errors=True)
+                folder.mkdir()
+                make(folder)
+                done.touch()
+        return folder
+
+    return once
+
+
+@pytest.fixture(scope="session")
+def tiny_result(tiny, made_once):
+    """Return the design of the tiny run, with the full recheck and finish."""
+
+    def make(folder):
+        (folder / "result").write_bytes(pickle.dumps(expdesign.design(tiny())))
+
+    return pickle.loads((made_once("tiny-result", make) / "result").read_bytes())
 
 
 @pytest.fixture(scope="session")

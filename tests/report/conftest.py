@@ -11,9 +11,13 @@ HOSTILE = '<script>alert("x")</script> & "\'</style>'
 
 
 @pytest.fixture(scope="session")
-def whole(tiny, tiny_result, tmp_path_factory):
+def whole(tiny, tiny_result, made_once):
     """Return a run folder with every stage, made by the command line from a small design."""
-    folder = tmp_path_factory.mktemp("report") / "tiny"
+    return made_once("report", lambda place: _whole(tiny, tiny_result, place)) / "tiny"
+
+
+def _whole(tiny, tiny_result, place):
+    folder = place / "tiny"
     DesignRecord.of(tiny_result).write(folder)
     run = tiny(
         description=f"All stages of {HOSTILE}",
@@ -30,7 +34,6 @@ def whole(tiny, tiny_result, tmp_path_factory):
         YAML(typ="safe").dump(run, stream)
     found = CliRunner().invoke(app, ["run", str(file), "--out", str(folder)])
     assert found.exit_code == 0, (found.output, found.exception)
-    return folder
 
 
 @pytest.fixture
