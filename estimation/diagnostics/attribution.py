@@ -39,6 +39,8 @@ from estimation.diagnostics.search import (
 )
 from expdesign.runfolder import Numbers, OpenNumber, described
 
+REMAINDER = 0.02
+"""Share of the strongest effect's statistic below which another may be what it leaves."""
 _MOST = 12
 """Effects that are looked for: whoever has more needs another model."""
 
@@ -76,10 +78,14 @@ class Effect:
         tuple[Rival, ...], described("", "that explain it about as well; empty: it is sure")
     ]
 
+    remainder: Annotated[
+        bool, described("", "so weak beside another that it may be what linearising that leaves")
+    ] = False
+
     @property
     def sure(self) -> bool:
         """Whether nothing else explains the same."""
-        return not self.rivals
+        return not self.rivals and not self.remainder
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,7 +157,8 @@ def _effects(
     """Fit all effects together."""
     fit = search.projection.beside(()).fit(places_of(found))
     effects, first = [], 0
-    for item, others in zip(found, rivals, strict=True):
+    sizes = [search.statistic_beside(item, without(found, item)) for item in found]
+    for item, others, size in zip(found, rivals, sizes, strict=True):
         chosen = slice(first, first + len(item.places))
         first = chosen.stop
         values, covariance = fit.values[chosen], fit.covariance[chosen, chosen]
@@ -176,6 +183,7 @@ def _effects(
                 values=values,
                 stds=stds,
                 constant=item.constant,
+                remainder=size < REMAINDER * max(sizes),
                 rivals=tuple(Rival(*rival.name, p) for rival, p in others),
             )
         )

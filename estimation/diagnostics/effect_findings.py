@@ -93,7 +93,8 @@ def _phrase(cause: Cause, effect: Effect) -> str:
     where = _place(effect)
     constant = f", velocity {effect.constant:g} m/s" if effect.kind == "stribeck" else ""
     size = f"{', '.join(numbers)} {unit}{constant}"
-    return f"{cause.noun}{' ' * bool(where)}{where} ({size})"
+    rest = ", perhaps what the strongest effect leaves" * effect.remainder
+    return f"{cause.noun}{' ' * bool(where)}{where} ({size}{rest})"
 
 
 def _sizes(effect: Effect, cause: Cause) -> Iterator[tuple[float, float]]:

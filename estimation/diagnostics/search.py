@@ -286,6 +286,10 @@ class Search:
         places = item.places[:2] if item.kind == PERIODIC else item.places
         return beside.fit(places)
 
+    def statistic_beside(self, item: Candidate, others: Sequence[Candidate]) -> float:
+        """Return χ² of a candidate beside others."""
+        return self._fit(item, self.projection.beside(places_of(others))).statistic
+
     def log_p_beside(self, item: Candidate, others: Sequence[Candidate]) -> float:
         """Return the logarithm of p of a candidate beside others, uncorrected for its family."""
         fit = self._fit(item, self.projection.beside(places_of(others)))
