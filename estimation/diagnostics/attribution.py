@@ -37,6 +37,7 @@ from estimation.diagnostics.search import (
     places_of,
     without,
 )
+from estimation.diagnostics.signature import Signature
 from expdesign.runfolder import Numbers, OpenNumber, described
 
 REMAINDER = 0.02
@@ -99,6 +100,8 @@ class Attribution:
     first: EffectTests
     last: EffectTests
     """Before any effect is taken as known, and with all of them."""
+    found: Signature
+    """Columns of all effects."""
     best_forces: tuple[PeriodicForce | None, ...]
     """The best-fitting position-periodic force of every strut, significant or not."""
     periodic_level: float
@@ -146,7 +149,8 @@ def attribute(
         known[scan.strut] if scan.strut in known else _best_force(last.solved, part, scan)
         for scan in last.scans
     )
-    return Attribution(families, effects, first, last, best_forces, search.level)
+    columns = search.signature.picked(places_of(found))
+    return Attribution(families, effects, first, last, columns, best_forces, search.level)
 
 
 def _effects(

@@ -16,7 +16,7 @@ from estimation.diagnostics.channel_test import GAIN_DRIFT, LACK_OF_FIT, NOISE
 from estimation.diagnostics.finding import Outcome, Status, Verdict
 from estimation.diagnostics.findings import experiment_findings
 from estimation.diagnostics.gain_drift import gain_drift
-from estimation.diagnostics.joint_system import joint_systems
+from estimation.diagnostics.joint_system import SolvedSystem, joint_systems
 from estimation.diagnostics.lack_of_fit import chi_square, lack_of_fit
 from estimation.diagnostics.linearisation import Linearisation, linearise
 from estimation.diagnostics.noise_record import NoisePictures
@@ -41,6 +41,9 @@ from estimation.diagnostics.suspects import Suspects
 from estimation.estimators.experiment import Experiment
 from estimation.estimators.knowledge import Knowledge
 from estimation.estimators.result import ParameterEstimate
+from estimation.processing import NoiseEstimate, NoiseModel
+from estimation.processing.noise import ENOUGH_FREEDOM
+from estimation.processing.record import Channels
 from expdesign.robot import Robot
 from expdesign.runfolder import copied
 
@@ -100,12 +103,15 @@ def diagnose(
         linearise(robot, experiment, estimate.values, free, motion)
         for experiment, motion in zip(experiments, motions, strict=True)
     ]
-    systems = joint_systems(
-        parts,
-        [experiment.noise for experiment in experiments],
-        _known(estimate, knowledge, free, held_out=held_out),
-        held_out=held_out,
-    )
+    known = _known(estimate, knowledge, free, held_out=held_out)
+    noises = [experiment.noise for experiment in experiments]
+    systems = joint_systems(parts, noises, known, held_out=held_out)
+    # Causes are looked for with the noise that the recording shows: a covariance that was given too
+    # small has its own test, and is none of them.
+    shown = [_shown_noise(experiment) for experiment in experiments]
+    searched = systems
+    if any(one is not other for one, other in zip(shown, noises, strict=True)):
+        searched = joint_systems(parts, shown, known, held_out=held_out)
     # What residuals may be is told behind the filters that make their noise white.
     white = [part.filtered(e.noise) for part, e in zip(parts, experiments, strict=True)]
     if held_out:
@@ -118,8 +124,8 @@ def diagnose(
     else:
         laws = linear_laws(parts, white, experiments, estimate, knowledge)
     results = []
-    for experiment, motion, part, filtered, system, law in zip(
-        experiments, motions, parts, white, systems, laws, strict=True
+    for experiment, motion, part, filtered, system, search, law in zip(
+        experiments, motions, parts, white, systems, searched, laws, strict=True
     ):
         lengths = None
         if experiment.fit is not None:
@@ -129,11 +135,18 @@ def diagnose(
         suspects = Suspects(robot, experiment, motion, estimate.values, part)
         families = causes(suspects, knowledge.names, held_out=held_out, experiments=len(parts))
         # What may deviate within its tolerance is no cause.
-        allowing = system.with_effects(*suspects.tolerated())
+        tolerated = suspects.tolerated()
         attribution = attribute(
-            allowing, part, families, experiment.record.step, experiments=len(parts)
+            search.with_effects(*tolerated),
+            part,
+            families,
+            experiment.record.step,
+            experiments=len(parts),
         )
-        noises = noise_tests(
+        left = attribution.last.solved
+        if search is not system:
+            left = system.with_effects(*tolerated).with_effects(attribution.found).solved
+        own_noise = noise_tests(
             experiment.record,
             experiment.noise,
             part.force_rows,
@@ -143,14 +156,21 @@ def diagnose(
         if not held_out:
             k, ratio, p = estimate.most_coloured()
             colour = replace(
-                noises.whiteness,
+                own_noise.whiteness,
                 std_ratio=float(np.sqrt(ratio)),
                 std_ratio_p=p,
                 std_ratio_of=knowledge.names[k],
             )
-            noises = replace(noises, whiteness=colour)
+            own_noise = replace(own_noise, whiteness=colour)
         tests = _tests(
-            experiment, filtered, attribution, (law, lengths), noises, len(parts), held_out
+            experiment,
+            filtered,
+            attribution,
+            left,
+            (law, lengths),
+            own_noise,
+            len(parts),
+            held_out,
         )
         results.append(
             ExperimentDiagnosis(
@@ -158,12 +178,29 @@ def diagnose(
                 residuals=force_residuals(experiment, part),
                 dependence=tuple(dependence(experiment, part)),
                 pitches=tuple(_pitches(attribution)),
-                **NoisePictures.parts(experiment.noise, noises),
+                **NoisePictures.parts(experiment.noise, own_noise),
                 pointwise=experiment.fit is None,
                 attribution=attribution,
             )
         )
     return Diagnosis(estimate.estimator, tuple(results), verdict(results))
+
+
+def _shown_noise(experiment: Experiment) -> NoiseModel:
+    """Return the noise that a recording shows, where it shows enough; else what was given."""
+    noise, record = experiment.noise, experiment.record
+
+    def shown(given: NoiseEstimate, channels: Channels) -> NoiseEstimate:
+        repeated = channels.scatter
+        if given.source != "given" or repeated is None or repeated.freedom < ENOUGH_FREEDOM:
+            return given
+        found = repeated if experiment.pointwise is not None else channels.noise()
+        return given if found is None else found
+
+    forces, lengths = shown(noise.forces, record.forces), shown(noise.lengths, record.lengths)
+    if forces is noise.forces and lengths is noise.lengths:
+        return noise
+    return NoiseModel(forces, lengths)
 
 
 def _known(
@@ -184,15 +221,19 @@ def _tests(
     experiment: Experiment,
     part: Linearisation,
     attribution: Attribution,
+    solved: SolvedSystem,
     laws: tuple[ResidualLaw, ResidualLaw | None],
     noises: NoiseTests,
     shares: int,
     held_out: bool,
 ) -> ExperimentTests:
-    """Test forces and lengths, whose laws are given, at this share of the levels."""
+    """Test forces and lengths, whose laws are given, at this share of the levels.
+
+    `solved` is the fit with all effects that were found.
+    """
     (law, lengths), level = laws, NOISE / shares
     first, last = attribution.first, attribution.last
-    left_law, left = joint_law(part, experiment, last.solved), last.solved.force_residuals()
+    left_law, left = joint_law(part, experiment, solved), solved.force_residuals()
     both = ((law, part.forces), (left_law, left))
     lack = [
         lack_of_fit(part, own, residuals=values, level=LACK_OF_FIT / shares) for own, values in both

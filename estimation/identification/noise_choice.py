@@ -10,6 +10,7 @@ import numpy as np
 from constraints.arrays import Array
 from estimation.identification.period_choice import UnsuitableDataError
 from estimation.processing import NoiseEstimate, NoiseModel, Record
+from estimation.processing.noise import ENOUGH_FREEDOM
 from estimation.processing.noise_lines import NoiseLines
 from estimation.processing.whitening_filter import given_filter
 from estimation.uncertainty.intervals import correlation
@@ -19,11 +20,6 @@ from expdesign.noise.spectrum import NoiseSpectrum
 
 _STILL = 1e-12
 """Smallest variance, relative to the largest, and eigenvalue of a correlation that is one."""
-
-_ENOUGH_FREEDOM = 250.0
-"""Degrees of freedom from which on the scatter between periods is preferred to what is given: the
-inverse of a 6 × 6 covariance is then 3 % too large on average (ν / (ν − 7)), which standard
-deviations count, and weights from it lose as little."""
 
 _FEWEST_FREEDOM = 14.0
 """Below that the scatter is no covariance to weight with: its inverse is twice too large."""
@@ -72,7 +68,7 @@ def choose_noise(configuration: RunConfiguration, record: Record, source: str = 
     def chosen(name: str) -> NoiseEstimate:
         repeated, stated = measured[name].scatter, given[name]
         freedom = 0.0 if repeated is None or wanted == "given" else repeated.freedom
-        least = _FEWEST_FREEDOM if stated is None else _ENOUGH_FREEDOM
+        least = _FEWEST_FREEDOM if stated is None else ENOUGH_FREEDOM
         if repeated is not None and (wanted == "estimated" or freedom >= least):
             return repeated
         if stated is not None:

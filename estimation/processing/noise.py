@@ -17,6 +17,11 @@ _CUT = 4.0
 """Normalised distance up to which a sample has its full weight: one in 16 000 normal ones is
 beyond it in one channel, so that clean data keep their efficiency and their covariance."""
 
+ENOUGH_FREEDOM = 250.0
+"""Degrees of freedom from which on the scatter between periods is preferred to what is given: the
+inverse of a 6 × 6 covariance is then 3 % too large on average (ν / (ν − 7)), which standard
+deviations count, and weights from it lose as little."""
+
 FEWEST_PERIODS = 3
 """Periods from which on the median over them tells which sample is the odd one."""
 
