@@ -25,7 +25,9 @@ def hum_finding(searches: Mapping[str, HumSearch | None]) -> Finding:
     if not done:
         return _NO_HUM.untested("no two periods can be compared sample by sample")
     hidden = sorted({frequency for search in done.values() for frequency in search.hidden})
-    unseen = "" if not hidden else f"; {_listed(hidden)} Hz cannot be seen: multiples of the motion"
+    unseen = ""
+    if hidden:
+        unseen = f"; not seen, because the motion has it as a multiple: {_listed(hidden)} Hz"
     p = min(1.0, len(done) * min(search.p for search in done.values()))
     found = [_words(kind, line) for kind, search in done.items() for line in search.lines]
     if not found:

@@ -122,7 +122,9 @@ def _smoothed(lines: NoiseLines) -> tuple[ComplexArray, float]:
     covariance = _covariance(lines)
     found = smoothed_spectrum(lines, covariance)
     if found is not None:
-        return found.matrices, 2 * found.freedom
+        # A model's coefficients take their share, on average over the frequencies (Berk, 1974).
+        spent = found.order / (lines.freedom * lines.samples)
+        return found.matrices, 1 / (1 / (2 * found.freedom) + spent)
     flat = np.broadcast_to(covariance, lines.matrices.shape).astype(np.complex128)
     return flat, lines.freedom * lines.samples
 

@@ -167,6 +167,10 @@ def test_precision_is_relative_to_each_robots_own_values(folder, twin, tmp_path)
             "other noise of the forces",
         ),
         (
+            lambda robot: robot["noise"].update(force_spectrum={"ar": 0.5}),
+            "other spectrum of the force noise",
+        ),
+        (
             lambda robot: robot["base_joints"][0].__setitem__(0, 0.45),
             "other joints of the base",
         ),

@@ -16,6 +16,7 @@ import numpy as np
 
 from constraints.arrays import Array
 from expdesign.configuration import ResolvedRobot
+from expdesign.configuration.noise_spectrum import ForceSpectrum
 from expdesign.experiment import DesignRecord
 from expdesign.information.fisher import (
     SingularInformationError,
@@ -166,6 +167,8 @@ def differing(one: ResolvedRobot, other: ResolvedRobot) -> tuple[str, ...]:
         ("noise of the forces", _force_covariance(one), _force_covariance(other)),
     )
     found = [words for words, first, second in pairs if not _same(first, second)]
+    if _force_spectrum(one) != _force_spectrum(other):
+        found.append("spectrum of the force noise")
     if one.terms != other.terms:
         found.append("terms of the model")
     return tuple(found)
@@ -182,6 +185,14 @@ def machines(robots: Sequence[ResolvedRobot]) -> tuple[int, ...]:
 
 def _force_covariance(robot: ResolvedRobot) -> Array | None:
     return None if robot.noise is None else robot.noise.force_covariance
+
+
+def _force_spectrum(robot: ResolvedRobot) -> ForceSpectrum | None:
+    """Return how the noise of the forces is spread over the frequencies; None: white."""
+    if robot.noise is None or robot.noise.force_spectrum is None:
+        return None
+    noise = robot.description.noise
+    return None if noise is None else noise.force_spectrum
 
 
 def _same(first: Array | None, second: Array | None) -> bool:
