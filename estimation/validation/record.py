@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from pathlib import Path
 from typing import Annotated, ClassVar, Self
 
 from constraints.arrays import Array
+from estimation.diagnostics.finding import Status
 from estimation.diagnostics.record import Diagnosis, DiagnosisKeys, ExperimentTests
 from estimation.diagnostics.residuals import ForceResiduals
+from estimation.validation.prediction_error import Accuracy, Kept
 from expdesign.runfolder import (
     ArrayTable,
     Column,
@@ -33,6 +35,25 @@ class MotionKeys:
     period: Annotated[float, described("s", "duration of a period")]
     periods: Annotated[float, described("1", "number of periods")]
     diagnostics: Annotated[DiagnosisKeys, described("", "what the residuals say")]
+    tolerance: Annotated[
+        str | None, described("", "error that is good enough, as stated; null: none is")
+    ] = None
+    errors: Annotated[
+        tuple[Accuracy, ...], described("", "how large the error is, actuator by actuator")
+    ] = ()
+
+    @property
+    def within(self) -> bool | None:
+        """Whether every actuator keeps the tolerance for sure; None: there is none."""
+        if self.tolerance is None:
+            return None
+        return all(each.kept is Kept.WITHIN for each in self.errors)
+
+    @property
+    def good(self) -> bool:
+        """Whether it keeps its tolerance or, without one, nothing speaks against the model."""
+        kept, status = self.within, self.diagnostics.verdict.status
+        return status is Status.ACCEPTED if kept is None else kept
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -43,7 +64,13 @@ class ValidationFile(RunFile):
     WRITTEN_BY: ClassVar[str] = _WRITTEN_BY
     estimate: Annotated[str, described("", "the `estimate.json` that predicted")]
     estimator: Annotated[str, described("", "ls, gm or ml")]
-    accepted: Annotated[bool, described("", "no motion speaks against the model")]
+    accepted: Annotated[
+        bool,
+        described(
+            "",
+            "every motion keeps its tolerance or, without one, does not speak against the model",
+        ),
+    ]
     motions: Annotated[tuple[MotionKeys, ...], described("", "motion by motion")]
     seconds: Annotated[float, described("s", "how long it took")]
     warnings: Annotated[tuple[str, ...], described("", "in words")]
@@ -82,6 +109,17 @@ class PredictedForces:
     predicted: Annotated[Array, strutwise("Q", "N", "predicted force", suffix="_predicted")]
 
 
+@dataclass(frozen=True)
+class _OfMotion:
+    number: Annotated[int, described("1", "number of the motion")]
+    motion: Annotated[str, described("", "which motion")]
+
+
+@dataclass(frozen=True)
+class AccuracyRow(Accuracy, _OfMotion):
+    """The error with which one actuator's force is predicted on one motion."""
+
+
 FORCES = ArrayTable("tables/validation_forces.csv", _WRITTEN_BY, PredictedForces)
 RESIDUALS = ArrayTable("tables/validation_residuals.csv", _WRITTEN_BY, ForceResiduals)
 
@@ -109,7 +147,10 @@ class ValidationRecord(FolderRecord):
     There are no motions in a folder whose version did not keep the residuals.
     """
 
-    TABLES: ClassVar = {"rows": RowTable("tables/validation.csv", _WRITTEN_BY, ActuatorRow)}
+    TABLES: ClassVar = {
+        "rows": RowTable("tables/validation.csv", _WRITTEN_BY, ActuatorRow),
+        "errors": RowTable("tables/prediction_errors.csv", _WRITTEN_BY, AccuracyRow),
+    }
     summary: ValidationFile
     rows: tuple[ActuatorRow, ...]
     motions: tuple[MotionRecord, ...]
@@ -125,6 +166,15 @@ class ValidationRecord(FolderRecord):
             if (table := RESIDUALS.numbered(n)).is_in(folder)
         ]
         return cls(**found, motions=tuple(motions))
+
+    @property
+    def errors(self) -> list[AccuracyRow]:
+        """The errors of all motions."""
+        return [
+            AccuracyRow(number, motion.name, *astuple(each))
+            for number, motion in enumerate(self.summary.motions, start=1)
+            for each in motion.errors
+        ]
 
     def contents(self) -> Contents:
         """Yield the tables, those of each motion after the others."""

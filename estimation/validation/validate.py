@@ -11,7 +11,6 @@ from threadpoolctl import threadpool_limits
 
 from estimation.data.reading import read_measurement
 from estimation.diagnostics.diagnosis import diagnose
-from estimation.diagnostics.finding import Status
 from estimation.diagnostics.record import Diagnosis
 from estimation.estimators import DeviatingMachine, Experiment
 from estimation.identification import prepare_experiment
@@ -19,6 +18,7 @@ from estimation.identification.corrected import corrected, estimated_machine
 from estimation.identification.saved import SavedEstimate
 from estimation.twin import Twin
 from estimation.validation.motions import motion_name, motion_of_run
+from estimation.validation.prediction_error import prediction_errors
 from estimation.validation.record import (
     ActuatorRow,
     MotionKeys,
@@ -81,13 +81,12 @@ def validate(configuration: RunConfiguration, saved: SavedEstimate) -> Validatio
             "the estimate comes from pointwise differentiation: it is biased and its covariance "
             "too small, so that the tests may fail for the estimate's sake"
         )
-    verdicts = [prediction.keys.diagnostics.verdict for prediction in predictions]
     summary = ValidationFile(
         name=configuration.run.name,
         robot=robot.name,
         estimate=str(saved.path),
         estimator=saved.estimate.estimator,
-        accepted=all(verdict.status is Status.ACCEPTED for verdict in verdicts),
+        accepted=all(prediction.keys.good for prediction in predictions),
         motions=tuple(prediction.keys for prediction in predictions),
         seconds=time.perf_counter() - began,
         warnings=(*warnings, *(text for each in predictions for text in each.warnings)),
@@ -131,7 +130,13 @@ def _predicted(
     predicted = experiment.fitted_regressors @ saved.estimate.values
     return _Prediction(
         MotionKeys(
-            name, motion.motion != "file", record.period, float(record.periods), diagnosis.keys
+            name,
+            motion.motion != "file",
+            record.period,
+            float(record.periods),
+            diagnosis.keys,
+            None if motion.tolerance is None else motion.tolerance.text,
+            prediction_errors(loaded, experiment, saved.estimate.values, motion.tolerance),
         ),
         MotionRecord.of(
             name, diagnosis, PredictedForces(experiment.times, experiment.forces, predicted)

@@ -182,6 +182,21 @@ def validate(outcome: Outcome) -> None:
     title = "Variance of single samples [N²]: about the prediction, and of the noise"
     heads = ("motion", "actuator", "prediction", "noise", "F", "verdict")
     console.print(_table(title, heads, rows, ("motion", "verdict")))
+    errors = [
+        (
+            row.motion,
+            str(row.actuator),
+            f"{row.error:.3g}",
+            f"{row.error_low:.3g} … {row.error_high:.3g}",
+            f"{100 * row.error / row.range:.2g} %",
+            f"{row.tolerance:.3g}" if np.isfinite(row.tolerance) else "",
+            row.kept.value,
+        )
+        for row in record.errors
+    ]
+    title = "Error of the prediction [N rms], noise taken off"
+    sizes = ("motion", "actuator", "error", "95 %", "of the range", "tolerance", "kept")
+    console.print(_table(title, sizes, errors, ("motion", "kept")))
     for motion in record.summary.motions:
         console.print(f"{motion.name}: {motion.diagnostics.verdict.summary}", soft_wrap=True)
         _findings(motion.diagnostics.verdict.failed)

@@ -12,6 +12,7 @@ from expdesign.configuration.run import RunConfiguration, RunDescription
 from expdesign.configuration.sections.data import FORCE_CHANNELS, LENGTH_CHANNELS, DataSection
 from expdesign.configuration.sections.experiment import ValidationMotion
 from expdesign.configuration.sections.export import ExportSection
+from expdesign.configuration.values.force_tolerance import ForceTolerance
 from expdesign.configuration.values.quantity import quantity_text
 from expdesign.configuration.writing import resolved_yaml
 
@@ -22,6 +23,7 @@ __all__ = [
     "ConfigurationLike",
     "DataSection",
     "ExportSection",
+    "ForceTolerance",
     "InputError",
     "Problem",
     "ResolvedRobot",

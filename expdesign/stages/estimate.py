@@ -14,6 +14,7 @@ from estimation.identification import EstimationResult
 from estimation.identification.period_choice import choose_omega
 from estimation.identification.record import EstimateRecord
 from estimation.processing import PeriodError, make_record
+from estimation.validation.record import ValidationFile
 from estimation.validation.validate import validate
 from expdesign.configuration import InputError
 from expdesign.robot import robot_from
@@ -79,13 +80,20 @@ def predict(work: Workspace) -> Outcome:
         summary={
             "accepted": summary.accepted,
             "motions": {each.name: each.diagnostics.verdict.summary for each in summary.motions},
+            "within_tolerance": {each.name: each.within for each in summary.motions},
             "seconds": summary.seconds,
             "warnings": list(warnings),
         },
         message="accepted" if summary.accepted else "doubtful",
         warnings=warnings[len(configuration.warnings) :],
-        doubt="" if summary.accepted else "a motion speaks against the model",
+        doubt="" if summary.accepted else _doubt(summary),
     )
+
+
+def _doubt(summary: ValidationFile) -> str:
+    if any(each.within is False for each in summary.motions):
+        return "a motion is not predicted within its tolerance"
+    return "a motion speaks against the model"
 
 
 def _summary(result: EstimationResult, diagnosis: Diagnosis | None) -> dict[str, Any]:

@@ -21,6 +21,7 @@ from expdesign.configuration.sections.disturbances import (
     Quantisation,
     TrackingError,
 )
+from expdesign.configuration.values.force_tolerance import ToleranceOfForce
 from expdesign.configuration.values.quantity import (
     Compliance,
     Duration,
@@ -115,6 +116,8 @@ class ValidationMotion(Section):
     """Ends of the line, or points of the spline."""
     file: FilledText | None = None
     """A recorded motion, relative to the run file."""
+    tolerance: ToleranceOfForce = None
+    """Root mean square of the prediction's error that is good enough, in N or of the range."""
 
     @model_validator(mode="after")
     def _motion_is_complete(self) -> ValidationMotion:

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from dataclasses import astuple
 
-from estimation.validation.record import ValidationRecord
+import numpy as np
+
+from estimation.validation.prediction_error import Kept
+from estimation.validation.record import MotionKeys, ValidationRecord
 from results.notation import counted
 from results.report.content import (
     Block,
@@ -25,12 +28,17 @@ def validation_report(folder: RunFolder) -> StageReport:
     record = folder.record(ValidationRecord)
     summary = record.summary
     passed = f"{sum(row.verdict == 'passes' for row in record.rows)} of {len(record.rows)}"
-    blocks: list[Block] = [_actuators_table(record)]
+    blocks: list[Block] = []
+    if record.errors:
+        blocks.append(_errors_table(record))
+    blocks.append(_actuators_table(record))
     for number, motion in enumerate(summary.motions, start=1):
         verdict = motion.diagnostics.verdict
         how = "simulated" if motion.simulated else "measured"
         text = f"Motion {number}, {motion.name} ({how}): {against(verdict) or verdict.summary}."
         blocks.append(TextBlock(text, verdict_level(verdict)))
+        if motion.errors:
+            blocks.append(_accuracy(motion))
         blocks += folder.figures(f"prediction_{number}")
         title = f"the prediction of motion {number}"
         blocks.append(findings_table(f"findings_{number}", verdict.findings, title))
@@ -43,16 +51,73 @@ def validation_report(folder: RunFolder) -> StageReport:
     failed = [
         str(number)
         for number, motion in enumerate(summary.motions, start=1)
-        if verdict_level(motion.diagnostics.verdict) is Level.BAD
+        if motion.within is None and verdict_level(motion.diagnostics.verdict) is Level.BAD
     ]
     if failed:
         several = len(failed) > 1
         which = f"Motions {', '.join(failed)} speak" if several else f"Motion {failed[0]} speaks"
         sentence += f" {which} against the model."
+    judged_by_size = [motion for motion in summary.motions if motion.within is not None]
+    if judged_by_size:
+        kept = sum(motion.within is True for motion in judged_by_size)
+        sentence += (
+            f" {kept} of {counted(len(judged_by_size), 'motion')} with a tolerance "
+            f"{'keeps' if kept == 1 else 'keep'} it."
+        )
     level, word = (Level.GOOD, "accepted") if summary.accepted else (Level.BAD, "doubtful")
     facts = (Fact("actuator tests passed", passed, f"lack of fit on {motions}"),)
     judged = Verdict("Validation", level, word, sentence, "validation")
     return StageReport(judged, tuple(blocks), facts, summary.warnings)
+
+
+def _accuracy(motion: MotionKeys) -> TextBlock:
+    """Say how large the error is, and what a failed test means."""
+    worst = max(motion.errors, key=lambda each: each.error_high)
+    text = (
+        f"The error of the prediction is at most {worst.error_high:.3g} N rms (actuator "
+        f"{worst.actuator}, 95 %), {100 * worst.error_high / worst.range:.2g} % of the range of "
+        "its force, noise taken off."
+    )
+    level = Level.NEUTRAL
+    if motion.within is not None:
+        level = Level.GOOD if motion.within else Level.BAD
+        beyond = [str(each.actuator) for each in motion.errors if each.kept is Kept.BEYOND]
+        undecided = [str(each.actuator) for each in motion.errors if each.kept is Kept.OPEN]
+        text += f" Tolerance {motion.tolerance}: "
+        text += "every actuator is within." if motion.within else ""
+        text += f"beyond it in actuator {', '.join(beyond)}. " if beyond else ""
+        if undecided:
+            text += (
+                f"Not decided in actuator {', '.join(undecided)}, where noise hides it: measure "
+                "more periods."
+            )
+            level = Level.BAD if beyond else Level.CAUTION
+    if np.any(motion.diagnostics.experiments[0].lack_of_fit.failed):
+        seen = min(each.detectable for each in motion.errors)
+        text += (
+            " The lack-of-fit test asks whether there is an error at all, not how large it is: "
+            f"with these data it finds errors from {seen:.2g} N rms on, and with enough data "
+            "every model of a real machine fails it."
+        )
+    return TextBlock(text, level)
+
+
+def _errors_table(record: ValidationRecord) -> ReportTable:
+    columns = (
+        Column("no.", of="number"),
+        Column("motion", kind="text", of="motion"),
+        Column("actuator", of="actuator"),
+        Column("rms error", "N", digits=3, of="error"),
+        Column("95 % from", "N", digits=3, of="error_low"),
+        Column("to", "N", digits=3, of="error_high"),
+        Column("of the range", "%", digits=2, of=lambda row: 100 * row.error / row.range),
+        Column("largest residual", "N", digits=3, of="largest_residual"),
+        Column("no noise", "N", digits=3, of="largest_error"),
+        Column("tolerance", "N", digits=3, of="tolerance"),
+        Column("kept", kind="text", of=lambda row: str(row.kept.value)),
+    )
+    caption = "How large the error of the prediction is, noise taken off"
+    return ReportTable.of("prediction_errors", caption, columns, record.errors)
 
 
 def _actuators_table(record: ValidationRecord) -> ReportTable:
