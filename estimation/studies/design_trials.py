@@ -21,6 +21,7 @@ from estimation.twin import Twin
 from expdesign.configuration import InputError, Problem, RunConfiguration
 from expdesign.configuration.sections.experiment import Kinematics
 from expdesign.experiment import DesignResult, design
+from expdesign.information.periodic_noise import PeriodicNoise
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.robot import Robot
 from expdesign.workers import Job, Monitor
@@ -188,7 +189,8 @@ def linear_covariances(robot: Robot, twin: Twin) -> dict[str, Array]:
     """Return the covariances of LS and GM by name, (m, m) each, SI.
 
     Over the samples and periods that the twin executes, at the true motion:
-    (ΨᵀΨ)⁻¹ ΨᵀΣΨ (ΨᵀΨ)⁻¹ and F⁻¹ = (Ψᵀ Σ⁻¹ Ψ)⁻¹.
+    (ΨᵀΨ)⁻¹ ΨᵀΣΨ (ΨᵀΨ)⁻¹ and F⁻¹ = (Ψᵀ Σ⁻¹ Ψ)⁻¹; of noise with memory over the lines of the period,
+    or of the record where that is no whole number of samples.
     """
     states = twin.truth.executed.sample(twin.grid.distinct_times)
     regressors = robot.regressor(*states)
@@ -203,6 +205,14 @@ def linear_covariances(robot: Robot, twin: Twin) -> dict[str, Array]:
         return np.asarray(np.linalg.inv(matrix), dtype=np.float64)
 
     plain = inverse(inner(np.eye(ACTUATORS)))
+    spectrum = twin.force_noise.spectrum
+    if spectrum is not None:
+        memory = PeriodicNoise(spectrum, twin.grid.sampling, repeats)
+        omega = 2 * np.pi * twin.grid.sampling / len(regressors)
+        return {
+            "ls": plain @ (memory.spread(regressors, omega) * repeats) @ plain,
+            "gm": inverse(memory.information(regressors, omega) * repeats),
+        }
     return {
         "ls": plain @ inner(covariance) @ plain,
         "gm": inverse(inner(inverse(covariance))),

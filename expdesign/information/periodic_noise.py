@@ -51,6 +51,18 @@ class PeriodicNoise:
         weighted: ComplexArray = np.linalg.solve(matrices, lines).astype(np.complex128, copy=False)
         return series_of(weighted, len(regressors))
 
+    def spread(self, regressors: Array, omega: float) -> Array:
+        """Return the covariance of Σ_t A_tᵀ η_t over one period, (m, m): unweighted sums of noise.
+
+        It is what makes the covariance of least squares.
+        """
+        lines = lines_of(regressors)
+        matrices, _ = self._at(omega, len(lines))
+        mixed = np.matmul(matrices, lines) * multiplicity(len(regressors))[:, None, None]
+        flat = lines.reshape(-1, lines.shape[2])
+        found = (flat.conj().T @ mixed.reshape(flat.shape)).real
+        return (found + found.T) / 2
+
     def slope(self, weighted: Array, omega: float) -> Array:
         """Return ∂F/∂ω, (m, m), of A as it is: the lines move over the spectrum.
 

@@ -84,6 +84,18 @@ def _log_det(matrix):
     return float(np.linalg.slogdet(matrix)[1])
 
 
+def test_spread_of_unweighted_sums_against_the_whole_covariance():
+    periods, rho = 3, 0.8
+    noise = _noise(Autoregressive.with_covariance(np.full((6, 1), rho), RING))
+    whole = np.kron(sla.toeplitz(rho ** np.arange(periods * PERIOD)), RING)
+    flat = np.tile(_regressors(), (periods, 1, 1)).reshape(len(whole), -1)
+    expected = flat.T @ whole @ flat / periods
+    scale = np.sqrt(np.diag(expected))
+    found = noise.spread(_regressors(), OMEGA) / np.outer(scale, scale)
+    atol = 3 / (1 - rho) / (periods * PERIOD)
+    np.testing.assert_allclose(found, expected / np.outer(scale, scale), rtol=0, atol=atol)
+
+
 def test_information_per_sample_does_not_depend_on_the_grid():
     noise = _noise(Autoregressive.with_covariance(np.full((6, 1), 0.8), RING))
     coarse, fine = (noise.information(_regressors(n), OMEGA) / n for n in (20, 600))
