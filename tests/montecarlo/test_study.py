@@ -225,17 +225,20 @@ def study_estimate(outcome):
     from estimation.estimators import ParameterEstimate
 
     return ParameterEstimate(
-        "ml",
-        outcome.values,
-        np.diag(outcome.std**2),
-        np.eye(24),
-        None,
-        (),
-        0.0,
-        40,
-        False,
-        "stopped",
-        0.0,
+        estimator="ml",
+        values=outcome.values,
+        covariance=np.diag(outcome.std**2),
+        covariance_forces=np.eye(24),
+        covariance_kinematics=None,
+        freedom=np.full(24, np.inf),
+        colour=np.ones(24),
+        influences=(),
+        motions=(),
+        cost=0.0,
+        iterations=40,
+        converged=False,
+        status="stopped",
+        seconds=0.0,
     )
 
 
