@@ -7,7 +7,7 @@ from estimation.estimators.knowledge import Knowledge, UnidentifiableError
 from estimation.estimators.linear import linear_estimate
 from estimation.estimators.maximum_likelihood import maximum_likelihood
 from estimation.estimators.result import ParameterEstimate, covariance_ml_less_gm
-from estimation.estimators.systematic import Systematic, systematic_share
+from estimation.estimators.systematic import Systematic, systematic_share, with_prior
 
 __all__ = [
     "DeviatingMachine",
@@ -21,4 +21,5 @@ __all__ = [
     "linear_estimate",
     "maximum_likelihood",
     "systematic_share",
+    "with_prior",
 ]

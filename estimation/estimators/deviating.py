@@ -167,7 +167,7 @@ class DeviatingMachine:
         result = np.zeros(ACTUATORS)
         for one, value in zip(self.chosen, self.theta, strict=True):
             if one.group == group:
-                result[int(one.name.rpartition("_")[2]) - 1] = value
+                result[int(one.name.rpartition("_")[2]) - 1] += value
         return result
 
     def _seen(

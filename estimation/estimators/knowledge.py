@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import scipy.linalg as sla
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from constraints.arrays import Array
+from estimation.estimators.earlier import EarlierEstimate
 from expdesign.configuration import ComputationError
 from expdesign.configuration.sections.data import EstimateSection
 from expdesign.information.fisher import ScaledInformation
@@ -58,6 +60,8 @@ class Knowledge:
     lower: Array
     upper: Array
     """(m,), bounds; ±inf where there is none."""
+    earlier: EarlierEstimate | None = None
+    """An estimate that is the prior, beside those of `prior_precision`."""
 
     @classmethod
     def of(cls, robot: Robot, section: EstimateSection) -> Knowledge:
@@ -81,6 +85,7 @@ class Knowledge:
             prior_precision=np.array([priors[n].std ** -2 if n in priors else 0.0 for n in known]),
             lower=lower,
             upper=upper,
+            earlier=EarlierEstimate.of(robot) if section.prior_from == "robot" else None,
         )
 
     def with_deviations(self, deviations: Sequence[Deviation]) -> Knowledge:
@@ -97,7 +102,9 @@ class Knowledge:
             "lower": -endless,
             "upper": endless,
         }
-        wider = {key: np.concatenate([getattr(self, key), own]) for key, own in behind.items()}
+        wider: dict[str, Any] = {
+            key: np.concatenate([getattr(self, key), own]) for key, own in behind.items()
+        }
         return replace(self, names=(*self.names, *(one.name for one in deviations)), **wider)
 
     @property
@@ -109,7 +116,11 @@ class Knowledge:
     @property
     def precision(self) -> Array:
         """(k, k) prior information of the free parameters."""
-        return np.diag(self.prior_precision[self.free])
+        own = np.diag(self.prior_precision)
+        if self.earlier is not None:
+            count = len(self.earlier.precision)
+            own[:count, :count] += self.earlier.precision
+        return own[np.ix_(self.free, self.free)]
 
     def at_bound(self, values: Array) -> NDArray[np.bool_]:
         """Tell which of the parameters, (m,), stand at one of their bounds."""

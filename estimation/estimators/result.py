@@ -80,13 +80,11 @@ class ParameterEstimate:
         """
         if systematic is None:
             return self
-        share = systematic.covariance
+        total = self.covariance_random + systematic.covariance
         with np.errstate(divide="ignore", invalid="ignore"):
-            grown = 1 + np.diag(share) / np.diag(self.covariance)
+            grown = np.diag(total) / np.diag(self.covariance)
         freedom = self.freedom * np.nan_to_num(grown, nan=1.0, posinf=np.inf) ** 2
-        return replace(
-            self, covariance=self.covariance + share, freedom=freedom, systematic=systematic
-        )
+        return replace(self, covariance=total, freedom=freedom, systematic=systematic)
 
 
 def precision(

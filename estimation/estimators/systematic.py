@@ -9,7 +9,7 @@ same in all recordings of the machine: D is summed before it is squared.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -17,7 +17,9 @@ from numpy.typing import NDArray
 
 from constraints.arrays import Array
 from estimation.estimators.deviating import DeviatingMachine, MeasuredForces, MeasuredLengths
+from estimation.estimators.earlier import EarlierEstimate
 from estimation.estimators.influence import Influence
+from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.robot.deviation import Deviation
 
 
@@ -102,6 +104,52 @@ def systematic_share(
         np.zeros(len(chosen)) if values is None else values,
         tolerances if std is None else std,
         estimated=values is not None,
+    )
+
+
+def with_prior(
+    systematic: Systematic | None,
+    influences: Sequence[Influence],
+    earlier: EarlierEstimate,
+    free: NDArray[np.bool_],
+) -> Systematic | None:
+    """Return what tolerances do to an estimate whose prior is an earlier one of the machine.
+
+    The prior enters with the gain F⁻¹ P = 1 − Σ K A, (k, k). An entry with the same tolerance is
+    the same number in both.
+    """
+    count = int(np.count_nonzero(free))
+    gain = np.eye(count)
+    for influence in influences:
+        motion = influence.motion
+        if motion is None or influence.length_gain is None:
+            return systematic
+        machine = influence.machine or DeviatingMachine.exact(influence.robot)
+        experiment = influence.experiment
+        seen = partial(machine.forces, experiment, motion, influence.values)
+        times = experiment.record.lengths.times
+        gain = gain - influence.response(
+            lambda part, seen=seen: seen(part).regressors[:, :, free],  # type: ignore[misc]
+            lambda part, times=times: np.zeros((len(times[part]), ACTUATORS, count)),  # type: ignore[misc]
+        )
+    inherited = np.zeros_like(earlier.response)
+    inherited[free] = gain @ earlier.response[free]
+    if systematic is None:
+        systematic = Systematic((), np.zeros((len(free), 0)), np.zeros(0), np.zeros(0))
+    places = {(one.name, one.std): place for place, one in enumerate(systematic.deviations)}
+    response, more = systematic.response.copy(), []
+    for place, one in enumerate(earlier.deviations):
+        if (one.name, one.std) in places:
+            response[:, places[one.name, one.std]] += inherited[:, place]
+        elif one.std > 0:
+            more.append(place)
+    others = tuple(earlier.deviations[place] for place in more)
+    return replace(
+        systematic,
+        deviations=(*systematic.deviations, *others),
+        response=np.concatenate([response, inherited[:, more]], axis=1),
+        values=np.concatenate([systematic.values, np.zeros(len(more))]),
+        std=np.concatenate([systematic.std, [one.std for one in others]]),
     )
 
 

@@ -19,6 +19,7 @@ from estimation.estimators import (
     linear_estimate,
     maximum_likelihood,
     systematic_share,
+    with_prior,
 )
 from estimation.identification.corrected import corrected, estimated_machine
 from estimation.identification.load import at_estimated_load
@@ -150,15 +151,17 @@ def run_estimators(
 def with_budget(
     estimate: ParameterEstimate, knowledge: Knowledge, tolerances: Sequence[Deviation]
 ) -> ParameterEstimate:
-    """Return an estimate with what the tolerances given do to it.
+    """Return an estimate with what the tolerances given, and those of its prior, do to it.
 
-    It is returned as it is if it has estimated them, and after pointwise kinematics, where what
-    they do is not known.
+    It is returned as it is after pointwise kinematics, where what they do is not known. What it
+    has estimated of them is counted already.
     """
-    if not tolerances or estimate.systematic is not None:
-        return estimate
-    share = systematic_share(estimate.influences, tolerances, knowledge.free)
-    return estimate.with_systematic(share)
+    found = estimate.systematic
+    if found is None and tolerances:
+        found = systematic_share(estimate.influences, tolerances, knowledge.free)
+    if knowledge.earlier is not None:
+        found = with_prior(found, estimate.influences, knowledge.earlier, knowledge.free)
+    return estimate.with_systematic(found)
 
 
 def _with_residual_noise(

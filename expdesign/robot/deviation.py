@@ -136,7 +136,7 @@ def deviated(robot: Robot, chosen: Sequence[Deviation], values: Array) -> Robot:
     """
     about = robot.description
     theta = np.zeros(len(deviations(robot)))
-    theta[[each.place for each in chosen]] = values
+    np.add.at(theta, [each.place for each in chosen], values)
     ends = np.cumsum([JOINT_ENTRIES, JOINT_ENTRIES, TILTS, len(about.constants)])
     base, platform, tilts, constants, _ = np.split(theta, ends)
     turn = tilts @ tilt_axes(about.gravity)

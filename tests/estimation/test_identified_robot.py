@@ -84,3 +84,37 @@ def test_tables_tell_the_budget(written):
     place = result.knowledge.names.index("p10")
     assert np.linalg.norm([row.std for row in rows]) == pytest.approx(result.best.std[place])
     assert len(record.deviations) == 2 * len(result.best.systematic.deviations)
+
+
+def test_as_a_prior_it_shares_its_systematic_error(tmp_path):
+    """Two recordings one after the other, or both at once: the same estimate, the same shares."""
+    tolerances = {"force_constant": {"common": "5 %"}, "strut_length": "0.5 mm"}
+    section = {"harmonics": 2, "estimators": ["gm"], "noise": "given"}
+    first, second = (measured(MOTION, seed, step=0.01) for seed in (1, 2))
+    run_file = run(section, tolerances=tolerances)
+    both = estimate(run_file, [first, second], MOTION)["gm"]
+    EstimateRecord.of(estimate(run_file, first, MOTION)).write(tmp_path)
+    after = load_run(
+        {
+            "name": "after",
+            "robot": str(tmp_path / FILE),
+            "estimate": {**section, "prior_from": "robot"},
+        }
+    )
+    found = estimate(after, second, MOTION)["gm"]
+    # The kinematic share is counted in the prior's weight, in that of the data it is not.
+    np.testing.assert_allclose(found.values, both.values, atol=0.2 * both.std.min())
+    place = load_robot("palida").parameter_names.index("p10")
+    for each in (found, both):
+        # 5 % of all forces is 5 % of the mass, however many recordings there are.
+        share = np.sqrt(each.covariance_systematic[place, place]) / each.values[place]
+        assert share == pytest.approx(0.05, rel=0.02)
+    std = np.sqrt(np.diag(found.covariance_systematic) / np.diag(both.covariance_systematic))
+    np.testing.assert_allclose(std, 1, rtol=0.25)
+    random = np.sqrt(np.diag(found.covariance_random) / np.diag(both.covariance_random))
+    np.testing.assert_allclose(random, 1, rtol=0.15)
+
+
+def test_a_robot_that_was_not_identified_is_no_prior():
+    with pytest.raises(InputError, match="was not identified"):
+        estimate(run({"prior_from": "robot"}), measured(MOTION, 1, step=0.01), MOTION)

@@ -133,6 +133,7 @@ Differentiation = Literal["fourier", "central", "butterworth"]
 NoiseOrigin = Literal["auto", "estimated", "given"]
 SpectrumOrigin = Literal["auto", "white", "estimated"]
 FrequencyOrigin = Literal["known", "estimated"]
+PriorOrigin = Literal["none", "robot"]
 SystematicOrigin = Literal["budget", "estimated", "none"]
 Loss = Literal["squared", "huber"]
 
@@ -212,10 +213,19 @@ class EstimateSection(Section):
         dict[str, Prior],
         by_key(_prior, _PRIORS, known_parameter),
     ] = Field(default_factory=dict)
+    prior_from: Annotated[PriorOrigin, one_of(PriorOrigin), LATER] = "none"
+    """`robot`: what the robot file's `identification` knows is a prior, with its covariance."""
     bounds: Annotated[dict[str, tuple[float, float]], by_key(_bounds, _BOUNDS, known_parameter)] = (
         Field(default_factory=dict)
     )
     """Parameter → (min, max) in SI units."""
+
+    @model_validator(mode="after")
+    def _one_prior(self) -> EstimateSection:
+        if self.prior and self.prior_from != "none":
+            message = "prior and prior_from are both given"
+            raise refusal(message, "one of them", key="prior_from")
+        return self
 
 
 class MonteCarloSection(Section):
