@@ -192,7 +192,7 @@ class EstimateSection(Section):
     noise: Annotated[NoiseOrigin, one_of(NoiseOrigin)] = "auto"
     """Covariances from the scatter between periods, or those of robot and run; ``auto`` is
     ``estimated`` where the periods have 250 degrees of freedom."""
-    spectrum: Annotated[SpectrumOrigin, one_of(SpectrumOrigin)] = "auto"
+    spectrum: Annotated[SpectrumOrigin, one_of(SpectrumOrigin), LATER] = "auto"
     """What the weights of GM and ML take the noise for: ``auto`` is ``estimated`` where the scatter
     between three or more periods speaks against ``white``."""
     systematic: Annotated[SystematicOrigin, one_of(SystematicOrigin), LATER] = "budget"
