@@ -20,6 +20,8 @@ from estimation.processing.record import Record
 from expdesign.mechanism.hexapod import ACTUATORS
 
 _FEWEST_PERIODS = 2
+_MULTIPLES = 3
+"""Of the mains: a hum that shows in others alone is none."""
 
 
 def hidden_hums(record: Record) -> tuple[tuple[float, int], ...]:
@@ -31,7 +33,7 @@ def hidden_hums(record: Record) -> tuple[tuple[float, int], ...]:
         return ()
     base = 1 / record.period
     found = []
-    for frequency in mains_frequencies(1 / record.step):
+    for frequency in mains_frequencies(1 / record.step, _MULTIPLES):
         multiple = round(frequency / base)
         if multiple and abs(frequency - multiple * base) < base / record.periods:
             found.append((frequency, multiple))

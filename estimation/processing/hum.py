@@ -64,9 +64,9 @@ class HumSearch:
         return sum((line.values(samples, step) for line in self.lines), np.zeros((samples, 1)))
 
 
-def mains_frequencies(sampling: float) -> Iterator[float]:
-    """Yield the multiples of the mains below half of a sampling, Hz, each once, increasing."""
-    every = {mains * k for mains in MAINS for k in range(1, _MULTIPLES + 1)}
+def mains_frequencies(sampling: float, multiples: int = _MULTIPLES) -> Iterator[float]:
+    """Yield multiples of the mains below half of a sampling, Hz, each once, increasing."""
+    every = {mains * k for mains in MAINS for k in range(1, multiples + 1)}
     yield from sorted(frequency for frequency in every if 2 * frequency < sampling)
 
 

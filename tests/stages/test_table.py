@@ -98,8 +98,9 @@ def test_a_stage_is_made_from_the_sections_that_it_declares(key, monkeypatch, tm
 
 def test_every_key_of_a_run_file_is_tried():
     keys = {field.alias or name for name, field in RunDescription.model_fields.items()}
-    # The robot takes limits and noise in; the others are not for results.
-    others = {"format", "robot", "limits", "noise", "description", "scheduler"}
+    # The robot takes limits, noise and tolerances in; the others are not for results.
+    taken_in = {"limits", "noise", "tolerances"}
+    others = {"format", "robot", *taken_in, "description", "scheduler"}
     assert keys == set(CHANGED) | others
 
 
