@@ -89,6 +89,10 @@ def unstated(section: BaseModel) -> dict[str, Any]:
             found[name] = True
         elif isinstance(value, BaseModel) and (inner := unstated(value)):
             found[name] = inner
+        elif isinstance(value, tuple):
+            each = {n: unstated(v) for n, v in enumerate(value) if isinstance(v, BaseModel)}
+            if any(each.values()):
+                found[name] = {n: inner for n, inner in each.items() if inner}
     return found
 
 

@@ -12,6 +12,7 @@ from estimation.identification.saved import read_estimate
 from estimation.validation.prediction_error import Kept, prediction_errors
 from estimation.validation.validate import validate
 from expdesign.configuration import ForceTolerance, InputError, load_run
+from expdesign.stages.record import sections_text
 from tests.estimation.cases import ROBOT, STEP, measured, run, trajectory
 
 MOTION = trajectory()
@@ -131,3 +132,14 @@ def test_what_is_no_tolerance_is_refused(wrong):
         load_run(
             {"name": "c", "robot": "palida", "validate": [{"motion": "circle", "tolerance": wrong}]}
         )
+
+
+def test_runs_without_tolerances_are_what_they_were_before_there_were_any():
+    def text(**keys):
+        motions = [{"motion": "circle"}, {"motion": "circle", "mirror": "xz", **keys}]
+        config = load_run({"name": "c", "robot": "palida", "validate": motions})
+        return sections_text(config, {"validation": True})
+
+    assert "tolerance" not in text()
+    assert text() != text(tolerance="3 %")
+    assert text(tolerance="3 %") == text(tolerance="3%")

@@ -116,7 +116,7 @@ class ValidationMotion(Section):
     """Ends of the line, or points of the spline."""
     file: FilledText | None = None
     """A recorded motion, relative to the run file."""
-    tolerance: ToleranceOfForce = None
+    tolerance: Annotated[ToleranceOfForce, LATER] = None
     """Root mean square of the prediction's error that is good enough, in N or of the range."""
 
     @model_validator(mode="after")

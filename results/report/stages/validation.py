@@ -83,12 +83,12 @@ def _accuracy(motion: MotionKeys) -> TextBlock:
         level = Level.GOOD if motion.within else Level.BAD
         beyond = [str(each.actuator) for each in motion.errors if each.kept is Kept.BEYOND]
         undecided = [str(each.actuator) for each in motion.errors if each.kept is Kept.OPEN]
-        text += f" Tolerance {motion.tolerance}: "
-        text += "every actuator is within." if motion.within else ""
-        text += f"beyond it in actuator {', '.join(beyond)}. " if beyond else ""
+        text += f" Tolerance {motion.tolerance}:"
+        text += " every actuator is within." if motion.within else ""
+        text += f" beyond it in actuator {', '.join(beyond)}." if beyond else ""
         if undecided:
             text += (
-                f"Not decided in actuator {', '.join(undecided)}, where noise hides it: measure "
+                f" Not decided in actuator {', '.join(undecided)}, where noise hides it: measure "
                 "more periods."
             )
             level = Level.BAD if beyond else Level.CAUTION
