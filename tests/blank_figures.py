@@ -21,8 +21,8 @@ def _save(_figure, path, **settings):
 def blank_figures():
     """Write an empty file for every figure: in this process, for tests that look at none.
 
-    Figures are rendered where they are looked at (tests/results), and end to end by the tutorial
-    and in the run folder of tests/report.
+    Figures are rendered where they are looked at (tests/results), and end to end by
+    tests/cli/test_design.py and in the run folder of tests/report.
     """
     with (
         patch.object(Figure, "savefig", _save),

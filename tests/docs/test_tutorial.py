@@ -6,6 +6,7 @@ import pytest
 
 from expdesign.cli.app import app
 from expdesign.cli.errors import run
+from tests.blank_figures import blank_figures
 from tests.docs.pages import ROOT
 from tests.docs.tutorial import agree, missing_line, stated_numbers, steps, value_of
 
@@ -24,7 +25,8 @@ def test_the_tutorial_is_what_happens(tmp_path, monkeypatch, capsys):
         elif step.kind == "command":
             program, *arguments = shlex.split(step.text)
             assert program == "expdesign"
-            status = run(app, arguments)
+            with blank_figures():
+                status = run(app, arguments)
             said = "".join(capsys.readouterr())
             assert status == 0, (step.text, said)
         else:

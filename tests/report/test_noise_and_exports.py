@@ -5,7 +5,9 @@ import shutil
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
+from expdesign.cli.app import app
 from expdesign.configuration import ExportSection, InputError
 from expdesign.export.exporting import export_table
 from expdesign.export.readme import readme
@@ -49,16 +51,26 @@ def change(path, edit):
     path.write_text(json.dumps(document), encoding="utf-8")
 
 
-@pytest.fixture
-def noisy(folder, expdesign_says):
+@pytest.fixture(scope="session")
+def analysed(whole, made_once):
     """Return a run folder whose own recording's noise was analysed."""
-    status, output, error = expdesign_says("noise", folder / "run.yaml", "--out", folder)
-    assert status == 0, (output, error)
-    # The estimate was made from the same recording, before the folder was copied.
-    change(
-        folder / "estimate.json",
-        lambda d: d["recordings"][0].update(source=str(folder / "measurement.csv")),
-    )
+
+    def make(place):
+        shutil.copytree(whole, place / "tiny")
+        run = place / "tiny" / "run.yaml"
+        found = CliRunner().invoke(app, ["noise", str(run), "--out", str(run.parent)])
+        assert found.exit_code == 0, (found.output, found.exception)
+
+    return made_once("noise", make) / "tiny"
+
+
+@pytest.fixture
+def noisy(folder, analysed):
+    """Give each test its own copy, of which noise and estimate say that they are of its data."""
+    shutil.copytree(analysed, folder, dirs_exist_ok=True)
+    recording = str(folder / "measurement.csv")
+    change(folder / "noise.json", lambda d: d.update(recording=recording))
+    change(folder / "estimate.json", lambda d: d["recordings"][0].update(source=recording))
     return folder
 
 

@@ -22,10 +22,17 @@ from expdesign.runfolder.manifest import Manifest
 from expdesign.stages.export import export_task
 from expdesign.stages.record import stage_inputs
 from expdesign.stages.workspace import Workspace
+from tests.blank_figures import blank_figures
 from tests.report.html import Page
 
 OLD = Path(__file__).parent / "format_0"
 STAGES = ["design", "export", "experiment", "noise", "montecarlo", "estimate", "validation"]
+
+
+@pytest.fixture(autouse=True)
+def _blank_figures():
+    with blank_figures():
+        yield
 
 
 @pytest.fixture

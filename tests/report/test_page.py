@@ -9,6 +9,7 @@ import pytest
 from expdesign.configuration import InputError, load_run, resolved_yaml
 from expdesign.stages.report import reported_stages
 from results.report.run_report import write_report
+from tests.blank_figures import blank_figures
 from tests.report.conftest import HOSTILE
 from tests.report.html import Page
 
@@ -110,7 +111,8 @@ def test_a_folder_without_a_stage(folder, stage):
 def test_a_folder_without_manifest_or_figures(folder):
     (folder / "manifest.json").unlink()
     shutil.rmtree(folder / "figures")
-    write_report(folder, reported_stages())
+    with blank_figures():
+        write_report(folder, reported_stages())
     text = text_of(folder)
     assert "has no manifest.json" in text
     # They are drawn anew, from the folder alone.
@@ -123,7 +125,9 @@ def test_figures_are_drawn_in_the_formats_that_are_wanted(folder):
     text = run.read_text(encoding="utf-8")
     assert 'figures: ["svg"]' in text or "figures: [svg]" in text
     run.write_text(re.sub(r"figures: \[.*\]", "figures: [svg, pdf]", text), encoding="utf-8")
-    (folder / "design.json").unlink()
+    # Those of one stage show it.
+    for stage in ("design", "truth", "estimate", "validation"):
+        (folder / f"{stage}.json").unlink()
     drawn = folder / "figures" / "montecarlo_bias.svg"
     svg = drawn.read_bytes()
     write_report(folder, reported_stages())
@@ -274,7 +278,8 @@ def test_a_run_that_was_changed_is_shown_in_its_report(folder, tmp_path, expdesi
         assert text.count(old) == 1, old
         text = text.replace(old, new)
         file.write_text(text, encoding="utf-8")
-        status, output, error = expdesign_says("run", file, "--out", folder, "--json")
+        with blank_figures():
+            status, output, error = expdesign_says("run", file, "--out", folder, "--json")
         assert status == 0, (output, error)
         stages = json.loads(output[output.index("{") :])["stages"]
         assert {name for name, stage in stages.items() if not stage["resumed"]} == again
