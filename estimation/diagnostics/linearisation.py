@@ -94,9 +94,6 @@ class Linearisation:
     """(R, 6, m), A, all parameters."""
     motion_columns: Array
     """(R, 6, x), G; x = 0 after pointwise kinematics."""
-    delay_column: Array
-    """(R, 6, 1), change of the predicted force per second that the force channel lags, N/s; none
-    after pointwise kinematics."""
     free: NDArray[np.bool_]
     """(m,), parameters that were estimated."""
     sign_variance: Array
@@ -129,7 +126,7 @@ class Linearisation:
         """Return what stands behind the filters that make the noise white."""
         changes: dict[str, Any] = {}
         if noise.forces.filter is not None:
-            names = ("forces", "regressors", "motion_columns", "delay_column")
+            names = ("forces", "regressors", "motion_columns")
             changes |= {name: noise.forces.filter(getattr(self, name)) for name in names}
         if noise.lengths.filter is not None and self.lengths is not None:
             changes["lengths"] = noise.lengths.filter(self.lengths)
@@ -161,7 +158,7 @@ def linearise(
         if experiment.pointwise is None:
             raise ValueError("an experiment has a fitted or a pointwise motion")
         state, regressors = experiment.pointwise.state, experiment.fitted_regressors
-        slope = delay = np.zeros((len(times), ACTUATORS, 0))
+        slope = np.zeros((len(times), ACTUATORS, 0))
         sign_variance = np.zeros((len(times), ACTUATORS))
     else:
         state = motion.at(times).state()
@@ -170,8 +167,7 @@ def linearise(
             predict_forces(robot, motion, times[part], signs[part], values)
             for part in chunks(len(times))
         ]
-        regressors, slope, rate = map(np.concatenate, zip(*parts, strict=True))
-        delay = -rate[:, :, None]
+        regressors, slope, _ = map(np.concatenate, zip(*parts, strict=True))
         sign_variance = _sign_variance(robot, state, signs, values)
         length_times = record.lengths.times
         length_cells = _cells(experiment, length_times, record.lengths.counts)
@@ -188,7 +184,6 @@ def linearise(
         forces=cells.mean(rows),
         regressors=cells.mean(regressors),
         motion_columns=cells.mean(slope),
-        delay_column=cells.mean(delay),
         free=free,
         sign_variance=cells.mean(sign_variance),
         lengths=None if lengths is None else length_cells.mean(lengths),
