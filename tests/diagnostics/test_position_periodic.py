@@ -12,6 +12,7 @@ from estimation.diagnostics.position_periodic import (
     periodic_force,
     scan_pitches,
 )
+from estimation.diagnostics.row_whitening import RowWhitening
 from estimation.diagnostics.signature import Signature
 
 SAMPLES = 240
@@ -66,15 +67,13 @@ def test_critical_value_is_the_inverse():
 def _system(part, forces):
     rows, sigma = len(part.forces), 3.0
     return JointSystem(
-        white=np.eye(6) / sigma,
-        counts=np.full(rows, 4.0),
+        force_rows=RowWhitening(np.eye(6) / sigma, np.full(rows, 4.0), None),
+        length_rows=RowWhitening(np.eye(6), np.zeros(0), None),
         forces=forces / sigma * 2.0,
         columns=np.ones((rows, 6, 1)),
         information=np.zeros((1, 1)),
         gradient=np.zeros(1),
         freedom=np.inf,
-        length_white=np.eye(6),
-        length_counts=np.zeros(0),
         lengths=np.zeros((0, 6)),
         length_columns=np.zeros((0, 6, 1)),
     )

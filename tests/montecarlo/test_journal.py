@@ -16,7 +16,7 @@ def repetition(number, freedom=720.0):
         5,
         freedom,
         {
-            "gm": Outcome(rng.normal(size=24), rng.uniform(size=24), True, 1),
+            "gm": Outcome(*rng.uniform(size=(3, 24)), True, 1),
             "ml": Outcome(error="no pose has the measured lengths"),
         },
     )
@@ -31,7 +31,7 @@ def same(first, second):
     for name in ("gm", "ml"):
         a, b = first.outcomes[name], second.outcomes[name]
         assert (a.converged, a.iterations, a.error) == (b.converged, b.iterations, b.error)
-        for x, y in ((a.values, b.values), (a.std, b.std)):
+        for x, y in ((a.values, b.values), (a.std, b.std), (a.widths, b.widths)):
             np.testing.assert_array_equal(x, y)
 
 

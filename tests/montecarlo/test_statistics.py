@@ -53,7 +53,7 @@ def test_coverage_is_clopper_and_pearson():
 def test_the_pooled_standard_error_is_the_jackknifes():
     rng = np.random.default_rng(3)
     errors, bound = rng.normal(size=(30, 4)) * [1, 2, 3, 4], np.array([1.0, 2.0, 2.5, 4.0])
-    found = pooled_statistics(errors, np.ones((30, 4)), np.full(30, 2.0), bound)
+    found = pooled_statistics(errors, np.ones((30, 4)), np.full((30, 4), 2.0), bound)
     squares = np.mean((errors / bound) ** 2, axis=1)
     left_out = np.array([np.mean(np.delete(squares, k)) for k in range(30)])
     jackknife = math.sqrt(29 / 30 * np.sum((left_out - left_out.mean()) ** 2))
@@ -63,7 +63,7 @@ def test_the_pooled_standard_error_is_the_jackknifes():
 
 def test_one_repetition_has_no_spread():
     one = np.ones((1, 2))
-    pooled = pooled_statistics(2 * one, one, np.full(1, 2.0), np.ones(2))
+    pooled = pooled_statistics(2 * one, one, np.full((1, 2), 2.0), np.ones(2))
     single = parameter_statistics(2 * one[0, :1], one[0, :1], np.full(1, 2.0), 1.0)
     assert pooled.rmse_over_bound == single.rmse_over_bound == 2.0
     for unknown in (single.spread, single.bias_t, pooled.rmse_over_bound_std_error):
@@ -96,7 +96,7 @@ def test_the_pooled_intervals_cover_however_parameters_are_correlated(correlatio
     for _ in range(STUDIES):
         errors = rng.normal(size=(count, size)) @ mixing.T
         found = pooled_statistics(
-            errors, np.ones((count, size)), np.full(count, width), np.ones(size)
+            errors, np.ones((count, size)), np.full((count, size), width), np.ones(size)
         )
         held_ratio += found.rmse_over_bound_low <= 1 <= found.rmse_over_bound_high
         held_coverage += found.coverage_low <= 0.95 <= found.coverage_high
@@ -110,7 +110,7 @@ def test_the_pooled_coverage_of_correlated_parameters_is_less_sure():
     normal = rng.normal(size=(400, 6))
     same = np.repeat(rng.normal(size=(400, 1)), 6, axis=1)
     found = [
-        pooled_statistics(errors, np.ones((400, 6)), np.full(400, 1.96), np.ones(6))
+        pooled_statistics(errors, np.ones((400, 6)), np.full((400, 6), 1.96), np.ones(6))
         for errors in (normal, same)
     ]
     widths = [pooled.coverage_high - pooled.coverage_low for pooled in found]

@@ -31,7 +31,8 @@ def test_a_repetition_is_an_estimate_of_the_twins_measurement(study):
     found = study.repetitions[2]
     assert found.number == 3
     assert found.harmonics == 2
-    assert found.freedom == 2 * 120
+    # 240 degrees of freedom are too few to weight with: the robot's noise is taken.
+    assert found.freedom == np.inf
     for name in ("gm", "ml"):
         np.testing.assert_array_equal(found.outcomes[name].values, expected[name].values)
         np.testing.assert_array_equal(found.outcomes[name].std, expected[name].std)
