@@ -272,8 +272,11 @@ class IdentificationStudy(Study):
         for result in self.cases:
             for number, experiment in enumerate(result.experiments, start=1):
                 test = experiment.hausman
-                worst = int(np.nanargmax(np.abs(test.z)))
-                found = (test.p_joint, abs(test.z[worst]), self.knowledge.names[worst])
+                sizes = np.nan_to_num(np.abs(test.z), nan=-1.0)
+                worst = int(np.argmax(sizes))
+                # None of the differences may be large enough to be judged.
+                name = self.knowledge.names[worst] if sizes[worst] >= 0 else ""
+                found = (test.p_joint, abs(test.z[worst]), name)
                 disturbed = "yes" if experiment.disturbed else "no"
                 yield HausmanRow(result.case.key, number, *found, disturbed, experiment.harmonics)
 

@@ -167,9 +167,12 @@ class HausmanRow:
 
     case: Case
     experiment: Annotated[int, described("1", "number")]
-    p_joint: Annotated[float, described("1", "of the difference of GM and ML, all parameters")]
+    p_joint: Annotated[
+        OpenNumber,
+        described("1", "of the difference of GM and ML, all parameters; empty with none judged"),
+    ]
     largest_z: Annotated[
-        float, described("1", "largest difference of a parameter over its standard deviation")
+        OpenNumber, described("1", "largest difference of a parameter over its standard deviation")
     ]
     parameter: Annotated[str, described("", "that it is of")]
     disturbed: Annotated[str, described("", "whether the information matrix is, by this test")]
