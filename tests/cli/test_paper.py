@@ -48,16 +48,32 @@ def runs(tmp_path_factory, cheaper):
     folders = {}
     for name, changes in STUDIES.items():
         run = YAML(typ="safe").load(run_files()[name].read_text(encoding="utf-8"))
-        run |= SMALL | {"workers": 1}
+        # Two of them have the same design, which is kept where the run has the same name.
+        run |= SMALL | {"name": "paper", "workers": 1}
         run["study"] |= changes
         file = place / f"{name}.yaml"
         with file.open("w", encoding="utf-8") as stream:
             YAML(typ="safe").dump(run, stream)
         folders[name] = place / name
+        if name == "paper_validation":
+            # Its design is that of the study before: it is not searched a second time.
+            _keep_design(folders["paper_identification"], folders[name])
         with cheaper():
             found = CliRunner().invoke(app, ["run", str(file), "--out", str(folders[name])])
         assert found.exit_code == 0, (found.output, found.exception)
+        assert ("design: done already" in found.output) == (name == "paper_validation")
     return folders
+
+
+def _keep_design(done, folder):
+    """Copy what the stage `design` of a run has written."""
+    manifest = json.loads((done / "manifest.json").read_text(encoding="utf-8"))
+    stage = manifest["stages"]["design"]
+    for name in stage["files"]:
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_bytes((done / name).read_bytes())
+    manifest["stages"] = {"design": stage}
+    (folder / "manifest.json").write_text(json.dumps(manifest), encoding="utf-8")
 
 
 @pytest.mark.parametrize("name", list(STUDIES))
