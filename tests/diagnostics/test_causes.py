@@ -12,6 +12,7 @@ from estimation.diagnostics.projection import Projection
 from estimation.diagnostics.suspects import Suspects
 from estimation.estimators.experiment import Experiment, WholeMotion
 from estimation.kinematics.fourier_fit import fit_motion
+from estimation.processing import NoiseModel
 from expdesign.configuration import load_run
 from expdesign.configuration.robot import load_robot_description
 from expdesign.mechanism.catalogue import DEFAULT
@@ -222,3 +223,14 @@ def test_rivals_leave_nothing_of_an_effect(lab, palida):
         test = first.families[cause.kind]
         again = cause_test(first.beside, cause, test.first)
         np.testing.assert_array_equal(again.log_p, test.log_p)
+
+
+def test_noise_that_was_given_too_small_is_no_cause(lab):
+    """It has its own test; causes are judged by the noise that the recording shows."""
+    experiment = lab.experiment(lab.measure(1))
+    small = NoiseModel.given(0.4 * lab.noise.forces.covariance, lab.noise.lengths.covariance)
+    given = replace(experiment, noise=small)
+    result = diagnose(lab.robot, [given], lab.knowledge, lab.estimate([given]))
+    assert _named(result) == []
+    failed = [finding.assumption for finding in result.verdict.failed]
+    assert "the forces are as noisy as assumed" in failed
