@@ -130,6 +130,7 @@ def attribute(
     search = Search(system, part, families, step, POSITION_PERIODIC / experiments)
     first = last = search.tests(())
     found: list[Candidate] = []
+    beside: list[Candidate] = []  # what the last tests were made beside
     seen: set[frozenset[tuple[str, int | None, str]]] = set()
     while len(found) < _MOST:
         best = search.most_significant(last, found)
@@ -140,9 +141,10 @@ def attribute(
         if names in seen:
             break
         seen.add(names)
-        last = search.tests(found)
+        last, beside = search.tests(found), found
     found, rivals = search.settled(found)
-    last = search.tests(found)
+    if {id(item) for item in found} != {id(item) for item in beside}:
+        last = search.tests(found) if found else first
     effects = _effects(search, found, rivals)
     known = {e.strut: e.force for e in reversed(effects) if e.force is not None}
     best_forces = tuple(
