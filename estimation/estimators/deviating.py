@@ -24,6 +24,7 @@ from estimation.processing import PeriodSource
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.robot import Robot
 from expdesign.robot.deviation import Deviation, deviated
+from expdesign.robot.deviation_slope import delay_of_jumps
 
 _OWN_CLOCK = (PeriodSource.COLUMN, PeriodSource.DATA)
 """Where ω comes from the recording itself."""
@@ -79,9 +80,19 @@ class DeviatingMachine:
         return cls(deviated(robot, chosen, theta) if moves else robot, tuple(chosen), theta)
 
     def forces(
-        self, experiment: Experiment, motion: HarmonicMotion, values: Array, part: slice
+        self,
+        experiment: Experiment,
+        motion: HarmonicMotion,
+        values: Array,
+        part: slice,
+        *,
+        jumps: bool = False,
     ) -> MeasuredForces:
-        """Return what some of an experiment's force samples should be at ξ and p, (m,)."""
+        """Return what some of an experiment's force samples should be at ξ and p, (m,).
+
+        The derivative to a delay may count the `jumps` of dry friction, on the average over where
+        the samples are; one sample does not tell when a sign changed.
+        """
         times = experiment.record.forces.times[part]
         own = experiment.record.source in _OWN_CLOCK
         motion, true_times = self._seen(motion, times - self.delay, own_clock=own)
@@ -91,6 +102,9 @@ class DeviatingMachine:
         regressors, slope, columns = predict_deviating_forces(
             self.robot, motion, true_times, signs, values, self.chosen, own_clock=own
         )
+        if jumps:
+            late = [one.group == "delay" for one in self.chosen]
+            columns[:, :, late] += self._jumps(experiment, motion, true_times, signs, values)
         gains = self.gains[:, None]
         read = np.array([one.group.startswith("force_constant.") for one in self.chosen], bool)
         return MeasuredForces(
@@ -98,6 +112,19 @@ class DeviatingMachine:
             np.where(read, columns, columns * gains),
             slope * gains,
         )
+
+    def _jumps(
+        self,
+        experiment: Experiment,
+        motion: HarmonicMotion,
+        times: Array,
+        signs: Array,
+        values: Array,
+    ) -> Array:
+        """Return what jumps of dry friction add to the column of a delay, (S, 6, 1)."""
+        state = motion.at(times).state()
+        step = experiment.record.step
+        return delay_of_jumps(self.robot, state, signs, values, step)[:, :, None]
 
     def lengths(
         self, experiment: Experiment, motion: HarmonicMotion, part: slice

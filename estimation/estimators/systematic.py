@@ -92,9 +92,9 @@ def systematic_share(
         machine = influence.machine or DeviatingMachine.of(
             influence.robot, chosen, np.zeros(len(chosen))
         )
-        known = influence.experiment, motion
+        known, jumps = (influence.experiment, motion), influence.machine is None
         response[free] += influence.response(
-            _moved(partial(machine.forces, *known, influence.values)),
+            _moved(partial(machine.forces, *known, influence.values, jumps=jumps)),
             _moved(partial(machine.lengths, *known)),
         )
     tolerances = np.array([each.std for each in chosen])

@@ -19,7 +19,12 @@ from expdesign.information.fisher import whitening
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
 from expdesign.robot import Robot
 from expdesign.robot.deviation import tolerated
-from expdesign.robot.deviation_slope import deviating_forces, length_deviation_columns
+from expdesign.robot.deviation_slope import (
+    delay_of_jumps,
+    deviating_forces,
+    exact_signs,
+    length_deviation_columns,
+)
 from expdesign.trajectory import FourierTrajectory, PhaseBasis
 
 
@@ -57,6 +62,10 @@ def systematic_std(
     )
     state = np.concatenate([basis @ table.T for basis in bases], axis=1)
     forces = deviating_forces(robot, state, times, None, robot.parameters, chosen)
+    exact = exact_signs(robot, state)
+    jumps = delay_of_jumps(robot, state, exact, robot.parameters, trajectory.period / samples)
+    late = [one.group == "delay" for one in chosen]
+    forces.columns[:, :, late] += jumps[:, :, None]
     lengths = length_deviation_columns(robot, state, times, chosen)
     jacobian = robot.length_jacobian(state[:, :COORDINATES])
     equal = np.eye(ACTUATORS) if length_covariance is None else length_covariance

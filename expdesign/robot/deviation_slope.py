@@ -48,6 +48,59 @@ def _length_kernel() -> BatchFunction:
     return BatchFunction("deviating_length", [graph.state], [geometry.vector], outputs)
 
 
+@cache
+def _jump_kernel(terms: tuple[Term, ...]) -> BatchFunction:
+    """State (18) → ∂(A p)/∂signs (6, s), the rates of dry friction (s) and their rates (s)."""
+    graph = hexapod_graph(terms)
+    force = graph.regressor_with(Friction.HELD) @ graph.parameters
+    moving, changing = (
+        ca.vertcat(graph.pose, graph.rate),
+        ca.vertcat(graph.rate, graph.acceleration),
+    )
+    outputs = [
+        ca.densify(ca.jacobian(force, graph.signs)),
+        ca.densify(graph.sliding),
+        ca.densify(ca.jacobian(graph.sliding, moving) @ changing),
+    ]
+    inputs = [graph.machine, graph.parameters]
+    return BatchFunction("jumping_force", [graph.state, graph.signs], inputs, outputs)
+
+
+def exact_signs(robot: Robot, state: Array) -> Array:
+    """Return the signs of the rates that the terms use, (S, s), at states (S, 18) or more."""
+    count = robot.graph.signs.shape[0]
+    nothing = np.zeros((len(state), count))
+    if not count:
+        return nothing
+    kernel = _jump_kernel(robot.terms)
+    _, rate, _ = kernel(state[:, :_STATE], nothing, robot.machine, robot.parameters)
+    return np.sign(rate)
+
+
+def delay_of_jumps(
+    robot: Robot, state: Array, signs: Array, parameters: Array, step: float
+) -> Array:
+    """Return what dry friction adds to the column of a delay, (S, 6), N/s, where it jumps.
+
+    A delay moves every reversal: next to it the friction has the other sign for that time. Each
+    jump is spread over one step between the samples, s, which is right on the average over where
+    the samples happen to be.
+
+    Parameters
+    ----------
+    state : (S, 24)
+        As of `deviating_forces`.
+    signs : (S, s)
+        In which the forces are linear, or nearly.
+    """
+    if not signs.shape[1]:
+        return np.zeros((len(state), ACTUATORS))
+    kernel = _jump_kernel(robot.terms)
+    slope, rate, change = kernel(state[:, :_STATE], signs, robot.machine, parameters)
+    near = np.abs(rate) < np.abs(change) * step / 2
+    return -np.einsum("sij,sj->si", slope, np.where(near, 2 * np.sign(change) / step, 0.0))
+
+
 class DeviatingForces(NamedTuple):
     """Forces of a motion, and what moves them.
 

@@ -82,6 +82,8 @@ def test_an_estimate_writes_what_the_contract_names(folder, expdesign):
         "unit",
         "value",
         "std",
+        "std_random",
+        "std_systematic",
         "ci_low",
         "ci_high",
         "rel_std_percent",
