@@ -17,8 +17,8 @@ _RANK = 1e-10
 """Eigenvalues of the difference's correlation below this share of the largest do not count."""
 
 _TOLD_APART = 1e-4
-"""Variance of a difference of estimates from the same data, relative to that of the estimates,
-below which it is not judged: there, what is left out of a linear law decides."""
+"""Variance, relative to that of the estimates, which a difference of estimates from the same data
+is allowed at the least: what a linear law leaves out."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +46,7 @@ class Differences:
     @property
     def differ_jointly(self) -> bool:
         """True when the parameters as a whole differ at the family level."""
-        return bool(self.freedom and self.p_joint < FAMILY_LEVEL)
+        return bool(self.p_joint < FAMILY_LEVEL)
 
 
 def difference_test(
@@ -61,9 +61,10 @@ def difference_test(
         Of second − first when both estimate the same: the sum of their covariances for estimates
         from independent data. Rows of zeros belong to fixed parameters, which are not judged.
     own : (m, m), optional
-        For estimates from the same data: the covariance of one of them. Combinations of
-        parameters whose difference varies by less than a hundredth of the estimates are left out;
-        with none left, nothing is judged.
+        For estimates from the same data: the covariance of one of them. Every combination of
+        parameters may then differ by a hundredth of its standard deviation, which a linear law
+        leaves out; those whose difference is no larger by chance do not count as freedom, and
+        without any freedom a small difference says nothing.
 
     Notes
     -----
@@ -76,21 +77,29 @@ def difference_test(
     variance = np.diag(covariance)
     judged = np.isfinite(variance) & (variance > 0)
     if own is not None:
-        judged &= variance > _TOLD_APART * np.diag(own)
+        judged &= np.diag(own) > 0
+        variance = np.maximum(variance, _TOLD_APART * np.diag(own))
     std = np.sqrt(np.where(judged, variance, np.nan))
     z = difference / std
     p_values = np.full(difference.size, np.nan)
     p_values[judged] = holm(2 * stats.norm.sf(np.abs(z[judged])))
-    statistic, freedom = 0.0, 0
+    statistic, freedom, p_joint = 0.0, 0, float("nan")
     if np.any(judged):
         unit = std[judged] if own is None else np.sqrt(np.diag(own)[judged])
         block = covariance[np.ix_(judged, judged)] / np.multiply.outer(unit, unit)
         values, vectors = np.linalg.eigh((block + block.T) / 2)
-        kept = values > (_RANK * values[-1] if own is None else _TOLD_APART)
-        along = vectors[:, kept].T @ (difference[judged] / unit)
-        statistic = float(np.sum(along**2 / values[kept]))
-        freedom = int(np.count_nonzero(kept))
-    p_joint = float(stats.chi2.sf(statistic, freedom)) if freedom else float("nan")
+        along = vectors.T @ (difference[judged] / unit)
+        least = _RANK * values[-1] if own is None else _TOLD_APART
+        told = values > least
+        if own is None:
+            values, along = values[told], along[told]
+        statistic = float(np.sum(along**2 / np.maximum(values, least)))
+        freedom = int(np.count_nonzero(told))
+        # Shares of a χ²₁ each: all of it where chance makes the difference, next to nothing else.
+        shares = np.clip(values / least, 0.0, 1.0)
+        size, square = float(np.sum(shares)), float(np.sum(shares**2))
+        if square > 0:
+            p_joint = float(stats.chi2.sf(statistic * size / square, size**2 / square))
     return Differences(difference, std, z, p_values, statistic, freedom, p_joint)
 
 

@@ -59,7 +59,7 @@ def information_test(summary: EstimateFile) -> Differences | None:
 
 def information_sentence(test: Differences) -> str:
     """Return what the test of ML − GM says, in words."""
-    if not test.freedom:
+    if not test.freedom and not test.differ_jointly:
         return (
             "Whether errors of the motion disturb the information matrix is not tested: GM and ML "
             "differ by less than a hundredth of their standard deviations"
