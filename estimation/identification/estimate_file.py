@@ -25,6 +25,10 @@ class WeightingKeys(NoiseKeys):
     force_source: Annotated[str, described("", "estimated, given or residuals")]
     length_source: Annotated[str, described("", "estimated, given or residuals")]
     includes_model_error: Annotated[bool, described("", "Σ comes from the model's residuals")]
+    force_spectrum: Annotated[
+        str, described("", "how the forces' noise is spread over the frequencies, in words")
+    ] = ""
+    length_spectrum: Annotated[str, described("", "how that of the lengths is, in words")] = ""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -88,6 +92,8 @@ class RecordingKeys:
                 force_source=noise.forces.source,
                 length_source=noise.lengths.source,
                 includes_model_error=noise.forces.includes_model_error,
+                force_spectrum=noise.forces.spectrum_words,
+                length_spectrum=noise.lengths.spectrum_words,
             ),
         )
 
@@ -217,13 +223,15 @@ def _intervals_note(result: EstimationResult) -> str:
             "the estimates and is not in the intervals; they do not cover"
         )
     systematic = result.best.systematic
+    counted = all(e.noise.forces.lines is not None for e in result.experiments)
+    noise = f"the noise of forces and lengths, {'as it is' if counted else 'taken for white'}"
     if systematic is None:
         return (
-            "95 %, with the noise of forces and lengths; they hold for exact geometry and force "
+            f"95 %, with {noise}; they hold for exact geometry and force "
             f"constants: {_NO_TOLERANCES[bool(tolerated(result.robot))]}"
         )
     verb = "and what is left of" if systematic.estimated else "and"
-    return f"95 %, with the noise of forces and lengths, {verb} the robot's tolerances"
+    return f"95 %, with {noise}, {verb} the robot's tolerances"
 
 
 _NO_TOLERANCES = {

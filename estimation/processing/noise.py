@@ -52,6 +52,15 @@ class NoiseEstimate:
         """Degrees of freedom behind the weights, of one line where these differ; inf when given."""
         return self.freedom if self.filter is None else min(self.freedom, self.filter.freedom)
 
+    @property
+    def spectrum_words(self) -> str:
+        """What is known of its spectrum, and what the weights take it for."""
+        if self.lines is None:
+            return "taken for white"
+        weights = "white" if self.filter is None else self.filter.smoothing
+        known = "given" if np.isinf(self.lines.freedom) else "seen between the periods"
+        return f"{known}; weights: {weights}"
+
     def taken_for_white(self) -> NoiseEstimate:
         """Return the covariance alone, for rows that are not the samples of a period."""
         return replace(self, lines=None, filter=None)

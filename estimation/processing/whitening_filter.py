@@ -62,7 +62,7 @@ def filter_to(covariance: Array, spectrum: ComplexArray) -> ComplexArray:
 def given_filter(covariance: Array, spectrum: ComplexArray, samples: int) -> WhiteningFilter:
     """Return the filter of noise whose spectrum at the lines of a period is known."""
     gain = filter_to(covariance, spectrum)
-    return WhiteningFilter(gain, samples, spectrum, "given", freedom=np.inf, loss=1.0)
+    return WhiteningFilter(gain, samples, spectrum, "the spectrum given", freedom=np.inf, loss=1.0)
 
 
 def estimated_filter(

@@ -145,7 +145,13 @@ def _noise_table(summary: EstimateFile) -> ReportTable:
         Column("length noise σ", "mm"),
         Column("source", kind="text"),
     )
-    caption = "Noise of one sample that the data were weighted with"
+    noises = (recording.noise for recording in summary.recordings)
+    spectra = dict.fromkeys(
+        f"spectrum of the forces {n.force_spectrum}, of the lengths {n.length_spectrum}"
+        for n in noises
+        if n.force_spectrum
+    )
+    caption = "; ".join(("Noise of one sample that the data were weighted with", *spectra))
     return ReportTable.of("noise", caption, columns, rows, folded=True)
 
 
