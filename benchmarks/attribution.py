@@ -99,9 +99,6 @@ def _robot() -> Robot:
     return robot_from(configuration().robot)
 
 
-# --- departures -----------------------------------------------------------------------------------
-
-
 def _of(robot: Robot, delay: float = 0.0) -> Recorded:
     """Return what a machine measures, its forces late by a delay, s."""
     times = twin().grid.times
@@ -109,14 +106,16 @@ def _of(robot: Robot, delay: float = 0.0) -> Recorded:
     return lengths, robot.actuator_forces(*design().sample(times - delay))
 
 
+def _machine(**changes: Any) -> Robot:
+    """Return PaLiDA with other keys of its file."""
+    return robot_from(load_run({"name": "machine", "robot": _robot_mapping() | changes}).robot)
+
+
 def _with_term(term: Any, **parameters: float) -> Recorded:
     """Return what a machine with another term measures."""
     known = _robot_mapping()
-    changed = known | {
-        "terms": [*known["terms"], term],
-        "parameters": known["parameters"] | parameters,
-    }
-    return _of(robot_from(load_run({"name": "machine", "robot": changed}).robot))
+    terms, values = [*known["terms"], term], known["parameters"] | parameters
+    return _of(_machine(terms=terms, parameters=values))
 
 
 def _deviating(values: Mapping[str, float]) -> Recorded:
@@ -151,14 +150,10 @@ _JOINT = np.array([0.6, 0.64, -0.48])
 _TILT = np.array([0.8, 0.6])
 
 
-def _nominal(name: str) -> float:
-    return float(_robot().parameters[_robot().parameter_names.index(name)])
-
-
 @cache
 def cases() -> dict[str, Case]:
     """Return all departures, by name."""
-    mass = _nominal("p10")
+    mass = float(_robot().description.parameters["p10"])
     middle = float(np.mean(twin().lengths[:, 3]))
     spring = {"cable": {"rest_length": middle - 0.05}}
     stribeck = {"stribeck": {"velocity": 0.05}}
@@ -221,12 +216,7 @@ def _joint(name: str, size: float) -> dict[str, float]:
 
 
 def _heavier(mass: float) -> Robot:
-    known = _robot_mapping()
-    changed = known | {"parameters": known["parameters"] | {"p10": mass}}
-    return robot_from(load_run({"name": "machine", "robot": changed}).robot)
-
-
-# --- runs -----------------------------------------------------------------------------------------
+    return _machine(parameters=_robot_mapping()["parameters"] | {"p10": mass})
 
 
 def diagnosed(
@@ -317,9 +307,6 @@ def clean(repetitions: int) -> Iterator[Row]:
             "nothing named": f"{100 * nothing / repetitions:.1f} %",
             "holds": "yes" if nothing >= 0.95 * repetitions else "no",
         }
-
-
-# --- power ----------------------------------------------------------------------------------------
 
 
 def power(case: Case) -> float:
