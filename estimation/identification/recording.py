@@ -19,6 +19,7 @@ from estimation.identification.result import RecordSummary
 from estimation.kinematics.fourier_fit import (
     MotionFit,
     MotionFitError,
+    NoMotionFoundError,
     choose_harmonics,
     fit_motion,
     start_motion,
@@ -143,14 +144,22 @@ def _fitted(
     # A Δ that nobody knows comes from the fit that it weights: a few rounds settle both.
     rounds = _RESIDUAL_ROUNDS if noise.lengths.includes_model_error else 1
     for remaining in reversed(range(rounds)):
-        fit = fitting(
+        fitted = partial(
+            fitting,
             robot,
             record,
             noise.lengths.covariance,
             start=start,
             free_frequency=section.frequency == "estimated",
-            noise_filter=noise.lengths.filter,
         )
+        try:
+            fit = fitted(noise_filter=noise.lengths.filter)
+        except NoMotionFoundError:
+            if noise.lengths.filter is None:
+                raise
+            # What repeats in no period, as with a clock that is off, is no noise to weight with.
+            noise = replace(noise, lengths=replace(noise.lengths, filter=None))
+            fit = fitted()
         if noise.lengths.includes_model_error:
             found = residual_noise(fit.residuals, record.lengths.counts, len(fit.covariance))
             noise = replace(noise, lengths=found)

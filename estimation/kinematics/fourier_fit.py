@@ -23,7 +23,7 @@ from scipy import stats
 
 from constraints.arrays import Array
 from estimation.measurement_model import HarmonicMotion, predict_lengths
-from estimation.measurement_model.normal_equations import Filter, NormalEquations, Rows
+from estimation.measurement_model.normal_equations import Filter, NormalEquations, Rows, whitened
 from estimation.measurement_model.prediction import chunks
 from estimation.processing import Record
 from expdesign.configuration import ComputationError
@@ -213,7 +213,9 @@ def choose_harmonics(
         harmonics = fit.motion.harmonics
         if harmonics >= most:
             break
-        found = np.flatnonzero(_p_values(robot, record, covariance, fit, most) < level)
+        found = np.flatnonzero(
+            _p_values(robot, record, covariance, fit, most, noise_filter) < level
+        )
         if not len(found):
             break
         fit = fitted(harmonics + int(found[-1]) + 1, fit.motion)
@@ -236,32 +238,48 @@ def _highest_needed(fit: MotionFit, least: int, level: float) -> int:
     return least
 
 
-def _p_values(robot: Robot, record: Record, covariance: Array, fit: MotionFit, most: int) -> Array:
+def _p_values(
+    robot: Robot,
+    record: Record,
+    covariance: Array,
+    fit: MotionFit,
+    most: int,
+    noise_filter: Filter | None,
+) -> Array:
     """Return the p-value of each harmonic above the fit's, tested on the fit's residuals."""
-    stride = max(1, record.samples // _POINTS) if not record.averaged else 1
-    white = whitening(covariance)
-    motion = fit.motion
-    # Evenly in phase, so that no harmonic is an alias of another.
-    order = np.argsort(np.mod(fit.motion.omega * record.lengths.times, 2 * np.pi), kind="stable")
-    rows = order[::stride]
-    times = record.lengths.times[rows]
-    phases = motion.omega * times
+    white, motion = whitening(covariance), fit.motion
+    rows = np.arange(record.samples)
+    if not record.averaged:
+        # Evenly in phase, so that no harmonic is an alias of another.
+        order = np.argsort(np.mod(motion.omega * record.lengths.times, 2 * np.pi), kind="stable")
+        rows = order[:: max(1, record.samples // _POINTS)]
+    phases = motion.omega * record.lengths.times[rows]
     poses = PhaseBasis.at(phases, motion.harmonics).value @ motion.table.T
     _, jacobian = robot.lengths_and_jacobian(poses)
-    weight = np.sqrt(record.lengths.counts[rows])
-    slope = np.matmul(white, jacobian) * weight[:, None, None]
-    residual = fit.residuals[rows] @ white.T * weight[:, None]
-    score = np.einsum("sri,sr->si", slope, residual)
+    counts = record.lengths.counts[rows]
+    residual = fit.residuals[rows]
+    if noise_filter is not None:
+        residual = noise_filter(residual)
+    weighted = whitened(residual, white.T @ white, counts**2)
+    if noise_filter is not None:
+        weighted = noise_filter(weighted)
+    score = np.einsum("sri,sr->si", jacobian, weighted)
+    slope = whitened(jacobian, white, counts)
     curvature = np.einsum("sri,srj->sij", slope, slope)
     values = []
     for harmonic in range(motion.harmonics + 1, most + 1):
         sin, cos = np.sin(harmonic * phases), np.cos(harmonic * phases)
         right = np.concatenate([sin @ score, cos @ score])
-        blocks = [
-            np.einsum("s,sij->ij", product, curvature)
-            for product in (sin * sin, sin * cos, cos * cos)
-        ]
-        normal = np.block([[blocks[0], blocks[1]], [blocks[1].T, blocks[2]]])
+        if noise_filter is None:
+            blocks = [
+                np.einsum("s,sij->ij", product, curvature)
+                for product in (sin * sin, sin * cos, cos * cos)
+            ]
+            normal = np.block([[blocks[0], blocks[1]], [blocks[1].T, blocks[2]]])
+        else:
+            columns = np.concatenate([jacobian * each[:, None, None] for each in (sin, cos)], 2)
+            flat = whitened(noise_filter(columns), white, counts).reshape(-1, len(right))
+            normal = flat.T @ flat
         statistic = float(right @ np.linalg.solve(normal, right))
         values.append(float(stats.chi2.sf(statistic, len(right))))
     return np.array(values)
