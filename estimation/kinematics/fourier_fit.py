@@ -15,17 +15,19 @@ show of it besides is judged with them (`estimation.identification.harmonics_cho
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg as sla
 from scipy import stats
 
-from constraints.arrays import Array
+from constraints.arrays import Array, ComplexArray
 from estimation.measurement_model import HarmonicMotion, predict_lengths
-from estimation.measurement_model.normal_equations import Filter, NormalEquations, Rows, whitened
+from estimation.measurement_model.normal_equations import NormalEquations, Rows, whitened
 from estimation.measurement_model.prediction import chunks
 from estimation.processing import Record
+from estimation.processing.whitening_filter import WhiteningFilter
 from expdesign.configuration import ComputationError
 from expdesign.information.fisher import whitening
 from expdesign.robot import ForwardKinematicsError, Robot
@@ -39,6 +41,8 @@ _FAMILY_LEVEL = 1e-3
 _MOST = 60
 _ROUNDS = 6
 _POINTS = 4096
+_NO_LINE = 1e-12
+"""Share of the energy of all lines that a line has at the least."""
 
 
 class MotionFitError(ComputationError):
@@ -68,7 +72,7 @@ def fit_motion(
     *,
     start: HarmonicMotion | None = None,
     free_frequency: bool = False,
-    noise_filter: Filter | None = None,
+    noise_filter: WhiteningFilter | None = None,
 ) -> MotionFit:
     """Fit a motion with H harmonics to the measured lengths.
 
@@ -146,7 +150,7 @@ def length_equations(
     record: Record,
     covariance: Array,
     motion: HarmonicMotion,
-    noise_filter: Filter | None = None,
+    noise_filter: WhiteningFilter | None = None,
 ) -> NormalEquations:
     """Return the normal equations of ξ from the lengths, whose covariance is Δ, (6, 6)."""
 
@@ -172,7 +176,7 @@ def choose_harmonics(
     expected: int | None = None,
     start: HarmonicMotion | None = None,
     free_frequency: bool = False,
-    noise_filter: Filter | None = None,
+    noise_filter: WhiteningFilter | None = None,
 ) -> MotionFit:
     """Fit the motion with as many harmonics as stand out of the noise.
 
@@ -244,7 +248,7 @@ def _p_values(
     covariance: Array,
     fit: MotionFit,
     most: int,
-    noise_filter: Filter | None,
+    noise_filter: WhiteningFilter | None,
 ) -> Array:
     """Return the p-value of each harmonic above the fit's, tested on the fit's residuals."""
     white, motion = whitening(covariance), fit.motion
@@ -256,16 +260,17 @@ def _p_values(
     phases = motion.omega * record.lengths.times[rows]
     poses = PhaseBasis.at(phases, motion.harmonics).value @ motion.table.T
     _, jacobian = robot.lengths_and_jacobian(poses)
-    counts = record.lengths.counts[rows]
-    residual = fit.residuals[rows]
-    if noise_filter is not None:
-        residual = noise_filter(residual)
-    weighted = whitened(residual, white.T @ white, counts**2)
-    if noise_filter is not None:
-        weighted = noise_filter(weighted)
-    score = np.einsum("sri,sr->si", jacobian, weighted)
-    slope = whitened(jacobian, white, counts)
-    curvature = np.einsum("sri,srj->sij", slope, slope)
+    residual, counts = fit.residuals[rows], record.lengths.counts[rows]
+    inverse = white.T @ white
+    if noise_filter is None:
+        score = np.einsum("sri,sr->si", jacobian, whitened(residual, inverse, counts**2))
+        slope = whitened(jacobian, white, counts)
+        curvature = np.einsum("sri,srj->sij", slope, slope)
+    else:
+        weighted = whitened(noise_filter(residual), inverse, counts**2)
+        score = np.einsum("sri,sr->si", jacobian, noise_filter(weighted))
+        gains = noise_filter.gain @ (inverse * counts[0]) @ noise_filter.gain
+        turned = _turned_information(jacobian, gains, float(phases[0]))
     values = []
     for harmonic in range(motion.harmonics + 1, most + 1):
         sin, cos = np.sin(harmonic * phases), np.cos(harmonic * phases)
@@ -277,9 +282,35 @@ def _p_values(
             ]
             normal = np.block([[blocks[0], blocks[1]], [blocks[1].T, blocks[2]]])
         else:
-            columns = np.concatenate([jacobian * each[:, None, None] for each in (sin, cos)], 2)
-            flat = whitened(noise_filter(columns), white, counts).reshape(-1, len(right))
-            normal = flat.T @ flat
+            normal = turned(harmonic)
         statistic = float(right @ np.linalg.solve(normal, right))
         values.append(float(stats.chi2.sf(statistic, len(right))))
     return np.array(values)
+
+
+def _turned_information(
+    jacobian: Array, weights: ComplexArray, phase: float
+) -> Callable[[int], Array]:
+    """Return what tells the information on the sine and cosine of a harmonic, (12, 12).
+
+    Of a period's slopes of the lengths to the pose, (N, 6, 6), weighted line by line,
+    (N // 2 + 1, 6, 6), whose first sample has this phase, rad. A harmonic turns the few lines of
+    the slopes by its number.
+    """
+    count = len(jacobian)
+    lines = np.fft.fft(jacobian, axis=0) / np.sqrt(count)
+    whole = np.concatenate([weights, weights[1 : count - len(weights) + 1].conj()[::-1]])
+    energy = np.sum(np.abs(lines) ** 2, axis=(1, 2))
+    kept = np.flatnonzero(energy > _NO_LINE * np.sum(energy))
+
+    def information(harmonic: int) -> Array:
+        own = lines[kept]
+        weighted = np.matmul(whole[(kept + harmonic) % count], own)
+        along = np.einsum("lji,ljk->ik", own.conj(), weighted)
+        other = lines[(kept + 2 * harmonic) % count]
+        against = np.einsum("lji,ljk->ik", other.conj(), weighted)
+        against = against * np.exp(2j * harmonic * phase)
+        mixed = (along + against).imag
+        return np.block([[(along - against).real, mixed.T], [mixed, (along + against).real]]) / 2
+
+    return information

@@ -8,8 +8,9 @@ experiment at a time.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 import scipy.linalg as sla
@@ -21,14 +22,21 @@ Rows = tuple[Array, Array, Array]
 """Residuals (S, 6), columns (S, 6, u) and counts (S,)."""
 
 
-Filter = Callable[[Array], Array]
-"""Filters series of one period, (N, 6, …)."""
+class Filter(Protocol):
+    """Filters series of one period, (N, 6, …)."""
+
+    def __call__(self, values: Array) -> Array:
+        """Return the filtered series."""
+
+    def rows(self, values: Array) -> Array:
+        """Return rows, (R, 6, …), with the inner products of the filtered series."""
 
 
 def filtered(parts: Iterable[Rows], whitening_filter: Filter) -> Rows:
     """Put parts together and filter them; every sample is the mean of as many."""
     residuals, columns, counts = (np.concatenate(each) for each in zip(*parts, strict=True))
-    return whitening_filter(residuals), whitening_filter(columns), counts
+    rest, rows = whitening_filter.rows(residuals), whitening_filter.rows(columns)
+    return rest, rows, np.full(len(rest), counts[0])
 
 
 def whitened(values: Array, white: Array, counts: Array) -> Array:

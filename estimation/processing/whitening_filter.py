@@ -16,6 +16,7 @@ from constraints.arrays import Array, ComplexArray
 from estimation.processing.noise_lines import NoiseLines
 from estimation.processing.smoothing import smoothed_spectrum
 from expdesign.mechanism.hexapod import ACTUATORS
+from expdesign.noise.fourier_lines import lines_of, multiplicity, series_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,10 +44,23 @@ class WhiteningFilter:
         """Return the series, (N, 6, …), that the filter makes these of."""
         return self._through(np.asarray(np.linalg.inv(self.gain), dtype=np.complex128), values)
 
+    def rows(self, values: Array) -> Array:
+        """Return real and imaginary parts of the filtered lines, (2 (N // 2 + 1), 6, …).
+
+        Their inner products are those of the filtered series.
+        """
+        lines = _moved(self.gain, lines_of(values))
+        lines *= np.sqrt(multiplicity(self.samples)).reshape(-1, *(1,) * (lines.ndim - 1))
+        return np.concatenate([lines.real, lines.imag])
+
     def _through(self, gain: ComplexArray, values: Array) -> Array:
-        lines = np.fft.rfft(values, axis=0)
-        moved = np.matmul(gain, lines.reshape(*lines.shape[:2], -1)).reshape(lines.shape)
-        return np.fft.irfft(moved, self.samples, axis=0)
+        return series_of(_moved(gain, lines_of(values)), self.samples)
+
+
+def _moved(gain: ComplexArray, lines: ComplexArray) -> ComplexArray:
+    """Return the gain's product with lines, (L, 6, …), of any further dimensions."""
+    flat = np.matmul(gain, lines.reshape(*lines.shape[:2], -1))
+    return np.asarray(flat.reshape(lines.shape), dtype=np.complex128)
 
 
 def filter_to(covariance: Array, spectrum: ComplexArray) -> ComplexArray:

@@ -15,7 +15,7 @@ from estimation.estimators import (
     maximum_likelihood,
 )
 from estimation.estimators.result import precision
-from estimation.kinematics.fourier_fit import fit_motion
+from estimation.kinematics.fourier_fit import _turned_information, fit_motion
 from estimation.measurement_model import HarmonicMotion
 from estimation.processing import NoiseEstimate, NoiseModel, PeriodSource, make_record
 from estimation.processing.noise_lines import NoiseLines, contrasts
@@ -120,6 +120,32 @@ def test_filtered_noise_is_white():
     # A period's ends do not meet: what leaks is of the memory's share in the period.
     np.testing.assert_allclose(size, 1.0, atol=0.15)
     np.testing.assert_allclose(whiten.undone(whiten(noise[0])), noise[0], atol=1e-9)
+
+
+@pytest.mark.parametrize("samples", [60, 61])
+def test_a_harmonic_turns_the_lines_of_the_slopes(samples):
+    rng, phase = np.random.default_rng(9), 0.7
+    angle = 2 * np.pi * np.arange(samples) / samples + phase
+    parts = np.stack([np.ones(samples), np.cos(angle), np.sin(3 * angle)])
+    slopes = np.einsum("pn,pij->nij", parts, rng.standard_normal((3, 6, 6)))
+    # Each channel has a memory of its own: the spectra are complex.
+    memory = np.linspace(0.1, 0.8, 6)
+    turn = np.exp(-2j * np.pi * np.arange(samples // 2 + 1) / samples)
+    response = 1 / (1 - memory * turn[:, None])
+    spectrum = response[:, :, None] * SIGMA * response.conj()[:, None, :]
+    whiten, inverse = given_filter(SIGMA, spectrum, samples), np.linalg.inv(SIGMA)
+    information = _turned_information(slopes, whiten.gain @ inverse @ whiten.gain, phase)
+    for harmonic in (1, 4, samples // 2 - 1):
+        waves = (np.sin(harmonic * angle), np.cos(harmonic * angle))
+        columns = np.concatenate([slopes * wave[:, None, None] for wave in waves], axis=2)
+        filtered = whiten(columns)
+        expected = np.einsum("nia,ij,njb->ab", filtered, inverse, filtered)
+        scale = np.max(np.abs(expected))
+        np.testing.assert_allclose(information(harmonic), expected, atol=1e-12 * scale)
+        rows = whiten.rows(columns)
+        np.testing.assert_allclose(
+            np.einsum("nia,ij,njb->ab", rows, inverse, rows), expected, atol=1e-12 * scale
+        )
 
 
 @cache
