@@ -163,12 +163,10 @@ def test_several_recordings_are_combined(folder, command):
     one = command(*arguments(folder, "--json"))
     two = command(*arguments(folder, "--data", str(folder / "second.csv"), "--json"))
     assert two.status == 0, two.error
-    ratio = [
-        json.loads(two.output)["estimates"][name]["std"]
-        / json.loads(one.output)["estimates"][name]["std"]
-        for name in ("p10", "r1", "v3")
-    ]
-    assert np.allclose(ratio, 1 / np.sqrt(2), rtol=0.1)
+    first, both = (json.loads(each.output)["estimates"] for each in (one, two))
+    ratio = [both[name]["std"] / first[name]["std"] for name in first]
+    # Each standard deviation is of the noise as the recording shows it: chance is in both.
+    assert np.exp(np.mean(np.log(ratio))) == pytest.approx(1 / np.sqrt(2), rel=0.05)
 
 
 @pytest.mark.parametrize(
@@ -177,7 +175,7 @@ def test_several_recordings_are_combined(folder, command):
         (lambda t: t.drop(columns="q3"), ["q3"]),
         (lambda t: t.assign(Q2=[*t.Q2[:7], np.nan, *t.Q2[8:]]), ["Q2", "9"]),
         (lambda t: t.assign(q1=["x", *t.q1[1:]]), ["q1", "2"]),
-        (lambda t: t.drop(index=range(400, 410)), ["402"]),
+        (lambda t: t.drop(index=range(300, 600)), ["302"]),
         (lambda t: t.assign(q4=1000 * t.q4), ["q4", "mm"]),
         (lambda t: t.head(20), ["20"]),
     ],
