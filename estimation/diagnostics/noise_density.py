@@ -19,7 +19,6 @@ from estimation.processing.noise_lines import NoiseLines
 from estimation.processing.smoothing import smoothed_spectrum
 from expdesign.configuration.noise_spectrum import COHERENCIES, FREQUENCY, PAIRS
 from expdesign.mechanism.hexapod import ACTUATORS
-from expdesign.noise.fourier_lines import multiplicity
 from expdesign.runfolder import Column, strutwise
 
 _UNIT = "N^2/Hz or m^2/Hz"
@@ -79,7 +78,7 @@ def noise_density(channels: Channels, step: float) -> tuple[NoiseDensity, HumSea
     sample.
     """
     periods = channels.periods
-    if periods is None or len(periods) < 2 or np.ptp(channels.counts) > 0:  # noqa: PLR2004 - a contrast takes two
+    if periods is None or len(periods) < 2 or not channels.alike:  # noqa: PLR2004 - a contrast takes two
         return NoiseDensity.none(), None
     found, freedom = _smoothed(NoiseLines.of(periods))
     hum = find_hum(periods, step, found, freedom)
@@ -96,7 +95,7 @@ def noise_density(channels: Channels, step: float) -> tuple[NoiseDensity, HumSea
     every = np.union1d(frequencies, extra)
     density = _between(every, frequencies, density)
     # Rows are fewer than lines: what they leave out is put back in size.
-    size = np.sqrt(np.diag(_covariance(lines)) / _content(every, density))
+    size = np.sqrt(np.diag(lines.covariance) / _content(every, density))
     density = density * size[:, None] * size
     diagonal = np.einsum("kii->ki", density).real
     root = np.sqrt(diagonal)
@@ -119,7 +118,7 @@ def noise_density(channels: Channels, step: float) -> tuple[NoiseDensity, HumSea
 
 def _smoothed(lines: NoiseLines) -> tuple[ComplexArray, float]:
     """Return the smoothed spectrum at every line, white where it may be, and its freedom."""
-    covariance = _covariance(lines)
+    covariance = lines.covariance
     found = smoothed_spectrum(lines, covariance)
     if found is not None:
         # A model's coefficients take their share, on average over the frequencies (Berk, 1974).
@@ -127,11 +126,6 @@ def _smoothed(lines: NoiseLines) -> tuple[ComplexArray, float]:
         return found.matrices, 1 / (1 / (2 * found.freedom) + spent)
     flat = np.broadcast_to(covariance, lines.matrices.shape).astype(np.complex128)
     return flat, lines.freedom * lines.samples
-
-
-def _covariance(lines: NoiseLines) -> Array:
-    times = multiplicity(lines.samples)[:, None, None]
-    return np.sum(lines.matrices.real * times, axis=0) / lines.samples
 
 
 def _ended(density: ComplexArray, samples: int, step: float) -> tuple[Array, ComplexArray]:

@@ -299,9 +299,12 @@ def noise_tests(
         record, record.lengths.periods, noise.lengths.filter, lengths, level
     )
     _, length_white, length_normal, length_change = lengths_tested
+    counted = noise.forces.lines is not None
+    if length_white is not None:
+        counted = counted and noise.lengths.lines is not None
     return NoiseTests(
         samples.reshape(-1, forces.shape[1]),
-        Whitenesses(white, length_white, counted=noise.forces.lines is not None),
+        Whitenesses(white, length_white, counted=counted),
         Normalities(
             "residuals" if white is None else "periods",
             normal,

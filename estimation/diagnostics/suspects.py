@@ -19,7 +19,6 @@ from estimation.diagnostics.signature import Signature
 from estimation.estimators.experiment import Experiment, regressors_along, regressors_at
 from estimation.measurement_model import HarmonicMotion
 from estimation.measurement_model.deviation import deviation_forces, deviation_lengths
-from estimation.processing import PeriodSource
 from expdesign.mechanism.catalogue import TERMS
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.term import Term, parameters_of
@@ -109,7 +108,7 @@ class Suspects:
             raise ValueError("pointwise kinematics have no motion that deviations could move")
         wanted = [each for each in deviations(robot) if each.group in _GEOMETRIC or each.std > 0]
         signs = experiment.signs(robot, motion)
-        own_clock = experiment.record.source is not PeriodSource.DESIGN
+        own_clock = experiment.record.own_clock
         forces = deviation_forces(
             robot, motion, experiment.times, signs, self.values, wanted, own_clock=own_clock
         )

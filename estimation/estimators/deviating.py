@@ -20,14 +20,10 @@ from estimation.measurement_model import HarmonicMotion, predict_lengths
 from estimation.measurement_model.deviation import deviation_lengths, predict_deviating_forces
 from estimation.measurement_model.normal_equations import NormalEquations, Rows
 from estimation.measurement_model.prediction import chunks
-from estimation.processing import PeriodSource
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.robot import Robot
 from expdesign.robot.deviation import Deviation, deviated
 from expdesign.robot.deviation_slope import delay_of_jumps
-
-_OWN_CLOCK = (PeriodSource.COLUMN, PeriodSource.DATA)
-"""Where ω comes from the recording itself."""
 
 
 class MeasuredForces(NamedTuple):
@@ -94,11 +90,10 @@ class DeviatingMachine:
         the samples are; one sample does not tell when a sign changed.
         """
         times = experiment.record.forces.times[part]
-        own = experiment.record.source in _OWN_CLOCK
+        own = experiment.record.own_clock
         motion, true_times = self._seen(motion, times - self.delay, own_clock=own)
-        if experiment.spread is None:
-            raise ValueError("pointwise kinematics have no spread of their rates")
-        signs = expected_signs(self.robot, motion, true_times, experiment.spread[part])
+        spread = experiment.spread_along(motion)
+        signs = expected_signs(self.robot, motion, true_times, spread[part])
         regressors, slope, columns = predict_deviating_forces(
             self.robot, motion, true_times, signs, values, self.chosen, own_clock=own
         )
@@ -131,7 +126,7 @@ class DeviatingMachine:
     ) -> MeasuredLengths:
         """Return what some of an experiment's length samples should be at ξ."""
         times = experiment.record.lengths.times[part]
-        own = experiment.record.source in _OWN_CLOCK
+        own = experiment.record.own_clock
         motion, true_times = self._seen(motion, times, own_clock=own)
         lengths, slope = predict_lengths(self.robot, motion, true_times)
         columns = deviation_lengths(self.robot, motion, true_times, self.chosen, own_clock=own)

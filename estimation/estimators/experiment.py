@@ -117,11 +117,15 @@ class Experiment:
 
     def signs(self, robot: Robot, motion: HarmonicMotion) -> Array:
         """Return the expected friction signs along a motion, (S, s)."""
+        times = self.record.forces.times
+        return expected_signs(robot, motion, times, self.spread_along(motion))
+
+    def spread_along(self, motion: HarmonicMotion) -> Array:
+        """Return the standard deviations of the rates of friction along a motion, (S, s)."""
         if self.spread is None:
             raise ValueError("pointwise kinematics have no spread of their rates")
         whole = self._whole_as(motion)
-        spread = self.spread if whole is None else whole.spread
-        return expected_signs(robot, motion, self.record.forces.times, spread)
+        return self.spread if whole is None else whole.spread
 
     def signs_of_others(self, robot: Robot, motion: HarmonicMotion) -> Array:
         """Return the expected signs that the terms of another robot use, (S, s)."""

@@ -187,17 +187,19 @@ def _covariance(
     parts: Iterator[Part], noise: NoiseEstimate, counts: Array, loss: float
 ) -> Covariance:
     """Return the covariance of Σ Kᵀ ε̄ for the noise as it is, and for white noise."""
+    lines = noise.lines
+    if lines is not None and lines.samples != len(counts):
+        lines = None
+    if lines is not None and noise.filter is not None:
+        loss = 1.0  # Its weights know nothing of the very line that they are for.
     white, whole = np.zeros(()), []
     for part, weights in parts:
         mixed = np.matmul(noise.covariance, weights) / counts[part][:, None, None]
         rows = weights.reshape(-1, weights.shape[2])
         white = white + loss * (rows.T @ mixed.reshape(rows.shape))
         whole.append(weights)
-    lines = noise.lines
-    if lines is None or lines.samples != len(counts):
+    if lines is None:
         return Covariance(white, 2 * np.diag(white) ** 2 / noise.freedom, white)
-    if noise.filter is not None:
-        loss = 1.0  # Its weights know nothing of the very line that they are for.
     spectral = lines_of(np.concatenate(whole)) / np.sqrt(counts[0])
     return Covariance(
         loss * lines.spread(spectral), loss**2 * lines.variance_of(lines.shares(spectral)), white

@@ -121,10 +121,18 @@ def precision(
 
 
 def covariance_ml_less_gm(estimates: Mapping[str, ParameterEstimate]) -> Array | None:
-    """Return the covariance of ML − GM from the same data, (m, m); None without both."""
+    """Return the covariance of ML − GM from the same data, (m, m); None without both.
+
+    What is not known exactly moves both, each in its own way.
+    """
     if not {"gm", "ml"} <= set(estimates):
         return None
     gm, ml = estimates["gm"], estimates["ml"]
     result, free = np.zeros_like(ml.covariance), ml.influences[0].free
     result[np.ix_(free, free)] = difference_covariance(ml.influences, gm.influences)
+    if gm.systematic is not None and ml.systematic is not None:
+        if gm.systematic.deviations != ml.systematic.deviations:
+            raise ValueError("both estimates have the tolerances of the same machine")
+        apart = ml.systematic.scaled - gm.systematic.scaled
+        result += apart @ apart.T
     return result

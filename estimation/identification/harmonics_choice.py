@@ -76,7 +76,9 @@ def whole_motion(robot: Robot, experiment: Experiment, knowledge: Knowledge) -> 
     lengths = length_equations(
         robot, record, noise.lengths.covariance, motion, noise.lengths.filter
     )
-    series = _Series(least, motion, knowledge, forces.with_motion(lengths), lengths)
+    off = (knowledge.prior_mean - values)[knowledge.free]
+    joint = forces.with_motion(lengths).with_prior(knowledge.precision, off)
+    series = _Series(least, motion, knowledge, joint, lengths)
     wanted = series.wanted()
     if wanted == least or series.contradicted(wanted):
         return None
@@ -120,7 +122,7 @@ class _Series:
     knowledge: Knowledge
     joint: NormalEquations
     lengths: NormalEquations
-    """Of (p, ξ) from forces and lengths, and of ξ from the lengths alone."""
+    """Of (p, ξ) from forces, lengths and prior, and of ξ from the lengths alone."""
 
     def wanted(self) -> int:
         """Return the number of harmonics that forces and lengths show together."""
@@ -137,7 +139,7 @@ class _Series:
         reductions = []
         for harmonics in range(self.least, self.motion.harmonics + 1):
             n = len(_places(self.motion, harmonics))
-            information = matrix[size:, size:] - slope[:n].T @ slope[:n] + self.knowledge.precision
+            information = matrix[size:, size:] - slope[:n].T @ slope[:n]
             rest = gradient[size:] - slope[:n].T @ offset[:n]
             reductions.append(offset[:n] @ offset[:n] + rest @ _solved(information, rest))
         gains = np.diff(reductions)
@@ -180,7 +182,7 @@ class _Series:
         count = int(np.count_nonzero(self.knowledge.free))
         inner = self.joint.matrix[np.ix_(count + places, count + places)]
         cross = self.joint.matrix[count + places, :count]
-        outer = self.joint.matrix[:count, :count] + self.knowledge.precision
+        outer = self.joint.matrix[:count, :count]
         right = np.column_stack([cross.T, self.joint.gradient[:count]])
         solved = _solved(outer, right)
         matrix = inner - cross @ solved[:, :-1]

@@ -84,6 +84,14 @@ class NormalEquations:
         gradient[first:] += motion.gradient
         return NormalEquations(self.cost + motion.cost, matrix, gradient)
 
+    def with_prior(self, precision: Array, off: Array) -> NormalEquations:
+        """Add a prior of the first unknowns: its precision, (k, k), and its mean less theirs."""
+        own = slice(len(off))
+        matrix, gradient = self.matrix.copy(), self.gradient.copy()
+        matrix[own, own] += precision
+        gradient[own] += precision @ off
+        return NormalEquations(self.cost + float(off @ precision @ off), matrix, gradient)
+
     def eliminated(self, kept: int, damping: float = 0.0) -> Elimination:
         """Eliminate all unknowns but the first `kept`.
 

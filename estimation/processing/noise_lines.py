@@ -47,6 +47,12 @@ class NoiseLines:
         matrices = np.einsum("mli,mlj->lij", lines, lines.conj()) / len(noise)
         return cls(matrices, noise.shape[1], float(len(noise)))
 
+    @property
+    def covariance(self) -> Array:
+        """(6, 6), of one sample: the mean over all N lines."""
+        times = multiplicity(self.samples) / self.samples
+        return np.asarray(np.einsum("l,lij->ij", times, self.matrices.real))
+
     def shares(self, columns: ComplexArray) -> Array:
         """Return vᴴ C v of every line for columns v, (L, 6, k): (L, k), times the multiplicity."""
         mixed = np.matmul(self.matrices, columns)

@@ -105,6 +105,11 @@ class Record:
         return len(self.lengths.values)
 
     @property
+    def own_clock(self) -> bool:
+        """True when ω comes from the recording itself, in its own clock."""
+        return self.source in (PeriodSource.COLUMN, PeriodSource.DATA)
+
+    @property
     def weight_taken(self) -> float:
         """How many samples' worth of weight outliers of forces and lengths have lost."""
         kept = self.forces.counts.sum() + self.lengths.counts.sum()

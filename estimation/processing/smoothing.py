@@ -2,11 +2,11 @@
 
 The spectrum at a line is the mean over its neighbours without the line itself. Weights made of it
 are then independent of the line's own contrasts, and a variance that is computed from these (a
-sandwich) is right whatever the weights are. What is smoothed is flat already but for what an
+sandwich) is right whatever the weights are. Only a line that stands out of its neighbours, such as
+a drive's hum, keeps its own size. What is smoothed is flat already but for what an
 autoregressive model of each channel leaves (prewhitening: Blackman and Tukey, 1958). The order of
 that model and the number of neighbours are those that predict the lines left out best (Beltrão and
-Bloomfield, J. Time Series Analysis 8, 1987). A line that stands out of its neighbours, such as a
-drive's hum, keeps its own size.
+Bloomfield, J. Time Series Analysis 8, 1987).
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ def _candidates(lines: NoiseLines, covariance: Array) -> Iterator[_Candidate]:
     for order in _ORDERS:
         filters = _prewhitening(lines, order)
         flat = NoiseLines(_coloured(lines.matrices, filters), lines.samples, lines.freedom)
-        mean = _mean(flat) if order else covariance
+        mean = flat.covariance if order else covariance
         constant = np.broadcast_to(mean, flat.matrices.shape).astype(np.complex128)
         everyone = np.ones(len(flat.matrices))
         all_lines = everyone * lines.freedom * lines.samples / 2
@@ -129,12 +129,6 @@ def _usable(lines: NoiseLines, width: int) -> bool:
 
 def _diagonal(matrices: ComplexArray) -> Array:
     return np.asarray(np.einsum("lii->li", matrices).real)
-
-
-def _mean(lines: NoiseLines) -> ComplexArray:
-    """Return the mean over all N lines."""
-    weights = multiplicity(lines.samples) / lines.samples
-    return np.asarray(np.einsum("l,lij->ij", weights, lines.matrices).real)
 
 
 def _prewhitening(lines: NoiseLines, order: int) -> ComplexArray:

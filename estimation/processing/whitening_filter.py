@@ -98,4 +98,8 @@ def estimated_filter(
 
 def _loss(freedom: float, channels: int = ACTUATORS) -> float:
     """Return E[C̄⁻¹ C C̄⁻¹] / E[C̄⁻¹] of a complex Wishart matrix C̄: 1 for endless freedom."""
-    return 1.0 if np.isinf(freedom) else freedom**2 / ((freedom - channels) ** 2 - 1)
+    if np.isinf(freedom):
+        return 1.0
+    # Fewer leave no mean of the inverse.
+    nu = max(freedom, channels + 2.0)
+    return nu**2 / ((nu - channels) ** 2 - 1)

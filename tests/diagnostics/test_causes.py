@@ -10,14 +10,15 @@ from estimation.diagnostics.diagnosis import diagnose
 from estimation.diagnostics.linearisation import linearise
 from estimation.diagnostics.projection import Projection
 from estimation.diagnostics.suspects import Suspects
+from estimation.estimators import DeviatingMachine
 from estimation.estimators.experiment import Experiment, WholeMotion
 from estimation.kinematics.fourier_fit import fit_motion
-from estimation.processing import NoiseModel
+from estimation.processing import NoiseModel, PeriodSource
 from expdesign.configuration import load_run
 from expdesign.configuration.robot import load_robot_description
 from expdesign.mechanism.catalogue import DEFAULT
 from expdesign.robot import robot_from
-from expdesign.robot.deviation import deviated, deviations
+from expdesign.robot.deviation import deviated, deviations, tolerated
 from tests.diagnostics.conftest import Laboratory
 
 
@@ -84,8 +85,31 @@ def test_columns_along_a_motion_with_more_harmonics_than_the_lengths_show(lab):
         part = linearise(lab.robot, experiment, values, lab.knowledge.free, more.motion)
         suspects = Suspects(lab.robot, experiment, more.motion, values, part)
         found.append(suspects.term("stribeck", velocity=0.05).forces)
+        exact = DeviatingMachine.exact(lab.robot)
+        machine = exact.forces(experiment, more.motion, values, slice(None))
+        np.testing.assert_allclose(machine.regressors, part.regressors, rtol=0, atol=1e-9)
     assert np.abs(found[0]).max() > 0.1
     np.testing.assert_allclose(*found, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("source", PeriodSource)
+def test_what_a_clock_moves_depends_on_where_the_frequency_comes_from(lab, palida, source):
+    """Tolerances are the same columns for the causes as for the estimate."""
+    robot = robot_from(
+        load_run({"name": "n", "robot": palida | {"tolerances": {"clock": 1e-3}}}).robot
+    )
+    own = lab.experiment(lab.measure(1), lab.noise)
+    experiment = replace(own, record=replace(own.record, source=source))
+    motion, values = experiment.fit.motion, robot.parameters
+    part = linearise(robot, experiment, values, lab.knowledge.free, motion)
+    columns, _ = Suspects(robot, experiment, motion, values, part).tolerated()
+    machine = DeviatingMachine.of(robot, tolerated(robot), np.zeros(1))
+    whole = slice(None)
+    forces = machine.forces(experiment, motion, values, whole)
+    lengths = machine.lengths(experiment, motion, whole)
+    np.testing.assert_allclose(columns.forces, forces.deviations, atol=1e-9)
+    np.testing.assert_allclose(columns.lengths, lengths.deviations, atol=1e-12)
+    assert np.any(columns.lengths) == (source in (PeriodSource.DESIGN, PeriodSource.FREQUENCY))
 
 
 def test_a_term_of_the_robot_is_no_suspect(suspects, palida):

@@ -244,6 +244,28 @@ def test_white_lines_give_the_covariance_of_white_noise():
         np.testing.assert_allclose(estimate.colour, 1.0, rtol=1e-8)
 
 
+def test_weights_that_lose_something_are_no_colour():
+    """White lines, and a filter that does nothing but is an estimate."""
+    data = measured(MOTION)
+    record = make_record(data, MOTION.omega, PeriodSource.DESIGN)
+    flat = np.broadcast_to(SIGMA, (record.samples // 2 + 1, 6, 6)).astype(complex)
+    weights = replace(given_filter(SIGMA, flat, record.samples), loss=1.2)
+    lines = NoiseLines(flat, record.samples, np.inf)
+    forces = NoiseEstimate(SIGMA, np.inf, lines=lines, filter=weights)
+    noise = replace(NoiseModel.given(SIGMA, DELTA), forces=forces)
+    fit = fit_motion(ROBOT, record, DELTA, 2)
+    experiment = Experiment.from_fit(ROBOT, record, noise, fit)
+    found = linear_estimate(ROBOT, [experiment], KNOWN, "gm")
+    np.testing.assert_allclose(found.colour, 1.0, rtol=1e-6)
+
+
+@pytest.mark.parametrize("samples", [6, 7, 8, 30])
+def test_weights_from_next_to_nothing_have_a_finite_loss(samples):
+    periods = coloured(np.random.default_rng(0), SIGMA, 3, samples, 0.9)
+    found = estimated_filter(NoiseLines.of(periods), scatter(periods).covariance, always=True)
+    assert found is None or 1 < found.loss < 100
+
+
 def test_the_difference_of_gm_and_ml_under_white_noise_is_that_of_their_covariances():
     # Hardly any residuals: both are linearised at the same place.
     found = estimated(experiment(scale=1e-4, longer=30.0, gliding=True), GLIDING)

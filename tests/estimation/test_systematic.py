@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from estimation.data.measurement import Measurement
+from estimation.estimators import covariance_ml_less_gm
 from estimation.identification import estimate
 from expdesign.experiment.systematic import systematic_std
 from expdesign.robot import robot_from
@@ -106,6 +107,30 @@ def test_with_estimated_tolerances_it_moves_by_what_the_data_leave(chosen):
     expected = near.systematic.response @ theta / share
     assert np.max(np.abs(expected)) > 0.3
     np.testing.assert_allclose((far.values - near.values) / share, expected, atol=0.06)
+
+
+def test_the_difference_of_two_estimates_counts_what_moves_them_apart(chosen):
+    """The same zero of a length moves GM and ML, each in its own way."""
+    names, size = [each.name for each in chosen], 0.01
+    theta = np.zeros(len(chosen))
+    theta[names.index("strut_length_1")] = size * 2e-4
+    # Lengths so noisy that the forces tell of the motion, too.
+    noise = _quiet(1.0) | {"length_covariance": _quiet(20.0)["length_covariance"]}
+    config = run(
+        GIVEN | {"estimators": ["gm", "ml"]},
+        tolerances={"strut_length": ["0.2 mm", 0, 0, 0, 0, 0]},
+        noise=noise,
+    )
+    far, near = _moved(config, theta, [MOTION])
+    gm, ml = (far[name].values - near[name].values for name in ("gm", "ml"))
+    exact = {name: replace(found, systematic=None) for name, found in near.items()}
+    counted = covariance_ml_less_gm(near) - covariance_ml_less_gm(exact)
+    apart, share = (ml - gm) / size, np.sqrt(np.diag(near["ml"].covariance_systematic))
+    assert np.max(np.abs(apart) / share) > 0.01
+    expected = np.multiply.outer(apart, apart) / np.multiply.outer(share, share)
+    np.testing.assert_allclose(
+        counted / np.multiply.outer(share, share), expected, atol=0.05 * np.max(expected)
+    )
 
 
 def test_shares_add_up_and_the_common_gain_scales_all_forces(chosen):
