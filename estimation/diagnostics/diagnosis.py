@@ -34,6 +34,7 @@ from estimation.diagnostics.residual_law import (
     held_out_law,
     joint_law,
     length_law,
+    lengths_beside,
     linear_laws,
 )
 from estimation.diagnostics.residuals import dependence, force_residuals, variance_comparison
@@ -46,6 +47,9 @@ from estimation.processing.noise import ENOUGH_FREEDOM
 from estimation.processing.record import Channels
 from expdesign.robot import Robot
 from expdesign.runfolder import copied
+
+_Residuals = tuple[Array, ResidualLaw]
+"""Of forces, N, or lengths, m, with what they may be."""
 
 
 def verdict(experiments: Sequence[ExperimentDiagnosis]) -> Verdict:
@@ -127,11 +131,6 @@ def diagnose(
     for experiment, motion, part, filtered, system, search, law in zip(
         experiments, motions, parts, white, systems, searched, laws, strict=True
     ):
-        lengths = None
-        if experiment.fit is not None:
-            k = int(np.count_nonzero(free))
-            own = system.solved.inverse[k:, k:] if own_motion else experiment.fit.covariance
-            lengths = length_law(filtered, experiment, own)
         suspects = Suspects(robot, experiment, motion, estimate.values, part)
         families = causes(suspects, knowledge.names, held_out=held_out, experiments=len(parts))
         # What may deviate within its tolerance is no cause.
@@ -143,9 +142,23 @@ def diagnose(
             experiment.record.step,
             experiments=len(parts),
         )
+        tolerant = system.with_effects(*tolerated)
         left = attribution.last.solved
         if search is not system:
-            left = system.with_effects(*tolerated).with_effects(attribution.found).solved
+            left = tolerant.with_effects(attribution.found).solved
+        forces = filtered.forces, law
+        if tolerated[0].count:
+            # What tolerances explain is no bias.
+            solved = tolerant.solved
+            forces = solved.force_residuals(), joint_law(filtered, experiment, solved)
+        lengths = None
+        if experiment.fit is not None and filtered.lengths is not None:
+            k = int(np.count_nonzero(free))
+            own = system.solved.inverse[k:, k:] if own_motion else experiment.fit.covariance
+            lengths = lengths_beside(part, experiment, left, tolerated[1], attribution.found) or (
+                filtered.lengths,
+                length_law(filtered, experiment, own),
+            )
         own_noise = noise_tests(
             experiment.record,
             experiment.noise,
@@ -167,7 +180,7 @@ def diagnose(
             filtered,
             attribution,
             left,
-            (law, lengths),
+            (forces, lengths),
             own_noise,
             len(parts),
             held_out,
@@ -222,27 +235,28 @@ def _tests(
     part: Linearisation,
     attribution: Attribution,
     solved: SolvedSystem,
-    laws: tuple[ResidualLaw, ResidualLaw | None],
+    laws: tuple[_Residuals, _Residuals | None],
     noises: NoiseTests,
     shares: int,
     held_out: bool,
 ) -> ExperimentTests:
-    """Test forces and lengths, whose laws are given, at this share of the levels.
+    """Test forces and lengths at this share of the levels.
 
-    `solved` is the fit with all effects that were found.
+    `solved` is the fit with all effects that were found; `laws` are those of both, with residuals.
     """
-    (law, lengths), level = laws, NOISE / shares
+    (forces, lengths), level = laws, NOISE / shares
     first, last = attribution.first, attribution.last
-    left_law, left = joint_law(part, experiment, solved), solved.force_residuals()
-    both = ((law, part.forces), (left_law, left))
+    left, left_law = solved.force_residuals(), joint_law(part, experiment, solved)
+    both = (forces, (left, left_law))
     lack = [
-        lack_of_fit(part, own, residuals=values, level=LACK_OF_FIT / shares) for own, values in both
+        lack_of_fit(part, own, residuals=values, level=LACK_OF_FIT / shares) for values, own in both
     ]
-    sizes = [chi_square(values, part.counts, own) for own, values in both]
+    sizes = [chi_square(values, part.counts, own) for values, own in both]
     length_size, length_whiteness = None, None
-    if lengths is not None and part.lengths is not None:
-        length_size = chi_square(part.lengths, part.length_counts, lengths)
-        length_whiteness = _whiteness(part.lengths, part.length_counts, lengths, level)
+    if lengths is not None:
+        rest, of_lengths = lengths
+        length_size = chi_square(rest, part.length_counts, of_lengths)
+        length_whiteness = _whiteness(rest, part.length_counts, of_lengths, level)
     found, left_found = (
         {kind: CauseResult.of(test, tests.beside) for kind, test in tests.families.items()}
         for tests in (first, last)

@@ -106,7 +106,7 @@ def experiment_findings(diagnosis: ExperimentDiagnosis) -> list[Finding]:
         _gain_drift(tests),
         _white(_RESIDUALS_WHITE, white, "actuator", "mean residual", left),
         _size(_NOISE_LEVEL, tests.chi_square.forces_with_effects, "force", left),
-        *_motion(tests),
+        *_motion(tests, left),
         *noise_findings(tests),
     ]
 
@@ -171,15 +171,15 @@ def _gain_drift(tests: ExperimentTests) -> Finding:
     )
 
 
-def _motion(tests: ExperimentTests) -> list[Finding]:
+def _motion(tests: ExperimentTests, left: str) -> list[Finding]:
     """Whether the estimated motion explains the lengths."""
     test, white = tests.chi_square.lengths, tests.whiteness.length_residuals
     if test is None or white is None:
         reason = "pointwise differentiation has no model of the motion; its error is in the "
         return [_MOTION.untested(reason + "regressor", "use `differentiation: fourier`")]
     return [
-        _size(_MOTION, test, "length"),
-        _white(_LENGTHS_WHITE, white, "strut", "length residuals"),
+        _size(_MOTION, test, "length", left),
+        _white(_LENGTHS_WHITE, white, "strut", "length residuals", left),
     ]
 
 

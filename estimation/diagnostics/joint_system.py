@@ -89,6 +89,23 @@ class JointSystem:
             gradient=np.concatenate([self.gradient, new.T @ self.lengths.ravel()]),
         )
 
+    def of_lengths(self, first: int, precision: Array) -> JointSystem:
+        """Return what the lengths alone say of the unknowns from `first` on, which move them.
+
+        They are known to `precision`, 1/std² of each, beside these data.
+        """
+        columns = self.length_columns[:, :, first:]
+        return replace(
+            self,
+            force_rows=self.length_rows,
+            forces=self.lengths,
+            columns=columns,
+            information=np.diag(precision),
+            gradient=np.zeros(len(precision)),
+            lengths=self.lengths[:0],
+            length_columns=columns[:0],
+        )
+
     def whitened(self, effects: Signature) -> tuple[Array, Array]:
         """Return effects as rows of the regression: of the forces, and of the lengths."""
         return self.force_rows(effects.forces), self.length_rows(effects.lengths)

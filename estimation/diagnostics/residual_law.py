@@ -19,6 +19,7 @@ import numpy as np
 from constraints.arrays import Array
 from estimation.diagnostics.joint_system import SolvedSystem
 from estimation.diagnostics.linearisation import Linearisation
+from estimation.diagnostics.signature import Signature
 from estimation.estimators.experiment import Experiment
 from estimation.estimators.knowledge import Knowledge
 from estimation.estimators.linear import weighting_covariance
@@ -149,6 +150,37 @@ def length_law(
     return ResidualLaw(
         experiment.noise.lengths, columns, columns, motion_covariance, motion_covariance, extra
     )
+
+
+def lengths_beside(
+    part: Linearisation,
+    experiment: Experiment,
+    solved: SolvedSystem,
+    tolerated: Array,
+    found: Signature,
+) -> tuple[Array, ResidualLaw] | None:
+    """Return what a motion leaves of the lengths, (R', 6), m, and its law, beside known effects.
+
+    None where these effects move no length. The motion is fitted to the lengths alone.
+
+    Parameters
+    ----------
+    solved : SolvedSystem
+        With all effects: first what has a tolerance, known to `tolerated`, 1/std² of each, (t,).
+    found : Signature
+        The effects behind these.
+    """
+    first = int(np.count_nonzero(part.free))
+    motion = first + part.length_columns.shape[2]
+    if not np.any(solved.system.length_columns[:, :, motion:]):
+        return None
+    known = np.concatenate([np.zeros(motion - first), tolerated, np.zeros(found.count)])
+    alone = solved.system.of_lengths(first, known).solved
+    system, scale = alone.system, np.sqrt(part.length_counts)[:, None, None]
+    columns = system.force_rows.unscaled(system.columns) * scale
+    noise, extra = experiment.noise.lengths, np.zeros(columns.shape[:2])
+    law = ResidualLaw(noise, columns, columns, alone.inverse, alone.inverse, extra)
+    return alone.force_residuals(), law
 
 
 def _force_law(

@@ -212,7 +212,23 @@ def test_within_its_tolerance_a_joint_is_no_cause(lab, palida):
         load_run({"name": "n", "robot": palida | {"tolerances": tolerances}}).robot
     )
     data = _machine(lab, _moved_joint(lab, 3e-3), 3)
-    assert _named(_diagnosed(lab, data, tolerant)) == []
+    assert _diagnosed(lab, data).verdict.status.value == "doubtful"
+    found = _diagnosed(lab, data, tolerant)
+    assert _named(found) == []
+    assert found.verdict.status.value == "accepted"
+
+
+def test_within_their_tolerance_gains_are_no_bias(lab, palida):
+    tolerances = {"force_constant": {"each": "50 %"}}
+    tolerant = robot_from(
+        load_run({"name": "n", "robot": palida | {"tolerances": tolerances}}).robot
+    )
+    data = lab.measure(3)
+    data = replace(data, forces=data.forces * (1 + 0.5 * np.array([1, -1, 0, 1, -1, 0])))
+    found = [_diagnosed(lab, data, robot) for robot in (lab.robot, tolerant)]
+    biased, right = (each.experiments[0].tests.lack_of_fit.failed for each in found)
+    assert np.any(biased)
+    assert not np.any(right)
 
 
 def test_what_cannot_be_told_apart_is_named_together(lab):
