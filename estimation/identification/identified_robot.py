@@ -15,7 +15,7 @@ from expdesign.configuration.robot import RobotDescription
 from expdesign.configuration.writing import robot_yaml
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.robot import robot_from
-from expdesign.robot.deviation import deviated
+from expdesign.robot.deviation import as_in_a_file, deviated
 
 FILE = "identified-robot.yaml"
 
@@ -28,31 +28,14 @@ def identified_robot(result: EstimationResult, diagnosis: Diagnosis | None) -> s
     """
     robot, best = robot_from(result.configuration.robot), result.best
     found = best.systematic
-    changes: dict[str, Any] = {}
+    description = robot.description.description
     if found is not None and found.estimated:
-        moved = deviated(robot, found.deviations, found.values).description
-        constants = iter(moved.constants)
-        changes = {
-            "base_joints": _rows(moved.base_joints),
-            "platform_joints": _rows(moved.platform_joints),
-            "gravity": tuple(moved.gravity.tolist()),
-            "terms": tuple(
-                term.model_copy(
-                    update={
-                        "constants": {
-                            name: constant.model_copy(update={"value": next(constants)})
-                            for name, constant in term.constants.items()
-                        }
-                    }
-                )
-                for term in robot.description.description.terms
-            ),
-            "tolerances": _tolerances(robot.description.description, best),
-        }
+        tolerances = _tolerances(description, best)
+        moved = as_in_a_file(deviated(robot, found.deviations, found.values).description)
+        description = moved.model_copy(update={"tolerances": tolerances})
     names = result.knowledge.names
-    description = robot.description.description.model_copy(
+    description = description.model_copy(
         update={
-            **changes,
             "parameters": dict(zip(names, best.values.tolist(), strict=True)),
             "identification": _identification(result, diagnosis),
         }

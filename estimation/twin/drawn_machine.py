@@ -7,11 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from constraints.arrays import Array
-from expdesign.configuration import ResolvedRobot, RunConfiguration
-from expdesign.configuration.robot import RobotDescription
+from expdesign.configuration import RunConfiguration
 from expdesign.configuration.sections.disturbances import ForceConstantError
 from expdesign.robot import Robot
-from expdesign.robot.deviation import Deviation, deviated, deviations, tolerated
+from expdesign.robot.deviation import Deviation, as_in_a_file, deviated, deviations, tolerated
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +56,7 @@ def drawn_machine(configuration: RunConfiguration, rng: np.random.Generator) -> 
         "each": tuple(_product(stated, drawn) for stated, drawn in each),
     }
     truth = replace(deviated(robot, entries, values).description, tolerances=base.tolerances)
-    described = _described(truth)
+    described = as_in_a_file(truth)
     measured = configuration.with_section(
         "experiment",
         truth=described,
@@ -68,26 +67,6 @@ def drawn_machine(configuration: RunConfiguration, rng: np.random.Generator) -> 
     )
     truth = replace(truth, description=described)
     return DrawnMachine(replace(measured, truth=truth), entries, values)
-
-
-def _described(machine: ResolvedRobot) -> RobotDescription:
-    """Return a machine that was moved as it could stand in a file."""
-    constants = iter(machine.constants)
-    terms = tuple(
-        term.model_copy(
-            update={
-                "constants": {
-                    name: constant.model_copy(update={"value": next(constants)})
-                    for name, constant in term.constants.items()
-                }
-            }
-        )
-        for term in machine.description.terms
-    )
-    names = ("base_joints", "platform_joints")
-    joints = {name: tuple(map(tuple, getattr(machine, name).tolist())) for name in names}
-    gravity = tuple(machine.gravity.tolist())
-    return machine.description.model_copy(update=joints | {"gravity": gravity, "terms": terms})
 
 
 def _product(stated: float, drawn: float) -> float:

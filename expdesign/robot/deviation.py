@@ -13,6 +13,7 @@ from itertools import count
 import numpy as np
 
 from constraints.arrays import Array
+from expdesign.configuration.robot import ResolvedRobot, RobotDescription
 from expdesign.configuration.tolerances import ForceConstantTolerance, Tolerances
 from expdesign.configuration.values.scalars import read_only
 from expdesign.mechanism.hexapod import ACTUATORS, numbered
@@ -153,3 +154,23 @@ def deviated(robot: Robot, chosen: Sequence[Deviation], values: Array) -> Robot:
         constants=tuple((np.array(about.constants) + constants).tolist()),
     )
     return replace(robot, description=moved)
+
+
+def as_in_a_file(robot: ResolvedRobot) -> RobotDescription:
+    """Return a robot that deviates as it could stand in a file."""
+    constants = iter(robot.constants)
+    terms = tuple(
+        term.model_copy(
+            update={
+                "constants": {
+                    name: constant.model_copy(update={"value": next(constants)})
+                    for name, constant in term.constants.items()
+                }
+            }
+        )
+        for term in robot.description.terms
+    )
+    names = ("base_joints", "platform_joints")
+    joints = {name: tuple(map(tuple, getattr(robot, name).tolist())) for name in names}
+    gravity = tuple(robot.gravity.tolist())
+    return robot.description.model_copy(update=joints | {"gravity": gravity, "terms": terms})
