@@ -167,7 +167,7 @@ def linearise(
             predict_forces(robot, motion, times[part], signs[part], values)
             for part in chunks(len(times))
         ]
-        regressors, slope, _ = map(np.concatenate, zip(*parts, strict=True))
+        regressors, slope = map(np.concatenate, zip(*parts, strict=True))
         sign_variance = _sign_variance(robot, state, signs, values)
         length_times = record.lengths.times
         length_cells = _cells(experiment, length_times, record.lengths.counts)

@@ -6,7 +6,6 @@ from functools import cache
 from typing import NamedTuple
 
 import casadi as ca
-import numpy as np
 
 from constraints.arrays import Array
 from estimation.measurement_model.motion import HarmonicMotion
@@ -77,24 +76,20 @@ class ForcePrediction(NamedTuple):
         A with the friction signs given.
     slope : (S, 6, x)
         ∂(A p)/∂ξ at the parameters given, signs held.
-    rate : (S, 6)
-        d(A p)/dt, signs held, N/s.
     """
 
     regressors: Array
     slope: Array
-    rate: Array
 
 
 def predict_forces(
     robot: Robot, motion: HarmonicMotion, times: Array, signs: Array, parameters: Array
 ) -> ForcePrediction:
-    """Return A at the times given, s, and the slope of A p to ξ and to time.
+    """Return A at the times given, s, and the slope of A p to ξ.
 
     `signs` are those of the rates that the terms use, (S, s); parameters, (m,), are in SI.
     """
     sampled = motion.at(times)
     kernel = force_kernel(robot.terms)
     regressors, slope = kernel(sampled.state(), signs, robot.machine, parameters)
-    rate = np.einsum("sji,si->sj", slope, sampled.state(first=1))
-    return ForcePrediction(regressors, sampled.chain(slope), rate)
+    return ForcePrediction(regressors, sampled.chain(slope))
