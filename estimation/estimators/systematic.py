@@ -19,7 +19,6 @@ from constraints.arrays import Array
 from estimation.estimators.deviating import DeviatingMachine, MeasuredForces, MeasuredLengths
 from estimation.estimators.earlier import EarlierEstimate
 from estimation.estimators.influence import Influence
-from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.robot.deviation import Deviation
 
 
@@ -115,23 +114,14 @@ def with_prior(
 ) -> Systematic | None:
     """Return what tolerances do to an estimate whose prior is an earlier one of the machine.
 
-    The prior enters with the gain F⁻¹ P = 1 − Σ K A, (k, k). An entry with the same tolerance is
-    the same number in both.
+    The prior enters with the gain F⁻¹ P, (k, k). An entry with the same tolerance is the same
+    number in both.
     """
+    if any(each.motion is None or each.length_gain is None for each in influences):
+        return systematic
     count = int(np.count_nonzero(free))
-    gain = np.eye(count)
-    for influence in influences:
-        motion = influence.motion
-        if motion is None or influence.length_gain is None:
-            return systematic
-        machine = influence.machine or DeviatingMachine.exact(influence.robot)
-        experiment = influence.experiment
-        seen = partial(machine.forces, experiment, motion, influence.values)
-        times = experiment.record.lengths.times
-        gain = gain - influence.response(
-            lambda part, seen=seen: seen(part).regressors[:, :, free],  # type: ignore[misc]
-            lambda part, times=times: np.zeros((len(times[part]), ACTUATORS, count)),  # type: ignore[misc]
-        )
+    # The forces' gain on the parameters' columns is F⁻¹, in every experiment.
+    gain = influences[0].force_gain[:, :count] @ earlier.precision[np.ix_(free, free)]
     inherited = np.zeros_like(earlier.response)
     inherited[free] = gain @ earlier.response[free]
     if systematic is None:
