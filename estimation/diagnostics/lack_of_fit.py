@@ -96,9 +96,9 @@ class LackOfFit(ChannelTest):
     """The test of all six actuators for a bias, or why it was not done."""
 
     samples: Annotated[int, described("1", "N, phases per period")] = 0
-    fitted_freedom: Annotated[OpenNumbers, described("1", "ν_j; zero for held-out data")] = field(
-        default_factory=no_numbers
-    )
+    fitted_freedom: Annotated[
+        OpenNumbers, described("1", "ν_j; zero for held-out data without tolerances")
+    ] = field(default_factory=no_numbers)
     added_variance: Annotated[
         OpenNumbers,
         described(
