@@ -151,7 +151,9 @@ class Influence:
 def difference_covariance(first: Sequence[Influence], second: Sequence[Influence]) -> Array:
     """Return the covariance of the difference between two estimates from the same data, (k, k).
 
-    Of the same experiments in the same order, with the same weights' filter.
+    Of the same experiments in the same order, with the same weights' filter. The noise is what the
+    weights take it for: many parameters are judged together, for which the contrasts of single
+    lines have too little freedom.
     """
     total = np.zeros(())
     for one, other in zip(first, second, strict=True):
@@ -165,7 +167,7 @@ def difference_covariance(first: Sequence[Influence], second: Sequence[Influence
             ),
         ):
             apart = ((part, mine - others) for (part, mine), (_, others) in parts)
-            total = total + _covariance(apart, own, counts, 1.0).matrix
+            total = total + _covariance(apart, own.as_weighted_with(), counts, 1.0).matrix
     return total
 
 

@@ -61,6 +61,12 @@ class NoiseEstimate:
         known = "given" if np.isinf(self.lines.freedom) else "seen between the periods"
         return f"{known}; weights: {weights}"
 
+    def as_weighted_with(self) -> NoiseEstimate:
+        """Return the noise that the weights are right for: white, or of the filter's spectrum."""
+        if self.filter is None:
+            return replace(self, lines=None)
+        return replace(self, lines=NoiseLines(self.filter.spectrum, self.filter.samples, np.inf))
+
     def taken_for_white(self) -> NoiseEstimate:
         """Return the covariance alone, for rows that are not the samples of a period."""
         return replace(self, lines=None, filter=None)

@@ -33,6 +33,9 @@ _CLEARLY_BETTER = 5.0
 _STANDING_OUT = 0.01
 """Probability that any line of noise is taken for one that stands out."""
 
+_FEWEST_CONTRASTS = 6
+"""From which on one channel's own size at one line is known well enough to weight with."""
+
 _MIDDLE_WIDTH = 32
 """Neighbours among which lines that stand out are looked for."""
 
@@ -182,6 +185,8 @@ def _own_size(lines: NoiseLines, spectrum: ComplexArray, freedom: Array) -> Arra
     line_out = stats.f.sf(whole, channels * doubled, 2 * freedom) < level
     channel_out = stats.f.sf(each, doubled[:, None], 2 * freedom[:, None]) < level / channels
     size = np.where(line_out[:, None], whole[:, None], 1.0)
+    if lines.freedom < _FEWEST_CONTRASTS:
+        return np.sqrt(size)
     return np.sqrt(np.where(channel_out, each, size))
 
 
