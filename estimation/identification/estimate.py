@@ -92,11 +92,21 @@ def estimate(
         bound = _bound(robot, experiments, knowledge, estimates)
         machine = estimated_machine(robot, best_of(estimates).systematic)
         if machine.chosen:
-            # What follows sees the machine as it was found.
+            # What follows sees the machine as it was found, along motions like those estimated.
             robot = machine.robot
             records = tuple(
-                prepare_recording(configuration, robot, corrected(recording, machine), trajectory)
-                for recording, trajectory in zip(recordings, designs, strict=True)
+                replace(
+                    prepare_recording(
+                        configuration.with_section("estimate", harmonics=motion.harmonics),
+                        robot,
+                        corrected(recording, machine),
+                        trajectory,
+                    ),
+                    least_harmonics=record.least_harmonics,
+                )
+                for record, recording, trajectory, motion in zip(
+                    records, recordings, designs, best_of(estimates).motions, strict=True
+                )
             )
             records = _with_residual_noise(robot, records, knowledge)
         combinations = {

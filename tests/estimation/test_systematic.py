@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from estimation.data.measurement import Measurement
+from estimation.diagnostics.diagnosis import diagnose
 from estimation.estimators import covariance_ml_less_gm
 from estimation.identification import estimate
 from expdesign.experiment.systematic import systematic_std
@@ -222,3 +223,22 @@ def test_a_design_predicts_the_share_of_an_estimate(chosen):
     found = np.sqrt(np.diag(result["gm"].covariance_systematic))
     np.testing.assert_allclose(list(predicted.values()), found, rtol=5e-3)
     assert systematic_std(ROBOT, MOTION, 100, ("p1",), np.eye(6), None) == {}
+
+
+def test_an_estimated_machine_is_diagnosed_along_the_motion_that_was_estimated(chosen):
+    # Joints elsewhere, seen by precise lengths, look like further harmonics until they are moved.
+    rng = np.random.default_rng(11)
+    theta = np.array([rng.normal(0, each.std) for each in chosen])
+    data = _measured(theta, scale=0.3)
+    result = estimate(
+        run(
+            {"noise": "given", "systematic": "estimated", "estimators": ["ml"]},
+            tolerances=TOLERANCES,
+            noise=_quiet(0.3),
+        ),
+        data,
+        MOTION,
+    )
+    diagnosis = diagnose(result.robot, result.experiments, result.knowledge, result.best)
+    assert result.experiments[0].fit.motion.harmonics == result.best.motions[0].harmonics
+    assert diagnosis.verdict.findings
