@@ -55,7 +55,7 @@ _NOISE_WHITE = Assumption(
 _NOISE_WHITE_OR_COUNTED = Assumption(
     "the noise is white",
     "the noise is correlated in time",
-    "nothing: the standard deviations count it",
+    "nothing is to be done: the standard deviations count it",
     serious=False,
 )
 _NO_OUTLIERS = Assumption(
@@ -89,7 +89,7 @@ _GAINS_STAY = Assumption(
 )
 
 
-_NOTICEABLE_RATIO = 1.1
+_NOTICEABLE_RATIO = 1.2
 """Of a standard deviation to that of white noise: what is less is of no consequence."""
 
 
@@ -228,16 +228,18 @@ def _noise_white(tests: _OfNoise) -> Finding:
     largest = max(float(np.max(np.abs(test.autocorrelation))) for test in done.values())
     where = listed([channels(kind, test.failed) for kind, test in done.items()])
     absent = f"largest autocorrelation between periods {largest:.3f}"
-    present = f"the noise is correlated in time ({where}; up to {largest:.2f})"
+    seen = f"{where}; up to" if where else "hardly from sample to sample: up to"
+    present = f"the noise is correlated in time ({seen} {largest:.2f})"
     if not white.counted:
         return _NOISE_WHITE.judged(where, absent, present, p, level)
     # What matters is what the correlation does to the parameters.
-    ratio = f"standard deviations up to {white.std_ratio:.2g} times those of white noise"
+    ratio = f"standard deviations up to {white.std_ratio:.2g} times what these weights would have"
+    ratio += f" in white noise ({white.std_ratio_of})"
     if white.std_ratio_p < level and white.std_ratio > _NOTICEABLE_RATIO:
         where = where or white.std_ratio_of
         p = min(p, white.std_ratio_p)
     if white.std_ratio_of:
-        absent, present = f"{absent}, {ratio}", f"{present}, {ratio} ({white.std_ratio_of})"
+        absent, present = f"{absent}, {ratio}", f"{present}, {ratio}"
     return _NOISE_WHITE_OR_COUNTED.judged(where, absent, present, p, level)
 
 

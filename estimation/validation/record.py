@@ -44,16 +44,29 @@ class MotionKeys:
 
     @property
     def within(self) -> bool | None:
-        """Whether every actuator keeps the tolerance for sure; None: there is none."""
+        """Whether every actuator keeps the tolerance, for sure; None: not decided, or no tolerance.
+
+        One actuator beyond it decides.
+        """
+        kept = {each.kept for each in self.errors} if self.tolerance is not None else set()
+        if Kept.BEYOND in kept:
+            return False
+        return True if kept == {Kept.WITHIN} else None
+
+    @property
+    def tolerance_words(self) -> str:
+        """How the tolerance is kept; empty without one."""
         if self.tolerance is None:
-            return None
-        return all(each.kept is Kept.WITHIN for each in self.errors)
+            return ""
+        how = {True: "within", False: "beyond", None: "not decided to be within"}[self.within]
+        return f"{how} its tolerance of {self.tolerance}"
 
     @property
     def good(self) -> bool:
-        """Whether it keeps its tolerance or, without one, nothing speaks against the model."""
-        kept, status = self.within, self.diagnostics.verdict.status
-        return status is Status.ACCEPTED if kept is None else kept
+        """Whether it is not beyond its tolerance or, without one, not against the model."""
+        if self.tolerance is not None:
+            return self.within is not False
+        return self.diagnostics.verdict.status is Status.ACCEPTED
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -198,6 +198,8 @@ def validate(outcome: Outcome) -> None:
     sizes = ("motion", "actuator", "error", "95 %", "of the range", "tolerance", "kept")
     console.print(_table(title, sizes, errors, ("motion", "kept")))
     for motion in record.summary.motions:
+        if motion.tolerance_words:
+            console.print(f"{motion.name}: {motion.tolerance_words}", soft_wrap=True)
         console.print(f"{motion.name}: {motion.diagnostics.verdict.summary}", soft_wrap=True)
         _findings(motion.diagnostics.verdict.failed)
     _place(outcome)

@@ -105,12 +105,17 @@ def test_messages_out_of_order(bag, rec, refused):
     assert "time goes back from message 21" in problem.message
 
 
-def test_a_lost_message(bag, rec, refused):
+def test_a_lost_message(bag, rec, read):
     messages = messages_of(rec)
     del messages[20]
+    assert read(bag(messages), time="stamped").lost == 1
+
+
+def test_many_lost_messages(bag, rec, refused):
+    messages = messages_of(rec)
+    del messages[20 : 20 + len(messages) // 4]
     (problem,) = refused(bag(messages), time="stamped")
     assert problem.key == "header.stamp, message 21"
-    assert problem.message.startswith("a gap of 1 sample after message 20")
 
 
 def test_stamps_that_were_not_set(bag, rec, read, refused):

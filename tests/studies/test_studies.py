@@ -121,7 +121,9 @@ def test_only_ml_stays_at_the_truth_when_the_information_is_disturbed(identifica
 
 def test_the_hausman_test_tells_a_disturbed_information_matrix(identification):
     said = {result.case.key: result.disturbed for result in identification.cases}
-    assert said == {"undisturbed": 0, "pointwise": 12, "tracking": 12}
+    # At 1 % jointly and 1 % for any parameter, two of twelve sound ones are one chance in 45.
+    assert said.pop("undisturbed") <= 1
+    assert said == {"pointwise": 12, "tracking": 12}
     harmonics = [e.harmonics for e in identification.cases[2].experiments]
     assert min(harmonics) > MOTION.harmonics
 

@@ -51,20 +51,23 @@ def validation_report(folder: RunFolder) -> StageReport:
     failed = [
         str(number)
         for number, motion in enumerate(summary.motions, start=1)
-        if motion.within is None and verdict_level(motion.diagnostics.verdict) is Level.BAD
+        if motion.tolerance is None and verdict_level(motion.diagnostics.verdict) is Level.BAD
     ]
     if failed:
         several = len(failed) > 1
         which = f"Motions {', '.join(failed)} speak" if several else f"Motion {failed[0]} speaks"
         sentence += f" {which} against the model."
-    judged_by_size = [motion for motion in summary.motions if motion.within is not None]
+    judged_by_size = [motion for motion in summary.motions if motion.tolerance is not None]
     if judged_by_size:
         kept = sum(motion.within is True for motion in judged_by_size)
         sentence += (
             f" {kept} of {counted(len(judged_by_size), 'motion')} with a tolerance "
             f"{'keeps' if kept == 1 else 'keep'} it."
         )
+    undecided = any(motion.within is None for motion in judged_by_size)
     level, word = (Level.GOOD, "accepted") if summary.accepted else (Level.BAD, "doubtful")
+    if summary.accepted and undecided:
+        level, word = Level.CAUTION, "not decided"
     facts = (Fact("actuator tests passed", passed, f"lack of fit on {motions}"),)
     judged = Verdict("Validation", level, word, sentence, "validation")
     return StageReport(judged, tuple(blocks), facts, summary.warnings)
@@ -79,7 +82,7 @@ def _accuracy(motion: MotionKeys) -> TextBlock:
         "its force, noise taken off."
     )
     level = Level.NEUTRAL
-    if motion.within is not None:
+    if motion.tolerance is not None:
         level = Level.GOOD if motion.within else Level.BAD
         beyond = [str(each.actuator) for each in motion.errors if each.kept is Kept.BEYOND]
         undecided = [str(each.actuator) for each in motion.errors if each.kept is Kept.OPEN]
