@@ -46,15 +46,6 @@ class Systematic:
         """(m, m), D Θ Dᵀ."""
         return self.scaled @ self.scaled.T
 
-    @property
-    def groups(self) -> dict[str, Array]:
-        """Standard deviation, (m,), that each group of tolerances makes."""
-        groups = np.array([each.group for each in self.deviations])
-        return {
-            group: np.linalg.norm(self.scaled[:, groups == group], axis=1)
-            for group in dict.fromkeys(groups.tolist())
-        }
-
 
 def systematic_share(
     influences: Sequence[Influence],

@@ -9,6 +9,7 @@ from estimation.data.measurement import Measurement
 from estimation.diagnostics.diagnosis import diagnose
 from estimation.estimators import covariance_ml_less_gm
 from estimation.identification import estimate
+from estimation.identification.estimate_file import EstimateFile
 from expdesign.experiment.systematic import systematic_std
 from expdesign.robot import robot_from
 from expdesign.robot.deviation import deviated, tolerated
@@ -137,17 +138,18 @@ def test_the_difference_of_two_estimates_counts_what_moves_them_apart(chosen):
 def test_shares_add_up_and_the_common_gain_scales_all_forces(chosen):
     result = estimate(_run(), _measured(np.zeros(len(chosen)), scale=1.0), MOTION)
     plain = estimate(_run(systematic="none"), _measured(np.zeros(len(chosen)), scale=1.0), MOTION)
+    written = EstimateFile.of(result, None).estimators
     for name, found in result.estimates.items():
-        share = found.covariance_systematic
+        share, groups = found.covariance_systematic, written[name].systematic.groups
         np.testing.assert_allclose(
             found.covariance, plain[name].covariance + share, atol=1e-12 * np.max(share)
         )
         np.testing.assert_array_equal(found.values, plain[name].values)
-        variance = sum(std**2 for std in found.systematic.groups.values())
+        variance = sum(std**2 for std in groups.values())
         np.testing.assert_allclose(variance, np.diag(share))
         # All forces 2 % too large: all parameters are.
         np.testing.assert_allclose(
-            found.systematic.groups["force_constant.common"],
+            groups["force_constant.common"],
             0.02 * np.abs(found.values),
             rtol=0.05,
             atol=1e-3 * found.std.min(),
