@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import combinations
@@ -159,6 +159,24 @@ def shared_pairs(*joints: Array) -> tuple[tuple[int, int], ...]:
 def rms_radius(joints: Array) -> float:
     """Return the root mean square of the distances of joints (6, 3) from their origin, m."""
     return float(np.sqrt(np.mean(np.sum(joints**2, axis=1))))
+
+
+def sizes(
+    home: Sequence[float],
+    base_joints: Sequence[Sequence[float]],
+    platform_joints: Sequence[Sequence[float]],
+) -> dict[str, float]:
+    """Return how large the parts of a robot are, by the key of their tolerance, m.
+
+    Of joints the rms distance from their middle, of the struts the shortest at home.
+    """
+    base, platform = np.array(base_joints), np.array(platform_joints)
+    with np.errstate(all="ignore"):
+        return {
+            "base_joints": rms_radius(base - base.mean(axis=0)),
+            "platform_joints": rms_radius(platform - platform.mean(axis=0)),
+            "strut_length": float(np.min(geometry_at(np.array(home), base, platform).lengths)),
+        }
 
 
 def asymmetric_sums(platform_joints: Array) -> dict[str, str]:

@@ -2,31 +2,28 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from os import PathLike
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
 
+from expdesign.configuration.consistency import folded_hum, inconsistencies
 from expdesign.configuration.document import Document, Placed, document_from_mapping, read_yaml
 from expdesign.configuration.finding import absolute, find_file
 from expdesign.configuration.noise import NoiseDescription
-from expdesign.configuration.parameters import whose
-from expdesign.configuration.problem import InputError, Key, Problem, nearest
+from expdesign.configuration.problem import InputError, Key, Problem
 from expdesign.configuration.robot import ResolvedRobot, RobotDescription, read_robot, resolve_robot
 from expdesign.configuration.run import RUN_FORMAT, RunConfiguration, RunDescription
 from expdesign.configuration.section import Section, validate
 from expdesign.configuration.sections.data import DataSection
-from expdesign.configuration.sections.experiment import ValidationMotion
+from expdesign.configuration.sections.experiment import ExperimentSection, ValidationMotion
 from expdesign.library import robot_files, run_files
 
 S = TypeVar("S", bound=Section)
 F = TypeVar("F", DataSection, ValidationMotion)
 
-_ROUNDING = 1e-12
-_LEAST_HARMONICS_AT_REST = 2
 _SMOOTHING = (0.2, 0.1, 0.05)
 _SMOOTHING_WITHOUT_LIMIT = (0.4, 0.2, 0.1)
 _NOISE_USED_BY = ("design", "experiment", "montecarlo")
@@ -78,17 +75,14 @@ def load_run(source: ConfigurationLike) -> RunConfiguration:
                 [Placed(limits, document, ("limits",))],
                 own_noise,
                 [] if tolerances is None else [Placed(tolerances, document, ("tolerances",))],
+                None if run is None else run.experiment.sampling,
             )
             if run is not None and run.experiment.truth is not None:
-                truth = _true_machine(
-                    run.experiment.truth, robot_source, own_noise, document, problems
-                )
+                truth = _true_machine(run.experiment, robot_source, own_noise, document, problems)
         except InputError as error:
             problems += error.problems
     if run is not None and robot is not None:
-        problems += _unknown_parameters(run, robot, document)
-        problems += _undesignable(run, document)
-        problems += _unknown_spectrum(run, robot, document)
+        problems += inconsistencies(run, robot, document)
     if problems or run is None or robot is None:
         raise InputError(problems)
     forces_known = robot.noise is not None and robot.noise.force_covariance is not None
@@ -101,6 +95,7 @@ def load_run(source: ConfigurationLike) -> RunConfiguration:
         warnings=(
             *robot.warnings,
             *(missing_noise if users else ()),
+            *folded_hum(run),
             *_other_warnings(truth, robot),
         ),
         truth=truth,
@@ -141,7 +136,7 @@ def _robot_source(
 
 
 def _true_machine(
-    named: str | RobotDescription,
+    experiment: ExperimentSection,
     robot: Placed[RobotDescription],
     run_noise: list[Placed[NoiseDescription]],
     document: Document,
@@ -151,7 +146,7 @@ def _true_machine(
 
     The run's noise overrides both, key by key.
     """
-    source = _robot_source(named, ("experiment", "truth"), document, problems)
+    source = _robot_source(experiment.truth, ("experiment", "truth"), document, problems)
     if source is None:
         return None
     noise = [
@@ -160,81 +155,17 @@ def _true_machine(
         if one.value.noise is not None
     ]
     bare = source.value.model_copy(update={"noise": None})
-    return resolve_robot(Placed(bare, source.document, source.key), (), [*noise, *run_noise])
+    return resolve_robot(
+        Placed(bare, source.document, source.key),
+        noise=[*noise, *run_noise],
+        sampling=experiment.sampling,
+    )
 
 
 def _other_warnings(truth: ResolvedRobot | None, robot: ResolvedRobot) -> list[str]:
     """Return what is odd about the true machine beyond what is odd about the robot."""
     found = () if truth is None else truth.warnings
     return [f"experiment.truth: {text}" for text in found if text not in robot.warnings]
-
-
-def _unknown_parameters(
-    run: RunDescription, robot: ResolvedRobot, document: Document
-) -> list[Problem]:
-    named = {
-        ("design", "parameters"): run.design.parameters or (),
-        ("estimate", "fixed"): run.estimate.fixed,
-        ("estimate", "prior"): run.estimate.prior,
-        ("estimate", "bounds"): run.estimate.bounds,
-    }
-    valid = robot.parameter_names
-    return [
-        document.problem(
-            key,
-            f"no term of the robot {robot.name} has the parameter '{name}'{whose(name)}",
-            ", ".join(valid),
-            nearest(name, valid),
-        )
-        for key, names in named.items()
-        for name in names
-        if name not in valid
-    ]
-
-
-def _undesignable(run: RunDescription, document: Document) -> Iterator[Problem]:
-    """Name what is well-formed but cannot be designed."""
-    if run.design.start == "rest" and run.trajectory.harmonics < _LEAST_HARMONICS_AT_REST:
-        yield document.problem(
-            ("design", "start"),
-            "a series of one harmonic that starts at rest never moves",
-            f"periodic, or trajectory.harmonics of at least {_LEAST_HARMONICS_AT_REST}",
-        )
-    step = run.controller_period
-    low, high = run.trajectory.frequency
-    if step > 1 / (2 * high):
-        yield document.problem(
-            ("experiment", "sampling"),
-            f"a sampling of {1 / step:g} Hz is too slow for motions of {1 / high:g} s",
-            f"at least {2 * high:g} Hz, or a trajectory.controller_period",
-        )
-        return
-    fewest = math.ceil(1 / (high * step) * (1 - _ROUNDING))
-    most = math.floor(1 / (low * step) * (1 + _ROUNDING))
-    if low < high and fewest > most:
-        yield document.problem(
-            ("trajectory", "frequency"),
-            f"no period between {1 / high:g} and {1 / low:g} s is a whole number of "
-            f"controller steps of {step:g} s",
-            f"a range that includes {1 / (fewest * step):g} Hz, or equal bounds",
-        )
-
-
-def _unknown_spectrum(
-    run: RunDescription, robot: ResolvedRobot, document: Document
-) -> Iterator[Problem]:
-    """Name spectra of noise that say nothing up to half of the sampling."""
-    if robot.noise is None:
-        return
-    for kind in ("force", "length"):
-        spectrum = getattr(robot.noise, f"{kind}_spectrum")
-        if spectrum is not None and not spectrum.covers(run.experiment.sampling):
-            yield document.problem(
-                ("experiment", "sampling"),
-                f"a sampling of {run.experiment.sampling:g} Hz, but noise.{kind}_spectrum was "
-                f"measured at {spectrum.highest:g} Hz",
-                f"{spectrum.highest:g} Hz at most, or a spectrum that reaches half of the sampling",
-            )
 
 
 def _completed(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any
 
@@ -11,8 +11,10 @@ from pydantic import model_validator
 
 from constraints.arrays import Array
 from expdesign.configuration.document import Placed
+from expdesign.configuration.finding import absolute
 from expdesign.configuration.noise_spectrum import (
     FROM_TEXT,
+    SPECTRUM_FORMS,
     ForceSpectrum,
     LengthSpectrum,
     resolved_spectrum,
@@ -91,7 +93,7 @@ class ResolvedNoise:
 
 
 def resolve_noise(
-    sources: Sequence[Placed[NoiseDescription]],
+    sources: Sequence[Placed[NoiseDescription]], sampling: float | None = None
 ) -> tuple[NoiseDescription | None, ResolvedNoise | None, list[Problem]]:
     """Merge the noise of robot and run.
 
@@ -102,6 +104,8 @@ def resolve_noise(
         earlier standard deviation and correlation, a later standard deviation or correlation
         that of an earlier covariance, a later spectrum that has a size of its own that of all of
         them.
+    sampling : float, optional
+        Of the experiment, Hz: a hum that it cannot hold is a problem.
 
     Returns
     -------
@@ -129,7 +133,10 @@ def resolve_noise(
         merged |= given
         places |= dict.fromkeys(given, source)
     found = [_family(family, merged, places) for family in _FAMILIES]
-    if problems := [problem for _, _, problems in found for problem in problems]:
+    problems = [problem for _, _, problems in found for problem in problems]
+    if sampling is not None:
+        problems += _unsampled(merged, places, sampling)
+    if problems:
         return None, None, problems
     (forces, force_spectrum, _), (lengths, length_spectrum, _) = found
     resolved = ResolvedNoise(forces, lengths, force_spectrum, length_spectrum)
@@ -146,17 +153,49 @@ def _family(
         return None, None, [covariance]
     if key not in merged:
         return covariance, None, []
+    place, named = places[key], merged[key].file
     try:
-        merged[key] = merged[key].with_table(places[key].document.folder)
+        merged[key] = merged[key].with_table(place.document.folder)
         spectrum = resolved_spectrum(merged[key], covariance)
     except InputError as error:
-        return None, None, list(error.problems)
+        file = absolute(str(named), place.document.folder)
+        problems = list(error.problems)
+        if not file.is_file():  # the place to look at is where it is named
+            problems = [
+                place.problem((key,), f"{file}: {p.message}", SPECTRUM_FORMS) for p in problems
+            ]
+        return None, None, problems
     except ValueError as error:
         allowed = f"{family}_std or {family}_covariance that fit it"
-        return None, None, [places[key].problem((key,), str(error), allowed)]
-    if spectrum is None:
-        return covariance, None, []
-    return read_only(spectrum.covariance), spectrum, []
+        return None, None, [place.problem((key,), str(error), allowed)]
+    if spectrum is not None:
+        covariance = read_only(spectrum.covariance)
+    return covariance, spectrum, []
+
+
+def _unsampled(
+    merged: dict[str, Any], places: dict[str, Placed[NoiseDescription]], sampling: float
+) -> Iterator[Problem]:
+    """Name hums that a sampling cannot hold."""
+    for key in [f"{family}_spectrum" for family in _FAMILIES if f"{family}_spectrum" in merged]:
+        for number, line in enumerate(merged[key].hum):
+            if reason := unsampled(line.frequency, sampling):
+                allowed = (
+                    f"a frequency below {sampling / 2:g} Hz, or an experiment.sampling above "
+                    f"{2 * line.frequency:g} Hz"
+                )
+                yield places[key].problem((key, "hum", number, "frequency"), reason, allowed)
+
+
+def unsampled(frequency: float, sampling: float) -> str:
+    """Return why a sampling holds no sinusoid of this frequency, both Hz; empty where it does."""
+    if 2 * frequency < sampling:
+        return ""
+    folded = abs(frequency - round(frequency / sampling) * sampling)
+    return (
+        f"a hum of {frequency:g} Hz is not below half of the sampling, {sampling / 2:g} Hz: it is "
+        f"sampled as one of {folded:g} Hz"
+    )
 
 
 def _covariance(

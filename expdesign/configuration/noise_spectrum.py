@@ -19,7 +19,7 @@ from constraints.arrays import Array
 from expdesign.configuration.document import Document, read_text
 from expdesign.configuration.finding import absolute
 from expdesign.configuration.problem import InputError, Key, refusal
-from expdesign.configuration.section import Section, validate
+from expdesign.configuration.section import RESOLVED, Section, validate
 from expdesign.configuration.values.quantity import (
     NUMBER,
     Force,
@@ -40,6 +40,12 @@ from expdesign.noise.tabulated import Tabulated, between
 
 WHITE = "white"
 """What a run states to take back the robot's spectrum."""
+
+SPECTRUM_FORMS = (
+    f"{WHITE}, the path of a table such as `expdesign noise` writes, or a mapping with ar, file, "
+    "band or hum"
+)
+"""What a spectrum may be, for messages."""
 
 FREQUENCY = "frequency"
 DENSITIES = numbered("density_")
@@ -184,7 +190,7 @@ class _Spectrum(Section):
     """Coefficients of an autoregressive noise at the experiment's sampling, of every actuator."""
     file: FilledText | None = None
     """A file with a density."""
-    table: SpectrumTable | None = None
+    table: Annotated[SpectrumTable | None, RESOLVED] = None
     """What such a file holds."""
     band: Annotated[tuple[NoiseBand, ...], BeforeValidator(_lines)] = ()
     """Bands with a share of the noise."""
@@ -242,6 +248,8 @@ class LengthSpectrum(_Spectrum):
 def _from_text(value: object) -> object:
     if value == WHITE:
         return {}
+    if value == {}:
+        raise refusal("nothing is said of the spectrum", SPECTRUM_FORMS)
     return {"file": value} if isinstance(value, str) else value
 
 

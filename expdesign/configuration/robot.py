@@ -33,7 +33,7 @@ from expdesign.configuration.parameters import (
 )
 from expdesign.configuration.problem import InputError, Problem
 from expdesign.configuration.section import LATER, Section, validate
-from expdesign.configuration.tolerances import Tolerances, merged_tolerances
+from expdesign.configuration.tolerances import Tolerances, merged_tolerances, too_large
 from expdesign.configuration.values.quantity import Acceleration
 from expdesign.configuration.values.scalars import (
     Direction,
@@ -199,19 +199,26 @@ def resolve_robot(
     limits: Sequence[Placed[Mapping[str, Any]]] = (),
     noise: Sequence[Placed[NoiseDescription]] = (),
     tolerances: Sequence[Placed[Tolerances]] = (),
+    sampling: float | None = None,
 ) -> ResolvedRobot:
-    """Resolve a robot together with what a run overrides: limits, noise and tolerances."""
+    """Resolve a robot together with what a run overrides: limits, noise and tolerances.
+
+    `sampling` is that of the run's experiment, Hz, where there is one.
+    """
     description, document = source.value, source.document
     own_limits = Placed(description.limits, document, (*source.key, "limits"))
     resolved_limits, length = resolve_limits([own_limits, *limits])
     if description.noise is not None:
         noise = [Placed(description.noise, document, (*source.key, "noise")), *noise]
-    merged_noise, resolved_noise, problems = resolve_noise(noise)
+    merged_noise, resolved_noise, problems = resolve_noise(noise, sampling)
     if description.tolerances is not None:
         own = Placed(description.tolerances, document, (*source.key, "tolerances"))
         tolerances = [own, *tolerances]
     merged, found = merged_tolerances(tolerances, (term.name for term in description.terms))
     problems += found
+    if tolerances:
+        sizes = geo.sizes(description.home, description.base_joints, description.platform_joints)
+        problems += too_large(tolerances, sizes)
 
     warnings = []
     terms = chosen_terms(description.terms, description.platform)

@@ -22,6 +22,10 @@ LATER = object()
 """Mark of a key that earlier versions did not have: ``Annotated[float, LATER] = 0.0``. What was
 made without it is as it would be made with its default now."""
 
+RESOLVED = object()
+"""Mark of a key that stands in resolved configurations only: it is read, but nobody is told to
+write it."""
+
 Model = TypeVar("Model", bound=BaseModel)
 
 # Steps of pydantic's location that are no key of the document.
@@ -59,14 +63,14 @@ def _problem(
         # The last step is the user's key, however it is spelt.
         *steps, name = details["loc"]
         location = tuple(step for step in steps if step not in _MARKS)
-        valid = sorted(keys(_model_at(model, location)))
+        valid = _offered(_model_at(model, location))
         message, meant = f"unknown key {shown(name)}", nearest(name, valid)
         return document.problem((*prefix, *location, name), message, ", ".join(valid), meant)
     key = (*prefix, *location)
     if kind == "missing":
         return document.problem(key, f"the key '{location[-1]}' is missing")
     if kind in ("model_type", "model_attributes_type"):
-        valid = sorted(keys(_model_at(model, location)))
+        valid = _offered(_model_at(model, location))
         message = f"{shown(details['input'])} is not a mapping"
         return document.problem(key, message, f"the keys {', '.join(valid)}")
     if kind == "refused":
@@ -96,10 +100,10 @@ def unstated(section: BaseModel) -> dict[str, Any]:
     return found
 
 
-def keys(model: type[BaseModel]) -> Iterator[str]:
-    """Yield the keys that a section may have, as they stand in the file."""
-    for name, info in model.model_fields.items():
-        yield info.alias or name
+def _offered(model: type[BaseModel]) -> list[str]:
+    """Return the keys that a user may write, in alphabetical order."""
+    fields = model.model_fields.items()
+    return sorted(info.alias or name for name, info in fields if RESOLVED not in info.metadata)
 
 
 def _model_at(model: type[BaseModel], location: Key) -> type[BaseModel]:

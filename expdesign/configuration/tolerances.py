@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Annotated, Any
 
+import numpy as np
 from pydantic import BeforeValidator
 
 from expdesign.configuration.document import Placed
@@ -122,6 +123,45 @@ class Tolerances(Section):
         | None
     ) = None
     """Constants of the terms, SI: {term: {constant: standard deviation}}."""
+
+    @property
+    def inexact(self) -> bool:
+        """Whether anything has a tolerance above 0."""
+        return _positive(self.model_dump())
+
+
+def _positive(value: object) -> bool:
+    if isinstance(value, Mapping):
+        return any(map(_positive, value.values()))
+    if isinstance(value, list | tuple):
+        return any(map(_positive, value))
+    return isinstance(value, float) and value > 0
+
+
+def too_large(
+    sources: Sequence[Placed[Tolerances]], sizes: Mapping[str, float]
+) -> Iterator[Problem]:
+    """Name lengths of which nothing is known: tolerances not smaller than the part itself.
+
+    `sizes` are those of the parts, m, by the key of their tolerance.
+    """
+    for source in sources:
+        for key, size in sizes.items():
+            largest = float(np.max(getattr(source.value, key) or 0.0))
+            if largest >= size > 0:
+                yield source.problem(
+                    (key,),
+                    f"a standard deviation of {largest:g} m leaves nothing that is known: "
+                    f"{_SIZES[key]} {size:.3g} m",
+                    "a standard deviation that is small against that",
+                )
+
+
+_SIZES = {
+    "base_joints": "the joints' rms distance from their middle is",
+    "platform_joints": "the joints' rms distance from their middle is",
+    "strut_length": "the shortest strut at home has",
+}
 
 
 def merged_tolerances(

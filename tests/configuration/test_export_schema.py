@@ -46,7 +46,7 @@ def test_names_and_sections(tmp_path):
         ([{"format": "xps-pvt", "unit": "mm"}], "export[1].unit", "unknown key 'unit'"),
         ([{"format": "xps-pvt", "digits": -1}], "export[1].digits", "-1 is out of range"),
         ([{"format": "xps-pvt", "segment": 0}], "export[1].segment", "0 is not positive"),
-        ([{"format": "xps-pvt", "sign": 2}], "export[1].sign[1]", "2 is not a sign"),
+        ([{"format": "xps-pvt", "sign": 2}], "export[1].sign", "2 is not a sign"),
         (
             [{"format": "xps-pvt", "order": [1, 1, 2, 3, 4, 5]}],
             "export[1].order",

@@ -1,5 +1,8 @@
 """Spectra of noise in robot and run files."""
 
+import json
+import re
+
 import numpy as np
 import pytest
 
@@ -128,7 +131,7 @@ def test_what_is_resolved_needs_no_file(tmp_path):
         ({"ar": 0.5, "file": "spectrum.csv"}, "file"),
         ({"hum": {"frequency": 0, "amplitude": 1}}, "hum[1].frequency"),
         ({"hum": {"frequency": 50, "amplitude": [1, 2]}}, "hum[1].amplitude"),
-        ({"hum": {"frequency": 50, "amplitude": "1 mm"}}, "hum[1].amplitude[1]"),
+        ({"hum": {"frequency": 50, "amplitude": "1 mm"}}, "hum[1].amplitude"),
         ({"colour": "pink"}, "colour"),
     ],
 )
@@ -163,8 +166,51 @@ def test_files_that_are_no_spectrum_are_refused_with_their_place(tmp_path, rows,
     assert problem.line == line
 
 
-def test_missing_files_and_columns_are_named(tmp_path):
-    assert _refused(force_spectrum=str(tmp_path / "none.csv")).file == tmp_path / "none.csv"
+@pytest.mark.parametrize("given", ["pink", "none.csv", {"file": "none.csv"}])
+def test_what_is_no_file_is_refused_where_it_is_named(tmp_path, monkeypatch, given):
+    monkeypatch.chdir(tmp_path)
+    problem = _refused(length_spectrum=given)
+    assert problem.key == "noise.length_spectrum"
+    named = given if isinstance(given, str) else given["file"]
+    assert str(tmp_path / named) in problem.message
+    assert "white" in problem.allowed
+
+
+def test_nothing_is_no_spectrum_but_white_is_one(tmp_path):
+    assert _refused(force_spectrum={}).key == "noise.force_spectrum"
+    path = tmp_path / "run.yaml"
+    path.write_text(resolved_yaml(load_run(RUN | {"noise": {"force_spectrum": "white"}})), "utf-8")
+    assert load_run(path).robot.noise.force_spectrum is None
+
+
+def test_what_only_a_resolved_file_has_is_not_offered():
+    unknown, no_mapping = _refused(force_spectrum={"tabel": 1}), _refused(force_spectrum=5)
+    for problem in (unknown, no_mapping):
+        offered = re.findall(r"\w+", problem.allowed)
+        assert {"ar", "band", "file", "hum"} <= set(offered)
+        assert "table" not in offered
+    assert unknown.nearest != "table"
+
+
+def test_a_hum_that_the_sampling_cannot_hold_is_refused(tmp_path):
+    hum = {"hum": [{"frequency": 50, "amplitude": 1}, {"frequency": 600, "amplitude": 1}]}
+    assert _refused(force_spectrum=hum).key == "noise.force_spectrum.hum[2].frequency"
+    assert _noise(length_std=STD, length_spectrum={"hum": hum["hum"][:1]}).length_spectrum
+    run = RUN | {"noise": {"force_spectrum": hum}, "experiment": {"sampling": "1.25 kHz"}}
+    assert load_run(run).robot.noise.force_spectrum
+    # Where it stands in the robot file, that is the place to look at.
+    robot = load_run("palida").robot.description.model_dump(mode="json", by_alias=True)
+    robot["noise"]["force_spectrum"] = hum
+    path = tmp_path / "robot.yaml"
+    path.write_text(json.dumps(robot), encoding="utf-8")
+    for place in ({"robot": str(path)}, {"experiment": {"truth": str(path)}}):
+        with pytest.raises(InputError) as caught:
+            load_run(RUN | place)
+        (problem,) = caught.value.problems
+        assert (problem.file, problem.key) == (path, "noise.force_spectrum.hum[2].frequency")
+
+
+def test_missing_columns_are_named(tmp_path):
     path = tmp_path / "other.csv"
     path.write_text("f,S\n1,2\n", encoding="utf-8")
     assert _refused(force_spectrum=str(path)).line == 1

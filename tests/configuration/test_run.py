@@ -225,6 +225,18 @@ def test_parameters_must_be_the_robots(run_mapping, problems_of):
     load_run(run_mapping)
 
 
+def test_a_hum_that_is_folded_by_the_sampling_is_a_warning(run_mapping):
+    known = load_run(run_mapping).warnings
+    hum = {"frequency": 60, "amplitude": 5, "harmonics": [1, 0, 1]}
+    for sampling, seen in ((1000, []), (300, ["120 Hz"]), (100, ["40 Hz", "20 Hz"])):
+        run_mapping["experiment"] = {"sampling": sampling, "hum": hum}
+        new = [text for text in load_run(run_mapping).warnings if text not in known]
+        assert len(new) == len(seen)
+        for text, frequency in zip(new, seen, strict=True):
+            assert text.startswith("experiment.hum")
+            assert text.endswith(frequency)
+
+
 def test_missing_noise_is_a_warning(run_mapping):
     del run_mapping["robot"]["noise"]
     assert not any("noise" in w for w in load_run(run_mapping).warnings)

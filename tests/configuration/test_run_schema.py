@@ -197,6 +197,25 @@ def test_names_that_are_refused(error_of, name):
             "tracking_error.harmonics",
             "min 15 is above max 6",
         ),
+        # One wrong value for all struts is one problem.
+        ("experiment", {"hum": {"amplitude": "5 mm"}}, "hum.amplitude", "a length, not a force"),
+        ("experiment", {"hum": {"amplitude": -5}}, "hum.amplitude", "-5 is negative"),
+        (
+            "experiment",
+            {"hum": {"amplitude": 5, "phase": "random"}},
+            "hum.phase",
+            "'random' is not an angle",
+        ),
+        ("experiment", {"compliance": "1 N/um"}, "compliance", "the wrong unit"),
+        (
+            "experiment",
+            {"compliance": [0, 0, 0, 0, 0, "1 m"]},
+            "compliance[6]",
+            "a length, not a compliance",
+        ),
+        # What no period holds.
+        ("experiment", {"delay": "1000 s"}, "delay", "longer than a period"),
+        ("experiment", {"delay": "-11 s"}, "delay", "longer than a period"),
         ("study", {"kind": "identification", "sets": 3}, "sets", "identification has no 'sets'"),
         ("study", {"kind": "design", "wrong": {"p1": 2}}, "wrong", "design has no 'wrong'"),
         (
@@ -245,6 +264,11 @@ def test_refused(error_of, section, values, key, says):
         ({"validate": [{"motion": "file"}]}, "validate[1].file", "names no file"),
         ({"validate": [{"motion": "spline"}]}, "validate[1].poses", "has no poses"),
         ({"validate": [{"motion": "circle", "normal": [0, 0, 0]}]}, "validate[1].normal", "zero"),
+        (
+            {"validate": [{"motion": "circle", "tolerance": "300 %"}]},
+            "validate[1].tolerance",
+            "more than the whole range",
+        ),
         ({"validate": {"motion": "circle"}}, "validate", "a mapping is not a list"),
         ({"export": ["xps"]}, "export[1]", "'xps' is not a choice"),
         ({"export": "csv"}, "export", "'csv' is not a list"),

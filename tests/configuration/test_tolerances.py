@@ -1,3 +1,5 @@
+import json
+
 import numpy as np
 import pytest
 
@@ -105,6 +107,10 @@ def test_entries_have_the_standard_deviations_given(run_mapping):
         ({"delay": [1e-3] * 2}, "delay", "not a duration"),
         ({"terms": {"friction": {}}}, "terms.friction", "not a term"),
         ({"terms": {"struts": {"pitch": 0.1}}}, "terms.struts.pitch", "no constant 'pitch'"),
+        # No smaller than what they are of.
+        ({"base_joints": "2 m"}, "base_joints", "0.45 m"),
+        ({"platform_joints": [[0, 0, 0]] * 5 + [[0, 0, 0.2]]}, "platform_joints", "0.2 m"),
+        ({"strut_length": "1 m"}, "strut_length", "1 m"),
         ({"terms": {"force_offset": {}}}, "terms.force_offset", "has no term force_offset"),
     ],
 )
@@ -113,3 +119,38 @@ def test_refused(run_mapping, the_problem, raw, key, says):
     problem = the_problem(run_mapping)
     assert problem.key == f"tolerances.{key}"
     assert says in problem.message
+
+
+def test_a_robots_tolerances_are_refused_in_its_file(tmp_path, run_mapping, the_problem):
+    path = tmp_path / "robot.yaml"
+    robot = run_mapping["robot"] | {"tolerances": {"base_joints": "2 m"}}
+    path.write_text(json.dumps(robot), encoding="utf-8")
+    # Also where the run states a better one.
+    problem = the_problem({"name": "n", "robot": str(path), "tolerances": {"base_joints": 1e-4}})
+    assert (problem.file, problem.key) == (path, "tolerances.base_joints")
+
+
+@pytest.mark.parametrize(
+    ("tolerances", "estimators", "problems"),
+    [
+        (None, ["ml"], 1),
+        ({"delay": 0, "base_joints": 0}, ["ml"], 1),
+        ({"delay": "1 ms"}, ["ls", "gm"], 1),
+        (None, ["gm"], 2),
+    ],
+)
+def test_estimating_what_is_exact_or_without_ml_is_refused(
+    run_mapping, problems_of, tolerances, estimators, problems
+):
+    run_mapping["estimate"] = {"systematic": "estimated", "estimators": estimators}
+    run_mapping["tolerances"] = tolerances
+    found = problems_of(run_mapping)
+    assert [problem.key for problem in found] == ["estimate.systematic"] * problems
+    run_mapping["estimate"]["systematic"] = "budget"
+    load_run(run_mapping)
+
+
+def test_estimating_what_has_a_tolerance(run_mapping):
+    run_mapping["estimate"] = {"systematic": "estimated", "estimators": ["gm", "ml"]}
+    run_mapping["tolerances"] = {"delay": "1 ms"}
+    assert load_run(run_mapping).run.estimate.systematic == "estimated"

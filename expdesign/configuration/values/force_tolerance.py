@@ -10,7 +10,7 @@ from pydantic import BeforeValidator, PlainSerializer
 from expdesign.configuration.problem import refusal, shown
 from expdesign.configuration.values.quantity import FORCE, SHARE
 
-_ALLOWED = 'a force above 0 such as "5 N", or a share of the range such as "3 %"'
+_ALLOWED = 'a force above 0 such as "5 N", or a share of the range such as "3 %", 100 % at most'
 
 
 @dataclass(frozen=True)
@@ -41,6 +41,8 @@ def _read(value: object) -> ForceTolerance | None:
         raise refusal(f"{shown(value)} is no tolerance of a force", _ALLOWED) from error
     if number <= 0:
         raise refusal(f"{shown(value)} is not positive", _ALLOWED)
+    if relative and number > 1:
+        raise refusal(f"{shown(value)} is more than the whole range of the force", _ALLOWED)
     return ForceTolerance(number, relative)
 
 

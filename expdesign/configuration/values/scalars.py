@@ -7,7 +7,14 @@ from collections.abc import Callable, Hashable, Mapping, Sequence
 from typing import Annotated, Any, get_args
 
 import numpy as np
-from pydantic import AfterValidator, BeforeValidator, PlainSerializer, ValidationError
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    PlainSerializer,
+    ValidationError,
+    ValidatorFunctionWrapHandler,
+    WrapValidator,
+)
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from constraints.arrays import Array
@@ -82,20 +89,25 @@ def one_of(choice: Any, kind: str = "choice") -> BeforeValidator:
     return BeforeValidator(known(choice if isinstance(choice, tuple) else get_args(choice), kind))
 
 
-def word_for_none(word: str, otherwise: BeforeValidator) -> tuple[BeforeValidator, PlainSerializer]:
+def word_for_none(
+    word: str, otherwise: BeforeValidator | WrapValidator
+) -> tuple[WrapValidator, PlainSerializer]:
     """Return validator and serializer of a value that is None in Python and a word in the file."""
-    accepted: Callable[[object], Any] = otherwise.func  # type: ignore[assignment] # takes no info
+    accepted: Callable[..., Any] = otherwise.func
 
-    def check(value: object) -> Any:
+    def check(value: object, handler: ValidatorFunctionWrapHandler) -> Any:
         if isinstance(value, str) and value == word:
             return None
         try:
-            return accepted(value)
+            if isinstance(otherwise, WrapValidator):
+                return accepted(value, handler)
+            read = accepted(value)
         except PydanticCustomError as error:
             allowed = f"{word}, or {(error.context or {})['allowed']}"
             raise refusal(error.message(), allowed) from None
+        return handler(read)
 
-    return BeforeValidator(check), PlainSerializer(lambda value: word if value is None else value)
+    return WrapValidator(check), PlainSerializer(lambda value: word if value is None else value)
 
 
 def by_key(
@@ -167,15 +179,26 @@ def _counted(items: Sequence[Any], count: int, what: str, wanted: str) -> Sequen
     return items
 
 
-def per_strut(what: str) -> BeforeValidator:
-    """Return a validator for one value for all struts, or a list with one for each."""
+def per_strut(what: str) -> WrapValidator:
+    """Return a validator for one value for all struts, or a list with one for each.
+
+    What is wrong with one value for all is said once.
+    """
     wanted = f"one of the {what} for all struts, or a list of {ACTUATORS}"
 
-    def check(value: object) -> Sequence[Any]:
-        items = value if isinstance(value, list | tuple) else [value] * ACTUATORS
-        return _counted(items, ACTUATORS, what, wanted)
+    def check(value: object, handler: ValidatorFunctionWrapHandler) -> Any:
+        if isinstance(value, list | tuple):
+            return handler(_counted(value, ACTUATORS, what, wanted))
+        try:
+            (one,) = handler([value])
+        except ValidationError as error:
+            first = error.errors(include_url=False)[0]
+            found = first.get("ctx", {})
+            allowed, meant = found.get("allowed", wanted), found.get("nearest")
+            raise refusal(found.get("reason", first["msg"]), allowed, meant) from None
+        return (one,) * ACTUATORS
 
-    return BeforeValidator(check)
+    return WrapValidator(check)
 
 
 def at_least(count: int, what: str) -> BeforeValidator:

@@ -1,0 +1,141 @@
+"""What is right by itself but does not fit together: between sections, and with the robot."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+from expdesign.configuration.document import Document
+from expdesign.configuration.noise import unsampled
+from expdesign.configuration.parameters import whose
+from expdesign.configuration.problem import Problem, nearest
+from expdesign.configuration.robot import ResolvedRobot
+from expdesign.configuration.run import RunDescription
+
+_ROUNDING = 1e-12
+_LEAST_HARMONICS_AT_REST = 2
+
+
+def inconsistencies(
+    run: RunDescription, robot: ResolvedRobot, document: Document
+) -> Iterator[Problem]:
+    """Yield everything in a run that does not fit the rest of it, or its robot."""
+    yield from _unknown_parameters(run, robot, document)
+    yield from _undesignable(run, document)
+    yield from _unknown_spectrum(run, robot, document)
+    yield from _long_delay(run, document)
+    yield from _nothing_to_estimate(run, robot, document)
+
+
+def _unknown_parameters(
+    run: RunDescription, robot: ResolvedRobot, document: Document
+) -> list[Problem]:
+    named = {
+        ("design", "parameters"): run.design.parameters or (),
+        ("estimate", "fixed"): run.estimate.fixed,
+        ("estimate", "prior"): run.estimate.prior,
+        ("estimate", "bounds"): run.estimate.bounds,
+    }
+    valid = robot.parameter_names
+    return [
+        document.problem(
+            key,
+            f"no term of the robot {robot.name} has the parameter '{name}'{whose(name)}",
+            ", ".join(valid),
+            nearest(name, valid),
+        )
+        for key, names in named.items()
+        for name in names
+        if name not in valid
+    ]
+
+
+def _undesignable(run: RunDescription, document: Document) -> Iterator[Problem]:
+    """Name what is well-formed but cannot be designed."""
+    if run.design.start == "rest" and run.trajectory.harmonics < _LEAST_HARMONICS_AT_REST:
+        yield document.problem(
+            ("design", "start"),
+            "a series of one harmonic that starts at rest never moves",
+            f"periodic, or trajectory.harmonics of at least {_LEAST_HARMONICS_AT_REST}",
+        )
+    step = run.controller_period
+    low, high = run.trajectory.frequency
+    if step > 1 / (2 * high):
+        yield document.problem(
+            ("experiment", "sampling"),
+            f"a sampling of {1 / step:g} Hz is too slow for motions of {1 / high:g} s",
+            f"at least {2 * high:g} Hz, or a trajectory.controller_period",
+        )
+        return
+    fewest = math.ceil(1 / (high * step) * (1 - _ROUNDING))
+    most = math.floor(1 / (low * step) * (1 + _ROUNDING))
+    if low < high and fewest > most:
+        yield document.problem(
+            ("trajectory", "frequency"),
+            f"no period between {1 / high:g} and {1 / low:g} s is a whole number of "
+            f"controller steps of {step:g} s",
+            f"a range that includes {1 / (fewest * step):g} Hz, or equal bounds",
+        )
+
+
+def _unknown_spectrum(
+    run: RunDescription, robot: ResolvedRobot, document: Document
+) -> Iterator[Problem]:
+    """Name spectra of noise that say nothing up to half of the sampling."""
+    if robot.noise is None:
+        return
+    for kind in ("force", "length"):
+        spectrum = getattr(robot.noise, f"{kind}_spectrum")
+        if spectrum is not None and not spectrum.covers(run.experiment.sampling):
+            yield document.problem(
+                ("experiment", "sampling"),
+                f"a sampling of {run.experiment.sampling:g} Hz, but noise.{kind}_spectrum was "
+                f"measured at {spectrum.highest:g} Hz",
+                f"{spectrum.highest:g} Hz at most, or a spectrum that reaches half of the sampling",
+            )
+
+
+def folded_hum(run: RunDescription) -> list[str]:
+    """Return what is to be known of a hum of the twin that is sampled as another one.
+
+    A machine without a filter before its converters does that, too: it is no error.
+    """
+    hum, sampling = run.experiment.hum, run.experiment.sampling
+    if hum is None:
+        return []
+    there = [hum.frequency * k for k, size in enumerate(hum.harmonics, start=1) if size > 0]
+    reasons = [unsampled(frequency, sampling) for frequency in there]
+    return [f"experiment.hum: {reason}" for reason in reasons if reason]
+
+
+def _long_delay(run: RunDescription, document: Document) -> Iterator[Problem]:
+    """Name a delay of the twin that no period holds."""
+    delay, longest = run.experiment.delay, 1 / run.trajectory.frequency[0]
+    if abs(delay) > longest:
+        yield document.problem(
+            ("experiment", "delay"),
+            f"a delay of {delay:g} s is longer than a period, which has {longest:g} s at most",
+            'a delay of the measurement, such as "1 ms"',
+        )
+
+
+def _nothing_to_estimate(
+    run: RunDescription, robot: ResolvedRobot, document: Document
+) -> Iterator[Problem]:
+    """Name what stands in the way of estimating what is not known exactly."""
+    if run.estimate.systematic != "estimated":
+        return
+    key = ("estimate", "systematic")
+    if robot.tolerances is None or not robot.tolerances.inexact:
+        yield document.problem(
+            key,
+            "there is nothing to estimate: neither the robot nor the run states a tolerance",
+            "budget or none; or `tolerances` in the robot file or the run",
+        )
+    if "ml" not in run.estimate.estimators:
+        yield document.problem(
+            key,
+            "only maximum likelihood estimates what has a tolerance, and estimate.estimators "
+            "does not name ml",
+            "budget or none; or ml among estimate.estimators",
+        )
