@@ -55,6 +55,8 @@ class Cause:
     """How many of a candidate's values tell its size; None: all."""
     paired: bool = False
     """Values are sine and cosine of one sinusoid after the other: amplitudes tell its size."""
+    named: str = "{noun} {place}"
+    """How an effect is named that has a place; a format of both."""
     contains: str = ""
     """Kind of the effects that are this one with a part of it zero: no rivals of it."""
 

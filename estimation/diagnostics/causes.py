@@ -268,6 +268,7 @@ def _deviating(suspects: Suspects) -> Iterator[Cause]:
             "`tolerances.platform_joints`, with " + _JOINTLY,
         ),
         noun="a joint elsewhere",
+        named="{place} elsewhere",
         absent="no joint is elsewhere (p = {p:.2g})",
         untested=_THERE if moved else _POINTWISE,
         scale=1e3,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -20,8 +20,7 @@ _NOT_PERIODIC = Assumption(
     "compensate it in the drives or add it to the model: it biases the parameters by more than "
     "their intervals show",
 )
-_MOST_RIVALS = 3
-"""That are named in a sentence."""
+_PERIODIC_FORCE = "a position-periodic force"
 
 
 def position_periodic_finding(diagnosis: ExperimentDiagnosis) -> Finding:
@@ -90,11 +89,10 @@ def _phrase(cause: Cause, effect: Effect) -> str:
         f"{cause.scale * value:{cause.number}} ± {cause.scale * std:.1g}"
         for value, std in _sizes(effect, cause)
     ][: cause.shown]
-    where = _place(effect)
     constant = f", velocity {effect.constant:g} m/s" if effect.kind == "stribeck" else ""
     size = f"{', '.join(numbers)} {unit}{constant}"
     rest = ", perhaps what the strongest effect leaves" * effect.remainder
-    return f"{cause.noun}{' ' * bool(where)}{where} ({size}{rest})"
+    return f"{_named(effect.kind, [_place(effect)], {cause.kind: cause})} ({size}{rest})"
 
 
 def _sizes(effect: Effect, cause: Cause) -> Iterator[tuple[float, float]]:
@@ -119,15 +117,16 @@ def _place(effect: Effect | Rival) -> str:
 def _not_told_apart(
     diagnosis: ExperimentDiagnosis, effects: Sequence[Effect], found: Finding
 ) -> Finding:
-    """Name what explains the same about as well, in sentence and verdict."""
-    nouns = nouns_of(diagnosis.attribution)
+    """Name what explains the same about as well, in sentence and verdict: all of it."""
+    causes = {cause.kind: cause for cause in diagnosis.attribution.causes}
     named = []
     for effect in effects:
-        shown = [f"{nouns[r.kind]} {_place(r)}".strip() for r in effect.rivals]
-        if shown:
-            few = listed(shown[:_MOST_RIVALS])
-            more = f" and {len(shown) - _MOST_RIVALS} more" * (len(shown) > _MOST_RIVALS)
-            named.append(f"{nouns[effect.kind]} {_place(effect)}".strip() + f": {few}{more}")
+        places: dict[str, list[str]] = {}
+        for rival in effect.rivals:
+            places.setdefault(rival.kind, []).append(_place(rival))
+        if places:
+            others = listed([_named(kind, each, causes) for kind, each in places.items()])
+            named.append(f"{_named(effect.kind, [_place(effect)], causes)}: {others}")
     if not named:
         return found
     return replace(
@@ -138,9 +137,18 @@ def _not_told_apart(
     )
 
 
+def _named(kind: str, places: Sequence[str], causes: Mapping[str, Cause]) -> str:
+    """Return what effects of one kind are, and where: ``a spring in actuator 1``."""
+    cause = causes.get(kind)
+    noun, form = (_PERIODIC_FORCE, "{noun} {place}") if cause is None else (cause.noun, cause.named)
+    everywhere = [noun] if "" in places else []
+    somewhere = listed([place for place in places if place])
+    return listed([*everywhere, *([form.format(noun=noun, place=somewhere)] if somewhere else [])])
+
+
 def nouns_of(attribution: Attribution) -> dict[str, str]:
     """Return what effects are called, by their kind."""
-    nouns = {PERIODIC: "a position-periodic force"}
+    nouns = {PERIODIC: _PERIODIC_FORCE}
     return nouns | {cause.kind: cause.noun for cause in attribution.causes}
 
 

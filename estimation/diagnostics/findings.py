@@ -89,6 +89,8 @@ _GAINS_STAY = Assumption(
 )
 
 
+_NOT_COMPARED = "no two periods are compared sample by sample"
+"""Why, in folders of versions that did not say it."""
 _NOTICEABLE_RATIO = 1.2
 """Of a standard deviation to that of white noise: what is less is of no consequence."""
 
@@ -222,7 +224,8 @@ def _noise_white(tests: _OfNoise) -> Finding:
     kinds = {"forces of actuator": white.force_noise, "lengths of strut": white.length_noise}
     done = {kind: test for kind, test in kinds.items() if test is not None}
     if not done:
-        return _NOISE_WHITE.untested("no two periods can be compared sample by sample")
+        reason = white.refused or _NOT_COMPARED
+        return _NOISE_WHITE.untested(f"{reason}: standard deviations take the noise for white")
     p = min(_family_p(test.p_values) for test in done.values())
     level = next(iter(done.values())).level
     largest = max(float(np.max(np.abs(test.autocorrelation))) for test in done.values())

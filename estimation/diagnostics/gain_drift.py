@@ -19,6 +19,7 @@ from pydantic import Field, model_serializer
 
 from constraints.arrays import Array
 from estimation.diagnostics.channel_test import GAIN_DRIFT, Strut
+from estimation.diagnostics.comparable_periods import why_not_compared
 from estimation.diagnostics.linearisation import Linearisation
 from estimation.diagnostics.projection import Conditional
 from estimation.diagnostics.tails import log_two_sided
@@ -71,7 +72,7 @@ class GainDriftTest:
 def gain_drift(experiment: Experiment, part: Linearisation, level: float) -> GainDriftTest:
     """Test the recording of one experiment, linearised at its estimate."""
     if experiment.record.averaged and experiment.record.forces.periods is None:
-        return GainDriftTest("samples are missing: single periods are not compared", level)
+        return GainDriftTest(why_not_compared(experiment.record), level)
     blocks, predicted = _by_period(experiment, part)
     periods = len(blocks)
     if periods < _FEWEST:

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 
 from estimation.diagnostics.finding import Assumption, Finding
-from estimation.processing.hum import HUM, HumLine, HumSearch
+from estimation.processing.hum import HUM, MAINS, HumLine, HumSearch
 
 _NO_HUM = Assumption(
     "no hum of the mains",
@@ -19,11 +19,25 @@ _NO_HUM = Assumption(
 _UNITS = {"force": (1.0, "N"), "length": (1e3, "mm")}
 
 
-def hum_finding(searches: Mapping[str, HumSearch | None]) -> Finding:
-    """Say what was found; `searches` are those in the forces and lengths, where there were any."""
+_SEEN_ELSEWHERE = (
+    "an estimate looks for it in its residuals; state it in `noise.force_spectrum.hum` and design "
+    "again: a design keeps its multiples away from it"
+)
+
+
+def hum_finding(searches: Mapping[str, HumSearch | None], refused: str = "") -> Finding:
+    """Say what was found.
+
+    Parameters
+    ----------
+    searches : mapping of str to HumSearch
+        Those in the forces and lengths, where there were any.
+    refused : str
+        Why there was none.
+    """
     done = {kind: search for kind, search in searches.items() if search is not None}
     if not done:
-        return _NO_HUM.untested("no two periods can be compared sample by sample")
+        return _NO_HUM.untested(refused or "the samples are no means of equally many")
     hidden = sorted({frequency for search in done.values() for frequency in search.hidden})
     unseen = ""
     if hidden:
@@ -32,6 +46,8 @@ def hum_finding(searches: Mapping[str, HumSearch | None]) -> Finding:
     found = [_words(kind, line) for kind, search in done.items() for line in search.lines]
     if not found:
         absent = f"no sinusoid at 50 or 60 Hz and their multiples (p = {p:.2g}){unseen}"
+        if set(MAINS) & set(hidden):
+            return _NO_HUM.untested(f"where one is seen, {absent}", _SEEN_ELSEWHERE)
         return _NO_HUM.holds(absent, p, HUM)
     where = f"{_listed({line.frequency for s in done.values() for line in s.lines})} Hz"
     return _NO_HUM.fails(f"a hum: {'; '.join(found)}{unseen}", p, HUM, where)

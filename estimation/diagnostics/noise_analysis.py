@@ -56,7 +56,7 @@ def analyse_noise(record: Record, source: str = "") -> NoiseRecord:
             for quantity, search in searches.items()
             for line in (() if search is None else search.lines)
         ),
-        findings=(*noise_findings(tests), hum_finding(searches)),
+        findings=(*noise_findings(tests), hum_finding(searches, tests.whiteness.refused)),
     )
     return NoiseRecord(
         summary=summary,

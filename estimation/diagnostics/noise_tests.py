@@ -20,6 +20,7 @@ from scipy import stats
 
 from constraints.arrays import Array
 from estimation.diagnostics.channel_test import NOISE, ChannelTest, below_level, no_numbers
+from estimation.diagnostics.comparable_periods import why_not_compared
 from estimation.measurement_model.normal_equations import Filter
 from estimation.processing import NoiseModel, Record
 from estimation.processing.noise import NORMAL_MEDIAN
@@ -251,6 +252,9 @@ class Whitenesses:
         bool,
         described("", "the standard deviations count the noise as it is, white or not"),
     ] = False
+    refused: Annotated[
+        str, described("", "why the noise is not tested; empty: its periods are compared")
+    ] = ""
     std_ratio: Annotated[
         OpenNumber,
         described("1", "largest standard deviation over the one that white noise would make"),
@@ -304,7 +308,7 @@ def noise_tests(
         counted = counted and noise.lengths.lines is not None
     return NoiseTests(
         samples.reshape(-1, forces.shape[1]),
-        Whitenesses(white, length_white, counted=counted),
+        Whitenesses(white, length_white, counted=counted, refused=why_not_compared(record)),
         Normalities(
             "residuals" if white is None else "periods",
             normal,
@@ -337,8 +341,7 @@ def _of_one_kind(
         values = (periods - periods.mean(axis=0)).reshape(-1, channels)
         change = drift(values, np.repeat(np.arange(count), phases), phases, level)
     elif record.averaged:
-        lost = "samples are missing: the means of the periods are not compared"
-        change = Drift(refused=lost, level=level)
+        change = Drift(refused=why_not_compared(record), level=level)
     elif rows is not None:
         block = np.arange(len(rows)) * max(1, round(record.periods)) // len(rows)
         change = drift(rows, block, 0, level)

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from constraints.arrays import Array
+from estimation.diagnostics.finding import Status
 from estimation.estimators import Knowledge, ParameterEstimate, Systematic
 from estimation.identification.budget_record import SystematicKeys
 from estimation.identification.estimate_file import EstimateFile
@@ -25,6 +26,8 @@ class SavedEstimate:
     path: Path
     estimate: ParameterEstimate
     knowledge: Knowledge
+    doubt: str = ""
+    """What its own recordings say against it, in words; empty: nothing."""
 
 
 def read_estimate(source: Path, robot: Robot, estimator: str | None = None) -> SavedEstimate:
@@ -98,7 +101,15 @@ def saved_estimate(
             motions=(),
         ),
         Knowledge.of(robot, EstimateSection(fixed=fixed)),
+        _doubt(found),
     )
+
+
+def _doubt(found: EstimateFile) -> str:
+    verdict = None if found.diagnostics is None else found.diagnostics.verdict
+    if verdict is None or verdict.status is Status.ACCEPTED:
+        return ""
+    return "; ".join(finding.contradiction for finding in verdict.failed if finding.serious)
 
 
 def _or(numbers: Array, missing: float, count: int) -> Array:

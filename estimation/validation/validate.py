@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +11,7 @@ from threadpoolctl import threadpool_limits
 
 from estimation.data.reading import read_measurement
 from estimation.diagnostics.diagnosis import diagnose
+from estimation.diagnostics.finding import Verdict
 from estimation.diagnostics.record import Diagnosis
 from estimation.estimators import DeviatingMachine, Experiment
 from estimation.identification import prepare_experiment
@@ -37,6 +38,10 @@ FIRST_REPETITION = 100_001
 """Number of the first motion's draw of noise: beyond those of any repetition of the experiment."""
 
 _RECHECK_SAMPLES = 200
+_ESTIMATE_FIRST = (
+    "mend first what the estimate names, which is doubtful itself, then estimate and validate "
+    "again: this may be a trace of it"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,6 +81,11 @@ def validate(configuration: RunConfiguration, saved: SavedEstimate) -> Validatio
             for number, motion in enumerate(configuration.run.validation, start=1)
         ]
     warnings = list(configuration.warnings)
+    if saved.doubt:
+        warnings.append(
+            f"the estimate that predicts is doubtful itself: {saved.doubt}. What the predictions "
+            "show may come from that, by whatever name"
+        )
     if saved.estimate.covariance_kinematics is None:
         warnings.append(
             "the estimate comes from pointwise differentiation: it is biased and its covariance "
@@ -126,6 +136,8 @@ def _predicted(
     data = corrected(data, machine)
     experiment = prepare_experiment(configuration, loaded, data, trajectory, held_out=True)
     diagnosis = diagnose(loaded, [experiment], saved.knowledge, saved.estimate, held_out=True)
+    if saved.doubt:
+        diagnosis = replace(diagnosis, verdict=_after_the_estimate(diagnosis.verdict))
     record = experiment.record
     predicted = experiment.fitted_regressors @ saved.estimate.values
     return _Prediction(
@@ -144,6 +156,19 @@ def _predicted(
         _actuator_rows(number, name, experiment, diagnosis),
         warnings,
     )
+
+
+def _after_the_estimate(verdict: Verdict) -> Verdict:
+    """Return a verdict whose advice is to mend a doubtful estimate first.
+
+    What is wrong there has moved the parameters: the prediction shows its traces, and other causes
+    may explain these better.
+    """
+    findings = [
+        replace(each, advice=_ESTIMATE_FIRST) if each.failed and each.serious else each
+        for each in verdict.findings
+    ]
+    return replace(verdict, findings=tuple(findings))
 
 
 def _actuator_rows(

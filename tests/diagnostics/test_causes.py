@@ -244,7 +244,10 @@ def test_what_cannot_be_told_apart_is_named_together(lab):
     (failed,) = [
         f for f in result.verdict.failed if f.assumption.startswith("lengths are measured")
     ]
-    assert "joint" in failed.sentence
+    # All of them, each where it is.
+    for rival in effect.rivals:
+        what = f"{rival.parameter} joint" if rival.kind == "joint" else "actuator"
+        assert f"{what} {rival.strut + 1}" in failed.sentence
 
 
 def test_rivals_leave_nothing_of_an_effect(lab, palida):

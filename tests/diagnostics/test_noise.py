@@ -4,11 +4,15 @@ import numpy as np
 import pytest
 from scipy import signal, stats
 
+from estimation.diagnostics.finding import Outcome
 from estimation.diagnostics.lack_of_fit import chi_square
+from estimation.diagnostics.noise_analysis import analyse_noise
 from estimation.diagnostics.noise_tests import drift, noise_tests, normality, whiteness
 from estimation.diagnostics.residual_law import ResidualLaw
-from estimation.processing import NoiseEstimate, NoiseModel
+from estimation.processing import NoiseEstimate, NoiseModel, PeriodSource, make_record
 from estimation.processing.noise_lines import contrasts
+from estimation.twin.experiment import without_samples
+from tests.estimation.cases import measured, trajectory
 
 
 def test_contrasts_are_independent_and_have_the_noise_s_variance():
@@ -31,6 +35,18 @@ def test_without_periods_the_residuals_serve(sound):
     assert tests.normality.source == "residuals"
     assert tests.normality.lengths is None
     np.testing.assert_allclose(tests.samples.mean(axis=0), 0, atol=1e-12)
+
+
+@pytest.mark.parametrize("lost", [0, 1, 8])
+def test_lost_samples_are_why_periods_are_not_compared(lost):
+    data = measured(trajectory(), 1, periods=3)
+    kept = np.ones(len(data), dtype=bool)
+    kept[20 : 20 + lost] = False
+    record = make_record(without_samples(data, kept), trajectory().omega, PeriodSource.DESIGN)
+    findings = analyse_noise(record).summary.findings
+    named = [each for each in findings if f"{lost} sample" in each.sentence]
+    assert len(named) == (3 if lost else 0)
+    assert all(each.outcome is Outcome.NOT_TESTED for each in named)
 
 
 @pytest.mark.parametrize(("series", "length"), [(1, 200), (3, 300)])

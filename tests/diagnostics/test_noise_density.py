@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from estimation.diagnostics.finding import Outcome
 from estimation.diagnostics.hum_finding import hum_finding
 from estimation.diagnostics.noise_density import NoiseDensity, noise_density
-from estimation.processing.hum import find_hum
+from estimation.processing.hum import HumSearch, find_hum
 from estimation.processing.record import Channels
 from expdesign.configuration import load_run
 from expdesign.configuration.noise_spectrum import read_spectrum_table
@@ -83,7 +84,19 @@ def test_a_hum_that_repeats_in_every_period_is_not_seen_and_said_so():
     _, hum = noise_density(_channels(noise), STEP)
     assert not hum.lines
     assert 50.0 in hum.hidden
-    assert "50" in hum_finding({"force": hum}).sentence
+    found = hum_finding({"force": hum})
+    assert found.outcome is Outcome.NOT_TESTED
+    assert "50" in found.sentence
+
+
+@pytest.mark.parametrize(
+    ("hidden", "outcome"),
+    [((), Outcome.HOLDS), ((60.0, 120.0), Outcome.NOT_TESTED), ((150.0,), Outcome.HOLDS)],
+)
+def test_no_hum_where_the_mains_cannot_be_seen_is_no_finding(hidden, outcome):
+    found = hum_finding({"force": HumSearch((), hidden, 0.6)})
+    assert found.outcome is outcome
+    assert all(f"{frequency:g}" in found.sentence for frequency in hidden)
 
 
 def test_a_hum_is_seldom_found_where_there_is_none():

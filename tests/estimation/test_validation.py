@@ -1,11 +1,15 @@
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from estimation.diagnostics.finding import Assumption, Status, Verdict
+from estimation.diagnostics.record import DiagnosisKeys
 from estimation.identification import estimate
+from estimation.identification.estimate_file import EstimateFile
 from estimation.identification.record import EstimateRecord
-from estimation.identification.saved import read_estimate
+from estimation.identification.saved import read_estimate, saved_estimate
 from estimation.validation.motions import benchmark_motion
 from estimation.validation.validate import validate
 from expdesign.configuration import InputError, load_run
@@ -116,6 +120,28 @@ def test_a_wrong_mass_fails(folder):
     saved = read_estimate(folder, ROBOT)
     saved.estimate.values[9] *= 1.2
     assert not validate(case(), saved).summary.accepted
+
+
+def test_what_speaks_against_the_estimate_comes_before_causes_of_the_prediction(folder):
+    against = Assumption("gains are right", "a gain is wrong", "look").fails("seen", 1e-9, 0.001)
+    minor = Assumption("normal", "a tail is heavy", "", serious=False).fails("seen", 1e-9, 0.001)
+    verdict = Verdict(Status.DOUBTFUL, "doubtful: a gain is wrong", (against, minor))
+    file = replace(EstimateFile.read(folder), diagnostics=DiagnosisKeys("ml", verdict, ()))
+    doubtful = saved_estimate(file, folder, ROBOT)
+    assert doubtful.doubt == "a gain is wrong"
+    assert read_estimate(folder, ROBOT).doubt == ""
+    run_of = case(cogging=[0, 0, 40, 40, 0, 0])
+    plain, after = (
+        validate(run_of, saved).summary for saved in (read_estimate(folder, ROBOT), doubtful)
+    )
+    (new,) = set(after.warnings) - set(plain.warnings)
+    assert "a gain is wrong" in new
+    before, advised = (each.motions[0].diagnostics.verdict.failed for each in (plain, after))
+    assert [each.sentence for each in before] == [each.sentence for each in advised]
+    assert any(each.serious for each in before)
+    for own, instead in zip(before, advised, strict=True):
+        assert (own.advice != instead.advice) == own.serious
+        assert ("estimate" in instead.advice) or not own.serious
 
 
 def test_an_estimate_survives_its_file(folder):

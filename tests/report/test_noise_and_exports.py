@@ -140,15 +140,37 @@ def test_noise_against_what_is_assumed(noisy):
     assert "seen 0; seen 2" in found.sentence
 
 
+def test_noise_of_which_little_was_tested(noisy):
+    count = 0
+
+    def untested(document):
+        for finding in document["findings"][:count]:
+            finding["outcome"] = "not tested"
+        for finding in document["findings"][count:]:
+            finding["outcome"] = "holds"
+
+    change(noisy / "noise.json", untested)
+    assert verdict(noisy, "Noise").level.value == "good"
+    every = len(json.loads((noisy / "noise.json").read_text(encoding="utf-8"))["findings"])
+    count = 3
+    change(noisy / "noise.json", untested)
+    found = verdict(noisy, "Noise")
+    assert found.level.value == "neutral"
+    assert found.word.split()[:3] == [f"{every - 3}", "of", f"{every}"]
+
+
 def test_noise_without_whole_periods(noisy):
     def edit(document):
         document["averaged"] = False
         document["whiteness"] = {"force_noise": None, "length_noise": None}
+        document["whiteness"]["refused"] = "2 samples are missing" * missing
 
-    change(noisy / "noise.json", edit)
-    found = section(noisy, "noise")
-    assert all(row[5] is None for row in tables(found)["noise_forces"].rows)
-    assert any(b.kind == "text" and "Fourier series" in b.text for b in found.blocks)
+    for missing in (False, True):
+        change(noisy / "noise.json", edit)
+        found = section(noisy, "noise")
+        assert all(row[5] is None for row in tables(found)["noise_forces"].rows)
+        (text,) = [b.text for b in found.blocks if b.kind == "text" and "Fourier" in b.text]
+        assert ("2 samples" in text) == missing
 
 
 def test_noise_alone_makes_a_report(noisy, tmp_path):

@@ -100,7 +100,13 @@ def noise_report(folder: RunFolder) -> StageReport:
     )
     if failed:
         sentence += f" Against what is assumed of it: {'; '.join(failures(failed))}."
+    untested = [each.assumption for each in noise.findings if each.outcome is Outcome.NOT_TESTED]
     word = "doubtful" if serious else "conspicuous" if failed else "as assumed"
+    if untested:
+        sentence += f" Not tested: {', '.join(untested)}."
+    if untested and not failed:
+        every = len(noise.findings)
+        level, word = Level.NEUTRAL, f"{every - len(untested)} of {every} tested"
     shape, memory = noise.normality, noise.whiteness
     blocks: list[Block] = [
         Facts(_details(noise)),
@@ -108,10 +114,8 @@ def noise_report(folder: RunFolder) -> StageReport:
         _channels_table("length", "mm", _MM * noise.length_std, shape.lengths, memory.length_noise),
     ]
     if not noise.averaged:
-        text = (
-            "The periods are no whole number of samples: the scatter is that about a Fourier "
-            "series, and no two periods can be compared sample by sample."
-        )
+        why = noise.whiteness.refused or "The periods are no whole number of samples"
+        text = f"{why[0].upper()}{why[1:]}: the scatter is that about a Fourier series."
         blocks.append(TextBlock(text, Level.CAUTION))
     blocks.append(findings_table("noise_findings", noise.findings, "the noise"))
     if shows_noise(folder):
