@@ -31,6 +31,17 @@ def _kernel(terms: tuple[Term, ...], *, slopes: bool) -> BatchFunction:
     return BatchFunction("regressor", [graph.state], [graph.machine, graph.width], outputs)
 
 
+@cache
+def _pulled_kernel(terms: tuple[Term, ...]) -> BatchFunction:
+    """Return what a weighted sum of the smoothed regressor's elements changes with the state."""
+    graph = hexapod_graph(terms)
+    regressor = graph.regressor_with(Friction.SMOOTH)
+    weights = ca.SX.sym("weight", regressor.numel())
+    slope = ca.jtimes(ca.vec(regressor.T), graph.state, weights, True)
+    fixed = [graph.machine, graph.width]
+    return BatchFunction("regressor_pulled", [graph.state, weights], fixed, [slope])
+
+
 @dataclass(frozen=True)
 class InformationCost:
     """Criterion of the smoothed information as a function of the scaled variables."""
@@ -72,8 +83,12 @@ class InformationCost:
     ) -> tuple[float, Array, Array]:
         """Return cost, gradient (z,) and positive semidefinite Gauss–Newton Hessian (z, z)."""
         basis = self.basis()
-        weighted, slopes, cost = self._linearised(variables, basis, width, level)
+        states = self.variables.states(variables, basis)
+        regressors, flat = _kernel(self.terms, slopes=True)(states, self.machine, np.array([width]))
+        weighted, cost = self._judged(regressors, variables, level)
         count, actuators, k = weighted.shape
+        # ∂A/∂state, (N, 6, m, 18)
+        slopes = flat.reshape(*regressors.shape, -1)
         by_state = self._factor(slopes.transpose(3, 0, 1, 2)).transpose(1, 2, 3, 0)
         # In the eigenbasis: one factor rotated here, the other after the sum over the samples.
         rotated = weighted @ cost.basis
@@ -87,39 +102,38 @@ class InformationCost:
             change[-1] += cost.basis.T @ self._spectrum_slope(weighted, variables) @ cost.basis
         own = np.einsum("zii->zi", change)
         gradient = own @ cost.slope
-        flat = change.reshape(len(change), -1)
-        hessian = own @ cost.diagonal @ own.T + (flat * cost.mixing.ravel()) @ flat.T
+        mixed = change.reshape(len(change), -1)
+        hessian = own @ cost.diagonal @ own.T + (mixed * cost.mixing.ravel()) @ mixed.T
         return cost.value, gradient, hessian
 
     def gradient(self, variables: Array, width: float, level: float) -> tuple[float, Array]:
-        """Return cost and gradient (z,) alone, at half the price of `derivatives`."""
+        """Return cost and gradient (z,) alone, at a third of the price of `derivatives`."""
         basis = self.basis()
-        weighted, slopes, cost = self._linearised(variables, basis, width, level)
-        count = len(weighted)
+        states = self.variables.states(variables, basis)
+        fixed = self.machine, np.array([width])
+        (regressors,) = _kernel(self.terms, slopes=False)(states, *fixed)
+        weighted, cost = self._judged(regressors, variables, level)
         # tr(∂cost/∂F dF) = Σ 2 (Σ⁻¹ A ∂cost/∂F) : dA, back through whitening and column scales.
         by_information = (cost.basis * cost.slope) @ cost.basis.T
-        by_regressor = np.zeros(slopes.shape[:3])
+        by_regressor = np.zeros_like(regressors)
         by_factor = weighted @ by_information
         if self.memory is None:
             by_factor = whitening(self.covariance).T @ by_factor
-        by_regressor[..., self.columns] = by_factor * self.scaling * (2 / count)
-        by_state = np.einsum("nam,nams->ns", by_regressor, slopes)
+        by_regressor[..., self.columns] = by_factor * self.scaling * (2 / len(weighted))
+        flat = by_regressor.reshape(len(weighted), -1)
+        (by_state,) = _pulled_kernel(self.terms)(states, flat, *fixed)
         summed = self.variables.accumulate(variables, basis, by_state[:, None, :])
         if self.memory is not None:
             summed[0, -1] += np.sum(by_information * self._spectrum_slope(weighted, variables))
         return cost.value, summed[0]
 
-    def _linearised(
-        self, variables: Array, basis: PhaseBasis, width: float, level: float
-    ) -> tuple[Array, Array, SpectralCost]:
-        """Return weighted A (N, 6, k), ∂A/∂state (N, 6, m, 18) and the criterion's derivatives.
+    def _judged(
+        self, regressors: Array, variables: Array, level: float
+    ) -> tuple[Array, SpectralCost]:
+        """Return weighted A (N, 6, k) and the criterion's derivatives.
 
         dF is twice the symmetric part of the sum over (weighted A)ᵀ `_factor`(dA).
         """
-        states = self.variables.states(variables, basis)
-        regressors, slopes = _kernel(self.terms, slopes=True)(
-            states, self.machine, np.array([width])
-        )
         weighted = self._factor(regressors)
         if self.memory is None:
             information = np.tensordot(weighted, weighted, axes=([0, 1], [0, 1])) / len(weighted)
@@ -127,8 +141,7 @@ class InformationCost:
             omega = self._omega(variables)
             information = self._information(regressors, omega)
             weighted = self.memory.weighted(weighted, omega)
-        cost = spectral_cost(information, self.criterion, level)
-        return weighted, slopes.reshape(*regressors.shape, -1), cost
+        return weighted, spectral_cost(information, self.criterion, level)
 
     def readable(self, cost: float) -> float:
         """Return the criterion that a cost stands for: F over all samples, SI for ``d``."""
