@@ -2,15 +2,23 @@
 
 import pytest
 
+from estimation.data.formats import FileFormat
 from estimation.data.reading import read_measurement
 from expdesign.configuration import DataSection, InputError
 from expdesign.configuration.robot import load_robot_description
+from tests.data.forked import load_forked
 from tests.data.recordings import recording
 
 
 @pytest.fixture(scope="session")
 def palida():
     return load_robot_description("palida")
+
+
+@pytest.fixture
+def forked(monkeypatch):
+    """Let libraries that may crash read in a copy of this process, without starting Python."""
+    monkeypatch.setattr(FileFormat, "_load_apart", load_forked)
 
 
 @pytest.fixture

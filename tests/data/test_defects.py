@@ -312,6 +312,7 @@ def test_the_robot_may_be_the_one_that_computes(csv, rec):
     assert np.array_equal(found.lengths, rec.q)
 
 
+@pytest.mark.usefixtures("forked")
 def test_rows_of_binary_files_are_samples(tmp_path, rec, refused):
     path = tmp_path / "m.h5"
     rec.Q[16, 2] = np.nan
@@ -324,6 +325,7 @@ def test_rows_of_binary_files_are_samples(tmp_path, rec, refused):
     ]
 
 
+@pytest.mark.usefixtures("forked")
 def test_columns_of_different_lengths(tmp_path, rec, refused):
     path = tmp_path / "m.h5"
     write_hdf5(path, rec)

@@ -43,6 +43,7 @@ def test_one_format_claims_a_file(name, tmp_path, rec):
     assert sum(found.claims(tmp_path / name) for found in file_formats()) == 1
 
 
+@pytest.mark.usefixtures("forked")
 @pytest.mark.parametrize("name", BINARY)
 def test_truncated_files_are_refused(name, tmp_path, rec, refused):
     path = tmp_path / name
@@ -53,6 +54,7 @@ def test_truncated_files_are_refused(name, tmp_path, rec, refused):
         assert refused(path)
 
 
+@pytest.mark.usefixtures("forked")
 @pytest.mark.parametrize("name", BINARY)
 def test_noise_is_refused(name, tmp_path, refused):
     path = tmp_path / name
@@ -61,6 +63,7 @@ def test_noise_is_refused(name, tmp_path, refused):
     assert "the file is damaged or not of the format" in problem.message
 
 
+@pytest.mark.usefixtures("forked")
 @pytest.mark.parametrize("name", BINARY)
 def test_wrong_bytes_never_end_in_a_traceback(name, tmp_path, rec, read):
     path = tmp_path / name

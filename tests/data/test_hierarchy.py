@@ -9,6 +9,8 @@ from estimation.data.readers import hierarchical
 from expdesign.configuration import DataSection
 from tests.data.recordings import matlab73_file
 
+pytestmark = pytest.mark.usefixtures("forked")
+
 
 def _check(table, rec):
     assert np.array_equal(table.values["t"], rec.t)

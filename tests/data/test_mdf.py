@@ -8,6 +8,8 @@ from estimation.data.readers import mdf
 from expdesign.configuration import DataSection, InputError
 from tests.data.recordings import write_mdf
 
+pytestmark = pytest.mark.usefixtures("forked")
+
 
 def _write(path, *groups):
     with MDF(version="4.10") as file:

@@ -30,6 +30,7 @@ class Browser:
         self._process, self._write, self._read = process, write, read
         self._number, self._buffer, self._session = 0, b"", None
         self.console, self.requests = [], []
+        self.shown = None
 
     def attach(self):
         target = self.call("Target.createTarget", url="about:blank")["targetId"]
@@ -50,6 +51,7 @@ class Browser:
         )
         self.call("Page.navigate", url=path.absolute().as_uri())
         self.wait("document.readyState === 'complete'")
+        self.shown = path, width
 
     def run(self, expression):
         """Return the value of an expression in the page; a promise is waited for."""
