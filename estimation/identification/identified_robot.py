@@ -10,7 +10,11 @@ from constraints.arrays import Array
 from estimation.diagnostics.record import Diagnosis
 from estimation.estimators import ParameterEstimate
 from estimation.identification.result import EstimationResult
-from expdesign.configuration.identification import Identification, IdentifiedDeviation
+from expdesign.configuration.identification import (
+    Identification,
+    IdentifiedDeviation,
+    identified_name,
+)
 from expdesign.configuration.robot import RobotDescription
 from expdesign.configuration.writing import robot_yaml
 from expdesign.mechanism.hexapod import ACTUATORS
@@ -36,6 +40,7 @@ def identified_robot(result: EstimationResult, diagnosis: Diagnosis | None) -> s
     names = result.knowledge.names
     description = description.model_copy(
         update={
+            "name": identified_name(description.name),
             "parameters": dict(zip(names, best.values.tolist(), strict=True)),
             "identification": _identification(result, diagnosis),
         }

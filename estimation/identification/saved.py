@@ -13,6 +13,7 @@ from estimation.estimators import Knowledge, ParameterEstimate, Systematic
 from estimation.identification.budget_record import SystematicKeys
 from estimation.identification.estimate_file import EstimateFile
 from expdesign.configuration import InputError
+from expdesign.configuration.identification import machine_name
 from expdesign.configuration.sections.data import EstimateSection
 from expdesign.robot import Robot
 from expdesign.robot.deviation import deviations
@@ -69,7 +70,7 @@ def saved_estimate(
             ", ".join(robot.parameter_names),
         ),
         (
-            found.robot != robot.name,
+            machine_name(found.robot) != machine_name(robot.name),
             f"it is an estimate of the robot {found.robot!r}, not of {robot.name!r}",
             robot.name,
         ),

@@ -199,8 +199,10 @@ class Twin:
 
 def _spectrum(machine: ResolvedRobot, kind: str) -> dict[str, Any] | None:
     """Return the spectrum of its noise as a file states it; None: white."""
-    found = getattr(machine.description.noise, f"{kind}_spectrum", None)
-    return None if found is None else found.model_dump(exclude_none=True)
+    if getattr(machine.noise, f"{kind}_spectrum", None) is None:
+        return None
+    found = getattr(machine.description.noise, f"{kind}_spectrum")
+    return dict(found.model_dump(exclude_none=True))
 
 
 def _measured(

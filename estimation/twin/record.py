@@ -31,6 +31,8 @@ from expdesign.runfolder.described import checker
 from expdesign.trajectory import FourierKeys, FourierTrajectory, fourier_keys
 
 _WRITTEN_BY = "`expdesign simulate`"
+_FORMS = {"ar": "autoregressive", "table": "as in its file", "band": "bands"}
+"""Of a spectrum, in words."""
 REPETITIONS = "repetitions"
 
 
@@ -211,6 +213,17 @@ class Truth(RunFile):
     ] = None
     disturbances: Annotated[DisturbanceKeys, described("", "besides the noise")]
     seeds: Annotated[SeedKeys, described("", "of the random numbers")]
+
+    @property
+    def memory(self) -> str:
+        """How the noise is spread over the frequencies: ``white``, or what has a memory."""
+        named = {"forces": self.force_spectrum, "lengths": self.length_spectrum}
+        coloured = []
+        for kind, spectrum in named.items():
+            if spectrum is not None:
+                forms = [_FORMS.get(key, key) for key, given in spectrum.items() if given]
+                coloured.append(f"in the {kind} ({', '.join(forms)})")
+        return f"with memory {' and '.join(coloured)}" if coloured else "white"
 
     def values_of(self, names: Iterable[str]) -> Array:
         """Return the true values of parameters by their names, SI, in the order asked for."""

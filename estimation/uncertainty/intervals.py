@@ -22,6 +22,19 @@ IDENTIFIED = 0.5
 """A parameter is identified when its standard deviation is less than this share of its scale."""
 
 
+_DECIMALS = 9
+"""Beyond which a number is shown with an exponent."""
+
+
+def with_error(value: float, std: float) -> str:
+    """Return ``0.9656 ± 0.0079``: two digits of the standard deviation decide."""
+    decimals = 1 - int(np.floor(np.log10(std))) if 0 < std < np.inf else _DECIMALS + 1
+    if decimals > _DECIMALS:
+        return f"{value:.6g} ± {std:.2g}"
+    shown = max(decimals, 0)
+    return f"{round(value, decimals):.{shown}f} ± {round(std, decimals):.{shown}f}"
+
+
 @dataclass(frozen=True, kw_only=True)
 class ParameterRow:
     """One parameter of one estimator: a row of `estimates.csv`."""
@@ -119,8 +132,8 @@ class Combination:
     def text(self) -> str:
         """In words."""
         sign = "+" if self.factor >= 0 else "−"
-        sum_ = f"{self.other} {sign} {abs(self.factor):.4g}·{self.weak}"
-        known = f"{self.value:.6g} ± {self.std:.2g}"
+        sum_ = f"{self.other} {sign} {abs(self.factor):.3g}·{self.weak}"
+        known = with_error(self.value, self.std)
         if not self.identified:
             return f"{self.weak} is not identified, nor is it with {self.other}: {sum_} = {known}"
         return f"{self.weak} is not identified; {sum_} is: {known}"

@@ -171,8 +171,10 @@ def noise(
 ) -> None:
     """Analyse the noise of measured forces and lengths, without any model.
 
-    Writes noise.json, a table and figures: full covariances with their uncertainty, distributions,
-    autocorrelation, drift, outliers.
+    Prints standard deviations and correlations, and what was found of every assumption. Writes
+    noise.json (covariances, which a robot or run file takes), tables/force_spectrum.csv and
+    length_spectrum.csv (`noise: {force_spectrum: FILE}`), tables/noise_covariance.csv, and figures
+    of distribution, quantiles, covariance and spectrum.
     """
     _do("noise", run, out, as_json, {"data": _given(data), "designs": tuple(design or ())})
 
@@ -195,8 +197,11 @@ def estimate(
 ) -> None:
     """Estimate the parameters from measured data.
 
-    Writes estimates.csv, estimate.json, tables and figures. What the diagnostics find is a verdict
-    in the result, and a warning.
+    Prints every estimator's values with their standard deviations, and the verdict: what the
+    diagnostics found, and what to do about it. Writes estimates.csv (values, standard deviations,
+    95 % intervals), estimate.json (covariances, tests, verdict), identified-robot.yaml (the robot
+    that was found, for further runs), tables/ (precision, residuals; with tolerances budget.csv:
+    which one costs which parameter how much) and figures/.
     """
     given = {"data": tuple(data or ()), "designs": tuple(design or ())}
     _do("estimate", run, out, as_json, given, strict=strict)
@@ -237,11 +242,13 @@ def report(
     """
     from expdesign.cli import shown
     from expdesign.stages.report import written_report
-    from expdesign.stages.run import refuse_unwritable
+    from expdesign.stages.run import refuse_run_file, refuse_unwritable
 
     place = folder.absolute()
     if place.is_dir():
         refuse_unwritable(place)
+    else:
+        refuse_run_file(folder)
     outcome = written_report(place)
     if as_json:
         write_json({"status": 0, **outcome.summary})
@@ -286,7 +293,7 @@ def _do(
 
     configuration = load_run(run)
     terminal = Terminal(quiet=as_json)
-    for warning in configuration.warnings:
+    for warning in configuration.warnings_before(stage):
         terminal.warn(warning)
     if repetitions is not None:
         configuration = configuration.with_section("montecarlo", repetitions=repetitions)

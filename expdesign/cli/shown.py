@@ -76,7 +76,7 @@ def experiment(outcome: Outcome) -> None:
     if truth.machine is not None:
         console.print(f"measured: {truth.machine.name} of experiment.truth, not the run's robot")
     named = ", ".join(truth.disturbances.active) or "none"
-    console.print(f"noise with full covariances; disturbances: {named}")
+    console.print(f"noise with full covariances, {truth.memory}; disturbances: {named}")
     _place(outcome)
 
 

@@ -9,11 +9,25 @@ from pydantic import model_validator
 from expdesign.configuration.problem import refusal
 from expdesign.configuration.section import Section
 from expdesign.configuration.values.quantity import NotNegative, Number
-from expdesign.configuration.values.scalars import Text, at_least, one_of
+from expdesign.configuration.values.scalars import LONGEST_NAME, Text, at_least, one_of
+
+IDENTIFIED = "-identified"
+"""What the name of a robot ends in that an estimate found."""
 
 JudgedAs = Literal["accepted", "doubtful", "not judged"]
 
 Matrix = tuple[tuple[Number, ...], ...]
+
+
+def machine_name(robot: str) -> str:
+    """Return the name of the machine that a robot describes: its own, however it was identified."""
+    return robot.removesuffix(IDENTIFIED)
+
+
+def identified_name(robot: str) -> str:
+    """Return the name of the robot that an estimate of this one found; of a long one, its own."""
+    name = machine_name(robot) + IDENTIFIED
+    return name if len(name) <= LONGEST_NAME else robot
 
 
 class IdentifiedDeviation(Section):

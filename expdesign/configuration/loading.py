@@ -88,6 +88,7 @@ def load_run(source: ConfigurationLike) -> RunConfiguration:
     forces_known = robot.noise is not None and robot.noise.force_covariance is not None
     users = () if forces_known else [stage for stage in run.stages if stage in _NOISE_USED_BY]
     missing_noise = [f"no noise of the forces is given; needed by: {', '.join(users)}"]
+    of_the_twin = (*folded_hum(run), *_other_warnings(truth, robot))
     return RunConfiguration(
         run=_completed(run, robot, truth, document.folder),
         robot=robot,
@@ -95,9 +96,9 @@ def load_run(source: ConfigurationLike) -> RunConfiguration:
         warnings=(
             *robot.warnings,
             *(missing_noise if users else ()),
-            *folded_hum(run),
-            *_other_warnings(truth, robot),
+            *of_the_twin,
         ),
+        of_the_twin=of_the_twin,
         truth=truth,
     )
 

@@ -149,6 +149,9 @@ STAGES = tuple(_STAGE_FIELDS)
 """Sections that name a stage of the run, in the order in which they are done."""
 
 
+_MEASURED_ON_THE_TWIN = ("experiment", "montecarlo")
+
+
 @dataclass(frozen=True, eq=False)
 class RunConfiguration:
     """A run with its robot, every default filled in."""
@@ -162,9 +165,19 @@ class RunConfiguration:
     """The run file; None for a mapping."""
     warnings: tuple[str, ...] = ()
     """Those of the robot and those of the run."""
+    of_the_twin: tuple[str, ...] = ()
+    """Those of the warnings that are about what the digital twin measures."""
     truth: ResolvedRobot | None = None
     """The machine that the digital twin is, where it is not the robot: `experiment.truth` with
     the noise that the robot and the run state beside its own."""
+
+    def warnings_before(self, stage: str) -> tuple[str, ...]:
+        """Return the warnings that a stage by itself is to be told with.
+
+        Those of the twin are told where it measures; what uses its recordings repeats none of them.
+        """
+        told = () if stage in _MEASURED_ON_THE_TWIN else self.of_the_twin
+        return tuple(text for text in self.warnings if text not in told)
 
     def with_section(self, section: str, **changes: Any) -> RunConfiguration:
         """Return the run with keys of one of its sections changed."""

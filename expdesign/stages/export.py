@@ -94,7 +94,7 @@ def export_one(section: ExportSection, work: Workspace, out: Path | None) -> Out
     if in_folder:
         _refuse_taken_name(path, "--file" if out is None else "--out")
     refuse_unwritable(path.parent)
-    for warning in work.configuration.warnings:
+    for warning in work.configuration.warnings_before("export"):
         work.progress.warn(warning)
     task = export_task(work)
     made = export_table(section, task, path)

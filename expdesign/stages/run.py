@@ -17,6 +17,7 @@ from expdesign.configuration import (
     RunConfiguration,
     load_run,
 )
+from expdesign.library import run_files
 from expdesign.stages.outcome import Outcome, Progress, StageFailed, short
 from expdesign.stages.record import is_done, keep_configuration, stage_inputs, write_entry
 from expdesign.stages.table import STAGES, left_out, loaded, named, stages_without_design
@@ -136,6 +137,19 @@ def do_stage(name: str, work: Workspace) -> Outcome:
 def run_folder(configuration: RunConfiguration, out: Place | None) -> Path:
     """Return the run folder: what was asked for, or runs/<name> in the current folder."""
     return (Path("runs") / configuration.run.name if out is None else Path(out)).absolute()
+
+
+def refuse_run_file(place: Path) -> None:
+    """Refuse a run, by its file or the name of one that ships, where its folder is wanted."""
+    if not (place.is_file() or str(place) in run_files()):
+        return
+    try:
+        folder = run_folder(load_run(str(place) if str(place) in run_files() else place), None)
+    except InputError:
+        return  # another file: that it is no folder is all there is to say
+    made = "" if folder.is_dir() else ", which is not there yet"
+    message = f"this is a run, not its folder, {short(folder)}{made}"
+    raise InputError(message, place, allowed=f"a run folder such as {short(folder)}")
 
 
 def refuse_unwritable(folder: Path) -> None:

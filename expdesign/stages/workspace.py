@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from expdesign.configuration import InputError, RunConfiguration
+from expdesign.configuration.identification import machine_name
 from expdesign.runfolder.manifest import Manifest, file_hash
 from expdesign.stages.outcome import Outcome, Progress
 from expdesign.stages.table import STAGES
@@ -86,7 +87,7 @@ class Workspace:
         """Warn of what is odd about executing a design in this run; return the warnings."""
         found = []
         robot = self.configuration.robot.name
-        if design.robot is not None and design.robot != robot:
+        if design.robot is not None and machine_name(design.robot) != machine_name(robot):
             found.append(
                 f"the design was made for the robot {design.robot}, and {robot} executes it"
             )

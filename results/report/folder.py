@@ -60,7 +60,8 @@ class RunFolder:
             It is none, or its `run.yaml` is not a valid run.
         """
         if not path.is_dir():
-            raise _refused(path, "there is no such folder")
+            wrong = "this is a file, not a folder" if path.is_file() else "there is no such folder"
+            raise _refused(path, wrong)
         if not (path / "run.yaml").is_file():
             raise _refused(path, "it is no run folder: it has no run.yaml")
         files = [stage.file for stage in stages.values()]

@@ -20,7 +20,9 @@ def run_file(tmp_path):
     robot = load_robot_description("palida").description.model_dump(mode="json", exclude_none=True)
     terms = [*robot["terms"], "force_offset"]
     parameters = robot["parameters"] | {"p10": HEAVY, "o1": 40.0}
+    joints = [[x + 1e-3 * (j == 0), y, z] for j, (x, y, z) in enumerate(robot["platform_joints"])]
     other = robot | {"name": "other-one", "terms": terms, "parameters": parameters}
+    other["platform_joints"] = joints
     (tmp_path / "other.yaml").write_text(json.dumps(other), encoding="utf-8")
     experiment = {"sampling": 50, "periods": 3, "truth": "other.yaml", "delay": "1 ms"}
     run = {"name": "n", "robot": "palida", "experiment": experiment, "workers": 1}
@@ -40,6 +42,8 @@ def test_it_is_told_and_estimates_are_compared_with_it(expdesign, run_file, tmp_
     status, output, messages = expdesign("simulate", file, "--design", design, "--out", out)
     assert status == 0, messages
     assert "other-one" in output
+    assert "memory in the forces (autoregressive)" in output
+    assert messages.count("experiment.truth") == 1  # its platform is not symmetric
     truth = Truth.read(out)
     assert (truth.robot, truth.machine.name) == ("palida", "other-one")
     assert truth.parameters["o1"] == 40.0
@@ -47,6 +51,7 @@ def test_it_is_told_and_estimates_are_compared_with_it(expdesign, run_file, tmp_
     options = ("--data", data, "--design", design, "--out", out)
     status, _, messages = expdesign("estimate", file, *options)
     assert status == 0, messages
+    assert "experiment.truth" not in messages
     rows = (out / "estimates.csv").read_text(encoding="utf-8")
     assert "p10" in rows
     assert "o1" not in rows

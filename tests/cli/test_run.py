@@ -250,3 +250,24 @@ def test_a_run_that_ships_is_found_by_its_name(expdesign, tmp_path, seen):
     """It is loaded; what it would compute is left out here."""
     assert expdesign("run", "palida-quick", "--out", tmp_path / "out")[0] == 0
     assert seen == [("design", "palida-quick", tmp_path / "out")]
+
+
+def test_a_report_of_a_run_file_names_its_folder(expdesign, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    file = tmp_path / "machine.yaml"
+    file.write_text("name: lab\nrobot: palida\n", encoding="utf-8")
+    folder = str(Path("runs") / "lab")
+    assert folder in _refused(expdesign("report", file))
+    (tmp_path / folder).mkdir(parents=True)
+    assert folder in _refused(expdesign("report", "machine.yaml"))
+    assert str(Path("runs") / "palida") in _refused(expdesign("report", "palida"))
+    # What is no run is just no folder.
+    file.write_text("name: lab\n", encoding="utf-8")
+    assert folder not in _refused(expdesign("report", file))
+    assert "runs" not in _refused(expdesign("report", "nowhere"))
+
+
+def _refused(answer):
+    status, _, messages = answer
+    assert status == 2
+    return messages

@@ -10,6 +10,7 @@ import pytest
 
 from estimation.twin import Twin
 from expdesign.configuration import load_run
+from expdesign.configuration.robot import load_robot_description
 from expdesign.robot import load_robot
 from expdesign.runfolder.manifest import file_hash
 from expdesign.stages import experiment
@@ -267,6 +268,18 @@ def test_doubts_about_the_design_are_told(expdesign, run_file, tmp_path):
     assert status == 0
     assert "made for the robot rubin" in messages
     assert "limits broken" in messages
+
+
+def test_a_robot_that_was_identified_is_the_machine_of_its_design(expdesign, tmp_path):
+    robot = load_robot_description("palida").description.model_dump(mode="json", exclude_none=True)
+    path, folder = tmp_path / "run.yaml", write_design(tmp_path / "run", robot="palida")
+    for name, warned in (("palida-identified", False), ("palida-2", True)):
+        run = {"name": "n", "robot": robot | {"name": name}}
+        run["experiment"] = {"periods": 1, "sampling": 50}
+        path.write_text(json.dumps(run), encoding="utf-8")
+        status, _, messages = expdesign("simulate", path, "--out", folder)
+        assert status == 0, messages
+        assert ("made for the robot palida" in messages) == warned
 
 
 # --- bad input: exit status 2, and nothing is written ---------------------------------------------

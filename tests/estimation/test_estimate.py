@@ -12,6 +12,7 @@ from estimation.identification.period_choice import choose_omega
 from estimation.identification.record import EstimateRecord
 from estimation.kinematics.fourier_fit import MotionFitError
 from estimation.processing import PeriodSource
+from estimation.uncertainty.intervals import with_error
 from expdesign.configuration import InputError, load_run
 from expdesign.robot import robot_from
 from expdesign.trajectory import FourierTrajectory
@@ -448,6 +449,21 @@ def test_a_start_from_single_samples_meets_all_phases():
     data = measured(motion, periods=400, step=0.02)
     result = estimate(run({"estimators": ["gm"], "frequency": "estimated"}), data, motion)
     assert np.sum(pull(result, "gm") ** 2) / 24 < 2.5
+
+
+@pytest.mark.parametrize(
+    ("value", "std", "text"),
+    [
+        (0.96561, 0.0079, "0.9656 ± 0.0079"),
+        (-1.2, 0.0301, "-1.200 ± 0.030"),
+        (16.661, 12.3, "17 ± 12"),
+        (1234.5, 678.9, "1230 ± 680"),
+        (0.5, 0.0, "0.5 ± 0"),
+        (1.5e-13, 2.25e-14, "1.5e-13 ± 2.2e-14"),
+    ],
+)
+def test_two_digits_of_the_standard_deviation_decide(value, std, text):
+    assert with_error(value, std) == text
 
 
 def test_a_combination_that_is_not_known_either_is_not_called_identified():

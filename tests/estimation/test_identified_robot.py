@@ -6,7 +6,9 @@ import pytest
 from estimation.identification import estimate
 from estimation.identification.identified_robot import FILE
 from estimation.identification.record import EstimateRecord
+from estimation.identification.saved import read_estimate
 from expdesign.configuration import InputError, load_run
+from expdesign.configuration.identification import identified_name
 from expdesign.robot import load_robot
 from expdesign.robot.deviation import tolerated
 from tests.estimation.cases import measured, run, trajectory
@@ -29,7 +31,12 @@ def written(request, tmp_path_factory):
 def test_it_is_a_robot_with_the_estimate(written):
     result, folder = written
     robot = load_robot(folder / FILE)
+    assert robot.name == "palida-identified"
     np.testing.assert_array_equal(robot.parameters, result.best.values)
+    # An estimate of the machine predicts for it, and a second identification adds no name.
+    assert read_estimate(folder, robot).estimate.estimator == "ml"
+    assert identified_name(robot.name) == robot.name
+    assert identified_name("x" * 95) == "x" * 95  # it would be too long for a name
     known = robot.description.description.identification
     np.testing.assert_array_equal(known.covariance_random, result.best.covariance_random)
     np.testing.assert_array_equal(known.covariance_systematic, result.best.covariance_systematic)

@@ -23,7 +23,7 @@ from expdesign.configuration.values.quantity import Angle, Length, Number
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATE_NAMES, COORDINATES
 
 _NAME = re.compile(r"[A-Za-z0-9._-]+")
-_LONGEST_NAME = 100
+LONGEST_NAME = 100
 _LARGEST_SEED = 2**63 - 1
 _LARGEST_COUNT = 100_000
 
@@ -34,9 +34,9 @@ def _name(value: object) -> str:
         raise refusal(f"{shown(value)} is no text; put a name in quotes", allowed)
     if not _NAME.fullmatch(value) or value.strip(".") == "":
         raise refusal(f"{shown(value)} is not a name", allowed)
-    if len(value) > _LONGEST_NAME:
+    if len(value) > LONGEST_NAME:
         raise refusal(
-            f"a name of {len(value)} characters is too long", f"{_LONGEST_NAME} characters"
+            f"a name of {len(value)} characters is too long", f"{LONGEST_NAME} characters"
         )
     return value
 

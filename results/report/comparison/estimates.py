@@ -13,6 +13,7 @@ from estimation.identification.budget_record import shared_response
 from estimation.identification.estimate_file import EstimateFile
 from estimation.twin.record import Truth
 from estimation.uncertainty.differences import Differences, difference_test
+from expdesign.configuration.identification import machine_name
 from expdesign.mechanism.catalogue import parameter_unit
 from expdesign.runfolder.manifest import file_hash
 from results.figures.parameters import ParameterSeries
@@ -68,7 +69,7 @@ class ComparedEstimate:
         differently to both is a difference.
         """
         total = self.covariance(names) + other.covariance(names)
-        if self.summary.robot != other.summary.robot:
+        if machine_name(self.summary.robot) != machine_name(other.summary.robot):
             return total
         keys = (self.summary.best_estimator.systematic, other.summary.best_estimator.systematic)
         own, others = shared_response(*keys)

@@ -58,7 +58,7 @@ def experiment_report(folder: RunFolder) -> StageReport:
             *((Fact("controller table", table),) if table else ()),
             *((Fact("true machine", truth.machine.name),) if truth.machine else ()),
             Fact("disturbances", disturbances),
-            Fact("noise", _memory(truth)),
+            Fact("noise", truth.memory),
             Fact("seed", str(truth.seeds.experiment)),
         )
     )
@@ -123,15 +123,6 @@ def noise_report(folder: RunFolder) -> StageReport:
     blocks += folder.figures(*SPECTRUM_FIGURES)
     blocks.append(_covariance_table(noise))
     return StageReport(Verdict("Noise", level, word, sentence, "noise"), tuple(blocks))
-
-
-def _memory(truth: Truth) -> str:
-    coloured = [
-        kind
-        for kind, spectrum in (("forces", truth.force_spectrum), ("lengths", truth.length_spectrum))
-        if spectrum is not None
-    ]
-    return f"with memory: {' and '.join(coloured)}" if coloured else "white"
 
 
 def _range(std: Array) -> str:
