@@ -7,13 +7,15 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from estimation.montecarlo import Study, run_study
 from estimation.montecarlo.journal import NAME as JOURNAL
 from estimation.montecarlo.record import MonteCarloRecord
 from estimation.montecarlo.statistics import ParameterStatistics, PooledStatistics
-from expdesign.configuration import load_run
+from estimation.twin import Twin
+from expdesign.configuration import RunConfiguration, load_run
 from expdesign.trajectory import FourierTrajectory, TrajectoryFile
 from results import record_figures
 
@@ -49,6 +51,30 @@ def study_folder(name: str) -> Path:
 def sampled_experiment(samples: int) -> dict[str, Any]:
     """Return an experiment of ten periods with so many samples each."""
     return {"periods": 10, "sampling": samples / palida_design().period}
+
+
+def equivalent_run(
+    name: str, samples: int, length_noise: float = 0.1, **sections: dict[str, Any]
+) -> RunConfiguration:
+    """Return ten periods of few samples that tell as much as those at 1 kHz.
+
+    They have as much less noise. `length_noise` is that of the lengths at 1 kHz, mm.
+    """
+    less = samples / (1e3 * palida_design().period)
+    known = Twin.of(load_run({"name": name, "robot": "palida"}), palida_design(), seed=0).truth
+    noise = {
+        "length_std": [f"{np.sqrt(less) * length_noise} mm"] * 6,
+        "force_covariance": (less * known.force_covariance).tolist(),
+    }
+    return load_run(
+        {
+            "name": name,
+            "robot": "palida",
+            "experiment": sampled_experiment(samples),
+            "noise": noise,
+        }
+        | sections
+    )
 
 
 def palida_study(

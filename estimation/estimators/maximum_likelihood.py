@@ -28,8 +28,9 @@ from expdesign.robot import Robot
 from expdesign.robot.deviation import Deviation
 
 _STEPS = 40
-_CONVERGED = 1e-3
-"""Newton decrement, in standard deviations of the whole estimate, of a step that is the last."""
+_CONVERGED = 1e-2
+"""Newton decrement, in standard deviations of the whole estimate, of a step that is the last. The
+one after it would be shorter by another factor of a thousand."""
 
 _CONTRACTION = 0.5
 _FIRST_DAMPING = 1e-3

@@ -88,9 +88,16 @@ def prepare_recording(
         experiment = Experiment.from_points(robot, record, noise.taken_for_white(), motion)
         return RecordSummary(data.source, experiment, None, data.jitter)
     noise, fit = _fitted(configuration, robot, record, noise, design)
-    warning = (
-        "" if free else period_warning(robot, data, record, fit.motion, noise.lengths.covariance)
-    )
+    warnings = []
+    if not free:
+        own = noise.lengths.covariance
+        warnings.append(period_warning(robot, data, record, fit.motion, own))
+    if fit.wanted is not None:
+        warnings.append(
+            f"the lengths show {fit.wanted} harmonics, but no motion of the machine described has "
+            f"so many: joints or zeros of lengths are elsewhere than stated. The motion is taken "
+            f"with {fit.motion.harmonics}"
+        )
     experiment = Experiment.from_fit(robot, record, noise, fit)
     if section.harmonics is None and not held_out:
         whole = whole_motion(robot, experiment, Knowledge.of(robot, section))
@@ -100,7 +107,7 @@ def prepare_recording(
         experiment,
         _least(design) if section.harmonics is None else None,
         data.jitter,
-        (warning,) if warning else (),
+        tuple(filter(None, warnings)),
     )
 
 

@@ -16,7 +16,7 @@ show of it besides is judged with them (`estimation.identification.harmonics_cho
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg as sla
@@ -62,6 +62,8 @@ class MotionFit:
     """(x, x), of ξ."""
     residuals: Array
     """(S, 6), measured minus fitted lengths, m."""
+    wanted: int | None = None
+    """How many harmonics the lengths show, where no motion was found that has so many."""
 
 
 def fit_motion(
@@ -181,7 +183,9 @@ def choose_harmonics(
     """Fit the motion with as many harmonics as stand out of the noise.
 
     The motion has `least` of them for certain, and the search begins at those expected; the
-    covariance is Δ of one sample, (6, 6), m².
+    covariance is Δ of one sample, (6, 6), m². Where no motion of this machine has the harmonics
+    that the lengths show, as when joints are elsewhere than stated and a pose is near singular, it
+    is the last one that was found.
 
     Raises
     ------
@@ -222,7 +226,11 @@ def choose_harmonics(
         )
         if not len(found):
             break
-        fit = fitted(harmonics + int(found[-1]) + 1, fit.motion)
+        wanted = harmonics + int(found[-1]) + 1
+        try:
+            fit = fitted(wanted, fit.motion)
+        except NoMotionFoundError:
+            return replace(fit, wanted=wanted)
     needed = _highest_needed(fit, least, level)
     return fitted(needed, fit.motion) if needed < fit.motion.harmonics else fit
 

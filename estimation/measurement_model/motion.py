@@ -101,12 +101,11 @@ class SampledMotion:
     def chain(self, slope: Array) -> Array:
         """Carry slopes to the pose and its n − 1 first derivatives, (S, r, 6 n), over to ξ."""
         count, rows, depth = slope.shape
-        table = self.motion.table
-        coefficients = np.zeros((count, rows, *table.shape))
-        for order in range(depth // COORDINATES):
-            part = slope[:, :, COORDINATES * order : COORDINATES * (order + 1)]
-            coefficients += part[:, :, :, None] * self.basis[order][:, None, None, :]
-        result = coefficients.reshape(count, rows, table.size)
+        table, orders = self.motion.table, depth // COORDINATES
+        by_order = slope.reshape(count, rows, orders, COORDINATES).transpose(0, 1, 3, 2)
+        basis = np.stack(self.basis[:orders], axis=1)
+        carried = np.matmul(by_order.reshape(count, rows * COORDINATES, orders), basis)
+        result = carried.reshape(count, rows, table.size)
         if not self.motion.free_frequency:
             return result
         # A higher frequency runs through the same phases sooner.

@@ -42,6 +42,8 @@ def filtered(parts: Iterable[Rows], whitening_filter: Filter) -> Rows:
 def whitened(values: Array, white: Array, counts: Array) -> Array:
     """Return residuals (S, 6) or columns (S, 6, u) scaled to unit covariance by S: S Σ Sᵀ = 1."""
     columns = values.reshape(*values.shape[:2], int(np.prod(values.shape[2:])))
+    if len(counts) and np.all(counts == counts[0]):  # one pass over large columns less
+        return np.matmul(white * np.sqrt(counts[0]), columns).reshape(values.shape)
     return (np.matmul(white, columns) * np.sqrt(counts)[:, None, None]).reshape(values.shape)
 
 

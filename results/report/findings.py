@@ -62,14 +62,14 @@ def information_sentence(test: Differences) -> str:
     if not test.freedom and not test.differ_jointly:
         return (
             "Whether errors of the motion disturb the information matrix is not tested: GM and ML "
-            "differ by less than a hundredth of their standard deviations"
+            "differ by less than a tenth of their standard deviations"
         )
     which = int(np.sum(test.differs))
     outcome = "yes" if test.differ_jointly or which else "no"
     largest = float(np.nanmax(np.abs(test.z))) if np.any(np.isfinite(test.z)) else 0.0
     return (
         f"The information matrix is disturbed: {outcome} (Hausman-type test of ML − GM: "
-        f"χ² = {test.statistic:.4g} with {test.freedom} degrees of freedom, "
+        f"χ² = {test.statistic:.4g} with {test.freedom:.3g} degrees of freedom, "
         f"p = {test.p_joint:.2g}; {which} of {test.difference.size} parameters differ at the "
         f"family level of {100 * FAMILY_LEVEL:g} %, the largest by {largest:.2g} σ)"
     )

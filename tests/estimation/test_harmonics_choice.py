@@ -1,18 +1,25 @@
 """How many harmonics the motion has: what the forces show of it that the lengths do not."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from estimation.identification import estimate, prepare_experiment
+from estimation.identification.recording import prepare_recording
 from estimation.measurement_model import HarmonicMotion
+from estimation.twin import Twin
+from estimation.twin.drawn_machine import drawn_machine
+from expdesign.robot import robot_from
+from expdesign.trajectory import TrajectoryFile
 from tests.estimation.cases import ROBOT, measured, run, trajectory
 
 MOTION = trajectory()
 HIDDEN = 20
 NOISY = {"length_scale": 10.0}
 CONFIG = run()
+DESIGN = Path(__file__).parents[2] / "benchmarks" / "designs" / "palida.json"
 
 
 def with_hidden_harmonic():
@@ -69,3 +76,17 @@ def test_without_a_design_many_strong_harmonics_are_found(stated):
     config = run({"estimators": ["gm"]}, trajectory={"harmonics": stated})
     result = estimate(config, measured(motion))
     assert result.records[0].harmonics == 8
+
+
+def test_lengths_that_the_machine_described_cannot_have():
+    """Joints off by 1 mm near a singular pose: no motion follows the lengths to their noise."""
+    tolerances = {"base_joints": "1 mm", "platform_joints": "1 mm", "strut_length": "0.3 mm"}
+    design = TrajectoryFile.read(DESIGN).trajectory
+    few = {"periods": 3, "sampling": 250 / design.period}
+    known = run(tolerances=tolerances, experiment=few)
+    drawn = drawn_machine(known, np.random.default_rng([0, 3])).configuration
+    data = Twin.of(drawn, design, seed=3).measurement(1)
+    recording = prepare_recording(known, robot_from(known.robot), data, design)
+    fit = recording.experiment.fit
+    assert fit.wanted > fit.motion.harmonics
+    assert any(str(fit.wanted) in warning for warning in recording.warnings)

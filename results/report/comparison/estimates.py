@@ -165,9 +165,9 @@ def _sentence(title: str, test: Differences) -> str:
     which = int(np.sum(test.differs))
     outcome = "differ" if test.differ_jointly or which else "agree"
     return (
-        f"{title}: the estimates {outcome} (jointly χ² = {test.statistic:.4g} with {test.freedom} "
-        f"degrees of freedom, p = {test.p_joint:.2g}; {which} of {test.difference.size} parameters "
-        "differ by themselves)."
+        f"{title}: the estimates {outcome} (jointly χ² = {test.statistic:.4g} with "
+        f"{test.freedom:.3g} degrees of freedom, p = {test.p_joint:.2g}; {which} of "
+        f"{test.difference.size} parameters differ by themselves)."
     )
 
 
