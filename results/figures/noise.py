@@ -144,10 +144,15 @@ def _pair(
     axes.set_title(f"Standard deviation of the {title.split(',', maxsplit=1)[0]}")
 
 
+_HEADROOM = 0.25
+"""Above the densities, for the words in the corners: a share of the axis."""
+
+
 @figure_definition(
     "noise_spectrum",
-    "Smoothed spectral density of the force noise of each actuator with its 95 % band; dashed: "
-    "white noise of the same size. Marked: a hum of the mains, with its amplitude.",
+    "Smoothed spectral density of the force noise of each actuator with its 95 % band, whose ends "
+    "in the middle of the frequencies stand in the corner; dashed: white noise of the same size. "
+    "Marked: a hum of the mains, with its amplitude.",
     height=4.6,
 )
 def noise_spectrum_figure(figure: Figure, record: NoiseRecord) -> None:
@@ -163,21 +168,36 @@ def noise_spectrum_figure(figure: Figure, record: NoiseRecord) -> None:
     for j, axes in enumerate(panels):
         frequency = found.frequency[shown]
         axes.fill_between(
-            frequency, low[shown, j], high[shown, j], color=STRUT_COLOURS[j], alpha=0.3, linewidth=0
+            frequency, low[shown, j], high[shown, j], color=STRUT_COLOURS[j], alpha=0.4, linewidth=0
         )
-        axes.plot(frequency, found.density[shown, j], color=STRUT_COLOURS[j], linewidth=1.0)
+        axes.plot(frequency, found.density[shown, j], color=STRUT_COLOURS[j], linewidth=0.6)
         axes.axhline(found.white[j], color=INK, linewidth=0.8, dashes=(4, 2))
+        # A band of few per cent is thinner than any line of a plot over decades.
+        middle = int(np.argmin(np.abs(np.log(found.frequency[shown] / _middle(frequency)))))
+        ends = [end[shown, j][middle] / found.density[shown, j][middle] - 1 for end in (low, high)]
+        words = [f"95 %: {_percent(ends[0])} … {_percent(ends[1])} %"]
         for row in np.flatnonzero(found.amplitude[:, j] > 0):
             axes.axvline(found.frequency[row], color=ALERT, linewidth=0.9)
-            corner_text(
-                axes,
+            words.append(
                 f"{plain_number(found.frequency[row], 4)} Hz: "
-                f"{plain_number(found.amplitude[row, j], 2)} N",
+                f"{plain_number(found.amplitude[row, j], 2)} N"
             )
+        corner_text(axes, "\n".join(words))
         axes.set_xscale("log")
         axes.set_yscale("log")
+    bottom, top = panels[0].get_ylim()
+    panels[0].set_ylim(bottom, top * (top / bottom) ** _HEADROOM)
     figure.supxlabel("Frequency (Hz)", fontsize="medium")
     figure.supylabel("Density of the force noise (N²/Hz)", fontsize="medium")
+
+
+def _middle(frequency: Array) -> float:
+    """Return the middle of frequencies on a logarithmic axis, Hz."""
+    return float(np.sqrt(frequency[0] * frequency[-1]))
+
+
+def _percent(share: float) -> str:
+    return f"{'−' if share < 0 else '+'}{plain_number(abs(100 * share), 2)}"
 
 
 SPECTRUM_FIGURES = (noise_spectrum_figure,)

@@ -113,6 +113,11 @@ class RunFolder:
         except ValueError as error:
             raise InputError(f"no text: {error}", path) from error
 
+    def named(self, file: str) -> str:
+        """Return a file as a report names it: from its own folder, or the name alone."""
+        path = Path(file)
+        return str(path.relative_to(self.path)) if path.is_relative_to(self.path) else path.name
+
     def figures(self, *figures: FigureDefinition[Any] | str) -> tuple[FigureBlock, ...]:
         """Return those of figures, or of stems of files, that it has; numbered ones in order."""
         place = self.path / "figures"

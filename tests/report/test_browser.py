@@ -4,8 +4,14 @@ import re
 
 import pytest
 
+from estimation.identification import estimate
+from estimation.identification.record import EstimateRecord
 from expdesign.stages.report import reported_stages
+from results.report.content import Page, Section
+from results.report.rendering import rendered
 from results.report.run_report import write_report
+from results.report.stages.estimate import estimates_table
+from tests.estimation.cases import measured, run, trajectory
 from tests.report.browser import chromium
 
 pytestmark = pytest.mark.system("chromium")
@@ -172,6 +178,26 @@ def test_nothing_sticks_out(browser, whole, width):
     if browser.shown != (page, width):
         show(browser, page, width)
     assert browser.run("document.documentElement.scrollWidth") <= width
+
+
+def test_the_widest_table_fits_a_laptop_and_scrolls_on_a_phone(browser, tmp_path):
+    """With the shares of tolerances and the truth, in the widest numbers."""
+    motion = trajectory(100, 0.01)
+    sections = {"tolerances": {"strut_length": "1 mm"}}
+    config = run({"harmonics": 2, "estimators": ["gm"]}, **sections)
+    record = EstimateRecord.of(estimate(config, measured(motion, 1, step=0.01), motion))
+    truth = {row.parameter: row.value * 1.0001 for row in record.by_estimator()["gm"]}
+    table = estimates_table(record, truth)
+    assert {"σ random", "σ systematic", "truth"} <= {column.title for column in table.columns}
+    page = tmp_path / "page.html"
+    section = Section("estimate", "Estimate", (table,))
+    page.write_text(rendered(Page("t", "s", "d", (), (), (section,))), encoding="utf-8")
+    scroll = "document.querySelector('.scroll')"
+    browser.open(page, width=1200)
+    assert browser.run(f"{scroll}.scrollWidth <= {scroll}.clientWidth")
+    browser.open(page, width=420)
+    assert browser.run(f"{scroll}.scrollWidth > {scroll}.clientWidth")
+    assert browser.run(f"({scroll}.scrollLeft = 200, {scroll}.scrollLeft)") == 200
 
 
 def test_without_webgl_the_rest_is_there(browser, folder):

@@ -1,5 +1,7 @@
 """What a report says of tolerances, and what two estimates of one machine have in common."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -57,6 +59,8 @@ def test_what_two_estimates_share_is_no_difference(records):
     one, other = (ComparedEstimate(str(n), None, r.summary) for n, r in enumerate(records))
     names = records[0].summary.parameters
     found = np.diag(one.difference_covariance(other, names))
+    renamed = replace(other, summary=replace(other.summary, robot="palida-identified"))
+    np.testing.assert_array_equal(np.diag(one.difference_covariance(renamed, names)), found)
     random, total = (
         sum(np.diag(getattr(r.summary.best_estimator, key)) for r in records)
         for key in ("covariance_forces", "covariance")

@@ -111,6 +111,23 @@ def test_the_noise_is_told(noisy):
     assert verdict(noisy, "Noise").word == "as assumed"
 
 
+def test_recordings_are_named_from_the_folder(noisy):
+    def recording_of(key):
+        texts = [
+            fact
+            for block in section(noisy, key).blocks
+            if block.kind == "facts"
+            for fact in block.facts
+        ]
+        (note,) = [fact.note for fact in texts if fact.name == "recording"]
+        return note
+
+    assert recording_of("noise") == "measurement.csv"
+    assert recording_of("estimate").endswith("; measurement.csv")
+    change(noisy / "noise.json", lambda d: d.update(recording="/home/of/me/other.csv"))
+    assert recording_of("noise") == "other.csv"
+
+
 def test_noise_figures_are_shown_once(noisy):
     assert figures(section(noisy, "noise")) == NOISE_FIGURES | SPECTRUM
     assert not NOISE_FIGURES & figures(section(noisy, "estimate"))

@@ -1,14 +1,19 @@
 """Figures of diagnostics, drawn from a small simulated experiment with cogging."""
 
+import re
 import xml.etree.ElementTree as ET
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from estimation.diagnostics.diagnosis import diagnose
+from estimation.diagnostics.noise_density import noise_density
+from estimation.processing.record import Channels
 from results.figures.drawing import save_figures
-from results.figures.noise import NOISE_FIGURES
+from results.figures.noise import NOISE_FIGURES, noise_spectrum_figure
 from results.figures.residuals import DIAGNOSTIC_FIGURES
 from results.style import PAGE_WIDTH, RESOLUTION, house_style
 from tests.diagnostics.conftest import Laboratory
@@ -94,3 +99,30 @@ def test_given_noise_and_pointwise_kinematics_can_be_drawn():
     result = diagnose(lab.robot, [experiment], lab.knowledge, estimate).experiments[0]
     for key, figure in drawn(result).items():
         assert figure.axes, key
+
+
+def test_the_band_of_a_spectrum_and_every_hum_can_be_read():
+    """A band of few per cent is thinner than a line: its ends stand in words."""
+    rng, step, periods, samples = np.random.default_rng(7), 2e-3, 8, 497
+    time = step * np.arange(periods * samples)[:, None]
+    hums = {50.02: 3.0, 100.05: 2.0}
+    noise = rng.normal(size=(periods * samples, 6))
+    noise += sum(size * np.sin(2 * np.pi * f * time + np.arange(6.0)) for f, size in hums.items())
+    each = noise.reshape(periods, samples, 6)
+    channels = Channels(time[:samples, 0], each.mean(axis=0), np.full(samples, 8), None, each)
+    density, _ = noise_density(channels, step)
+    with house_style():
+        figure = noise_spectrum_figure.draw(SimpleNamespace(force_density=density))
+    for j, axes in enumerate(figure.axes):
+        (words,) = [text.get_text() for text in axes.texts]
+        band, *lines = words.splitlines()
+        low, high = (float(end) for end in re.findall(r"[+-][\d.]+", band.replace("−", "-")))
+        freedom = float(np.median(density.freedom))
+        expected = [100 * (freedom / stats.chi2.isf(p, freedom) - 1) for p in (0.025, 0.975)]
+        np.testing.assert_allclose((low, high), expected, rtol=0.06)
+        found = [[float(number) for number in re.findall(r"[\d.]+", line)] for line in lines]
+        np.testing.assert_allclose(found, [*hums.items()], rtol=0.2)
+        # They stand above everything that is drawn.
+        drawn_to = axes.transData.transform((1.0, np.max(density.density[:, j])))[1]
+        box = axes.texts[0].get_window_extent()
+        assert box.y0 > drawn_to

@@ -102,7 +102,7 @@ def _blocks(
     folder: RunFolder, record: EstimateRecord, truth: Mapping[str, float] | None
 ) -> tuple[Block, ...]:
     summary = record.summary
-    blocks: list[Block] = [Facts(_details(summary))]
+    blocks: list[Block] = [Facts(_details(folder, summary))]
     if not summary.intervals_cover:
         blocks.append(TextBlock(summary.intervals_note, Level.CAUTION))
     blocks.append(estimates_table(record, truth))
@@ -216,13 +216,13 @@ def _facts(record: EstimateRecord, truth: Mapping[str, float] | None) -> tuple[F
     return tuple(facts)
 
 
-def _details(summary: EstimateFile) -> tuple[Fact, ...]:
+def _details(folder: RunFolder, summary: EstimateFile) -> tuple[Fact, ...]:
     several = len(summary.recordings) > 1
     facts = [
         Fact(
             f"recording {number}" if several else "recording",
             f"{recording.rows} samples",
-            f"{readable(recording.periods)} periods; {recording.source}",
+            f"{readable(recording.periods)} periods; {folder.named(recording.source)}",
         )
         for number, recording in enumerate(summary.recordings, start=1)
     ]

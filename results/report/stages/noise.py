@@ -109,7 +109,7 @@ def noise_report(folder: RunFolder) -> StageReport:
         level, word = Level.NEUTRAL, f"{every - len(untested)} of {every} tested"
     shape, memory = noise.normality, noise.whiteness
     blocks: list[Block] = [
-        Facts(_details(noise)),
+        Facts(_details(folder, noise)),
         _channels_table("force", "N", noise.force_std, shape.forces, memory.force_noise),
         _channels_table("length", "mm", _MM * noise.length_std, shape.lengths, memory.length_noise),
     ]
@@ -129,12 +129,12 @@ def _range(std: Array) -> str:
     return f"{readable(np.min(std), 3)} to {readable(np.max(std), 3)}"
 
 
-def _details(noise: NoiseFile) -> tuple[Fact, ...]:
+def _details(folder: RunFolder, noise: NoiseFile) -> tuple[Fact, ...]:
     freedom = noise.force_freedom
     # With F degrees of freedom a standard deviation is known to 1/√(2F).
     relative = 100 / np.sqrt(2 * freedom) if freedom > 0 else float("nan")
     return (
-        Fact("recording", f"{noise.rows} samples", noise.recording),
+        Fact("recording", f"{noise.rows} samples", folder.named(noise.recording)),
         Fact("periods", readable(noise.periods)),
         Fact("period", f"{readable(noise.period)} s"),
         Fact(
