@@ -1,10 +1,12 @@
-"""Figures that are drawn but not rendered: rendering takes longer than most of what is tested."""
+"""Figures that are not rendered, nor drawn: both take longer than most of what is tested."""
 
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from unittest.mock import patch
 
 from matplotlib.figure import Figure
+
+from results.figures.drawing import FigureDefinition
 
 _CONTENT = {
     "svg": b'<svg xmlns="http://www.w3.org/2000/svg" width="7in" height="3in"/>',
@@ -18,14 +20,17 @@ def _save(_figure, path, **settings):
 
 
 @contextmanager
-def blank_figures():
+def blank_figures(*, filled=False):
     """Write an empty file for every figure: in this process, for tests that look at none.
 
-    Figures are rendered where they are looked at (tests/results), and end to end by
-    tests/cli/test_design.py and in the run folder of tests/report.
+    Filled ones are drawn and not rendered. Figures are drawn and looked at in tests/results, and
+    drawn of whole runs by tests/docs/test_tutorial.py, tests/cli/test_design.py and for the run
+    folder of tests/report, the last two with rendering.
     """
-    with (
-        patch.object(Figure, "savefig", _save),
-        patch("results.figures.drawing._lay_out", lambda _figure: None),
-    ):
+    with ExitStack() as patched:
+        patched.enter_context(patch.object(Figure, "savefig", _save))
+        patched.enter_context(patch("results.figures.drawing._lay_out", lambda _figure: None))
+        if not filled:
+            empty = patch.object(FigureDefinition, "draw", lambda *_: Figure())
+            patched.enter_context(empty)
         yield

@@ -242,9 +242,9 @@ def test_a_bug_is_not_a_failure(expdesign, run_file, design, tmp_path, monkeypat
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("workers", [1, 2])
-def test_ctrl_c_keeps_what_is_done(expdesign, run_file, design, tmp_path, workers):
-    out, path = tmp_path / "out", run_file(workers=workers)
+def test_ctrl_c_keeps_what_is_done(expdesign, run_file, design, tmp_path):
+    """As a terminal sends it, to every process; tests/stages/test_run.py has it with one."""
+    out, path = tmp_path / "out", run_file(workers=2)
     arguments = ["montecarlo", str(path), "--design", str(design), "--out", str(out)]
     process = subprocess.Popen(
         [*COMMAND, *arguments, "--repetitions", "50000"],

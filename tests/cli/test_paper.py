@@ -20,7 +20,7 @@ SMALL = {
     "experiment": {"periods": 5, "sampling": "50 Hz"},
 }
 STUDIES = {
-    "paper_design": {"sets": 1, "repetitions": 30},
+    "paper_design": {"sets": 1, "repetitions": 25},
     "paper_identification": {"repetitions": 4},
     "paper_validation": {
         "repetitions": 3,

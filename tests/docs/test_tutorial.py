@@ -25,7 +25,7 @@ def test_the_tutorial_is_what_happens(tmp_path, monkeypatch, capsys):
         elif step.kind == "command":
             program, *arguments = shlex.split(step.text)
             assert program == "expdesign"
-            with blank_figures():
+            with blank_figures(filled=True):
                 status = run(app, arguments)
             said = "".join(capsys.readouterr())
             assert status == 0, (step.text, said)

@@ -106,15 +106,6 @@ def test_an_experiment_that_determines_too_little_is_refused():
 # --- parallel, resumed, interrupted ---------------------------------------------------------------
 
 
-@pytest.mark.slow
-def test_the_number_of_workers_changes_no_byte(study, tmp_path):
-    two = run_study(small(workers=2), DESIGN, tmp_path / "journal")
-    for folder, found in (("one", study), ("two", two)):
-        MonteCarloRecord.of(found).write(tmp_path / folder)
-    for name in ("montecarlo.json", "tables/montecarlo.csv", "tables/montecarlo_repetitions.csv"):
-        assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes()
-
-
 def test_only_what_is_missing_is_done(study, tmp_path, monkeypatch):
     journal = tmp_path / "journal"
     first = Watcher(stop_at=2)
@@ -249,13 +240,11 @@ def test_ml_without_a_fitted_motion_is_refused():
     assert error.value.problems[0].key == "montecarlo.estimators"
 
 
-@pytest.mark.parametrize("workers", [1, pytest.param(2, marks=pytest.mark.slow)])
-def test_bad_input_that_shows_in_a_repetition(workers, tmp_path):
+def test_bad_input_that_shows_in_a_repetition(tmp_path):
     configuration = small(
         2,
         estimate={"noise": "estimated"},
         experiment={"periods": 1, "sampling": 60},
-        workers=workers,
     )
     with pytest.raises(InputError) as error:
         run_study(configuration, DESIGN, tmp_path / "journal")
@@ -269,9 +258,7 @@ def test_bad_input_that_shows_in_a_repetition(workers, tmp_path):
 @pytest.mark.slow
 def test_the_estimators_keep_their_promises():
     count = 60
-    study = run_study(
-        small(count, workers=2, montecarlo={"estimators": ["ls", "gm", "ml"]}), DESIGN
-    )
+    study = run_study(small(count, montecarlo={"estimators": ["ls", "gm", "ml"]}), DESIGN)
     for name in ("ls", "gm", "ml"):
         pooled = study.pooled(name)
         assert len(study.estimated(name)) == count
@@ -295,7 +282,6 @@ def test_pointwise_differentiation_is_biased():
             estimate={"harmonics": "auto", "differentiation": "central"},
             experiment={"periods": 3, "sampling": 600},
             montecarlo={"estimators": ["gm"]},
-            workers=2,
         ),
         DESIGN,
     )

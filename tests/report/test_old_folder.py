@@ -31,7 +31,7 @@ STAGES = ["design", "export", "experiment", "noise", "montecarlo", "estimate", "
 
 @pytest.fixture(autouse=True)
 def _blank_figures():
-    with blank_figures():
+    with blank_figures(filled=True):
         yield
 
 

@@ -111,7 +111,7 @@ def test_a_folder_without_a_stage(folder, stage):
 def test_a_folder_without_manifest_or_figures(folder):
     (folder / "manifest.json").unlink()
     shutil.rmtree(folder / "figures")
-    with blank_figures():
+    with blank_figures(filled=True):
         write_report(folder, reported_stages())
     text = text_of(folder)
     assert "has no manifest.json" in text
