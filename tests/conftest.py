@@ -14,6 +14,7 @@ import pytest
 from hypothesis import settings
 
 import expdesign
+from expdesign.configuration.robot import load_robot_description
 
 # How long an example takes is not what is tested; continuous integration draws the same ones.
 settings.register_profile("local", deadline=None)
@@ -90,6 +91,15 @@ def tiny():
         return found
 
     return mapping
+
+
+@pytest.fixture(scope="session")
+def few_limits():
+    """Return PaLiDA without those limits whose derivatives take processes of their own seconds."""
+    robot = load_robot_description("palida").description.model_dump(mode="json", by_alias=True)
+    for key in ("actuator_force", "jacobian_condition", "strut_clearance"):
+        del robot["limits"][key]
+    return robot
 
 
 @pytest.fixture(scope="session")

@@ -16,7 +16,7 @@ STAGES = {
 
 
 @pytest.fixture
-def folders(tiny, tmp_path, monkeypatch, expdesign):
+def folders(tiny, few_limits, tmp_path, monkeypatch, expdesign):
     """Return the run folders of one worker and of two; where they were made looks the same."""
     made = []
     for workers in (1, 2):
@@ -24,7 +24,7 @@ def folders(tiny, tmp_path, monkeypatch, expdesign):
         place.mkdir()
         monkeypatch.chdir(place)
         with (place / "run.yaml").open("w", encoding="utf-8") as stream:
-            YAML(typ="safe").dump(tiny(**STAGES, workers=workers), stream)
+            YAML(typ="safe").dump(tiny(**STAGES, robot=few_limits, workers=workers), stream)
         for command in (("run", "run.yaml"), ("noise", "run.yaml")):
             status, out, error = expdesign(*command)
             assert status == 0, (command, out, error)
