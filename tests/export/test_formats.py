@@ -15,8 +15,8 @@ from expdesign.mechanism.rotation import rotation_matrix
 from tests.export import reading
 from tests.export.motions import CASES, task
 
-STEP = 2e-3
-UNIFORM = {"segment": STEP, "tolerance": "50 um"}
+STEP = 4e-3
+UNIFORM = {"segment": STEP, "tolerance": "200 um"}
 # Segments are searched for xps-pvt and ros2, and for the platform of ros2.
 GIVEN = {"segment": "4 ms", "tolerance": "50 um"}
 MM, DEG = 1e3, 180 / np.pi
@@ -28,7 +28,8 @@ EXPORTS = {
     "pmac-pvt": (GIVEN, reading.pmac, STRUT_MM, 0.5e-6),
     "pmac-pvt pose": (GIVEN | {"space": "pose"}, reading.pmac, POSE_MM, 0.5e-6),
     "pvt-csv": (GIVEN, reading.zaber, STRUT_MM, 0.5e-6),
-    "linuxcnc-gcode": (UNIFORM, reading.gcode, POSE_MM, 0.5e-6),
+    # Longer lines break limits.
+    "linuxcnc-gcode": ({"segment": 2e-3, "tolerance": "50 um"}, reading.gcode, POSE_MM, 0.5e-6),
     "linuxcnc-strut": (UNIFORM, reading.rows_alone(STEP), STRUT_MM, 0.5e-6),
     "pi-wave": (UNIFORM, reading.rows_alone(STEP), POSE_MM, 0.5e-6),
     "csv": (UNIFORM, reading.csv, np.ones(6), 1e-12),
@@ -110,7 +111,7 @@ def _assert_sound(check, key, work):
 
 
 @pytest.mark.parametrize("encoding", ["yaml", "mcap"])
-@pytest.mark.parametrize("case", CASES[:2], ids=str)
+@pytest.mark.parametrize("case", CASES, ids=str)
 def test_platform_of_ros2(case, encoding, tmp_path):
     work = task(*case)
     asked = ExportSection(format="ros2", space="pose", encoding=encoding)
