@@ -114,29 +114,32 @@ class HexapodGraph:
             constants={},
             load=ca.SX.zeros(ACTUATORS),
         )
-        # (6, m), A with `signs` in place of the sign functions. ca.inv on SX is a QR
-        # factorisation: as accurate as the Jacobian's condition allows.
-        self.regressor = ca.cse(self._regressor(terms, instant, ca.inv(transposed)))
+        # G⁻ᵀ takes wrenches to the actuators. ca.inv on SX is a QR factorisation: as accurate as
+        # the Jacobian's condition allows.
+        self._transposed, self._carried = transposed, ca.inv(transposed)
+        # (6, m) each: wrenches on the platform, and forces along the struts
+        self._wrench, self._along = self._columns(terms, instant)
+        # (6, m), A with `signs` in place of the sign functions
+        self.regressor = ca.cse(ca.densify(self._carried @ self._wrench + self._along))
 
-    def _regressor(self, terms: tuple[Term, ...], instant: Instant, carried: ca.SX) -> ca.SX:
-        """Return A, (6, m); `carried` is G⁻ᵀ, which takes wrenches to the actuators."""
-        regressor = ca.SX(ACTUATORS, 0)
+    def _columns(self, terms: tuple[Term, ...], instant: Instant) -> tuple[ca.SX, ca.SX]:
+        """Return what the columns of A are made of."""
+        wrenches, forces = ca.SX(ACTUATORS, 0), ca.SX(ACTUATORS, 0)
         load = ca.SX.zeros(ACTUATORS)
         values = iter(ca.vertsplit(self.constants))
         for term in terms:
             own = {constant.name: next(values) for constant in term.constants}
             signs = {rate: instant.signs[rate] for rate in term.rates}
             columns = term.columns(replace(instant, signs=signs, constants=own, load=load))
-            part = ca.SX(ACTUATORS, len(term.parameters))
-            if columns.wrench is not None:
-                part += carried @ columns.wrench
-            if columns.along is not None:
-                part += columns.along
+            none = ca.SX(ACTUATORS, len(term.parameters))
+            wrench = none if columns.wrench is None else columns.wrench
+            along = none if columns.along is None else columns.along
             if not term.rates:
-                first = regressor.shape[1]
-                load += part @ self.nominal[first : first + part.shape[1]]
-            regressor = ca.horzcat(regressor, part)
-        return ca.densify(regressor)
+                first = wrenches.shape[1]
+                own_nominal = self.nominal[first : first + none.shape[1]]
+                load += (self._carried @ wrench + along) @ own_nominal
+            wrenches, forces = ca.horzcat(wrenches, wrench), ca.horzcat(forces, along)
+        return wrenches, forces
 
     @property
     def state(self) -> ca.SX:
@@ -168,6 +171,27 @@ class HexapodGraph:
         """Return A (6, m) with the friction signs of the kind asked for."""
         if friction is Friction.HELD:
             return self.regressor
+        return ca.cse(self._with_signs(self.regressor, friction))
+
+    def force_slope(self, friction: Friction) -> ca.SX:
+        """Return ∂(A p)/∂state, (6, 18).
+
+        With Gᵀ f = w of the wrench w that the actuators bear: Gᵀ df = dw − dGᵀ f. Nothing is
+        differentiated through the factorisation of Gᵀ, which halves the instructions.
+        """
+        wrench, along = (
+            self._with_signs(part, friction) @ self.parameters
+            for part in (self._wrench, self._along)
+        )
+        borne = ca.SX.sym("borne", ACTUATORS)
+        slope = self._carried @ ca.jacobian(wrench - self._transposed @ borne, self.state)
+        slope = ca.substitute(slope, borne, self._carried @ wrench)
+        return ca.cse(ca.densify(slope + ca.jacobian(along, self.state)))
+
+    def _with_signs(self, columns: ca.SX, friction: Friction) -> ca.SX:
+        """Return expressions with the signs of dry friction that are asked for."""
+        if friction is Friction.HELD:
+            return columns
         signs = ca.sign(self.sliding)
         if friction is Friction.SMOOTH:
             # One width in m/s for the actuators; a passive joint slides by the angle that a
@@ -177,7 +201,7 @@ class HexapodGraph:
                 for rate in self.rates
             )
             signs = ca.tanh(self.sliding * arm / self.width)
-        return ca.cse(ca.substitute(self.regressor, self.signs, signs))
+        return ca.substitute(columns, self.signs, signs)
 
     def quantities(self, friction: Friction) -> Mapping[str, ca.SX]:
         """Return all named quantities that limits may bound.

@@ -1,0 +1,40 @@
+"""The derivative of the forces, found without differentiating a factorisation, against CasADi's."""
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from expdesign.configuration import load_run
+from expdesign.configuration.robot import load_robot_description
+from expdesign.mechanism.catalogue import DEFAULT
+from expdesign.mechanism.graph import Friction
+from expdesign.robot import robot_from
+
+MORE = [
+    "force_offset",
+    "load_friction",
+    {"cable": {"rest_length": 0.6}},
+    {"stribeck": {"velocity": 0.05}},
+]
+
+
+@pytest.mark.parametrize("friction", [Friction.HELD, Friction.SMOOTH])
+@pytest.mark.parametrize("terms", [[], MORE], ids=["default", "all"])
+def test_it_is_the_derivative_of_the_forces(friction, terms):
+    palida = load_robot_description("palida").description.model_dump(mode="json", by_alias=True)
+    run = {"name": "n", "robot": palida | {"terms": [*DEFAULT, *terms]}}
+    robot = robot_from(load_run(run).robot)
+    graph = robot.graph
+    inputs = graph.inputs(friction)
+    forces = graph.regressor_with(friction) @ graph.parameters
+    outputs = [graph.force_slope(friction), ca.jacobian(forces, graph.state)]
+    both = ca.Function("slopes", inputs, outputs, {"cse": True})
+    rng = np.random.default_rng(0)
+    parameters = rng.normal(size=len(robot.parameter_names))
+    signs = {Friction.HELD: rng.choice([-1.0, 1.0], graph.signs.numel()), Friction.SMOOTH: 0.1}
+    for _ in range(5):
+        state = np.concatenate([robot.home + 0.03 * rng.normal(size=6), rng.normal(size=12)])
+        fixed = robot.machine, parameters, robot.characteristic_length, signs[friction]
+        found, expected = (value.full() for value in both(state, *fixed))
+        assert np.count_nonzero(expected) > 50
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-11 * np.abs(expected).max())
