@@ -97,6 +97,7 @@ def diagnose(
         The forces of the experiments were not used for the estimate: Cov(p̂) is part of what the
         residuals may be.
     """
+    weighted, experiments = experiments, [_with_memory(each) for each in experiments]
     free = knowledge.free & (np.diag(estimate.covariance) > 0) if held_out else knowledge.free
     own_motion = estimate.estimator == "ml" and not held_out
     motions = [
@@ -128,8 +129,8 @@ def diagnose(
     else:
         laws = linear_laws(parts, white, experiments, estimate, knowledge)
     results = []
-    for experiment, motion, part, filtered, system, search, law in zip(
-        experiments, motions, parts, white, systems, searched, laws, strict=True
+    for experiment, as_weighted, motion, part, filtered, system, search, law in zip(
+        experiments, weighted, motions, parts, white, systems, searched, laws, strict=True
     ):
         suspects = Suspects(robot, experiment, motion, estimate.values, part)
         families = causes(suspects, knowledge.names, held_out=held_out, experiments=len(parts))
@@ -147,15 +148,17 @@ def diagnose(
         if search is not system:
             left = tolerant.with_effects(attribution.found).solved
         forces = filtered.forces, law
-        if tolerated[0].count:
-            # What tolerances explain is no bias.
+        anew = experiment is not as_weighted
+        if tolerated[0].count or anew:
+            # What tolerances explain is no bias, nor what other weights would have made of it.
             solved = tolerant.solved
             forces = solved.force_residuals(), joint_law(filtered, experiment, solved)
         lengths = None
         if experiment.fit is not None and filtered.lengths is not None:
             k = int(np.count_nonzero(free))
             own = system.solved.inverse[k:, k:] if own_motion else experiment.fit.covariance
-            lengths = lengths_beside(part, experiment, left, tolerated[1], attribution.found) or (
+            beside = tolerated[1], attribution.found
+            lengths = lengths_beside(part, experiment, left, *beside, anew=anew) or (
                 filtered.lengths,
                 length_law(filtered, experiment, own),
             )
@@ -185,6 +188,8 @@ def diagnose(
             len(parts),
             held_out,
         )
+        if not own_motion and not held_out:
+            tests = replace(tests, harmonics_left_out=experiment.harmonics_left_out)
         results.append(
             ExperimentDiagnosis(
                 tests=tests,
@@ -199,6 +204,26 @@ def diagnose(
     return Diagnosis(estimate.estimator, tuple(results), verdict(results))
 
 
+def _with_memory(experiment: Experiment) -> Experiment:
+    """Return an experiment with the memory that its noise shows, though it was weighted as white.
+
+    Who takes noise with a memory for white does not make a fault of the model of it.
+    """
+    noise, record = experiment.noise, experiment.record
+
+    def seen(weighted: NoiseEstimate, channels: Channels) -> NoiseEstimate:
+        shown = channels.shown_noise
+        known = weighted.source == "estimated" and weighted.lines is not None
+        if not known or weighted.filter is not None or shown is None or shown.filter is None:
+            return weighted
+        return shown
+
+    forces, lengths = seen(noise.forces, record.forces), seen(noise.lengths, record.lengths)
+    if forces is noise.forces and lengths is noise.lengths:
+        return experiment
+    return replace(experiment, noise=NoiseModel(forces, lengths))
+
+
 def _shown_noise(experiment: Experiment) -> NoiseModel:
     """Return the noise that a recording shows, where it shows enough; else what was given."""
     noise, record = experiment.noise, experiment.record
@@ -207,7 +232,7 @@ def _shown_noise(experiment: Experiment) -> NoiseModel:
         repeated = channels.scatter
         if given.source != "given" or repeated is None or repeated.freedom < ENOUGH_FREEDOM:
             return given
-        found = repeated if experiment.pointwise is not None else channels.noise()
+        found = repeated if experiment.pointwise is not None else channels.shown_noise
         return given if found is None else found
 
     forces, lengths = shown(noise.forces, record.forces), shown(noise.lengths, record.lengths)

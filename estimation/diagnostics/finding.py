@@ -68,6 +68,12 @@ class Assumption:
         """Say why there is no test."""
         return Finding(self.text, Outcome.NOT_TESTED, reason, advice, self.serious)
 
+    def found(self, sentence: str) -> Finding:
+        """Say that it was seen to fail where no test of its own asks."""
+        return Finding(
+            self.text, Outcome.FAILS, sentence, self.advice, self.serious, self.contradiction
+        )
+
     def holds(self, sentence: str, p: float, level: float) -> Finding:
         """Say that the test found nothing."""
         return Finding(self.text, Outcome.HOLDS, sentence, serious=self.serious, p=p, level=level)

@@ -46,6 +46,11 @@ _LENGTHS_WHITE = Assumption(
     "the length residuals are correlated in time",
     _MOTION.advice,
 )
+_WHOLE_MOTION = Assumption(
+    "the lengths show the whole motion",
+    "the forces show more of the motion than the lengths",
+    "estimate with ML, which takes it from both; LS and GM do not count what the lengths hide",
+)
 _NOISE_WHITE = Assumption(
     "the noise is white",
     "the noise is correlated in time",
@@ -179,8 +184,12 @@ def _motion(tests: ExperimentTests, left: str) -> list[Finding]:
     if test is None or white is None:
         reason = "pointwise differentiation has no model of the motion; its error is in the "
         return [_MOTION.untested(reason + "regressor", "use `differentiation: fourier`")]
+    findings = [_size(_MOTION, test, "length", left)]
+    if tests.harmonics_left_out:
+        sentence = f"forces show {tests.harmonics_left_out} harmonics more than the lengths"
+        findings.append(_WHOLE_MOTION.found(sentence))
     return [
-        _size(_MOTION, test, "length", left),
+        *findings,
         _white(_LENGTHS_WHITE, white, "strut", "length residuals", left),
     ]
 

@@ -50,6 +50,9 @@ class ExperimentTests:
     """The tests of one experiment, by what they assume."""
 
     held_out: Annotated[bool, described("", "the parameters were not estimated from it")]
+    harmonics_left_out: Annotated[
+        int, described("1", "harmonics that the forces show and the estimate's motion has not")
+    ] = 0
     chi_square: Annotated[ChiSquares, described("", "size of the residuals")]
     lack_of_fit: Annotated[LackOfFit, described("", "bias of each actuator")]
     lack_of_fit_with_effects: Annotated[

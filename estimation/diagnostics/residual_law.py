@@ -158,10 +158,13 @@ def lengths_beside(
     solved: SolvedSystem,
     tolerated: Array,
     found: Signature,
+    *,
+    anew: bool = False,
 ) -> tuple[Array, ResidualLaw] | None:
     """Return what a motion leaves of the lengths, (R', 6), m, and its law, beside known effects.
 
-    None where these effects move no length. The motion is fitted to the lengths alone.
+    None where these effects move no length, unless the motion is wanted `anew`. It is fitted to the
+    lengths alone.
 
     Parameters
     ----------
@@ -172,7 +175,7 @@ def lengths_beside(
     """
     first = int(np.count_nonzero(part.free))
     motion = first + part.length_columns.shape[2]
-    if not np.any(solved.system.length_columns[:, :, motion:]):
+    if not anew and not np.any(solved.system.length_columns[:, :, motion:]):
         return None
     known = np.concatenate([np.zeros(motion - first), tolerated, np.zeros(found.count)])
     alone = solved.system.of_lengths(first, known).solved

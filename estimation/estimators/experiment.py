@@ -84,6 +84,13 @@ class Experiment:
         return None if self.fit is None else self.motion.harmonics
 
     @property
+    def harmonics_left_out(self) -> int:
+        """Harmonics that the forces show, without which LS and GM do."""
+        if self.whole is None or self.fit is None:
+            return 0
+        return self.whole.motion.harmonics - self.fit.motion.harmonics
+
+    @property
     def motion(self) -> HarmonicMotion:
         """The motion as far as it is known: ML begins from it.
 

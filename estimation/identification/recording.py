@@ -164,8 +164,9 @@ def _fitted(
         except NoMotionFoundError:
             if noise.lengths.filter is None:
                 raise
-            # What repeats in no period, as with a clock that is off, is no noise to weight with.
-            noise = replace(noise, lengths=replace(noise.lengths, filter=None))
+            # What repeats in no period, as with a clock that is off, is no noise: its spectrum
+            # is nothing to weight with.
+            noise = noise.taken_for_white()
             fit = fitted()
         if noise.lengths.includes_model_error:
             found = residual_noise(fit.residuals, record.lengths.counts, len(fit.covariance))

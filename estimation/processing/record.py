@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,14 +62,23 @@ class Channels:
         White noise is assumed where there are too few periods for a spectrum, or samples that are
         not means of as many.
         """
+        shown = self.shown_noise
+        if spectrum == "auto" or shown is None or shown.lines is None:
+            return shown
+        if spectrum == "white":
+            return replace(shown, filter=None)
+        if shown.filter is not None:
+            return shown
+        return replace(shown, filter=estimated_filter(shown.lines, shown.covariance, always=True))
+
+    @cached_property
+    def shown_noise(self) -> NoiseEstimate | None:
+        """The noise that the repetition shows, with a filter where it is not white."""
         repeated, periods = self.scatter, self.periods
         if repeated is None or periods is None or not self.alike or len(periods) < FEWEST_PERIODS:
             return repeated
         lines = NoiseLines.of(periods)
-        if spectrum == "white":
-            return replace(repeated, lines=lines)
-        found = estimated_filter(lines, repeated.covariance, always=spectrum == "estimated")
-        return replace(repeated, lines=lines, filter=found)
+        return replace(repeated, lines=lines, filter=estimated_filter(lines, repeated.covariance))
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,6 +7,9 @@ import numpy as np
 import pytest
 from scipy import signal, stats
 
+from estimation import identification
+from estimation.diagnostics.diagnosis import diagnose
+from estimation.diagnostics.finding import Status
 from estimation.estimators import (
     Experiment,
     Knowledge,
@@ -21,10 +24,11 @@ from estimation.processing import NoiseEstimate, NoiseModel, PeriodSource, make_
 from estimation.processing.noise_lines import NoiseLines, contrasts
 from estimation.processing.smoothing import _neighbours, smoothed_spectrum
 from estimation.processing.whitening_filter import estimated_filter, given_filter
+from estimation.twin import Twin
 from estimation.uncertainty.intervals import interval_widths
 from expdesign.configuration.sections.data import EstimateSection
 from expdesign.noise.fourier_lines import multiplicity
-from tests.estimation.cases import ROBOT, measured, trajectory
+from tests.estimation.cases import ROBOT, STEP, measured, run, trajectory
 
 SIGMA = ROBOT.description.noise.force_covariance
 DELTA = ROBOT.description.noise.length_covariance
@@ -325,3 +329,17 @@ def test_intervals_cover_with_the_spectrum_of_few_periods(periods, memory):
     # Parameters of one draw are not independent: about a sixth of them count.
     margin = stats.norm.ppf(0.999) * np.sqrt(0.95 * 0.05 / (trials * 4))
     assert abs(coverage - 0.95) < margin
+
+
+@pytest.mark.parametrize("name", ["gm", "ml"])
+def test_a_memory_that_is_weighted_as_white_is_no_fault_of_the_model(name):
+    memory = {"force_spectrum": {"ar": 0.7}, "length_spectrum": {"ar": 0.7}}
+    machine = run(noise=memory, experiment={"periods": 10, "sampling": 1 / STEP})
+    white = run({"spectrum": "white", "estimators": [name], "harmonics": 2})
+    for number in (1, 2):
+        data = Twin.of(machine, MOTION, seed=4).measurement(number)
+        result = identification.estimate(white, data, MOTION)
+        experiments = [each.experiment for each in result.records]
+        found = diagnose(ROBOT, experiments, result.knowledge, result[name])
+        assert found.verdict.status is Status.ACCEPTED
+        assert not experiments[0].noise.forces.filter

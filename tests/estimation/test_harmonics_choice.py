@@ -6,6 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from estimation.diagnostics.diagnosis import diagnose
+from estimation.diagnostics.finding import Status
 from estimation.identification import estimate, prepare_experiment
 from estimation.identification.recording import prepare_recording
 from estimation.measurement_model import HarmonicMotion
@@ -59,6 +61,10 @@ def test_ml_covers_with_them_and_says_that_others_do_not():
         result = estimate(CONFIG, measured(disturbed, seed, **NOISY), MOTION)
         assert any("LS and GM" in warning for warning in result.warnings)
         pulls.append((result["ml"].values - ROBOT.parameters) / result["ml"].std)
+    for name, status in (("gm", Status.DOUBTFUL), ("ml", Status.ACCEPTED)):
+        experiments = [each.experiment for each in result.records]
+        found = diagnose(result.robot, experiments, result.knowledge, result[name])
+        assert found.verdict.status is status
     # 3 × 24 correlated errors: mean square 1 ± some 0.3.
     assert np.mean(np.square(pulls)) < 2.2
 
