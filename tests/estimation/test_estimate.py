@@ -10,6 +10,7 @@ from estimation.diagnostics.diagnosis import diagnose
 from estimation.identification import estimate, prepare_experiment
 from estimation.identification.period_choice import choose_omega
 from estimation.identification.record import EstimateRecord
+from estimation.kinematics import fourier_fit
 from estimation.kinematics.fourier_fit import MotionFitError
 from estimation.processing import PeriodSource
 from estimation.uncertainty.intervals import with_error
@@ -65,14 +66,12 @@ def test_the_estimate_needs_no_design():
 
 
 def test_a_period_that_is_no_whole_number_of_samples():
-    motion = trajectory(1666 + 2 / 3, step=1e-3)
-    data = measured(motion, periods=4, step=1e-3)
+    motion = trajectory(333 + 1 / 3)
+    data = measured(motion, periods=4)
     result = estimate(run({"estimators": ["gm"]}), data, motion)
     assert np.sum(pull(result, "gm") ** 2) / 24 < 2.5
     # As many samples as whole periods would have, and as much information.
-    whole = estimate(
-        run({"estimators": ["gm"]}), measured(trajectory(1667, 1e-3), step=1e-3, periods=4)
-    )
+    whole = estimate(run({"estimators": ["gm"]}), measured(trajectory(333), periods=4))
     # Four whole periods show the noise's own spectrum, too: what chance makes of it is `colour`.
     white = whole["gm"].std / np.sqrt(whole["gm"].colour)
     np.testing.assert_allclose(result["gm"].std, white, rtol=0.06)
@@ -112,9 +111,9 @@ def test_an_estimated_frequency():
     assert error / MOTION.omega < 1e-5
 
 
-@pytest.mark.parametrize("since", [1e5, 1.7e9])
-def test_time_stamps_far_from_zero_change_nothing(since, tmp_path):
-    """The clock of a controller that counts from its start, or from 1970."""
+def test_time_stamps_far_from_zero_change_nothing(tmp_path):
+    """The clock of a controller that counts from 1970."""
+    since = 1.7e9
     config = run({"estimators": ["gm", "ml"], "frequency": "estimated"})
     data = measured(MOTION)
     near = estimate(config, data, MOTION)
@@ -140,9 +139,7 @@ def test_time_stamps_far_from_zero_change_nothing(since, tmp_path):
     )
 
 
-@pytest.mark.parametrize(
-    ("periods", "off"), [(3, 0.015), (3, -0.015), (5, 2e-3), (5, 0.015), (5, -0.015)]
-)
+@pytest.mark.parametrize(("periods", "off"), [(3, 0.015), (5, 2e-3), (5, -0.015)])
 def test_a_clock_that_is_off_is_told(off, periods):
     data = measured(MOTION, periods=periods)
     other = changed(data, time=data.time / (1 + off), step=data.step / (1 + off))
@@ -180,20 +177,20 @@ def test_a_clock_that_is_right_is_not_doubted(seed):
     assert not [warning for warning in result.warnings if "repeat" in warning]
 
 
-@pytest.mark.parametrize(("periods", "samples"), [(1, 100), (1, 200)])
-def test_lengths_of_unknown_noise_have_the_covariance_of_what_the_motion_leaves(periods, samples):
+def test_lengths_of_unknown_noise_have_the_covariance_of_what_the_motion_leaves():
+    samples = 100
     motion = trajectory(samples, 1.0 / samples)
     config = without_noise()
     ratios = []
     for seed in range(8):
-        data = measured(motion, seed, periods=periods, step=1.0 / samples)
+        data = measured(motion, seed, periods=1, step=1.0 / samples)
         result = estimate(config, data, motion)
         noise = result.records[0].experiment.noise
         assert noise.lengths.includes_model_error
         true = ROBOT.description.noise.length_covariance
         ratios.append(np.diag(noise.lengths.covariance) / np.diag(true))
         assert any("what the fitted motion leaves" in warning for warning in result.warnings)
-    # 8 × (100 or more) samples less 5 coefficients each: 5 % of the variance is one sigma.
+    # 8 × 100 samples less 5 coefficients each: 5 % of the variance is one sigma.
     assert np.all(np.abs(np.mean(ratios, axis=0) - 1) < 0.2)
 
 
@@ -443,10 +440,11 @@ def test_a_cutoff_beyond_the_sampling_is_refused():
         estimate(run(settings), measured(MOTION), MOTION)
 
 
-def test_a_start_from_single_samples_meets_all_phases():
-    """50 samples and 400 periods: every fiftieth sample has the same phase."""
+def test_a_start_from_single_samples_meets_all_phases(monkeypatch):
+    """50 samples and 40 periods: every fiftieth sample has the same phase."""
+    monkeypatch.setattr(fourier_fit, "_START_POINTS", 40)
     motion = trajectory(50, step=0.02)
-    data = measured(motion, periods=400, step=0.02)
+    data = measured(motion, periods=40, step=0.02)
     result = estimate(run({"estimators": ["gm"], "frequency": "estimated"}), data, motion)
     assert np.sum(pull(result, "gm") ** 2) / 24 < 2.5
 

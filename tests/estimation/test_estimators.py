@@ -28,10 +28,11 @@ def knowledge(**section):
     return Knowledge.of(ROBOT, EstimateSection(**section))
 
 
-def experiment(seed=0, motion=MOTION, **options):
+def experiment(seed=0, motion=MOTION, noise=GIVEN, **options):
     record = make_record(measured(motion, seed, **options), motion.omega, PeriodSource.DESIGN)
-    fit = fit_motion(ROBOT, record, NOISE.length_covariance, 2, start=HarmonicMotion.of(motion))
-    return Experiment.from_fit(ROBOT, record, GIVEN, fit)
+    start = HarmonicMotion.of(motion)
+    fit = fit_motion(ROBOT, record, noise.lengths.covariance, 2, start=start)
+    return Experiment.from_fit(ROBOT, record, noise, fit)
 
 
 def test_gauss_markov_equals_generalised_least_squares():
@@ -60,23 +61,22 @@ def test_least_squares_with_the_full_covariance_of_the_noise():
 def test_the_share_of_the_kinematic_noise_is_how_estimates_move_with_the_motion():
     # Hardly any residual, whose part of the derivative has the mean zero and is not in B.
     case = experiment(force_scale=1e-3, length_scale=1e-3)
-    known = knowledge()
-    for estimator in ("ls", "gm"):
-        base = linear_estimate(ROBOT, [case], known, estimator)
-        signs = case.signs(ROBOT, case.fit.motion)
-        slope = []
-        for k in range(len(case.fit.covariance)):
-            ends = []
-            for sign in (1, -1):
-                step = np.zeros(len(case.fit.covariance))
-                step[k] = sign * 1e-7
-                moved = case.fit.motion.moved(step)
-                # Signs as they were: their change is no part of the derivative.
-                rows = regressors_along(ROBOT, moved, case.record.forces.times, signs)
-                other = Experiment(case.record, GIVEN, case.fit, case.spread, rows)
-                ends.append(linear_estimate(ROBOT, [other], known, estimator).values)
-            slope.append((ends[0] - ends[1]) / 2e-7)
-        slope = np.array(slope).T
+    inverse = np.linalg.inv(NOISE.force_covariance)
+    signs = case.signs(ROBOT, case.fit.motion)
+
+    def estimates(step):
+        moved = case.fit.motion.moved(step)
+        # Signs as they were: their change is no part of the derivative.
+        rows = regressors_along(ROBOT, moved, case.record.forces.times, signs)
+        for weight in (np.eye(6), inverse):
+            weighted = np.einsum("nij,ik->njk", rows, weight).transpose(1, 0, 2).reshape(24, -1)
+            yield np.linalg.solve(weighted @ rows.reshape(-1, 24), weighted @ case.forces.ravel())
+
+    steps = 1e-7 * np.eye(len(case.fit.covariance))
+    ends = [np.array([list(estimates(sign * step)) for step in steps]) for sign in (1, -1)]
+    slopes = (ends[0] - ends[1]).transpose(1, 2, 0) / 2e-7
+    for estimator, slope in zip(("ls", "gm"), slopes, strict=True):
+        base = linear_estimate(ROBOT, [case], knowledge(), estimator)
         expected = np.sqrt(np.diag(slope @ case.fit.covariance @ slope.T))
         found = np.sqrt(np.diag(base.covariance_kinematics))
         np.testing.assert_allclose(found, expected, rtol=1e-2)
@@ -205,11 +205,9 @@ def test_parameters_that_nothing_excites_are_named():
 def test_estimates_spread_as_they_say_and_cover():
     known = knowledge()
     pulls = {"ls": [], "gm": [], "ml": []}
+    noise = NoiseModel.given(NOISE.force_covariance, 25 * NOISE.length_covariance)
     for seed in range(40):
-        case = experiment(seed, length_scale=5)
-        noise = NoiseModel.given(NOISE.force_covariance, 25 * NOISE.length_covariance)
-        fit = fit_motion(ROBOT, case.record, 25 * NOISE.length_covariance, 2, start=case.fit.motion)
-        case = Experiment.from_fit(ROBOT, case.record, noise, fit)
+        case = experiment(seed, noise=noise, length_scale=5)
         gm = linear_estimate(ROBOT, [case], known, "gm")
         results = (linear_estimate(ROBOT, [case], known, "ls"), gm)
         for result in (*results, maximum_likelihood(ROBOT, [case], known, gm)):

@@ -286,9 +286,11 @@ def test_one_harmonic_cannot_start_at_rest(tiny):
     assert "rest" in problem.message
 
 
-@pytest.mark.parametrize("search", ["restarts", pytest.param("hopping", marks=pytest.mark.slow)])
-def test_a_design_may_start_at_rest(tiny, search):
-    run = tiny(design={"start": "rest", "search": search, "hops": 1}, trajectory={"harmonics": 3})
+@pytest.mark.slow
+def test_a_design_may_start_at_rest(tiny, cheap_finish):
+    """One that the search finds from random motions, and by a hop from one of them."""
+    search = {"start": "rest", "search": "hopping", "hops": 1}
+    run = tiny(design=search, trajectory={"harmonics": 3})
     result = expdesign.design(run)
     start = result.trajectory.sample(0.0)
     np.testing.assert_allclose(start.rate, 0, rtol=0, atol=1e-9)

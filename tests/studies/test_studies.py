@@ -72,7 +72,10 @@ def test_linear_covariances_equal_plain_sums():
 
 
 def test_what_is_achieved_agrees_with_what_is_predicted():
-    config = case({"kind": "design"}).with_section("montecarlo", estimators=("ls", "gm"))
+    few = {"periods": 3, "sampling": SAMPLING}
+    config = case({"kind": "design"}, experiment=few, estimate={"harmonics": 2}).with_section(
+        "montecarlo", estimators=("ls", "gm")
+    )
     bench = Workbench.of(with_exact_lengths(config), MOTION)
     outcomes = [bench.repeat(number).outcomes for number in range(1, 61)]
     trial = Trial(
