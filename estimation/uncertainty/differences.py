@@ -50,6 +50,11 @@ class Differences:
         """True when the parameters as a whole differ at the family level."""
         return bool(self.p_joint < FAMILY_LEVEL)
 
+    @property
+    def differ(self) -> bool:
+        """True when they differ jointly, or any parameter does."""
+        return self.differ_jointly or bool(np.any(self.differs))
+
 
 def difference_test(
     first: Array, second: Array, covariance: Array, own: Array | None = None

@@ -46,24 +46,24 @@ def estimated_values(summary: EstimateFile, estimator: str) -> Array:
     return np.array([values[name] for name in summary.parameters])
 
 
-def information_test(summary: EstimateFile) -> Differences | None:
-    """Return the Hausman-type test of ML − GM; None where the folder has not both."""
-    if not {"gm", "ml"} <= set(summary.estimators):
-        return None
+def information_test(summary: EstimateFile) -> Differences | str | None:
+    """Return the Hausman-type test of ML − GM, or why there is none; None without both."""
     covariance = summary.covariance_ml_less_gm
-    if covariance is None:
+    if covariance is None or not {"gm", "ml"} <= set(summary.estimators):
         return None
+    seen = [(each.harmonics, each.harmonics_of_forces) for each in summary.recordings]
+    if any(forces not in {None, lengths} for lengths, forces in seen):
+        return "ML takes harmonics of the motion that only the forces show, GM does without"
     efficient, robust = (estimated_values(summary, name) for name in ("gm", "ml"))
     return difference_test(efficient, robust, covariance, summary.estimators["ml"].covariance)
 
 
-def information_sentence(test: Differences) -> str:
+def information_sentence(test: Differences | str) -> str:
     """Return what the test of ML − GM says, in words."""
-    if not test.freedom and not test.differ_jointly:
-        return (
-            "Whether errors of the motion disturb the information matrix is not tested: GM and ML "
-            "differ by less than a tenth of their standard deviations"
-        )
+    if not isinstance(test, str) and not test.freedom and not test.differ_jointly:
+        test = "GM and ML differ by less than a tenth of their standard deviations"
+    if isinstance(test, str):
+        return f"Whether errors of the motion disturb the information matrix is not tested: {test}"
     which = int(np.sum(test.differs))
     outcome = "yes" if test.differ_jointly or which else "no"
     largest = float(np.nanmax(np.abs(test.z))) if np.any(np.isfinite(test.z)) else 0.0

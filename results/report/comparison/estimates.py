@@ -103,7 +103,7 @@ def estimates_report(found: tuple[ComparedEstimate, ...], figure: FigureBlock) -
         covariance = one.difference_covariance(other, names)
         test = difference_test(one.of(names)[0], other.of(names)[0], covariance)
         tested += 1
-        different += test.differ_jointly or bool(np.any(test.differs))
+        different += test.differ
         blocks.append(TextBlock(_sentence(title, test)))
         caption = f"{title}: each parameter against what noise and tolerances make of it"
         blocks.append(differences_table(f"difference_{number}", caption, names, test))

@@ -10,6 +10,7 @@ import numpy as np
 from estimation.identification.estimate_file import EstimateFile
 from estimation.identification.record import EstimateRecord
 from estimation.twin.record import Truth
+from estimation.uncertainty.differences import Differences
 from estimation.uncertainty.intervals import ParameterRow
 from results.figures.noise import NOISE_FIGURES
 from results.figures.parameters import ESTIMATE_FIGURES
@@ -116,9 +117,10 @@ def _blocks(
         blocks.append(_estimators_table(record))
     test = information_test(summary)
     if test is not None:
-        disturbed = test.differ_jointly or bool(np.any(test.differs))
+        disturbed = isinstance(test, Differences) and test.differ
         sentence = f"{information_sentence(test)}."
         blocks.append(TextBlock(sentence, Level.CAUTION if disturbed else Level.NEUTRAL))
+    if isinstance(test, Differences):
         caption = "ML − GM against the covariance that errors of the same data give this difference"
         blocks.append(differences_table("hausman", caption, summary.parameters, test, folded=True))
     if summary.diagnostics is not None:
