@@ -34,6 +34,7 @@ $(VENV)/.installed: pyproject.toml $(VENV)/.locked
 	@touch $@
 
 test: venv ## Run the tests (ARGS="-k jacobian" for some of them)
+	@$(BIN)/python -m compileall -qq -j 0 constraints expdesign estimation results # once, not in each process
 	$(BIN)/python -m pytest -n 2 --dist worksteal $(ARGS)
 
 lint: venv ## Check style, types and architecture

@@ -45,6 +45,11 @@ def one_start(run):
     return run(starts=1)
 
 
+@pytest.fixture(scope="module")
+def hopped(run):
+    return run(starts=1, hops=3)
+
+
 def merit(result, task):
     return task.evaluator.merit(result.finished.trajectory, task.problem.cost.samples)
 
@@ -86,9 +91,8 @@ def test_seeds_differ(task):
     assert np.max(np.abs(reached[0].variables - reached[1].variables)) > 1e-2
 
 
-def test_hopping_is_never_worse_than_the_starts_alone(run, one_start, task):
+def test_hopping_is_never_worse_than_the_starts_alone(hopped, one_start, task):
     alone = one_start
-    hopped = run(starts=1, hops=3)
     assert [start.kind for start in hopped.starts] == ["random", "hop", "random", "hop"]
     assert [start.index for start in hopped.starts] == [1, 2, 3, 4]
     np.testing.assert_array_equal(hopped.starts[0].variables, alone.starts[0].variables)
@@ -97,13 +101,12 @@ def test_hopping_is_never_worse_than_the_starts_alone(run, one_start, task):
     assert hopped.best.index in {start.index for start in hopped.starts}
 
 
-def test_every_other_hop_is_the_random_start_of_that_number(run):
-    hopped, alone = run(starts=1, hops=2), run(starts=3)
-    newcomer = hopped.starts[2]
+def test_every_other_hop_is_the_random_start_of_that_number(hopped, build):
+    newcomer, alone = hopped.starts[2], random_job(build(design=QUICK)(), Monitor(), 3)
     assert newcomer.kind == "random"
-    shared = min(len(newcomer.trace), len(alone.starts[2].trace))
+    shared = min(len(newcomer.trace), len(alone.trace))
     assert shared > 0
-    assert newcomer.trace[:shared] == alone.starts[2].trace[:shared]
+    assert newcomer.trace[:shared] == alone.trace[:shared]
 
 
 class Hops:
@@ -195,20 +198,6 @@ def test_hops_and_newcomers_in_other_processes_are_the_same(build, tiny_result):
         assert (a.trace, a.status) == (b.trace, GIVEN_UP)
     again = pickle.loads(pickle.dumps(origin))
     assert (again.rank, again.lineage) == (origin.rank, origin.lineage)
-
-
-def test_the_number_of_workers_changes_nothing(build):
-    make = build(design={"max_iterations": 2})
-    jobs = [Job(random_job, (index,)) for index in (1, 2)]
-    one, two = (list(run_jobs(make, jobs, workers, Monitor())) for workers in (1, 2))
-    for a, b in zip(one, two, strict=True):
-        np.testing.assert_array_equal(a.variables, b.variables)
-        assert (a.index, a.merit, a.iterations, a.trace) == (
-            b.index,
-            b.merit,
-            b.iterations,
-            b.trace,
-        )
 
 
 def test_no_start_keeps_the_limits(run, monkeypatch):

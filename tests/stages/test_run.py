@@ -157,7 +157,10 @@ def statuses(folder):
     return {name: entry.status for name, entry in Manifest.known(folder).stages.items()}
 
 
-def test_ctrl_c_in_the_search_of_a_run_leaves_the_best_so_far(tiny, cheap_finish, tmp_path):
+def test_ctrl_c_in_the_search_of_a_run_leaves_the_best_so_far(
+    tiny, cheap_finish, tmp_path, monkeypatch
+):
+    monkeypatch.setattr("results.record_figures", lambda *_: ())
     folder = tmp_path / "out"
     with pytest.raises(expdesign.StageFailed, match="the best so far is saved, and marked"):
         expdesign.run(tiny(design={"starts": 3}), out=folder, progress=Impatient())
