@@ -27,7 +27,7 @@ def force_kernel(terms: tuple[Term, ...]) -> BatchFunction:
     """State (18), signs (s) → regressor A (6, m) and ∂(A p)/∂state (6, 18), signs held."""
     graph = hexapod_graph(terms)
     regressor = graph.regressor_with(Friction.HELD)
-    slope = graph.force_slope(Friction.HELD)
+    slope = graph.force_slope(Friction.HELD, graph.state)
     return BatchFunction(
         "force_sensitivity",
         [graph.state, graph.signs],

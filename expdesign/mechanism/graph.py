@@ -173,8 +173,8 @@ class HexapodGraph:
             return self.regressor
         return ca.cse(self._with_signs(self.regressor, friction))
 
-    def force_slope(self, friction: Friction) -> ca.SX:
-        """Return ∂(A p)/∂state, (6, 18).
+    def force_slope(self, friction: Friction, by: ca.SX) -> ca.SX:
+        """Return ∂(A p)/∂by, (6, n), of numbers that A depends on, such as the state.
 
         With Gᵀ f = w of the wrench w that the actuators bear: Gᵀ df = dw − dGᵀ f. Nothing is
         differentiated through the factorisation of Gᵀ, which halves the instructions.
@@ -184,9 +184,9 @@ class HexapodGraph:
             for part in (self._wrench, self._along)
         )
         borne = ca.SX.sym("borne", ACTUATORS)
-        slope = self._carried @ ca.jacobian(wrench - self._transposed @ borne, self.state)
+        slope = self._carried @ ca.jacobian(wrench - self._transposed @ borne, by)
         slope = ca.substitute(slope, borne, self._carried @ wrench)
-        return ca.cse(ca.densify(slope + ca.jacobian(along, self.state)))
+        return ca.cse(ca.densify(slope + ca.jacobian(along, by)))
 
     def _with_signs(self, columns: ca.SX, friction: Friction) -> ca.SX:
         """Return expressions with the signs of dry friction that are asked for."""

@@ -24,12 +24,10 @@ _STATE = 3 * COORDINATES
 def _force_kernel(terms: tuple[Term, ...], friction: Friction) -> BatchFunction:
     """State (18), signs (s) if held → A (6, m), ∂(A p)/∂state (6, 18), ∂/∂machine (6, 39 + c)."""
     graph = hexapod_graph(terms)
-    regressor = graph.regressor_with(friction)
-    force = regressor @ graph.parameters
-    geometry = graph.geometry
+    regressor, geometry = graph.regressor_with(friction), graph.geometry
     joints = (ca.vec(geometry.base_joints), ca.vec(geometry.platform_joints))
     machine = ca.vertcat(*joints, geometry.gravity, graph.constants)
-    slopes = [ca.densify(ca.jacobian(force, by)) for by in (graph.state, machine)]
+    slopes = [graph.force_slope(friction, by) for by in (graph.state, machine)]
     inputs = [graph.machine, graph.parameters]
     varying = [graph.state, graph.signs] if friction is Friction.HELD else [graph.state]
     return BatchFunction("deviating_force", varying, inputs, [regressor, *slopes])

@@ -27,7 +27,7 @@ def test_it_is_the_derivative_of_the_forces(friction, terms):
     graph = robot.graph
     inputs = graph.inputs(friction)
     forces = graph.regressor_with(friction) @ graph.parameters
-    outputs = [graph.force_slope(friction), ca.jacobian(forces, graph.state)]
+    outputs = [graph.force_slope(friction, graph.state), ca.jacobian(forces, graph.state)]
     both = ca.Function("slopes", inputs, outputs, {"cse": True})
     rng = np.random.default_rng(0)
     parameters = rng.normal(size=len(robot.parameter_names))
