@@ -17,6 +17,7 @@ from expdesign.configuration import geometry as geo
 from expdesign.configuration.document import Placed, read_yaml
 from expdesign.configuration.finding import find_file
 from expdesign.configuration.identification import Identification
+from expdesign.configuration.joint_ring import OrRing
 from expdesign.configuration.limits import (
     Limits,
     limits_as_written,
@@ -53,7 +54,7 @@ from expdesign.mechanism.terms import rigid_platform
 
 PlatformKind = Literal["symmetric", "general"]
 
-_Points = Annotated[tuple[Point, ...], exactly(ACTUATORS, "joints")]
+_Points = Annotated[tuple[Point, ...], exactly(ACTUATORS, "joints"), *OrRing]
 _Axes = Annotated[tuple[Direction, ...], exactly(ACTUATORS, "axes")]
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import chain
 from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ConfigDict, ValidationError
@@ -25,6 +27,14 @@ made without it is as it would be made with its default now."""
 RESOLVED = object()
 """Mark of a key that stands in resolved configurations only: it is read, but nobody is told to
 write it."""
+
+
+@dataclass(frozen=True)
+class ShortForm:
+    """Mark of a key that takes a section which becomes something else: its validator does it."""
+
+    section: type[BaseModel]
+
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -111,7 +121,8 @@ def _model_at(model: type[BaseModel], location: Key) -> type[BaseModel]:
     for step in location:
         for name, info in model.model_fields.items():
             if step == (info.alias or name):
-                model = next(_sections(info.annotation), model)
+                also = (mark.section for mark in info.metadata if isinstance(mark, ShortForm))
+                model = next(chain(_sections(info.annotation), also), model)
     return model
 
 

@@ -21,6 +21,7 @@ from estimation.twin.record import MEASUREMENT, Truth
 from estimation.validation.record import ValidationFile
 from expdesign.cli.app import app
 from expdesign.configuration import DataSection, ExportSection, RunDescription, load_run
+from expdesign.configuration.joint_ring import JointRing
 from expdesign.configuration.limits import CHARACTERISTIC_LENGTH
 from expdesign.configuration.robot import RobotDescription
 from expdesign.configuration.run import ReportSection
@@ -94,6 +95,7 @@ def _required(model):
         ValidationMotion: {"motion": "circle"},
         StudySection: {"kind": "design"},
         ExportSection: {"format": "csv"},
+        JointRing: {"radius": 0.3, "half_angle": 0.1, "pairs": "1-2"},
         Outliers: {"share": 0.1},
         Hum: {"amplitude": 5},
         Lost: {"share": 0.1},
@@ -118,6 +120,7 @@ def _required(model):
         (Outliers, RUN_FILES, "### outliers"),
         (MonteCarloSection, RUN_FILES, "## montecarlo"),
         (RobotDescription, ROBOTS, "## Robot file"),
+        (JointRing, ROBOTS, "### Joints on a circle"),
         (EstimateSection, RUN_FILES, "## estimate"),
         (ValidationMotion, RUN_FILES, "## validate"),
         (DataSection, DATA, "## data"),

@@ -1,0 +1,1 @@
+"""Robot file and run file of a machine that somebody has: written for the first time."""
