@@ -47,6 +47,7 @@ _OPTIONS = {
     "file": _Option("NAME", "Name in DIR/exports; of several tables of the run, which."),
     "space": _Option("strut|pose", "Coordinates of the table."),
     "segment": _Option("TIME", "Between two rows, such as '10 ms'; the longest for PVT."),
+    "scale": _Option("F", "Smaller and slower, for a first run: home + F (λ(F t) − home)."),
     "digits": _Option("N", "Digits after the decimal point.", _whole),
     "units": _Option("m|mm|um|in", "Unit of lengths."),
     "angles": _Option("rad|deg", "Unit of angles."),
@@ -159,7 +160,7 @@ def _list(*, as_json: bool) -> None:
         write_json(found)
         return
     table = Table()
-    for heading in ("format", "for", "coordinates", "options beside segment and tolerance"):
+    for heading in ("format", "for", "coordinates", "options beside segment, scale, tolerance"):
         table.add_column(heading, overflow="fold", no_wrap=heading == "format")
     for one in found:
         lists = (", ".join(one[key]) for key in Offer._fields)

@@ -87,6 +87,14 @@ def in_window(times: Array, window: tuple[float, float]) -> NDArray[np.bool_]:
     return (times >= first - ON_THE_EDGE) & (times < last - ON_THE_EDGE)
 
 
+def scaled_in_words(factor: float) -> str:
+    """Say what a table holds whose motion is scaled by F, 0 < F < 1, as any comment can hold it."""
+    return (
+        f"scaled by {factor:g} for a first run: the way from home times {factor:g}, speeds times "
+        f"{factor**2:.3g}, accelerations times {factor**3:.3g}"
+    )
+
+
 LENGTH_UNITS = {"m": 1.0, "mm": 1e3, "um": 1e6, "in": 1 / 0.0254}
 ANGLE_UNITS = {"rad": 1.0, "deg": 180 / np.pi}
 
@@ -192,6 +200,13 @@ class Settings:
     def window(self) -> tuple[float, float]:
         """Beginning and end of the measurement window, s."""
         return self.task.motion.window
+
+    @property
+    def title(self) -> str:
+        """What the table holds, for its first line: the run's name, and a scale other than 1."""
+        factor = self.section.factor
+        scaled = "" if factor == 1 else f", {scaled_in_words(factor)}"
+        return f"{self.task.name}{scaled}"
 
     @property
     def half_unit(self) -> float:

@@ -38,6 +38,9 @@ TOLERANCES = {
 Straight lines between rows 1 ms apart leave a motion of 30 m/s² by 4 µm.
 """
 
+LONGEST = 3600.0
+"""Longest scaled motion, s."""
+
 COUNTS = "counts"
 _COUNT_DIGITS = 3
 _MORE_DIGITS = {"m": 3, "mm": 0, "um": -3, "in": 2}
@@ -136,11 +139,11 @@ def export_table(
         The file is beyond a tolerance.
     """
     refuse_missing_library(section, place)
-    settings = settled(section, task)
+    settings = settled(section, task, place)
     times = chosen_times(settings, place)
     rows = ideal_rows(settings, times)
     if settings.form.whole:
-        rows = replace(rows, record=whole_motion(task, times))
+        rows = replace(rows, record=whole_motion(settings.task, times))
     path.parent.mkdir(parents=True, exist_ok=True)
     # A folder beside it: some libraries go by the file's name.
     with TemporaryDirectory(prefix=".export-", dir=path.parent) as folder:
@@ -154,9 +157,10 @@ def export_table(
     return Export(path, digest, settings, check)
 
 
-def settled(section: ExportSection, task: Task) -> Settings:
-    """Fill in the defaults of a format."""
+def settled(section: ExportSection, task: Task, place: str = "") -> Settings:
+    """Fill in the defaults of a format, and scale the motion as the section asks for."""
     form = table_formats()[section.format]
+    task = _scaled(section, task, place)
     axes = _axes(section, form, task.robot)
     digits = section.digits
     if digits is None and form.digits is not None and section.encoding != "mcap":
@@ -177,6 +181,20 @@ def settled(section: ExportSection, task: Task) -> Settings:
         tolerance=section.tolerance or TOLERANCES[form.interpolation],
         start=start if digits is None else np.round(start, digits),
     )
+
+
+def _scaled(section: ExportSection, task: Task, place: str) -> Task:
+    factor, motion = section.factor, task.motion
+    if factor == 1:
+        return task
+    if motion.duration / factor > LONGEST:
+        raise InputError(
+            f"scaled by {factor:g} the motion of {motion.duration:.4g} s takes "
+            f"{motion.duration / factor:.4g} s",
+            key=f"{place}.scale" if place else "scale",
+            allowed=f"at least {motion.duration / LONGEST:.2g}: {LONGEST:g} s at most",
+        )
+    return replace(task, motion=motion.scaled(factor, task.robot.home))
 
 
 def _axes(section: ExportSection, form: TableFormat, robot: Robot) -> Axes:

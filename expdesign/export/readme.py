@@ -6,7 +6,14 @@ import math
 import textwrap
 from collections.abc import Iterable
 
-from expdesign.export.record import AxisEntry, CheckEntry, ExportsRecord, FileEntry
+from expdesign.export.definition import scaled_in_words
+from expdesign.export.record import (
+    AxisEntry,
+    CheckEntry,
+    ExportsRecord,
+    FileEntry,
+    MotionEntry,
+)
 
 _WIDTH = 96
 
@@ -25,7 +32,7 @@ def readme(record: ExportsRecord) -> str:
     parts = [
         _heading(f"Controller tables of {motion.name} for {motion.robot}", "="),
         _paragraph(
-            f"All files hold the same motion of {motion.duration:.4f} s: from rest at home "
+            f"{_which(record)} hold the same motion of {motion.duration:.4f} s: from rest at home "
             f"onto the periodic excitation, {motion.periods} periods of {motion.period:.6f} "
             f"s, and back to rest at home. Home is {_pose(motion.home)}."
         ),
@@ -49,12 +56,32 @@ def readme(record: ExportsRecord) -> str:
     for name, file in record.files.items():
         parts += [
             _heading(f"{name}: {file.title}", "-"),
+            *_scaled(file, motion),
             _paragraph(file.guide),
             _axes(file.axes),
             _paragraph(_rows(file)),
             _paragraph(_checked(file.read_back)),
         ]
     return "\n\n".join(parts) + "\n"
+
+
+def _which(record: ExportsRecord) -> str:
+    scaled = [name for name, file in record.files.items() if file.scale != 1]
+    return f"All files but {', '.join(scaled)}" if scaled else "All files"
+
+
+def _scaled(file: FileEntry, motion: MotionEntry) -> list[str]:
+    """Say of a table for a first run what it is, and when its own window begins and ends."""
+    if file.scale == 1:
+        return []
+    first, last = file.window(motion)
+    return [
+        _paragraph(
+            f"This is the same motion {scaled_in_words(file.scale)}. Run it before the others. It "
+            f"lasts {file.duration:.4f} s, its measurement window from {first:.6f} s to "
+            f"{last:.6f} s, a period {motion.period / file.scale:.6f} s."
+        )
+    ]
 
 
 def _rows(file: FileEntry) -> str:

@@ -120,7 +120,8 @@ class CheckEntry:
 class FileEntry:
     """A table: its axes, rows and options, how to run it, and what reading it back showed.
 
-    Its digits are those after the decimal point; None: all of a double.
+    Its digits are those after the decimal point; None: all of a double. Its motion is home +
+    F (λ(F t) − home) of the record's motion λ, with the `scale` F.
     """
 
     sha256: str
@@ -136,6 +137,13 @@ class FileEntry:
     duration: float
     interpolation: str
     read_back: CheckEntry
+    # Tables of earlier versions are as fast as the design.
+    scale: float = 1.0
+
+    def window(self, motion: MotionEntry) -> tuple[float, float]:
+        """Return when the measurement window begins and ends in this table, s."""
+        begin, end = motion.window
+        return begin / self.scale, end / self.scale
 
     @classmethod
     def of(cls, export: Export) -> FileEntry:
@@ -159,6 +167,7 @@ class FileEntry:
             options=settings.section.model_dump(exclude_none=True),
             digits=settings.digits,
             interpolation=form.interpolation.value,
+            scale=settings.section.factor,
             read_back=copied(
                 CheckEntry,
                 check,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -48,6 +48,10 @@ class Periods:
         angles = np.multiply.outer(self._on_orbit(times), orders)
         mu, nu = series.mu * orders**2, series.nu * orders**2
         return -np.cos(angles) @ mu.T - np.sin(angles) @ nu.T
+
+    def scaled(self, factor: float, home: Array) -> Periods:
+        """Return home + F (λ(F t) − home) for the factor F and the pose home, (6,): m, rad."""
+        return Periods(self.trajectory.scaled(factor, home), self.periods, self.phase / factor)
 
     def _on_orbit(self, times: Array) -> Array:
         # Within one period: later ones have exactly the same values.
@@ -100,6 +104,26 @@ class ExecutableMotion:
             if abs(count - round(count)) > WHOLE:
                 raise ValueError(f"{segment.name} takes {count:.9g} steps of {step:g} s")
         return tuple(round(count) for count in counts)
+
+    def scaled(self, factor: float, home: Array) -> ExecutableMotion:
+        """Return the same motion λ smaller and slower: home + F (λ(F t) − home).
+
+        Distances from home are F times as large, rates F² times and accelerations F³ times; it
+        takes 1/F times as long.
+
+        Parameters
+        ----------
+        factor : float
+            F, 0 < F ≤ 1.
+        home : (6,)
+            Pose from which it begins: m, rad.
+        """
+        return replace(
+            self,
+            segments=tuple(segment.scaled(factor, home) for segment in self.segments),
+            trajectory=self.trajectory.scaled(factor, home),
+            phase=self.phase / factor,
+        )
 
     def sample(self, times: ArrayLike) -> PoseSamples:
         """Return pose, rate and acceleration at any times, s; before and after it is at rest."""

@@ -115,6 +115,11 @@ class SplineRamp:
         """Return the third derivative of the pose, (N, 6), at times from the ramp's start, s."""
         return self._derivatives(times)[3]
 
+    def scaled(self, factor: float, home: Array) -> SplineRamp:
+        """Return home + F (λ(F t) − home) for the factor F and the pose home, (6,): m, rad."""
+        points = home + factor * (self.coefficients - home)
+        return SplineRamp(self.name, self.duration / factor, points)
+
     def _derivatives(self, times: Array) -> Array:
         shares = np.asarray(times, dtype=float) / self.duration
         return spline_derivatives(self.coefficients, self.duration, shares)

@@ -114,6 +114,14 @@ class FourierTrajectory:
             self.omega, self.lambda0, self.mu * cos + self.nu * sin, self.nu * cos - self.mu * sin
         )
 
+    def scaled(self, factor: float, home: Array) -> FourierTrajectory:
+        """Return home + F (λ(F t) − home) for the factor F and the pose home, (6,): m, rad."""
+        center = home + factor * (self.lambda0 - home)
+        # μ and ν are amplitudes of rates.
+        return FourierTrajectory(
+            factor * self.omega, center, factor**2 * self.mu, factor**2 * self.nu
+        )
+
 
 @dataclass(frozen=True)
 class PhaseBasis:

@@ -10,7 +10,7 @@ from expdesign.export.formats import table_formats
 from expdesign.motion.ramp import NoRampError
 from expdesign.runfolder.manifest import file_hash
 from expdesign.trajectory import FourierTrajectory
-from tests.export.motions import motion_of, task
+from tests.export.motions import motion_of, spline_motion_of, task
 
 COARSE = {"segment": "4 ms", "tolerance": "0.2 mm"}
 # Segments that are given need no search, which the tests of the exports and of one table here see.
@@ -119,6 +119,29 @@ def test_a_second_table_is_added(expdesign, folder):
     text = (folder / "exports/README.txt").read_text()
     assert "xps-pvt.trj" in text
     assert "pi-wave.txt" in text
+
+
+def test_a_table_for_the_first_run(expdesign, folder, monkeypatch):
+    monkeypatch.setattr(
+        "expdesign.stages.export.executable_motion",
+        lambda _, trajectory: spline_motion_of(task().robot, trajectory, 1),
+    )
+    arguments = ("export", folder, "--format", "xps-pvt", *BY_HAND)
+    for more in (("--scale", "0.2"), ()):
+        status, answer, messages = expdesign(*arguments, *more)
+        assert status == 0, (answer, messages)
+    exports = folder / "exports"
+    assert names(exports) == ["README.txt", "exports.json", "xps-pvt-scale-0.2.trj", "xps-pvt.trj"]
+    record = json.loads((exports / "exports.json").read_text())
+    files = record["files"]
+    scaled, whole = files["xps-pvt-scale-0.2.trj"], files["xps-pvt.trj"]
+    assert (scaled["scale"], whole["scale"]) == (0.2, 1.0)
+    assert scaled["duration"] == pytest.approx(5 * whole["duration"], abs=1e-6)
+    # The motion of the folder is that of the design, whatever else is exported.
+    assert record["motion"]["duration"] == pytest.approx(whole["duration"], abs=1e-6)
+    assert "scaled by 0.2 for a first run" in (exports / "README.txt").read_text()
+    status, _, messages = expdesign(*arguments, "--scale", "1.5")
+    assert (status, "--scale" in messages) == (2, True)
 
 
 def test_options_of_the_command_line(expdesign, folder, tmp_path):

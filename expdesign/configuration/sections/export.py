@@ -6,9 +6,15 @@ from typing import Annotated, Literal, NamedTuple
 
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Tag, model_validator
 
-from expdesign.configuration.problem import refusal, shown
-from expdesign.configuration.section import Section
-from expdesign.configuration.values.quantity import Duration, Length, Number, Positive
+from expdesign.configuration.problem import refusal, require, shown
+from expdesign.configuration.section import LATER, Section
+from expdesign.configuration.values.quantity import (
+    Duration,
+    Length,
+    Number,
+    Positive,
+    Share,
+)
 from expdesign.configuration.values.scalars import (
     Distinct,
     Name,
@@ -35,7 +41,7 @@ class Offer(NamedTuple):
     spaces: tuple[Space, ...]
     """Coordinates that it can hold, the default first."""
     options: tuple[str, ...] = ()
-    """Keys that it takes beside `format`, `file`, `segment` and `tolerance`."""
+    """Keys that it takes beside `format`, `file`, `segment`, `scale` and `tolerance`."""
 
 
 _OF_ACTUATORS = ("order", "sign", "offset")
@@ -59,7 +65,7 @@ OFFERS: dict[str, Offer] = {
 """By the format's name."""
 
 _known_format = known(tuple(OFFERS), "choice")
-_ALWAYS = ("format", "file", "segment", "tolerance")
+_ALWAYS = ("format", "file", "segment", "scale", "tolerance")
 _PMAC_AXES = tuple("ABCUVWXYZ")
 STRUT_ONLY = (*_OF_ACTUATORS, "counts_per_metre")
 """Keys that say something of actuators: for tables of struts."""
@@ -81,6 +87,13 @@ def _sign(value: object) -> object:
     return value
 
 
+_SCALE = require(
+    lambda value: 0 < value <= 1,
+    "{value:g} does not make the motion smaller and slower",
+    "a share above 0, at most 1, such as 0.3",
+)
+
+
 def _home_or_lengths(value: object) -> str:
     return "(name)" if value == "home" else "(inline)"
 
@@ -90,11 +103,14 @@ class ExportSection(Section):
 
     format: Annotated[str, one_of(tuple(OFFERS))]
     file: Name | None = None
-    """Name of the file in ``exports/`` without its ending; the format's name by default."""
+    """Name of the file in ``exports/`` without its ending; the format's name by default. Where the
+    motion is scaled, the scale comes behind it."""
     space: Annotated[Space, one_of(Space)] | None = None
     segment: Annotated[Duration, Positive] | None = None
     """Time between two rows, s (for PVT tables the longest); chosen for PVT tables, and the
     controller's period for others, when it is None."""
+    scale: Annotated[Annotated[Share, _SCALE] | None, LATER] = None
+    """F: the table holds home + F (λ(F t) − home) of the motion λ, for a first run."""
     digits: Annotated[int, whole(0, _LARGEST_DIGITS)] | None = None
     """Digits after the decimal point."""
     units: Annotated[LengthUnit, one_of(LengthUnit)] | None = None
@@ -161,9 +177,16 @@ class ExportSection(Section):
         return self.space or OFFERS[self.format].spaces[0]
 
     @property
+    def factor(self) -> float:
+        """Scale of the motion, 0 < F ≤ 1: 1 when none is given."""
+        return 1.0 if self.scale is None else self.scale
+
+    @property
     def stem(self) -> str:
-        """Name of the file without its ending."""
-        return self.file or self.format
+        """Name of the file without its ending; it tells the scale."""
+        name = self.file or self.format
+        ending = "" if self.factor == 1 else f"-scale-{self.factor:g}"
+        return name if name.endswith(ending) else f"{name}{ending}"
 
 
 def _section(value: object) -> object:

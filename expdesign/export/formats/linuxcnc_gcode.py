@@ -33,7 +33,7 @@ def _written_times(times: Array) -> Array:
 def _write(path: Path, rows: Rows, settings: Settings) -> None:
     blend = 1e3 * (settings.section.blend or _BLEND)
     head = [
-        f"({settings.task.name}: mm and degrees, A B C are roll, pitch and yaw about fixed axes)",
+        f"({settings.title}: mm and degrees, A B C are roll, pitch and yaw about fixed axes)",
         f"G21 G90 G93 G64 P{blend:.6f}",
         "(start)",
     ]

@@ -11,7 +11,7 @@ from expdesign.mechanism.hexapod import ACTUATORS, numbered
 
 def _write(path: Path, rows: Rows, settings: Settings) -> None:
     head = [
-        f"# {settings.task.name}: {' '.join(settings.axes.names)} [{settings.axes.units[0]}]",
+        f"# {settings.title}: {' '.join(settings.axes.names)} [{settings.axes.units[0]}]",
         f"# one line every {settings.step!r} s",
     ]
     text = (" ".join(settings.numbers(row)) for row in rows.position)

@@ -31,6 +31,7 @@ def _write(path: Path, rows: Rows, settings: Settings) -> None:
         "command_axes": np.array(["t", *axes.names], dtype=object),
         "command_units": np.array(["s", *axes.units], dtype=object),
         "window": np.array([settings.window]),
+        "title": settings.title,
         "motion": {name: values[:, None] for name, values in rows.record.items()},
         "units": {column.name: column.unit for column in COLUMNS},
     }
@@ -81,7 +82,7 @@ FORMAT = TableFormat(
         "without interpolation beyond the last row. `command_axes` and `command_units` name its "
         "columns. The struct `motion` holds the whole motion in SI units and radians (`units`): "
         "pose, derivatives, strut lengths, expected forces; `motion.window` is 1 in the "
-        "measurement window, `window` its beginning and end in s."
+        "measurement window, `window` its beginning and end in s; `title` tells what it is."
     ),
     digits=None,
     axes={"strut": numbered("S"), "pose": POSE_AXES},

@@ -28,7 +28,7 @@ def _write(path: Path, rows: Rows, settings: Settings) -> None:
     )
     units = ", ".join(f"{a} [{u}]" for a, u in zip(axes.names, axes.units, strict=True))
     text = [
-        f"; {settings.task.name}: {units}",
+        f"; {settings.title}: {units}",
         "; velocities per second: Isx90 = 1000",
         f"; start: {start}",
         f"OPEN PROG {_PROGRAM} CLEAR",

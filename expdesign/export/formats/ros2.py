@@ -80,7 +80,7 @@ def _write_yaml(path: Path, message: Mapping[str, Any], settings: Settings) -> N
     first, last = settings.window
     names = ", ".join(f'"{name}"' for name in message["joint_names"])
     text = [
-        f"# {message_type(settings)}: {settings.task.name}, m and rad",
+        f"# {message_type(settings)}: {settings.title}, m and rad",
         f"# measurement window from {first:.9f} s to {last:.9f} s",
         f"header: {{frame_id: {FRAME}}}",
         f"joint_names: [{names}]",

@@ -91,6 +91,7 @@ def _files_table(files: Sequence[_File]) -> ReportTable:
     columns = (
         Column("file", kind="text", of="name"),
         Column("format", kind="text", of="entry.title"),
+        Column("scale", of="entry.scale"),
         Column("rows", of="entry.rows"),
         Column("shortest step", "ms", of="entry.shortest_step", factor=1e3),
         Column("longest step", "ms", of="entry.longest_step", factor=1e3),
