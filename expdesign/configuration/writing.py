@@ -53,14 +53,14 @@ def resolved_yaml(configuration: RunConfiguration) -> str:
     parts = [_HEADER]
     for key, value in data.items():
         if key not in unnamed:
-            parts += ["\n" if isinstance(value, dict) else "", *_lines(key, value, 0)]
+            parts += ["\n" if isinstance(value, dict) else "", *yaml_lines(key, value, 0)]
     if unnamed:
         parts += ["\n", _UNNAMED]
         designs = not stages or "design" in stages
         parts += [_DESIGNS] if not stages else []
         parts += [_EXPERIMENT_IS_USED] if designs and "experiment" in unnamed else []
         for key in unnamed:
-            parts += [f"# {line}" for line in _lines(key, data[key], 0)]
+            parts += [f"# {line}" for line in yaml_lines(key, data[key], 0)]
     return "".join(parts)
 
 
@@ -69,18 +69,18 @@ def robot_yaml(robot: RobotDescription) -> str:
     data = {
         key: value for key, value in robot.model_dump(by_alias=True).items() if value is not None
     }
-    lines = (line for key, value in data.items() for line in _lines(key, value, 0))
+    lines = (line for key, value in data.items() for line in yaml_lines(key, value, 0))
     return "".join([_ROBOT_HEADER, *lines])
 
 
-def _lines(key: str, value: Any, indent: int) -> Iterator[str]:
-    """Yield the lines of one key of a mapping."""
+def yaml_lines(key: str, value: Any, indent: int) -> Iterator[str]:
+    """Yield the lines of one key of a mapping that stands this far to the right."""
     margin = " " * indent
     name = _text(key)
     if isinstance(value, dict) and value:
         yield f"{margin}{name}:\n"
         for inner, item in value.items():
-            yield from _lines(inner, item, indent + 2)
+            yield from yaml_lines(inner, item, indent + 2)
     elif isinstance(value, list | tuple) and any(isinstance(i, dict | list | tuple) for i in value):
         yield f"{margin}{name}:\n"
         for item in value:

@@ -1,0 +1,329 @@
+"""What a robot file needs and nobody has told yet: values of the machine's own size.
+
+They pass `expdesign check`, and say nothing of the machine: each is told as assumed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from constraints import Limit, limit_definitions
+from constraints.arrays import Array
+from expdesign.configuration import geometry as geo
+from expdesign.configuration.document import Placed, document_from_mapping
+from expdesign.configuration.joint_ring import JointRing
+from expdesign.configuration.limits import CHARACTERISTIC_LENGTH, Limits, resolve_limits, row_labels
+from expdesign.configuration.problem import InputError
+from expdesign.configuration.robot import RobotDescription, resolve_robot
+from expdesign.configuration.section import Section, validate
+from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
+from expdesign.robot import LimitModel, Robot
+from expdesign.robotfile.bodies import assumed_parameters
+from expdesign.robotfile.machine import Machine, Points
+
+MASS = "moved_mass"
+"""What is assumed of the mass, among the keys of `Complete.assumed`."""
+
+_BASE = JointRing(radius=0.3, half_angle=math.radians(10), pairs="1-2")
+_PLATFORM = JointRing(radius=0.15, half_angle=math.radians(10), pairs="2-3")
+_HEIGHT = 1.2
+"""Of the platform over the base, as a share of the base joints' radius."""
+_MASS = 10.0
+_LEAST_MASS = 1e-6
+_NOTHING = 1e-12
+"""Share of the mass that a parameter has by rounding."""
+_STROKE = 0.2
+"""Share of the struts' length at home."""
+_POSITION = 0.25
+"""Way from home along each axis, as a share of the stroke."""
+_ROTATION = math.radians(15)
+_JOINT = math.radians(20)
+_STEEPEST = math.radians(89)
+_SPEED = 0.5
+"""Strokes per second."""
+_SLOWEST = 5
+"""Times slower than the fastest may a motion be."""
+_ACCELERATION = 5.0
+"""Strokes per second squared."""
+_FORCE = 3.0
+"""Times the largest at home."""
+_CONDITION = 3.0
+_CLEARANCE = 0.5
+_FORCE_STD = 0.02
+"""Share of the largest force."""
+_LENGTH_STD = 5e-5
+"""Share of the struts' length at home."""
+_GRAVITY = (0.0, 0.0, -9.81)
+
+
+class _Bounded(Section):
+    """What is computed with before there is a robot."""
+
+    limits: Limits
+
+
+@dataclass(frozen=True)
+class Complete:
+    """A machine of which everything that its files need is known or assumed."""
+
+    machine: Machine
+    """With limits for everything that can be limited, parameters and noise."""
+    assumed: frozenset[str]
+    """Keys of what nobody told: of the robot file, those of limits and parameters by themselves,
+    and `MASS`."""
+    general: bool
+    """Whether the platform needs the parameters of `platform: general`."""
+    lengths: Array
+    """(6,), of the struts at home, m."""
+    frequency: tuple[float, float]
+    """Slowest and fastest repetition of a motion, Hz: the fastest takes the full speed over half
+    of the stroke."""
+
+
+def completed(machine: Machine) -> Complete:
+    """Fill in what nobody has told.
+
+    Raises
+    ------
+    InputError
+        If only one of the two sets of joints is known, or the geometry cannot be used.
+    """
+    told = dict(vars(machine))
+    document = document_from_mapping({"limits": machine.limits})
+    _, problems = validate(_Bounded, document.data, document)
+    if problems:
+        raise InputError(problems)
+    machine = _with_geometry(machine)
+    base, platform = points(machine.base_joints), points(machine.platform_joints)
+    home = geo.geometry_at(np.array(machine.home), base, platform)
+    lengths = home.lengths
+    general = bool(geo.asymmetric_sums(platform))
+    mass, limits = machine.moved_mass, dict(machine.limits)
+    if mass is None:
+        mass = _mass(machine, lengths, limits, general)
+    robot = _robot(_with_parameters(machine, mass, lengths, limits), general)
+    values = _values_at_home(robot)
+    limits = _limits(limits, values, robot) | limits
+    machine = replace(
+        machine,
+        moved_mass=mass,
+        parameters=robot.description.parameters,
+        limits=limits,
+        force_std=machine.force_std
+        or (_rounded(_FORCE_STD * _size(limits, "actuator_force")),) * ACTUATORS,
+        length_std=machine.length_std
+        or (_rounded(_LENGTH_STD * float(np.mean(lengths))),) * ACTUATORS,
+    )
+    keys = ("base_joints", "platform_joints", "home", "force_std", "length_std", MASS)
+    assumed = {key for key in keys if told[key] is None}
+    assumed |= {key for key in limits if key not in told["limits"]}
+    assumed |= {name for name in robot.description.parameters if name not in told["parameters"]}
+    return Complete(machine, frozenset(assumed), general, lengths, _frequency(limits, lengths))
+
+
+def points(joints: JointRing | Points | None) -> Array:
+    """Return joints as points, (6, 3), m."""
+    return np.array(joints.points if isinstance(joints, JointRing) else joints, dtype=np.float64)
+
+
+def _with_geometry(machine: Machine) -> Machine:
+    base, platform = machine.base_joints, machine.platform_joints
+    if (base is None) != (platform is None):
+        there, lacking = ("base", "platform") if platform is None else ("platform", "base")
+        message = f"the joints of the {there} are given, those of the {lacking} are not"
+        raise InputError(message, key=f"{lacking}_joints", allowed="both, or neither")
+    base, platform = base or _BASE, platform or _PLATFORM
+    home = machine.home or (0.0, 0.0, _height(machine, points(base), points(platform)), 0, 0, 0)
+    return replace(machine, base_joints=base, platform_joints=platform, home=tuple(home))
+
+
+def _height(machine: Machine, base: Array, platform: Array) -> float:
+    """Return the height in which the struts are in the middle of their stroke, where it is known.
+
+    Else one that is as high as the base is wide.
+    """
+    radius = float(np.max(np.hypot(base[:, 0], base[:, 1])))
+    gap = float(np.mean(base[:, 2]) - np.mean(platform[:, 2]))
+    height = _HEIGHT * radius
+    if "strut_length" in machine.limits:
+        bounds = _bounds(machine.limits, "strut_length")
+        middle = float(np.mean((bounds.lower + bounds.upper) / 2))
+        across = float(np.mean(np.hypot(*(platform - base)[:, :2].T)))
+        if middle > across:
+            height = math.sqrt(middle**2 - across**2)
+    return _rounded(height + gap, 3) if height + gap else height
+
+
+def _bounds(limits: Mapping[str, Any], key: str) -> Limit:
+    """Return the bounds of one of the limits that are known."""
+    document = document_from_mapping({key: limits[key]})
+    return resolve_limits([Placed(document.data, document, ("limits",))])[0][key]
+
+
+def _size(limits: Mapping[str, Any], key: str) -> float:
+    """Return the size that a symmetric limit admits in every strut, SI."""
+    bounds = _bounds(limits, key)
+    return float(np.min(np.maximum(np.abs(bounds.lower), np.abs(bounds.upper))))
+
+
+def _frequency(limits: Mapping[str, Any], lengths: Array) -> tuple[float, float]:
+    amplitude = _stroke(limits, float(np.mean(lengths))) / 4
+    fastest = _rounded(_size(limits, "strut_speed") / (2 * math.pi * amplitude))
+    return _rounded(fastest / _SLOWEST, 2), fastest
+
+
+def _weight(mass: float, machine: Machine) -> float:
+    return mass * float(np.linalg.norm(machine.gravity or _GRAVITY)) / ACTUATORS or mass
+
+
+def _with_parameters(
+    machine: Machine, mass: float, lengths: Array, limits: Mapping[str, Any]
+) -> Machine:
+    """Return the machine with parameters of assumed bodies where it has none of its own."""
+    strut = float(np.mean(lengths))
+    known = "strut_speed" in limits
+    speed = _size(limits, "strut_speed") if known else _SPEED * _stroke(limits, strut)
+    joints = points(machine.platform_joints)
+    found = assumed_parameters(mass, strut, joints, _weight(mass, machine), speed)
+    rounded = {
+        name: _rounded(value, 4) if abs(value) > _NOTHING * mass else 0.0
+        for name, value in found.items()
+    }
+    return replace(machine, parameters=rounded | dict(machine.parameters))
+
+
+def _robot(machine: Machine, general: bool) -> Robot:
+    """Return the machine as a robot that nothing limits."""
+    kind = "general" if general else "symmetric"
+    mapping = {
+        "name": machine.name,
+        "home": machine.home,
+        "gravity": machine.gravity or _GRAVITY,
+        "base_joints": points(machine.base_joints),
+        "platform_joints": points(machine.platform_joints),
+        "platform": kind,
+        "parameters": dict(machine.parameters),
+        "limits": {CHARACTERISTIC_LENGTH: _length(machine)},
+    }
+    for key in ("alpha_axes", "platform_joint_axes"):
+        if getattr(machine, key) is not None:
+            mapping[key] = getattr(machine, key)
+    if not general:
+        spare = ("sx", "sy", "Ixy", "Ixz", "Iyz")
+        mapping["parameters"] = {k: v for k, v in machine.parameters.items() if k not in spare}
+    document = document_from_mapping(mapping)
+    description, problems = validate(RobotDescription, document.data, document)
+    if description is None:
+        raise InputError(problems)
+    return Robot(resolve_robot(Placed(description, document)))
+
+
+def _length(machine: Machine) -> float:
+    given = machine.limits.get(CHARACTERISTIC_LENGTH)
+    return _rounded(geo.rms_radius(points(machine.platform_joints)), 2) if given is None else given
+
+
+def _mass(machine: Machine, lengths: Array, limits: Mapping[str, Any], general: bool) -> float:
+    """Return a mass that the actuators can bear, where it is known what they can."""
+    if "p10" in machine.parameters:
+        return machine.parameters["p10"]
+    if "actuator_force" not in limits:
+        return _MASS
+    robot = _robot(_with_parameters(machine, _MASS, lengths, limits), general)
+    at_home = float(np.max(np.abs(_values_at_home(robot)["actuator_force"])))
+    if at_home == 0:
+        return _MASS
+    mass = _MASS * _size(limits, "actuator_force") / _FORCE / at_home
+    return max(_rounded(mass, 1), _LEAST_MASS)
+
+
+def _values_at_home(robot: Robot) -> dict[str, Array]:
+    """Return what can be limited, at rest at home, SI."""
+    endless = []
+    for definition in limit_definitions().values():
+        labels = row_labels(definition)
+        free = np.full(len(labels), np.inf)
+        endless.append(Limit(definition, -free, free, labels, ""))
+    model = LimitModel(robot, tuple(endless))
+    state = np.concatenate([robot.home, np.zeros(2 * COORDINATES)])[None, :]
+    row = model.values(state)[0]
+    pairs = zip(endless, model.columns, strict=True)
+    return {limit.key: row[columns] for limit, columns in pairs}
+
+
+def _stroke(limits: Mapping[str, Any], strut: float) -> float:
+    if "strut_length" in limits:
+        bounds = _bounds(limits, "strut_length")
+        return float(np.min(bounds.upper - bounds.lower))
+    return _STROKE * strut
+
+
+def _limits(told: Mapping[str, Any], values: Mapping[str, Array], robot: Robot) -> dict[str, Any]:
+    """Return a bound for all that can be limited: careful ones about home."""
+    lengths = values["strut_length"]
+    strut = float(np.mean(lengths))
+    stroke = _stroke(told, strut)
+    centre = values["position"]
+    found: dict[str, Any] = {
+        "strut_length": [
+            _rounded(float(np.min(lengths)) - stroke / 2, 3),
+            _rounded(float(np.max(lengths)) + stroke / 2, 3),
+        ],
+        "strut_speed": _rounded(_SPEED * stroke),
+        "strut_acceleration": _rounded(_ACCELERATION * stroke),
+        "position": _about("xyz", centre, _rounded(_POSITION * stroke, 2)),
+        "rotation": {
+            name: [angle - _ROTATION, angle + _ROTATION]
+            for name, angle in zip(
+                ("phi", "theta", "psi"), values["rotation"].tolist(), strict=True
+            )
+        },
+        "tilt": _degrees(float(np.max(values["tilt"])) + _ROTATION),
+        "alpha": _spread(values["alpha"]),
+        "beta": _spread(values["beta"]),
+        "platform_joint_angle": _degrees(float(np.max(values["platform_joint_angle"])) + _JOINT),
+        "jacobian_condition": _rounded(_CONDITION * float(values["jacobian_condition"][0]), 2),
+        CHARACTERISTIC_LENGTH: robot.characteristic_length,
+    }
+    force = _FORCE * float(np.max(np.abs(values["actuator_force"])))
+    found["actuator_force"] = _rounded(force, 2) if force > 0 else 1.0
+    clearance = _CLEARANCE * _gap(values["strut_clearance"], robot)
+    if clearance > 0:
+        found["strut_clearance"] = _rounded(clearance)
+    return found
+
+
+def _gap(distances: Array, robot: Robot) -> float:
+    """Return the smallest distance of struts that share no joint, m."""
+    shared = set(robot.description.shared_joint_pairs)
+    pairs = [(i, j) for i in range(ACTUATORS) for j in range(i + 1, ACTUATORS)]
+    return min(d for d, pair in zip(distances.tolist(), pairs, strict=True) if pair not in shared)
+
+
+def _about(names: str, middle: Array, way: float) -> dict[str, list[float]]:
+    pairs = zip(names, middle.tolist(), strict=True)
+    return {name: [_plain(value - way), _plain(value + way)] for name, value in pairs}
+
+
+def _spread(angles: Array) -> list[float]:
+    low = max(float(np.min(angles)) - _JOINT, -_STEEPEST)
+    return [-_degrees(-low), _degrees(min(float(np.max(angles)) + _JOINT, _STEEPEST))]
+
+
+def _degrees(angle: float) -> float:
+    """Return an angle up to a whole number of degrees, rad."""
+    return math.radians(math.ceil(round(math.degrees(angle), 6)))
+
+
+def _plain(value: float) -> float:
+    """Return a value without the noise of its last digits."""
+    return float(f"{value:.12g}")
+
+
+def _rounded(value: float, digits: int = 1) -> float:
+    return float(f"{value:.{digits}g}")

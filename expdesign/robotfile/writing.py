@@ -1,0 +1,240 @@
+"""The two files of a machine, with comments and questions, written where neither of them is."""
+
+from __future__ import annotations
+
+import re
+import tempfile
+import textwrap
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cache, partial
+from pathlib import Path
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from constraints import limit_definitions
+from expdesign.configuration import InputError, load_run, quantity_text
+from expdesign.configuration.joint_ring import JointRing
+from expdesign.configuration.limits import CHARACTERISTIC_LENGTH
+from expdesign.configuration.parameters import DEFAULT_TERMS, chosen_terms
+from expdesign.configuration.writing import yaml_lines
+from expdesign.mechanism.term import Parameter, parameters_of
+from expdesign.robot import robot_from
+from expdesign.robotfile.assumed import MASS, Complete, completed
+from expdesign.robotfile.machine import Machine, Points
+from expdesign.robotfile.quantities import flow, written
+from expdesign.robotfile.questions import QUESTIONS
+from expdesign.runfolder.atomic import write_text
+
+_ANGLES = 3
+_WIDTH = 100
+_LATEX = ((r"\\sum", "Σ"), (r"\\,", " "), (r"[${}]", ""))
+
+
+@dataclass(frozen=True)
+class WrittenFiles:
+    """What was written."""
+
+    robot: Path
+    run: Path
+    assumed: tuple[str, ...]
+    """Keys of the robot file of which nobody has told the value, in alphabetical order; what is
+    assumed of single parameters is `parameters`."""
+
+
+def file_names(name: str) -> tuple[str, str]:
+    """Return the names of robot file and run file of a machine."""
+    return f"{name}.yaml", f"{name}-run.yaml"
+
+
+def write_files(machine: Machine, folder: Path) -> WrittenFiles:
+    """Write robot file and run file of a machine; both pass `expdesign check`.
+
+    Parameters
+    ----------
+    machine : Machine
+        What is known of it. What is not known is assumed, told so, and asked for.
+    folder : Path
+        Made where it is missing.
+
+    Raises
+    ------
+    InputError
+        If one of the files is there already, or what is known does not fit together: with the
+        keys of the robot file.
+    """
+    places = [folder / name for name in file_names(machine.name)]
+    for place in places:
+        if place.exists() or place.is_symlink():
+            message = "the file is there already, and is not written over"
+            raise InputError(message, place, allowed="another name, or another folder")
+    complete = completed(machine)
+    texts = robot_file(complete), run_file(complete)
+    with tempfile.TemporaryDirectory() as elsewhere:
+        trial = [Path(elsewhere) / place.name for place in places]
+        for place, text in zip(trial, texts, strict=True):
+            place.write_text(text, encoding="utf-8")
+        try:
+            robot_from(load_run(trial[1]).robot)
+        except InputError as error:
+            # The files are not there: what is wrong is what they were made from.
+            raise InputError(replace(p, file=None, line=None) for p in error.problems) from None
+    for place, text in zip(places, texts, strict=True):
+        write_text(place, text)
+    names = _parameter_names(complete)
+    told = complete.assumed - {MASS, CHARACTERISTIC_LENGTH}
+    keys = {"parameters" if key in names else key for key in told}
+    return WrittenFiles(places[0], places[1], tuple(sorted(keys)))
+
+
+def robot_file(complete: Complete) -> str:
+    """Return the text of the robot file."""
+    machine, assumed = complete.machine, set(complete.assumed)
+    units = {key: definition.unit for key, definition in limit_definitions().items()}
+    titles = {key: definition.title for key, definition in limit_definitions().items()}
+    units[CHARACTERISTIC_LENGTH] = "m"
+    titles[CHARACTERISTIC_LENGTH] = "scales rotations in condition numbers"
+    if not machine.drive:
+        assumed.add("drive")
+    if machine.alpha_axes is None:
+        assumed.add("alpha_axes")
+    if not assumed.isdisjoint(_parameter_names(complete)):
+        assumed.add("parameters")
+    asked = {key: [QUESTIONS[key]] for key in assumed if QUESTIONS.get(key)}
+    for question in machine.questions:
+        asked.setdefault(question.key.removeprefix("limits.").removeprefix("noise."), []).append(
+            question.text
+        )
+    shown: set[str] = set()
+
+    def questions(key: str, indent: int = 0) -> str:
+        shown.add(key)
+        return "".join(_question(text, indent) for text in asked.get(key, ()))
+
+    text = (
+        _environment()
+        .get_template("robot.yaml.j2")
+        .render(
+            machine=machine,
+            assumed=assumed,
+            asked=questions,
+            mark=lambda key: " # assumed" if key in assumed else "",
+            flow=flow,
+            general=complete.general,
+            description="".join(yaml_lines("description", machine.source, 0)),
+            home=_home(machine),
+            lengths=_lengths(complete),
+            joints=partial(_joints, complete),
+            directions=lambda key: _rows(key, getattr(machine, key), "1"),
+            drive=f"The drive: {_line(machine.drive)}."
+            if machine.drive
+            else "The drive is not known.",
+            mass=quantity_text(machine.moved_mass or 0.0, "kg"),
+            parameters=list(_parameter_lines(complete)),
+            limits=[
+                {"key": key, "value": flow(machine.limits[key], units[key]), "title": titles[key]}
+                for key in titles
+                if key in machine.limits
+            ],
+        )
+    )
+    left = [f"{key}: {one}" for key in asked if key not in shown for one in asked[key]]
+    return text + "".join(["\n"] * bool(left) + [_question(one, 0) for one in left])
+
+
+def run_file(complete: Complete) -> str:
+    """Return the text of the run file."""
+    robot, run = file_names(complete.machine.name)
+    return (
+        _environment()
+        .get_template("run.yaml.j2")
+        .render(
+            machine=complete.machine,
+            robot_file=robot,
+            run_file=run,
+            frequency=[written(f, "Hz") for f in complete.frequency],
+        )
+    )
+
+
+@cache
+def _environment() -> Environment:
+    return Environment(
+        loader=PackageLoader("expdesign.robotfile", "templates"),
+        autoescape=False,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+
+
+def _line(text: str) -> str:
+    """Return a text as it can stand in a comment: on one line, without control codes."""
+    return " ".join("".join(c if c.isprintable() else " " for c in text).split())
+
+
+def _question(text: str, indent: int) -> str:
+    margin = " " * indent
+    lines = textwrap.wrap(_line(text), _WIDTH - indent - 4, break_on_hyphens=False)
+    return "".join(f"{margin}# ? {line}\n" for line in lines)
+
+
+def _home(machine: Machine) -> str:
+    pose = machine.home or ()
+    place, angles = pose[:_ANGLES], pose[_ANGLES:]
+    return (
+        f"[{', '.join([*(written(v, 'm') for v in place), *(written(a, 'rad') for a in angles)])}]"
+    )
+
+
+def _lengths(complete: Complete) -> str:
+    ends = [
+        quantity_text(1e3 * float(end), "mm", 4)
+        for end in (min(complete.lengths), max(complete.lengths))
+    ]
+    return ends[0] if ends[0] == ends[1] else f"{ends[0]} to {ends[1]}"
+
+
+def _joints(complete: Complete, key: str) -> str:
+    """Return the lines of joints: a circle, or six points."""
+    joints = getattr(complete.machine, key)
+    if not isinstance(joints, JointRing):
+        return _rows(key, joints, "m", assumed=key in complete.assumed)
+    units = {"radius": "m", "half_angle": "rad", "rotation": "rad", "z": "m"}
+    given = joints.model_dump(exclude_defaults=True).items()
+    entries = (f"{name}: {written(v, units[name]) if name in units else v}" for name, v in given)
+    mark = " # assumed" if key in complete.assumed else ""
+    return f"{key}: {{{', '.join(entries)}}}{mark}"
+
+
+def _rows(key: str, rows: Points, unit: str, *, assumed: bool = False) -> str:
+    mark = " # assumed" if assumed else ""
+    return "\n".join([f"{key}:{mark}", *(f"  - {flow(tuple(row), unit)}" for row in rows)])
+
+
+def _parameters(complete: Complete) -> tuple[Parameter, ...]:
+    terms = chosen_terms(DEFAULT_TERMS, "general" if complete.general else "symmetric")
+    return parameters_of(terms)
+
+
+def _parameter_names(complete: Complete) -> tuple[str, ...]:
+    return tuple(parameter.name for parameter in _parameters(complete))
+
+
+def _parameter_lines(complete: Complete) -> Iterator[str]:
+    """Yield a line for each parameter; what several have in common is told with the first."""
+    last = ""
+    for one in _parameters(complete):
+        value = written(complete.machine.parameters[one.name], "1")
+        meaning = "" if one.meaning == last else f": {_plain(one.meaning)}"
+        last = one.meaning
+        mark = "; assumed" if one.name in complete.assumed else ""
+        yield f"{one.name}: {value} # {one.unit}{meaning}{mark}"
+
+
+def _plain(meaning: str) -> str:
+    """Return a parameter's meaning without the marks of its formula."""
+    for pattern, text in _LATEX:
+        meaning = re.sub(pattern, text, meaning)
+    return meaning
