@@ -1,0 +1,185 @@
+"""LinuxCNC's INI and HAL files of a hexapod."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from expdesign.configuration import InputError
+from expdesign.robotfile.importing import read_machine
+from tests.robotfile.machines_of import FOLDER, asked, fixed_axes, lengths, moving_axes
+
+SAMPLE = Path(
+    "/usr/share/doc/linuxcnc/examples/sample-configs/sim/axis/vismach/hexapod-sim/hexapod.ini"
+)
+MM = 1e-3
+# As they stand in mill.hal; genhexkins adds the spindle offset of 30 mm to z of both.
+BASE_4 = (-267.652, -297.258, 1.5)
+PLATFORM_0 = (106.066, -106.066, -2.0)
+SPINDLE = np.array([0, 0, 30.0])
+
+
+@pytest.fixture(scope="module")
+def mill():
+    return read_machine("mill", [FOLDER / "mill.ini"])
+
+
+def changed(folder, old, new, file="mill.ini"):
+    for name in ("mill.ini", "mill.hal"):
+        shutil.copy(FOLDER / name, folder)
+    path = folder / file
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new))
+    return folder / "mill.ini"
+
+
+def test_the_joints_are_those_of_the_hal_file(mill):
+    np.testing.assert_allclose(mill.base_joints[4], (np.array(BASE_4) + SPINDLE) * MM, atol=1e-15)
+    np.testing.assert_allclose(
+        mill.platform_joints[0], (np.array(PLATFORM_0) + SPINDLE) * MM, atol=1e-15
+    )
+    assert mill.alpha_axes[1] == (-0.207912, 0.978148, 0.0)
+
+
+def test_lengths_are_those_of_the_controller_in_millimetres_and_degrees(mill):
+    text = (FOLDER / "mill.hal").read_text()
+    pins = {
+        words[1].removeprefix("genhexkins."): words[-1]
+        for line in text.splitlines()
+        if (words := line.split("#")[0].replace("=", " ").split())[:1] == ["setp"]
+    }
+    ends = [
+        np.array([[float(pins[f"{kind}.{j}.{k}"]) for k in "xyz"] for j in range(6)]) + SPINDLE
+        for kind in ("base", "platform")
+    ]
+    rng = np.random.default_rng(3)
+    for _ in range(20):
+        position, angles = np.add([0, 0, 620], rng.uniform(-40, 40, 3)), rng.uniform(-20, 20, 3)
+        turned = fixed_axes(angles, degrees=True)
+        expected = np.linalg.norm(position + turned.apply(ends[1]) - ends[0], axis=1)
+        pose = [*position * MM, *moving_axes(turned)]
+        np.testing.assert_allclose(lengths(mill, pose), expected * MM, rtol=0, atol=1e-12)
+
+
+def test_home_is_a_pose_about_moving_axes(mill):
+    expected = moving_axes(fixed_axes([2, -3, 4], degrees=True))
+    np.testing.assert_allclose(mill.home, [0.005, -0.01, 0.62, *expected], rtol=0, atol=1e-15)
+
+
+def test_limits_are_in_si_units_and_per_joint_where_they_differ(mill):
+    assert mill.limits["strut_length"][4:] == ((0.5, 0.8), (0.5, 0.81))
+    assert mill.limits["strut_speed"] == (0.04,) * 5 + (0.035,)
+    assert mill.limits["strut_acceleration"] == 0.25
+
+
+def test_a_placeholder_is_no_limit(mill, tmp_path):
+    assert mill.limits["position"] == {"x": (-0.12, 0.12)}
+    assert "limits.strut_length" not in asked(mill)
+    for low, high in ((-1000, 1000), (-1e99, 1e99), (500, 1e6)):
+        file = changed(
+            tmp_path, "MIN_LIMIT = 500\nMAX_LIMIT = 800", f"MIN_LIMIT = {low}\nMAX_LIMIT = {high}"
+        )
+        machine = read_machine("mill", [file])
+        assert "strut_length" not in machine.limits
+        assert "limits.strut_length" in asked(machine)
+
+
+def test_what_the_robot_file_cannot_say_is_a_question(mill):
+    assert mill.drive == "screw, lead 5 mm"
+    assert {"", "limits.rotation", "platform_joints"} <= asked(mill)
+
+
+def test_a_home_that_the_joints_contradict_is_a_question(mill, tmp_path):
+    length = lengths(mill, mill.home) / MM
+    for error, there in ((0, False), (9, True)):
+        joints = "".join(f"[JOINT_{j}]\nHOME = {length[j] + error:.3f}\n" for j in range(6))
+        file = changed(tmp_path, "[AXIS_X]", joints + "[AXIS_X]")
+        assert ("home" in asked(read_machine("mill", [file]))) == there
+
+
+@pytest.mark.parametrize(
+    ("unit", "metres"),
+    [("inch", 0.0254), ("imperial", 0.0254), ("metric", 1e-3), ("0.03937007874015748", 0.0254)],
+)
+def test_units_of_length(unit, metres, tmp_path):
+    file = changed(tmp_path, "LINEAR_UNITS = mm", f"LINEAR_UNITS = {unit}")
+    machine = read_machine("mill", [file])
+    assert machine.base_joints[0][0] == pytest.approx(391.259 * metres, rel=1e-12)
+
+
+def test_files_that_are_named_are_the_ones_that_count(tmp_path):
+    for name in ("mill.ini", "mill.hal"):
+        shutil.copy(FOLDER / name, tmp_path)
+    other = tmp_path / "other.hal"
+    other.write_text("setp genhexkins.base.0.x 390\n")
+    files = [tmp_path / "mill.ini", tmp_path / "mill.hal", other]
+    assert read_machine("mill", files).base_joints[0][0] == 0.39
+    # Alone, the other coordinates are what genhexkins has built in.
+    alone = read_machine("mill", [files[0], other])
+    assert alone.base_joints[1] == (0.02295, 0.01325, 0.0)
+    assert {"base_joints", "platform_joints"} <= asked(alone)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "file", "key"),
+    [
+        ("LINEAR_UNITS = mm", "LINEAR_UNITS = furlong", "mill.ini", "[TRAJ]LINEAR_UNITS"),
+        ("LINEAR_UNITS = mm", "LINEAR_UNITS = 0", "mill.ini", "[TRAJ]LINEAR_UNITS"),
+        ("LINEAR_UNITS = mm", "", "mill.ini", "[TRAJ]LINEAR_UNITS"),
+        ("genhexkins sparm", "trivkins sparm", "mill.ini", "[KINS]KINEMATICS"),
+        ("ANGULAR_UNITS = degree", "ANGULAR_UNITS = gon", "mill.ini", "[TRAJ]ANGULAR_UNITS"),
+        ("HOME = 5", "HOME = five", "mill.ini", "[TRAJ]HOME"),
+        ("HOME = 5", "HOME = 1 2 5", "mill.ini", "[TRAJ]HOME"),
+        ("MAX_LIMIT = 810", "MAX_LIMIT = 81", "mill.ini", "[JOINT_5]MIN_LIMIT"),
+        ("MAX_VELOCITY = 35", "MAX_VELOCITY = -35", "mill.ini", "[JOINT_5]MAX_VELOCITY"),
+        ("LEAD = 5.0", "LEAD = nan", "mill.ini", "[SCREW]LEAD"),
+        ("LEAD = 5.0", "OTHER = 5.0", "mill.hal", "genhexkins.screw-lead"),
+        ("x 391.259", "x 391,259", "mill.hal", "genhexkins.base.0.x"),
+        ("base.0.x 391.259", "base.0.x", "mill.hal", "genhexkins.base.0.x"),
+        ("[TRAJ]", "TRAJ", "mill.ini", ""),
+    ],
+)
+def test_what_is_wrong_is_told_with_its_place(old, new, file, key, tmp_path):
+    edited = "mill.ini" if old == "LEAD = 5.0" else file
+    with pytest.raises(InputError) as caught:
+        read_machine("mill", [changed(tmp_path, old, new, edited)])
+    (problem,) = caught.value.problems
+    assert problem.file.name == file
+    assert problem.key == key
+    if new:
+        assert problem.line is not None
+
+
+@pytest.mark.parametrize(
+    "content",
+    [b"", b"\0\1\2", b"[TRAJ\nLINEAR_UNITS = mm", b"\xff\xfe", b"[TRAJ]\nLINEAR_UNITS = mm\n"],
+)
+def test_a_file_that_describes_no_hexapod_is_refused(content, tmp_path):
+    file = tmp_path / "damaged.ini"
+    file.write_bytes(content)
+    with pytest.raises(InputError):
+        read_machine("damaged", [file])
+
+
+def test_a_hal_file_needs_its_ini_file():
+    with pytest.raises(InputError):
+        read_machine("mill", [FOLDER / "mill.hal"])
+
+
+@pytest.mark.system("rs274")
+@pytest.mark.skipif(not SAMPLE.is_file(), reason="LinuxCNC is there without its examples")
+def test_the_configuration_that_linuxcnc_ships():
+    machine = read_machine("hexapod", [SAMPLE])
+    inch = 0.0254
+    np.testing.assert_allclose(machine.base_joints[3], [0, -26.5 * inch, 0], atol=1e-12)
+    np.testing.assert_allclose(
+        machine.platform_joints[2], [10.459 * inch, -4.884 * inch, 0], atol=1e-12
+    )
+    # [JOINT_N]HOME of the same file; the coordinates have three decimals.
+    np.testing.assert_allclose(
+        lengths(machine, machine.home), np.full(6, 29.7466 * inch), atol=1e-3 * inch
+    )
+    assert machine.limits == {"strut_speed": 20 * inch, "strut_acceleration": 200 * inch}
+    assert {"limits.strut_length", "limits.position"} <= asked(machine)
