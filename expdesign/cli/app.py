@@ -16,6 +16,7 @@ import typer
 from expdesign.cli import commands
 from expdesign.cli.compare import compare
 from expdesign.cli.export import export
+from expdesign.cli.init import init
 from expdesign.cli.robots import robots
 
 app = typer.Typer(
@@ -56,6 +57,7 @@ def _expdesign(
 
 for _command in (
     robots,
+    init,
     commands.check,
     commands.design,
     commands.simulate,

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from inspect import Parameter, signature
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from expdesign.cli.options import Option, flag, with_options
 from expdesign.cli.output import JsonOption, note, results, write_json
 
 if TYPE_CHECKING:
@@ -35,60 +35,27 @@ def _items(text: str, read: Callable[[str], Any] = str) -> Any:
 _wholes = partial(_items, read=_whole)
 
 
-class _Option(NamedTuple):
-    """An option of the command that is a key of `export:`; `read` gives what would stand there."""
-
-    metavar: str
-    help: str
-    read: Callable[[str], Any] = str
-
-
 _OPTIONS = {
-    "file": _Option("NAME", "Name in DIR/exports; of several tables of the run, which."),
-    "space": _Option("strut|pose", "Coordinates of the table."),
-    "segment": _Option("TIME", "Between two rows, such as '10 ms'; the longest for PVT."),
-    "scale": _Option("F", "Smaller and slower, for a first run: home + F (λ(F t) − home)."),
-    "digits": _Option("N", "Digits after the decimal point.", _whole),
-    "units": _Option("m|mm|um|in", "Unit of lengths."),
-    "angles": _Option("rad|deg", "Unit of angles."),
-    "axes": _Option("A,B,…", "Six names, in the controller's order.", _items),
-    "order": _Option("1,2,…", "Number of the strut on each axis.", _wholes),
-    "sign": _Option("1,-1,…", "Of struts 1 to 6; one for all or six.", _wholes),
-    "offset": _Option("L,…", "Strut length at which its axis reads zero, or `home`.", _items),
-    "counts_per_metre": _Option("C,…", "Motor counts; one for all or six.", _items),
-    "tolerance": _Option("L", "Largest deviation of a strut, such as '1 um'."),
-    "blend": _Option("L", "P of G64 for LinuxCNC."),
-    "encoding": _Option("yaml|mcap", "Of ros2."),
+    "file": Option("NAME", "Name in DIR/exports; of several tables of the run, which."),
+    "space": Option("strut|pose", "Coordinates of the table."),
+    "segment": Option("TIME", "Between two rows, such as '10 ms'; the longest for PVT."),
+    "scale": Option("F", "Smaller and slower, for a first run: home + F (λ(F t) − home)."),
+    "digits": Option("N", "Digits after the decimal point.", _whole),
+    "units": Option("m|mm|um|in", "Unit of lengths."),
+    "angles": Option("rad|deg", "Unit of angles."),
+    "axes": Option("A,B,…", "Six names, in the controller's order.", _items),
+    "order": Option("1,2,…", "Number of the strut on each axis.", _wholes),
+    "sign": Option("1,-1,…", "Of struts 1 to 6; one for all or six.", _wholes),
+    "offset": Option("L,…", "Strut length at which its axis reads zero, or `home`.", _items),
+    "counts_per_metre": Option("C,…", "Motor counts; one for all or six.", _items),
+    "tolerance": Option("L", "Largest deviation of a strut, such as '1 um'."),
+    "blend": Option("L", "P of G64 for LinuxCNC."),
+    "encoding": Option("yaml|mcap", "Of ros2."),
 }
 """By key of `export:`."""
 
 
-def _with_options(command: Callable[..., None]) -> Callable[..., None]:
-    """Let a command have every option of the table in place of its ``**options``."""
-    own = signature(command, eval_str=True)
-    *first, last = (one for one in own.parameters.values() if one.kind is not one.VAR_KEYWORD)
-    options = [
-        Parameter(
-            key,
-            Parameter.POSITIONAL_OR_KEYWORD,
-            default=None,
-            annotation=Annotated[
-                str | None,
-                typer.Option(_flag(key), metavar=option.metavar, help=option.help),
-            ],
-        )
-        for key, option in _OPTIONS.items()
-    ]
-    # Every function takes the attribute (PEP 362), which mypy does not know.
-    command.__signature__ = own.replace(parameters=[*first, *options, last])  # type: ignore[attr-defined]
-    return command
-
-
-def _flag(key: str) -> str:
-    return f"--{key.replace('_', '-')}"
-
-
-@_with_options
+@with_options(_OPTIONS)
 def export(
     folder: Annotated[
         Path | None,
@@ -198,7 +165,7 @@ def _section(name: str, given: dict[str, Any], configuration: RunConfiguration) 
     data |= {"format": name, **given}
     found, problems = validate(ExportSection, data, document_from_mapping(data))
     if found is None:
-        raise InputError(replace(problem, key=_flag(problem.key)) for problem in problems)
+        raise InputError(replace(problem, key=flag(problem.key)) for problem in problems)
     for option in dict.fromkeys(left_out.values()):
         keys = ", ".join(key for key, given_option in left_out.items() if given_option == option)
         note(f"left out, since {option} is given: {keys} of the run's export")
@@ -241,5 +208,5 @@ def _left_out(given: dict[str, Any], stated: ExportSection) -> dict[str, str]:
     for option, keys in against.items():
         for key in keys:
             if option in given and getattr(stated, key) is not None:
-                gone.setdefault(key, _flag(option))
+                gone.setdefault(key, flag(option))
     return gone

@@ -30,6 +30,9 @@ def _half_angle(value: float) -> float:
     return value
 
 
+HalfAngle = Annotated[Angle, AfterValidator(_half_angle)]
+
+
 class JointRing(Section):
     """Six joints on a circle about the z axis, three pairs that are 120° apart.
 
@@ -39,7 +42,7 @@ class JointRing(Section):
 
     radius: Annotated[Length, Positive]
     """m."""
-    half_angle: Annotated[Angle, AfterValidator(_half_angle)]
+    half_angle: HalfAngle
     """Between a joint and the middle of its pair, seen from the centre, rad."""
     pairs: Annotated[PairedStruts, one_of(PairedStruts)]
     """Joints that are a pair: 1 and 2, 3 and 4, 5 and 6; or 2 and 3, 4 and 5, 6 and 1."""

@@ -225,7 +225,11 @@ def _robot(machine: Machine, general: bool) -> Robot:
 
 def _length(machine: Machine) -> float:
     given = machine.limits.get(CHARACTERISTIC_LENGTH)
-    return _rounded(geo.rms_radius(points(machine.platform_joints)), 2) if given is None else given
+    radius = geo.rms_radius(points(machine.platform_joints))
+    if radius == 0:
+        message, allowed = "all joints are at the TCP", "points around it"
+        raise InputError(message, key="platform_joints", allowed=allowed)
+    return _rounded(radius, 2) if given is None else given
 
 
 def _mass(machine: Machine, lengths: Array, limits: Mapping[str, Any], general: bool) -> float:

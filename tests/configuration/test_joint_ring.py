@@ -94,3 +94,11 @@ def test_a_wrong_circle_is_answered_at_its_key(tmp_path, ring, key, allowed):
     found = {problem.key: problem for problem in caught.value.problems}
     assert allowed in (found[key].allowed or "")
     assert found[key].line == 3
+
+
+def test_the_circles_of_the_docs_are_those_of_palida():
+    palida = load_robot_description("palida")
+    base = JointRing(radius="450 mm", half_angle="8 deg", pairs="1-2")
+    platform = JointRing(radius="85 mm", half_angle="8 deg", pairs="2-3", z="104 mm")
+    np.testing.assert_allclose(base.points, palida.base_joints, atol=1e-9)
+    np.testing.assert_allclose(platform.points, palida.platform_joints, atol=1e-9)

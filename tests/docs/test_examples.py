@@ -41,7 +41,7 @@ def _keys(model):
 
 
 def _is_robot(data):
-    return "base_joints" in data
+    return {"name", "base_joints"} <= set(data)
 
 
 def _name(block):

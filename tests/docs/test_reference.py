@@ -231,9 +231,16 @@ def test_the_readme_has_a_row_for_every_command_and_option():
         options = {option for parameter in commands[name].params for option in parameter.opts}
         named = set(re.findall(r"--[a-z]+", row))
         assert named <= options, name
-        # The options of a table are in a document of their own, `--json` is in all.
-        if name != "export":
+        # Options of a table or a machine are in a document of their own, `--json` is in all.
+        if name not in ("export", "init"):
             assert {o for o in options if o.startswith("--")} - named <= {"--json", "--help"}, name
+
+
+def test_every_option_for_a_machine_has_its_row():
+    options = {o for parameter in get_command(app).commands["init"].params for o in parameter.opts}
+    rows = table(ROBOTS, "## A machine of your own")
+    documented = {name for row in rows for name in codes(row[0])}
+    assert documented == {o for o in options if o.startswith("--")} - {"--json"}
 
 
 def test_every_term_has_its_row():

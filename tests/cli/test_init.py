@@ -1,0 +1,181 @@
+import json
+import sys
+
+import numpy as np
+import pytest
+
+from expdesign.cli import init as command
+from expdesign.configuration import load_run
+
+TOLD = (
+    *("--base-radius", "450 mm", "--base-half-angle", "8 deg"),
+    *("--platform-radius", "250 mm", "--platform-half-angle", "12 deg", "--platform-z", "-50 mm"),
+    *("--home-height", "700 mm", "--strut-length", "600 mm, 900 mm"),
+    *("--strut-speed", "300 mm/s", "--strut-acceleration", "5 m/s^2"),
+    *("--actuator-force", "2 kN", "--mass", "64 kg", "--drive", "screw", "--lead", "5 mm"),
+    *("--force-std", "20 N", "--length-std", "5 um"),
+)
+
+
+@pytest.fixture(autouse=True)
+def _in_a_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.stdin.isatty", lambda: False, raising=False)
+
+
+@pytest.fixture
+def answers(monkeypatch):
+    """Let a terminal answer what the command asks."""
+
+    def answered(**texts):
+        asked = []
+
+        def prompt(text, *_, **__):
+            option = next(k for k, o in command._OPTIONS.items() if text.startswith(o.help))
+            asked.append(option)
+            given = texts.get(option, "")
+            return given.pop(0) if isinstance(given, list) else given
+
+        monkeypatch.setattr(sys.stdin, "isatty", lambda: True, raising=False)
+        monkeypatch.setattr(command.typer, "prompt", prompt)
+        return asked
+
+    return answered
+
+
+def test_what_init_writes_passes_check(expdesign, tmp_path):
+    status, out, err = expdesign("init", "mine")
+    assert (status, out) == (0, "written to mine.yaml and mine-run.yaml\n")
+    assert "assumed" in err
+    status, _, err = expdesign("check", "mine-run.yaml")
+    assert status == 0
+    assert "warning" not in err
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["mine-run.yaml", "mine.yaml"]
+
+
+def test_what_is_told_stands_in_the_files(expdesign, tmp_path):
+    status, out, err = expdesign("init", "mine", *TOLD, "--out", "robots", "--json")
+    assert (status, err) == (0, "")
+    data = json.loads(out)
+    assert data["run"] == str(tmp_path / "robots" / "mine-run.yaml")
+    assert not {"base_joints", "home", "strut_length", "force_std"} & set(data["assumed"])
+    assert {"tilt", "parameters"} <= set(data["assumed"])
+    robot = load_run(data["run"]).robot
+    # Strut 2 goes from 8° to 48° of the base's circle: 60° less the half-angle of a pair above.
+    first, second = np.radians([8.0, 60.0 - 12.0])
+    base = [0.45 * np.cos(first), 0.45 * np.sin(first), 0]
+    platform = [0.25 * np.cos(second), 0.25 * np.sin(second), -0.05]
+    np.testing.assert_allclose(robot.base_joints[1], base)
+    np.testing.assert_allclose(robot.platform_joints[1], platform)
+    np.testing.assert_array_equal(robot.home, [0, 0, 0.7, 0, 0, 0])
+    limits = robot.limits
+    np.testing.assert_array_equal(limits["strut_length"].lower, 0.6)
+    np.testing.assert_array_equal(limits["strut_length"].upper, 0.9)
+    assert limits["strut_speed"].upper[0] == 0.3
+    assert limits["strut_acceleration"].upper[0] == 5
+    assert limits["actuator_force"].upper[0] == 2000
+    assert robot.parameters["p10"] == pytest.approx(64 * (1 + 6 * 0.04))
+    assert robot.description.noise.force_std == (20.0,) * 6
+    assert robot.description.noise.length_std == (5e-6,) * 6
+    assert "screw, lead 5 mm" in (tmp_path / "robots" / "mine.yaml").read_text(encoding="utf-8")
+
+
+def test_joints_as_lists_and_a_stroke(expdesign):
+    base = "300 mm,0,0; 0.2,0.3,0; -0.1,0.3,0; -0.3,0,0; -0.2,-0.3,0; 0.2,-0.3,0"
+    platform = "0.1,-0.1,0; 0.1,0.1,0; 0,0.14,0; -0.1,0.1,0; -0.1,-0.1,0; 0,-0.14,0;"
+    joints = ("--base-joints", base, "--platform-joints", platform)
+    status, _, err = expdesign("init", "m", *joints, "--home-height", "-0.4", "--stroke", "10 cm")
+    assert status == 0, err
+    robot = load_run("m-run.yaml").robot
+    np.testing.assert_array_equal(robot.base_joints[0], [0.3, 0, 0])
+    lengths = np.linalg.norm(robot.platform_joints - robot.base_joints - [[0, 0, 0.4]], axis=1)
+    bounds = robot.limits["strut_length"]
+    np.testing.assert_allclose(bounds.lower, np.min(lengths) - 0.05, atol=1e-6)
+    np.testing.assert_allclose(bounds.upper, np.max(lengths) + 0.05, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("options", "key"),
+    [
+        (["--base-radius", "1"], "--base-half-angle"),
+        (["--platform-half-angle", "10 deg"], "--platform-radius"),
+        (["--base-radius", "1", "--base-half-angle", "9 deg"], "--platform-joints"),
+        (["--base-radius", "1", "--base-half-angle", "70 deg"], "--base-half-angle"),
+        (["--base-radius", "0", "--base-half-angle", "9 deg"], "--base-radius"),
+        (["--platform-z", "1"], "--platform-z"),
+        (["--base-joints", "1,2,3"], "--base-joints"),
+        (["--platform-joints", "0,0,0; " * 6, *TOLD[:4]], "--platform-joints"),
+        ([*TOLD[:8], "--home-height", "0"], "--home-height"),
+        (["--stroke", "1"], "--stroke"),
+        ([*TOLD, "--stroke", "1"], "--stroke"),
+        ([*TOLD[:12], "--stroke", "3 m"], "--stroke"),
+        (["--strut-length", "0.9, 0.6"], "--strut-length"),
+        (["--strut-length", "-0.1, 0.6"], "--strut-length[1]"),
+        ([*TOLD[:12], "--strut-length", "0.1, 0.2"], "--strut-length"),
+        ([*TOLD[:12], "--actuator-force", "1 N", "--mass", "1 t"], "--actuator-force"),
+        (["--strut-speed", "fast"], "--strut-speed"),
+        (["--mass", "-3 kg"], "--mass"),
+        (["--drive", "belt"], "--drive"),
+        (["--lead", "5 mm"], "--lead"),
+        (["--force-std", "0"], "--force-std"),
+    ],
+)
+def test_bad_input_is_told_by_its_option_and_writes_nothing(expdesign, tmp_path, options, key):
+    status, out, _ = expdesign("init", "mine", "--json", *options)
+    problems = json.loads(out)["problems"]
+    assert status == 2
+    assert key in [problem["key"] for problem in problems]
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", ["my robot", "", "../up", "x" * 101])
+def test_a_name_has_to_be_one_of_a_file(expdesign, tmp_path, name):
+    status, _, err = expdesign("init", name)
+    assert status == 2
+    assert err.startswith("error: NAME: ")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_files_are_not_written_over(expdesign, tmp_path):
+    expdesign("init", "mine")
+    before = (tmp_path / "mine.yaml").read_bytes()
+    status, _, err = expdesign("init", "mine", *TOLD)
+    assert status == 2
+    assert "mine.yaml: the file is there already" in err
+    assert (tmp_path / "mine.yaml").read_bytes() == before
+
+
+def test_a_folder_that_is_none_is_refused(expdesign, tmp_path):
+    (tmp_path / "file").write_text("", encoding="utf-8")
+    status, _, err = expdesign("init", "mine", "--out", "file")
+    assert status == 2
+    assert "--out: cannot write there" in err
+
+
+def test_a_terminal_is_asked_for_what_is_not_given(expdesign, answers):
+    asked = answers(
+        base_radius="450 mm",
+        base_half_angle=["", "8 kg", "8 deg"],  # needed, wrong, right
+        platform_radius="250 mm",
+        platform_half_angle="12 deg",
+        home_height="650 mm",
+        drive="screw",
+        lead="5 mm",
+    )
+    status, _, err = expdesign("init", "mine", "--mass", "64 kg")
+    assert status == 0, err
+    assert "'8 kg' is a mass, not an angle" in err
+    assert asked.count("base_half_angle") == 3
+    assert "mass" not in asked
+    assert asked[-1] == "lead"
+    robot = load_run("mine-run.yaml").robot
+    np.testing.assert_allclose(np.linalg.norm(robot.base_joints, axis=1), 0.45)
+    assert robot.home[2] == 0.65
+
+
+def test_empty_answers_leave_everything_open(expdesign, answers):
+    asked = answers()
+    status, _, err = expdesign("init", "mine")
+    assert status == 0, err
+    assert not {"base_half_angle", "platform_radius", "lead"} & set(asked)
+    assert load_run("mine-run.yaml").warnings == ()
