@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     from expdesign.configuration.document import Placed
     from expdesign.configuration.problem import Problem
     from expdesign.robotfile.description import MachineDescription
+    from expdesign.robotfile.machine import Machine
     from expdesign.robotfile.writing import WrittenFiles
 
 
@@ -74,6 +76,15 @@ def init(
         Path | None,
         typer.Option("--out", metavar="DIR", help="The folder; the current one by default."),
     ] = None,
+    sources: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--from",
+            metavar="FILE",
+            help="A file of another program that describes the machine, such as LinuxCNC's INI and "
+            "HAL; several times for several. Options override what it says.",
+        ),
+    ] = None,
     as_json: JsonOption = False,
     **options: str | None,
 ) -> None:
@@ -85,6 +96,8 @@ def init(
     """
     from expdesign.configuration import InputError
     from expdesign.robotfile.description import described
+    from expdesign.robotfile.importing import read_machine
+    from expdesign.robotfile.machine import Machine
     from expdesign.robotfile.writing import write_files
     from expdesign.stages.run import refuse_unwritable
 
@@ -92,12 +105,16 @@ def init(
     refuse_unwritable(folder)
     given = {key: _OPTIONS[key].read(text) for key, text in options.items() if text is not None}
     told = _told({"name": name, **given})
+    known = read_machine(name, sources) if sources else Machine(name)
     if sys.stdin.isatty() and not as_json:
-        told = _told({"name": name, **_answered(given)})
+        given = _answered(given, _known(known))
+        told = _told({"name": name, **given})
     try:
-        files = write_files(described(told), folder)
+        files = write_files(described(told, known), folder)
     except InputError as error:
-        raise InputError(map(_with_option, error.problems)) from None
+        # What comes from a file has the key that it would have had.
+        options_of = given if sources else _OPTIONS
+        raise InputError(_with_option(problem, options_of) for problem in error.problems) from None
     if as_json:
         where = {"robot": str(files.robot), "run": str(files.run)}
         write_json({"status": 0, **where, "assumed": files.assumed})
@@ -114,27 +131,41 @@ def _told(data: dict[str, Any]) -> Placed[MachineDescription]:
     document = document_from_mapping(data)
     found, problems = validate(MachineDescription, document.data, document)
     if found is None:
-        raise InputError(map(_with_option, problems))
+        raise InputError(_with_option(problem, _OPTIONS) for problem in problems)
     return Placed(found, document)
 
 
-def _with_option(problem: Problem) -> Problem:
-    """Return a problem with the option that it is about in place of a key."""
+def _with_option(problem: Problem, options: Mapping[str, Any]) -> Problem:
+    """Return a problem with the option that it is about, where it is one, in place of a key."""
     from dataclasses import replace
 
     if problem.key == "name":
         return replace(problem, key="NAME")
     parts = problem.key.removeprefix("limits.").removeprefix("noise.").partition("[")
     key = "home_height" if parts[0] == "home" else parts[0]
-    return replace(problem, key=flag(key) + parts[1] + parts[2]) if key in _OPTIONS else problem
+    return replace(problem, key=flag(key) + parts[1] + parts[2]) if key in options else problem
 
 
-def _answered(given: dict[str, Any]) -> dict[str, Any]:
-    """Ask for what is not given; an empty answer leaves it open."""
+def _known(machine: Machine) -> set[str]:
+    """Return what need not be asked of a machine: by the options that would say it."""
+    found = set(machine.limits)
+    for end in ("base", "platform"):
+        if getattr(machine, f"{end}_joints") is not None:
+            found |= {f"{end}_radius", f"{end}_half_angle"}
+    there = {
+        "home_height": machine.home is not None,
+        "mass": machine.moved_mass is not None or "p10" in machine.parameters,
+        "drive": bool(machine.drive),
+    }
+    return found | {key for key, known in there.items() if known}
+
+
+def _answered(given: dict[str, Any], known: set[str]) -> dict[str, Any]:
+    """Ask for what is neither given nor known; an empty answer leaves it open."""
     found = dict(given)
     messages().print("An empty answer leaves a question open: it then stands in the file.")
     for key in _ASKED:
-        if key not in found and _sensible(key, found):
+        if key not in found and key not in known and _sensible(key, found):
             # A circle that is begun is not left half told.
             answer = _answer(key, needed=key in _CIRCLES and "base_radius" in found)
             found |= {} if answer is None else {key: answer}

@@ -6,6 +6,11 @@ import pytest
 
 from expdesign.cli import init as command
 from expdesign.configuration import load_run
+from expdesign.robotfile.assumed import points
+from expdesign.robotfile.importing import read_machine
+from tests.docs.pages import ROOT
+
+MACHINES = ROOT / "tests/robotfile/machines"
 
 TOLD = (
     *("--base-radius", "450 mm", "--base-half-angle", "8 deg"),
@@ -179,3 +184,30 @@ def test_empty_answers_leave_everything_open(expdesign, answers):
     assert status == 0, err
     assert not {"base_half_angle", "platform_radius", "lead"} & set(asked)
     assert load_run("mine-run.yaml").warnings == ()
+
+
+def test_a_file_of_a_controller_is_taken_and_overridden(expdesign, tmp_path):
+    source = MACHINES / "h811.yaml"
+    status, out, err = expdesign("init", "mine", "--from", source, "--mass", "5 kg", "--json")
+    assert (status, err) == (0, "")
+    assert not {"base_joints", "platform_joints"} & set(json.loads(out)["assumed"])
+    known = read_machine("mine", [source])
+    robot = load_run("mine-run.yaml").robot
+    np.testing.assert_array_equal(robot.base_joints, points(known.base_joints))
+    assert robot.parameters["p10"] == pytest.approx(5 * (1 + 6 * 0.04))
+
+
+def test_a_terminal_is_not_asked_for_what_a_file_says(expdesign, answers):
+    asked = answers()
+    status, _, err = expdesign("init", "mine", "--from", MACHINES / "h811.yaml")
+    assert status == 0, err
+    assert "mass" in asked
+    assert not {"base_radius", "platform_radius"} & set(asked)
+
+
+def test_a_file_of_no_machine_is_refused(expdesign, tmp_path):
+    (tmp_path / "notes.txt").write_text("hexapod", encoding="utf-8")
+    status, _, err = expdesign("init", "mine", "--from", "notes.txt")
+    assert status == 2
+    assert err.startswith("error: notes.txt: ")
+    assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
