@@ -16,11 +16,11 @@ FAMILY_LEVEL = 0.01
 _RANK = 1e-10
 """Eigenvalues of the difference's correlation below this share of the largest do not count."""
 
-_TOLD_APART = 1e-2
+_TOLD_APART = 3e-2
 """Variance, relative to that of the estimates, which a difference of estimates from the same data
 is allowed at the least. Products of the noises of forces and lengths, which no linear law holds,
-make a few thousandths at 3 mm of length noise on `palida`; and what moves an estimate by less than
-a tenth of its standard deviation takes nothing from its intervals."""
+make up to half a hundredth at 3 mm of length noise on `palida`; and what moves an estimate by less
+than a sixth of its standard deviation takes next to nothing from its intervals."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +69,7 @@ def difference_test(
         from independent data. Rows of zeros belong to fixed parameters, which are not judged.
     own : (m, m), optional
         For estimates from the same data: the covariance of one of them. Every combination of
-        parameters may then differ by a tenth of its standard deviation; those whose difference is
+        parameters may then differ by a sixth of its standard deviation; those whose difference is
         no larger by chance do not count as freedom, and without any freedom a small difference
         says nothing.
 

@@ -61,7 +61,7 @@ def information_test(summary: EstimateFile) -> Differences | str | None:
 def information_sentence(test: Differences | str) -> str:
     """Return what the test of ML − GM says, in words."""
     if not isinstance(test, str) and not test.freedom and not test.differ_jointly:
-        test = "GM and ML differ by less than a tenth of their standard deviations"
+        test = "GM and ML differ by less than a sixth of their standard deviations"
     if isinstance(test, str):
         return f"Whether errors of the motion disturb the information matrix is not tested: {test}"
     which = int(np.sum(test.differs))
