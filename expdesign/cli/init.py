@@ -52,9 +52,9 @@ _OPTIONS = {
     "strut_speed": Option("SPEED", "Largest speed of a strut, such as '300 mm/s'."),
     "strut_acceleration": Option("A", "Largest acceleration of a strut, such as '5 m/s^2'."),
     "actuator_force": Option("FORCE", "Force that a drive holds for long, such as '2 kN'."),
-    "mass": Option("MASS", "Of the platform with what it carries, such as '30 kg'."),
+    "mass": Option("MASS", "Mass of the platform with what it carries, such as '30 kg'."),
     "drive": Option("direct|screw", "What moves the struts."),
-    "lead": Option("L", "Of the screw: travel per turn, such as '5 mm'."),
+    "lead": Option("L", "Travel of the screw per turn, such as '5 mm'."),
     "force_std": Option("FORCE", "Standard deviation of a measured force."),
     "length_std": Option("L", "Standard deviation of a measured length."),
 }
@@ -188,8 +188,10 @@ def _answer(key: str, *, needed: bool) -> Any:
     from expdesign.configuration import InputError
 
     option = _OPTIONS[key]
+    choices = f" ({option.metavar})" if "|" in option.metavar else ""
+    question = f"{option.help.rstrip('.')}{choices}"
     while True:
-        text = typer.prompt(f"{option.help} [{option.metavar}]", "", show_default=False, err=True)
+        text = typer.prompt(question, "", show_default=False, err=True)
         if not text.strip():
             if not needed:
                 return None

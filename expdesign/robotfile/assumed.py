@@ -75,7 +75,7 @@ class Complete:
     """With limits for everything that can be limited, parameters and noise."""
     assumed: frozenset[str]
     """Keys of what nobody told: of the robot file, those of limits and parameters by themselves,
-    and `MASS`."""
+    ``position.y`` of a component, and `MASS`."""
     general: bool
     """Whether the platform needs the parameters of `platform: general`."""
     lengths: Array
@@ -108,7 +108,7 @@ def completed(machine: Machine) -> Complete:
         mass = _mass(machine, lengths, limits, general)
     robot = _robot(_with_parameters(machine, mass, lengths, limits), general)
     values = _values_at_home(robot)
-    limits = _limits(limits, values, robot) | limits
+    limits, open_limits = _merged(_limits(limits, values, robot), limits)
     machine = replace(
         machine,
         moved_mass=mass,
@@ -121,8 +121,9 @@ def completed(machine: Machine) -> Complete:
     )
     keys = ("base_joints", "platform_joints", "home", "force_std", "length_std", MASS)
     assumed = {key for key in keys if told[key] is None}
-    assumed |= {key for key in limits if key not in told["limits"]}
-    assumed |= {name for name in robot.description.parameters if name not in told["parameters"]}
+    assumed |= open_limits | {
+        name for name in robot.description.parameters if name not in told["parameters"]
+    }
     return Complete(machine, frozenset(assumed), general, lengths, _frequency(limits, lengths))
 
 
@@ -282,7 +283,7 @@ def _limits(told: Mapping[str, Any], values: Mapping[str, Array], robot: Robot) 
         "strut_acceleration": _rounded(_ACCELERATION * stroke),
         "position": _about("xyz", centre, _rounded(_POSITION * stroke, 2)),
         "rotation": {
-            name: [angle - _ROTATION, angle + _ROTATION]
+            name: [-_degrees(_ROTATION - angle), _degrees(angle + _ROTATION)]
             for name, angle in zip(
                 ("phi", "theta", "psi"), values["rotation"].tolist(), strict=True
             )
@@ -300,6 +301,16 @@ def _limits(told: Mapping[str, Any], values: Mapping[str, Array], robot: Robot) 
     if clearance > 0:
         found["strut_clearance"] = _rounded(clearance)
     return found
+
+
+def _merged(assumed: Mapping[str, Any], told: Mapping[str, Any]) -> tuple[dict[str, Any], set[str]]:
+    """Return all limits, and the keys of those that are assumed; components each for itself."""
+    merged, found = dict(assumed) | dict(told), {key for key in assumed if key not in told}
+    for key, given in told.items():
+        if isinstance(given, Mapping) and key in assumed:
+            merged[key] = {**assumed[key], **given}
+            found |= {f"{key}.{name}" for name in assumed[key] if name not in given}
+    return merged, found
 
 
 def _gap(distances: Array, robot: Robot) -> float:

@@ -100,7 +100,8 @@ def robot_file(complete: Complete) -> str:
         assumed.add("alpha_axes")
     if not assumed.isdisjoint(_parameter_names(complete)):
         assumed.add("parameters")
-    asked = {key: [QUESTIONS[key]] for key in assumed if QUESTIONS.get(key)}
+    keys = {key.partition(".")[0] for key in assumed}
+    asked = {key: [QUESTIONS[key]] for key in keys if QUESTIONS.get(key)}
     for question in machine.questions:
         asked.setdefault(question.key.removeprefix("limits.").removeprefix("noise."), []).append(
             question.text
@@ -132,7 +133,11 @@ def robot_file(complete: Complete) -> str:
             mass=quantity_text(machine.moved_mass or 0.0, "kg"),
             parameters=list(_parameter_lines(complete)),
             limits=[
-                {"key": key, "value": flow(machine.limits[key], units[key]), "title": titles[key]}
+                {
+                    "key": key,
+                    "value": flow(machine.limits[key], units[key]),
+                    "title": titles[key] + _assumed_part(key, complete),
+                }
                 for key in titles
                 if key in machine.limits
             ],
@@ -178,6 +183,15 @@ def _question(text: str, indent: int) -> str:
     margin = " " * indent
     lines = textwrap.wrap(_line(text), _WIDTH - indent - 4, break_on_hyphens=False)
     return "".join(f"{margin}# ? {line}\n" for line in lines)
+
+
+def _assumed_part(key: str, complete: Complete) -> str:
+    """Return which part of a limit is assumed, to be appended to what it is."""
+    if key in complete.assumed:
+        return "; assumed"
+    prefix = f"{key}."
+    parts = [one.removeprefix(prefix) for one in complete.assumed if one.startswith(prefix)]
+    return f"; {', '.join(sorted(parts))} assumed" if parts else ""
 
 
 def _home(machine: Machine) -> str:

@@ -36,7 +36,7 @@ def answers(monkeypatch):
         asked = []
 
         def prompt(text, *_, **__):
-            option = next(k for k, o in command._OPTIONS.items() if text.startswith(o.help))
+            option = next(k for k, o in command._OPTIONS.items() if text.startswith(o.help[:-1]))
             asked.append(option)
             given = texts.get(option, "")
             return given.pop(0) if isinstance(given, list) else given

@@ -128,6 +128,19 @@ def test_a_home_that_nobody_told_is_in_the_middle_of_the_stroke(tmp_path):
     assert not {"strut_length", "actuator_force", "base_joints"} & set(files.assumed)
 
 
+def test_components_that_nobody_told_are_assumed_each_for_itself(tmp_path):
+    files, configuration = _written(Machine("x", limits={"position": {"x": [-0.2, 0.3]}}), tmp_path)
+    position = configuration.robot.limits["position"]
+    assert (position.lower[0], position.upper[0]) == (-0.2, 0.3)
+    assert np.all(np.isfinite(position.lower))
+    assert {"position.y", "position.z"} <= set(files.assumed)
+    assert not {"position", "position.x"} & set(files.assumed)
+    lines = files.robot.read_text(encoding="utf-8").splitlines()
+    (stands,) = (n for n, line in enumerate(lines) if line.startswith("  position:"))
+    assert lines[stands].endswith("y, z assumed")
+    assert lines[stands - 1].startswith("  # ? ")
+
+
 def test_questions_of_the_source_stand_where_they_belong(tmp_path):
     machine = Machine(
         "asked",
