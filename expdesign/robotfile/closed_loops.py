@@ -257,7 +257,7 @@ def _mass(
     if len(known) == len(masses) and sum(known) > 0:
         return float(sum(known))
     text = "The model does not state the mass of every body of the platform: what is moved?"
-    questions.append(Question("parameters.p10", text))
+    questions.append(Question("moved_mass", text))
     return None
 
 

@@ -31,6 +31,14 @@ Drive = Literal["direct", "screw"]
 
 _Joints = Annotated[tuple[Point, ...], exactly(ACTUATORS, "joints")]
 _PAIRS: dict[str, PairedStruts] = {"base": "1-2", "platform": "2-3"}
+_ANSWERS = {
+    "base_radius": "base_joints",
+    "platform_radius": "platform_joints",
+    "home_height": "home",
+    "stroke": "strut_length",
+    "mass": "moved_mass",
+}
+"""Keys of the robot file whose questions are answered by what is told under another one."""
 _HOME_IN_THE_MIDDLE = "Is the stroke as long on either side of home? It is taken so."
 _LEAD = "Which lead has the screw?"
 
@@ -88,7 +96,8 @@ def described(told: Placed[MachineDescription], known: Machine | None = None) ->
     for key in ("strut_speed", "strut_acceleration", "actuator_force"):
         if (value := getattr(one, key)) is not None:
             limits[key] = value
-    questions = list(known.questions)
+    answered = {_ANSWERS.get(key, key) for key, value in vars(one).items() if value is not None}
+    questions = [q for q in known.questions if q.key.removeprefix("limits.") not in answered]
     if one.strut_length is not None:
         limits["strut_length"] = list(one.strut_length)
     if one.stroke is not None:

@@ -9,6 +9,7 @@ from pathlib import Path
 from constraints.modules import modules_of
 from expdesign.configuration.problem import InputError
 from expdesign.robotfile import readers
+from expdesign.robotfile.home_in_range import without_contradictions
 from expdesign.robotfile.machine import Machine
 from expdesign.robotfile.machine_format import MachineFormat
 
@@ -46,7 +47,7 @@ def read_machine(name: str, files: Sequence[Path]) -> Machine:
     if len(files) > first.most_files:
         message = f"one machine is described by at most {first.most_files} file of {first.title}"
         raise InputError(message, files[first.most_files])
-    return first.read(name, tuple(files))
+    return without_contradictions(first.read(name, tuple(files)))
 
 
 def _format_of(path: Path) -> MachineFormat:

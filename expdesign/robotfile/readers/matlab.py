@@ -25,7 +25,7 @@ from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.robotfile.machine import Machine, Question
 from expdesign.robotfile.machine_format import MachineFormat, rows
 
-_SECONDS = 60
+_SECONDS = 300
 _MEMORY = 4_000_000_000
 _LARGEST = 64 * 1024 * 1024
 _MOST_NUMBERS = 64

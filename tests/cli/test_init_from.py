@@ -1,0 +1,72 @@
+"""`expdesign init --from`: the files that it writes are the machine of another program's files."""
+
+import numpy as np
+import pytest
+
+from expdesign.configuration import load_run
+from expdesign.robotfile.importing import read_machine
+from tests.robotfile import simulated
+from tests.robotfile.machines_of import FOLDER, lengths
+
+
+@pytest.fixture(autouse=True)
+def _in_a_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.stdin.isatty", lambda: False, raising=False)
+
+
+def test_linuxcnc_and_options_that_count_before_it(expdesign, tmp_path):
+    files = ("--from", str(FOLDER / "mill.ini"), "--from", str(FOLDER / "mill.hal"))
+    told = ("--strut-speed", "30 mm/s", "--mass", "64 kg")
+    status, _, err = expdesign("init", "mill", *files, *told)
+    assert status == 0, err
+    assert expdesign("check", "mill-run.yaml")[0] == 0
+    robot = load_run("mill-run.yaml").robot
+    mill = read_machine("mill", [FOLDER / "mill.ini"])
+    np.testing.assert_allclose(robot.base_joints, mill.base_joints, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(robot.platform_joints, mill.platform_joints, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(robot.home, mill.home, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(robot.limits["strut_length"].upper, [0.8] * 5 + [0.81])
+    assert robot.limits["strut_speed"].upper[0] == 0.03
+    text = (tmp_path / "mill.yaml").read_text(encoding="utf-8")
+    assert "screw, lead 5 mm" in text
+    assert "genhexkins corrects the lengths" in " ".join(text.replace("# ?", " ").split())
+
+
+@pytest.mark.parametrize("title", ["h811", "mjcf", "sdf"])
+def test_other_formats_pass_check_and_keep_the_lengths(title, expdesign, tmp_path):
+    file = FOLDER / "h811.yaml"
+    if title != "h811":
+        file = tmp_path / ("model.sdf" if title == "sdf" else "model.xml")
+        file.write_text(getattr(simulated, title)())
+    status, _, err = expdesign("init", "m", "--from", str(file))
+    assert status == 0, err
+    robot = load_run("m-run.yaml").robot
+    machine = read_machine("m", [file])
+    rng = np.random.default_rng(1)
+    ends = [np.array(robot.base_joints), np.array(robot.platform_joints)]
+    for _ in range(5):
+        pose = np.array(machine.home) + rng.uniform(-0.005, 0.005, 6)
+        written = machine.__class__("m", base_joints=ends[0], platform_joints=ends[1])
+        np.testing.assert_allclose(
+            lengths(written, pose), lengths(machine, pose), rtol=0, atol=1e-12
+        )
+
+
+def test_a_terminal_is_asked_only_what_the_file_does_not_say(expdesign, monkeypatch):
+    asked = []
+    monkeypatch.setattr("sys.stdin.isatty", lambda: True, raising=False)
+    monkeypatch.setattr(
+        "expdesign.cli.init.typer.prompt", lambda text, *_, **__: asked.append(text) or ""
+    )
+    assert expdesign("init", "m", "--from", str(FOLDER / "mill.ini"))[0] == 0
+    # Force and mass are what LinuxCNC does not know.
+    assert len(asked) == 2
+
+
+def test_a_file_that_is_wrong_is_bad_input_and_nothing_is_written(expdesign, tmp_path):
+    (tmp_path / "other.ini").write_text("[TRAJ]\nLINEAR_UNITS = mm\n")
+    status, _, err = expdesign("init", "m", "--from", "other.ini")
+    assert status == 2
+    assert "other.ini" in err
+    assert [path.name for path in tmp_path.iterdir()] == ["other.ini"]
