@@ -42,10 +42,11 @@ def check(run: RunArgument, as_json: JsonOption = False) -> None:
     """Validate a run and print its complete configuration, with every default, in SI units.
 
     Nothing is computed but whether the home pose keeps the limits, and whether the study could be
-    done. Warnings, what `expdesign run` would do, and the pairs of struts that share a joint and
-    are left out of the clearance, go to standard error.
+    done. Warnings, limits that are not set, what `expdesign run` would do, and the pairs of struts
+    that share a joint and are left out of the clearance, go to standard error.
     """
     from expdesign.configuration import load_run, resolved_yaml
+    from expdesign.configuration.open_rows import open_in_words, open_rows
     from expdesign.robot import robot_from
     from expdesign.stages.run import refuse_study, run_folder
     from expdesign.stages.table import left_out, named, performed, stages_without_design
@@ -56,6 +57,9 @@ def check(run: RunArgument, as_json: JsonOption = False) -> None:
     pairs = [(i + 1, j + 1) for i, j in configuration.robot.shared_joint_pairs]
     done = performed(configuration)
     warnings = list(configuration.warnings)
+    open_limits = open_rows(configuration.robot)
+    if open_limits:
+        warnings.append(f"{open_in_words(open_limits)}: a design may go there as far as it gets")
     if missing := stages_without_design(configuration, run_folder(configuration, None)):
         warnings.append(f"expdesign run refuses this file. {missing.message}")
     if as_json:
@@ -67,6 +71,7 @@ def check(run: RunArgument, as_json: JsonOption = False) -> None:
                 "run_does": done,
                 "configuration": configuration.run.model_dump(mode="json", by_alias=True),
                 "shared_joints": pairs,
+                "limits_not_set": [str(one) for one in open_limits],
                 "warnings": warnings,
             }
         )

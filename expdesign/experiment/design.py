@@ -26,6 +26,7 @@ from expdesign.information.periodic_noise import PeriodicNoise
 from expdesign.noise.hum import Hum
 from expdesign.problem.design_problem import DesignProblem, build_problem
 from expdesign.recheck.information import Evaluator
+from expdesign.recheck.unlimited import POINTS, unlimited, unlimited_warning
 from expdesign.robot import Robot, robot_from
 from expdesign.solver.continuation import coarse_points
 from expdesign.solver.finish import FARTHEST
@@ -109,6 +110,7 @@ def design(config: ConfigurationLike, monitor: Monitor | None = None) -> DesignR
         seconds=time.perf_counter() - began,
         warnings=(
             *configuration.warnings,
+            *_unlimited(evaluator.robot, trajectory),
             *_warnings(configuration, trajectory, task),
             *imprecise(evaluator.robot, experiment),
         ),
@@ -281,6 +283,13 @@ def _experiment_precision(
         regressors = evaluator.robot.regressor(*motion)
         information = information_matrix(regressors[:, :, evaluator.columns], evaluator.covariance)
     return _precision(evaluator, information, total, experiment.periods)
+
+
+def _unlimited(robot: Robot, trajectory: FourierTrajectory) -> tuple[str, ...]:
+    """Return a warning of what is not limited, with what the motion does there, or nothing."""
+    found = unlimited(robot, trajectory, trajectory.sample_times(POINTS))
+    warning = unlimited_warning(robot.description, found)
+    return (warning,) if warning else ()
 
 
 def _warnings(

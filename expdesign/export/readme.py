@@ -14,6 +14,7 @@ from expdesign.export.record import (
     FileEntry,
     MotionEntry,
 )
+from expdesign.recheck.unlimited import in_words
 
 _WIDTH = 96
 
@@ -53,6 +54,8 @@ def readme(record: ExportsRecord) -> str:
             "with the tables below, then run the file at a distance from people and obstacles."
         ),
     ]
+    if motion.unlimited:
+        parts[-1:-1] = [_heading("What nothing limits", "-"), _paragraph(_unlimited(motion))]
     for name, file in record.files.items():
         parts += [
             _heading(f"{name}: {file.title}", "-"),
@@ -63,6 +66,14 @@ def readme(record: ExportsRecord) -> str:
             _paragraph(_checked(file.read_back)),
         ]
     return "\n\n".join(parts) + "\n"
+
+
+def _unlimited(motion: MotionEntry) -> str:
+    return (
+        "Neither robot nor run set these limits, and nothing but this motion itself keeps the "
+        f"machine from going further. It reaches: {in_words(motion.unlimited or ())}. Make sure "
+        "that the machine can go there before the first run."
+    )
 
 
 def _which(record: ExportsRecord) -> str:

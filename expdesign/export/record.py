@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
+import numpy as np
 from pydantic import Field
 
 from expdesign.export.definition import Task
@@ -16,10 +17,12 @@ from expdesign.export.read_back import LIMIT_SHARE, LOG_DET_CHANGE, STD_SHARE, l
 from expdesign.export.row_times import SHARE
 from expdesign.mechanism.hexapod import COORDINATE_NAMES, numbered
 from expdesign.motion.record import RecordedMotion
+from expdesign.recheck.unlimited import Unlimited, unlimited
 from expdesign.runfolder import JsonFile, OpenNumber, copied, described
 
 FOLDER, RECORD = "exports", "exports.json"
 
+_POINTS = 4001
 _Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 
@@ -29,7 +32,8 @@ class MotionEntry:
 
     It is measured in `window`, (begin, end), at the rate `sampling`, Hz; `home` is a pose, (6,).
     `made_from` is the hash of configuration, design and versions. There are no `ways`, from rest
-    and back, for ramps of another kind.
+    and back, for ramps of another kind. `unlimited` is what the motion, ways included, does where
+    neither robot nor run limit it.
     """
 
     name: str
@@ -44,6 +48,8 @@ class MotionEntry:
     home: tuple[float, ...]
     made_from: str
     ways: RecordedMotion | None
+    # What it reaches follows from the motion; earlier versions did not say it.
+    unlimited: tuple[Unlimited, ...] | None = field(default=None, compare=False)
 
     @classmethod
     def of(cls, task: Task) -> MotionEntry:
@@ -57,6 +63,9 @@ class MotionEntry:
             period=task.motion.trajectory.period,
             home=tuple(task.robot.home.tolist()),
             ways=RecordedMotion.of(task.motion),
+            unlimited=unlimited(
+                task.robot, task.motion, np.linspace(0.0, task.motion.duration, _POINTS)
+            ),
         )
 
 

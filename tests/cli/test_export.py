@@ -103,7 +103,16 @@ def test_a_table_with_the_runs_options(expdesign, folder):
     assert abs(found["read_back"]["information"]["log_det_change"]) < 0.05
     assert record["motion"]["window"] == list(task().motion.window)
     text = (exports / "README.txt").read_text()
-    for part in ("1.200000 s", "500 Hz", "R = Rx(phi) Ry(theta) Rz(psi)", "Newport", "q1     um"):
+    reached = {(one["key"], one["row"]) for one in record["motion"]["unlimited"]}
+    assert {("rotation", name) for name in ("phi", "theta", "psi")} < reached
+    for part in (
+        "What nothing limits",
+        "1.200000 s",
+        "500 Hz",
+        "R = Rx(phi) Ry(theta) Rz(psi)",
+        "Newport",
+        "q1     um",
+    ):
         assert part in text, part
 
 

@@ -100,6 +100,13 @@ def test_the_period_is_a_whole_number_of_controller_steps(tiny_result):
     assert not any("controller" in warning for warning in tiny_result.warnings)
 
 
+def test_what_is_not_limited_is_told_with_what_the_motion_does_there(tiny_result):
+    (said,) = (one for one in tiny_result.warnings if "no limit is set on" in one)
+    pose = tiny_result.trajectory.sample(tiny_result.trajectory.sample_times(2000)).pose
+    for name, values in zip(("phi", "theta", "psi"), pose[:, 3:].T, strict=True):
+        assert f"{name} {np.degrees(np.abs(values).max()):.3g} deg from home" in said
+
+
 def test_status_and_statistics(tiny_result):
     search = tiny_result.search
     assert tiny_result.status in {"converged", "not converged"}
