@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -209,7 +209,6 @@ def _with_memory(experiment: Experiment) -> Experiment:
 
     Who takes noise with a memory for white does not make a fault of the model of it.
     """
-    noise, record = experiment.noise, experiment.record
 
     def seen(weighted: NoiseEstimate, channels: Channels) -> NoiseEstimate:
         shown = channels.shown_noise
@@ -218,15 +217,12 @@ def _with_memory(experiment: Experiment) -> Experiment:
             return weighted
         return shown
 
-    forces, lengths = seen(noise.forces, record.forces), seen(noise.lengths, record.lengths)
-    if forces is noise.forces and lengths is noise.lengths:
-        return experiment
-    return replace(experiment, noise=NoiseModel(forces, lengths))
+    noise = _chosen(experiment, seen)
+    return experiment if noise is experiment.noise else replace(experiment, noise=noise)
 
 
 def _shown_noise(experiment: Experiment) -> NoiseModel:
     """Return the noise that a recording shows, where it shows enough; else what was given."""
-    noise, record = experiment.noise, experiment.record
 
     def shown(given: NoiseEstimate, channels: Channels) -> NoiseEstimate:
         repeated = channels.scatter
@@ -235,7 +231,15 @@ def _shown_noise(experiment: Experiment) -> NoiseModel:
         found = repeated if experiment.pointwise is not None else channels.shown_noise
         return given if found is None else found
 
-    forces, lengths = shown(noise.forces, record.forces), shown(noise.lengths, record.lengths)
+    return _chosen(experiment, shown)
+
+
+def _chosen(
+    experiment: Experiment, choose: Callable[[NoiseEstimate, Channels], NoiseEstimate]
+) -> NoiseModel:
+    """Return the noise chosen for forces and lengths: the experiment's own where both stay."""
+    noise, record = experiment.noise, experiment.record
+    forces, lengths = choose(noise.forces, record.forces), choose(noise.lengths, record.lengths)
     if forces is noise.forces and lengths is noise.lengths:
         return noise
     return NoiseModel(forces, lengths)

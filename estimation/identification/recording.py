@@ -95,7 +95,7 @@ def prepare_recording(
     if fit.wanted is not None:
         warnings.append(
             f"the lengths show {fit.wanted} harmonics, but no motion of the machine described has "
-            f"so many: joints or zeros of lengths are elsewhere than stated. The motion is taken "
+            "so many: joints or zeros of lengths are elsewhere than stated. The motion is taken "
             f"with {fit.motion.harmonics}"
         )
     experiment = Experiment.from_fit(robot, record, noise, fit)

@@ -58,6 +58,10 @@ _Points = Annotated[tuple[Point, ...], exactly(ACTUATORS, "joints"), *OrRing]
 _Axes = Annotated[tuple[Direction, ...], exactly(ACTUATORS, "axes")]
 
 
+EARTH_GRAVITY = (0.0, 0.0, -9.81)
+"""Where z points upward, m/s²."""
+
+
 class RobotDescription(Section):
     """A hexapod as its YAML file states it, in SI units."""
 
@@ -65,11 +69,7 @@ class RobotDescription(Section):
     description: Text = ""
     home: Pose
     """x, y, z [m], phi, theta, psi [rad]."""
-    gravity: Annotated[tuple[Acceleration, ...], exactly(3, "components [x, y, z]")] = (
-        0.0,
-        0.0,
-        -9.81,
-    )
+    gravity: Annotated[tuple[Acceleration, ...], exactly(3, "components [x, y, z]")] = EARTH_GRAVITY
     """Base frame, m/s²."""
     base_joints: _Points
     """(6, 3), base frame, m."""

@@ -12,25 +12,27 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from constraints.arrays import Array
-from expdesign.mechanism.rotation import angular_acceleration, angular_velocity
-
-_OURS, _FIXED_AXES = "XYZ", "xyz"
-"""SciPy's letters: upper case for moving axes, lower case for fixed ones."""
+from expdesign.mechanism.rotation import (
+    ANGLES,
+    FIXED_AXES,
+    angular_acceleration,
+    angular_velocity,
+)
 
 
 def roll_pitch_yaw(angles: Array) -> Array:
     """Return A, B, C with Rz(C) Ry(B) Rx(A) = R for angles (N, 3), rad, without jumps of 360°."""
-    return np.unwrap(Rotation.from_euler(_OURS, angles).as_euler(_FIXED_AXES), axis=0)
+    return np.unwrap(Rotation.from_euler(ANGLES, angles).as_euler(FIXED_AXES), axis=0)
 
 
 def from_roll_pitch_yaw(fixed: Array) -> Array:
     """Return φ, θ, ψ, (N, 3) rad, of rotations about fixed axes; without jumps of 360°."""
-    return np.unwrap(Rotation.from_euler(_FIXED_AXES, fixed).as_euler(_OURS), axis=0)
+    return np.unwrap(Rotation.from_euler(FIXED_AXES, fixed).as_euler(ANGLES), axis=0)
 
 
 def quaternions(angles: Array) -> Array:
     """Return x, y, z, w, (N, 4), without jumps of sign, for angles (N, 3), rad."""
-    converted = Rotation.from_euler(_OURS, angles).as_quat()
+    converted = Rotation.from_euler(ANGLES, angles).as_quat()
     turns = np.where(np.sum(converted[1:] * converted[:-1], axis=1) < 0, -1.0, 1.0)
     converted[1:] *= np.cumprod(turns)[:, None]
     return converted
@@ -38,7 +40,7 @@ def quaternions(angles: Array) -> Array:
 
 def from_quaternions(values: Array) -> Array:
     """Return φ, θ, ψ, (N, 3) rad, of quaternions x, y, z, w; without jumps of 360°."""
-    return np.unwrap(Rotation.from_quat(values).as_euler(_OURS), axis=0)
+    return np.unwrap(Rotation.from_quat(values).as_euler(ANGLES), axis=0)
 
 
 def angular_motion(angles: Array, rates: Array, accelerations: Array) -> tuple[Array, Array]:

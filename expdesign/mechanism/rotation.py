@@ -4,6 +4,11 @@ from __future__ import annotations
 
 import casadi as ca
 
+ANGLES = "XYZ"
+"""SciPy's letters for φ, θ, ψ: upper case for moving axes."""
+FIXED_AXES = "xyz"
+"""SciPy's letters for roll, pitch and yaw, as LinuxCNC, SDF and ROS take them."""
+
 
 def rotation_matrix(angles: ca.SX) -> ca.SX:
     """Return R of φ, θ, ψ, rad, that takes platform-frame vectors into the base frame."""

@@ -107,7 +107,7 @@ class InformationCost:
         return cost.value, gradient, hessian
 
     def gradient(self, variables: Array, width: float, level: float) -> tuple[float, Array]:
-        """Return cost and gradient (z,) alone, at a third of the price of `derivatives`."""
+        """Return cost and gradient (z,) alone, by one sweep in reverse in place of a Jacobian."""
         basis = self.basis()
         states = self.variables.states(variables, basis)
         fixed = self.machine, np.array([width])

@@ -6,7 +6,7 @@ They pass `expdesign check`, and say nothing of the machine: each is told as ass
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -19,9 +19,10 @@ from expdesign.configuration.document import Placed, document_from_mapping
 from expdesign.configuration.joint_ring import JointRing
 from expdesign.configuration.limits import CHARACTERISTIC_LENGTH, Limits, resolve_limits, row_labels
 from expdesign.configuration.problem import InputError
-from expdesign.configuration.robot import RobotDescription, resolve_robot
+from expdesign.configuration.robot import EARTH_GRAVITY, RobotDescription, resolve_robot
 from expdesign.configuration.section import Section, validate
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
+from expdesign.mechanism.terms import rigid_platform
 from expdesign.robot import LimitModel, Robot
 from expdesign.robotfile.bodies import assumed_parameters
 from expdesign.robotfile.machine import Machine, Points
@@ -58,7 +59,6 @@ _FORCE_STD = 0.02
 """Share of the largest force."""
 _LENGTH_STD = 5e-5
 """Share of the struts' length at home."""
-_GRAVITY = (0.0, 0.0, -9.81)
 
 
 class _Bounded(Section):
@@ -179,7 +179,7 @@ def _frequency(limits: Mapping[str, Any], lengths: Array) -> tuple[float, float]
 
 
 def _weight(mass: float, machine: Machine) -> float:
-    return mass * float(np.linalg.norm(machine.gravity or _GRAVITY)) / ACTUATORS or mass
+    return mass * float(np.linalg.norm(machine.gravity or EARTH_GRAVITY)) / ACTUATORS or mass
 
 
 def _with_parameters(
@@ -204,7 +204,7 @@ def _robot(machine: Machine, general: bool) -> Robot:
     mapping = {
         "name": machine.name,
         "home": machine.home,
-        "gravity": machine.gravity or _GRAVITY,
+        "gravity": machine.gravity or EARTH_GRAVITY,
         "base_joints": points(machine.base_joints),
         "platform_joints": points(machine.platform_joints),
         "platform": kind,
@@ -215,7 +215,7 @@ def _robot(machine: Machine, general: bool) -> Robot:
         if getattr(machine, key) is not None:
             mapping[key] = getattr(machine, key)
     if not general:
-        spare = ("sx", "sy", "Ixy", "Ixz", "Iyz")
+        spare = rigid_platform.LATERAL
         mapping["parameters"] = {k: v for k, v in machine.parameters.items() if k not in spare}
     document = document_from_mapping(mapping)
     description, problems = validate(RobotDescription, document.data, document)
@@ -274,6 +274,7 @@ def _limits(told: Mapping[str, Any], values: Mapping[str, Array], robot: Robot) 
     strut = float(np.mean(lengths))
     stroke = _stroke(told, strut)
     centre = values["position"]
+    ways, turns = (limit_definitions()[key].components for key in ("position", "rotation"))
     found: dict[str, Any] = {
         "strut_length": [
             _rounded(float(np.min(lengths)) - stroke / 2, 3),
@@ -281,12 +282,10 @@ def _limits(told: Mapping[str, Any], values: Mapping[str, Array], robot: Robot) 
         ],
         "strut_speed": _rounded(_SPEED * stroke),
         "strut_acceleration": _rounded(_ACCELERATION * stroke),
-        "position": _about("xyz", centre, _rounded(_POSITION * stroke, 2)),
+        "position": _about(ways, centre, _rounded(_POSITION * stroke, 2)),
         "rotation": {
             name: [-_degrees(_ROTATION - angle), _degrees(angle + _ROTATION)]
-            for name, angle in zip(
-                ("phi", "theta", "psi"), values["rotation"].tolist(), strict=True
-            )
+            for name, angle in zip(turns, values["rotation"].tolist(), strict=True)
         },
         "tilt": _degrees(float(np.max(values["tilt"])) + _ROTATION),
         "alpha": _spread(values["alpha"]),
@@ -320,7 +319,7 @@ def _gap(distances: Array, robot: Robot) -> float:
     return min(d for d, pair in zip(distances.tolist(), pairs, strict=True) if pair not in shared)
 
 
-def _about(names: str, middle: Array, way: float) -> dict[str, list[float]]:
+def _about(names: Sequence[str], middle: Array, way: float) -> dict[str, list[float]]:
     pairs = zip(names, middle.tolist(), strict=True)
     return {name: [_plain(value - way), _plain(value + way)] for name, value in pairs}
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from constraints.arrays import Array
+from expdesign.configuration.geometry import rms_radius
 from expdesign.mechanism.hexapod import ACTUATORS
 
 _STATOR, _SLIDER = 0.08, 0.04
@@ -47,7 +48,7 @@ def assumed_parameters(
     across = (stator + slider) * rod**2 / 3
     along = (stator + slider) * (_SLENDER * rod) ** 2 / 2
     centre = np.mean(joints, axis=0)
-    radius = float(np.sqrt(np.mean(np.sum((joints - centre) ** 2, axis=1))))
+    radius = rms_radius(joints - centre)
     disc = mass * radius**2 * np.array([1 / 4 + _THICK**2 / 12] * 2 + [1 / 2])
     # The disc's middle is that of the joints; about the TCP it and the sliders' masses have
     points = np.vstack([joints, centre])

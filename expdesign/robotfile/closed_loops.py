@@ -11,14 +11,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from constraints.arrays import Array
 from expdesign.configuration.problem import InputError
 from expdesign.mechanism.hexapod import ACTUATORS
+from expdesign.mechanism.rotation import ANGLES
 from expdesign.robotfile.machine import Machine, Question
 from expdesign.robotfile.machine_format import rows
 from expdesign.robotfile.mechanism_graph import Body, Groups, Joint, Rotations, Step
-from expdesign.robotfile.platform_angles import angles_of
 
 _ALLOWED = (
     "six struts, each with one sliding joint between a cardan or ball joint on the base and one on "
@@ -111,12 +112,13 @@ def hexapod(
     limits = _limits(slides, lower, feet, heads, questions)
     closed = _closed(feet, heads, questions)
     mass = _mass(platform_group, groups, bodies, questions)
+    angles = Rotation.from_matrix(place.rotation).as_euler(ANGLES) + 0.0
     return Machine(
         name=name,
         source=source,
         base_joints=rows(np.array([end.hub for end in feet])),
         platform_joints=rows(place.local(np.array([end.hub for end in heads]))),
-        home=(*rows(place.origin[None])[0], *angles_of(place.rotation)) if closed else None,
+        home=(*rows(place.origin[None])[0], *angles.tolist()) if closed else None,
         alpha_axes=_alpha_axes(feet),
         limits=limits,
         moved_mass=mass,

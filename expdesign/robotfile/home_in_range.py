@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from expdesign.configuration.geometry import geometry_at
+from expdesign.mechanism.hexapod import COORDINATE_NAMES
 from expdesign.robotfile.assumed import points
 from expdesign.robotfile.machine import Machine, Question
 
 _BESIDE = 1e-4
 """So much of a length beside its range is what a file's own digits leave."""
-_COMPONENTS = {"position": ("x", "y", "z"), "rotation": ("phi", "theta", "psi")}
 
 
 def without_contradictions(machine: Machine) -> Machine:
@@ -27,8 +27,8 @@ def without_contradictions(machine: Machine) -> Machine:
             np.array(machine.home), points(machine.base_joints), points(machine.platform_joints)
         ).lengths
         _check_lengths(limits, lengths.tolist(), questions)
-    for k, (key, names) in enumerate(_COMPONENTS.items()):
-        home = dict(zip(names, machine.home[3 * k : 3 * k + 3], strict=True))
+    home = dict(zip(COORDINATE_NAMES, machine.home, strict=True))
+    for key in ("position", "rotation"):
         if isinstance(ranges := limits.get(key), Mapping):
             outside = [n for n, (low, high) in ranges.items() if not low <= home[n] <= high]
             limits[key] = {n: pair for n, pair in ranges.items() if n not in outside}

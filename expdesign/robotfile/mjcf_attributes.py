@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from constraints.arrays import Array
 from expdesign.configuration.problem import shown
 from expdesign.robotfile.mechanism_graph import Placement
-from expdesign.robotfile.platform_angles import turn
 from expdesign.robotfile.xml_document import Element
 
 _MAIN = "main"
@@ -89,12 +89,12 @@ class Attributes:
         key = given[0]
         text = element.attributes[key]
         if key == "quat":
-            return _of_quaternion(_unit(element, element.numbers(text, key, 4), key))
+            quaternion = _unit(element, element.numbers(text, key, 4), key)
+            return Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
         if key == "axisangle":
             values = element.numbers(text, key, 4)
-            half = self.angle(float(values[3])) / 2
-            axis = _unit(element, values[:3], key)
-            return _of_quaternion(np.array([np.cos(half), *(np.sin(half) * axis)]))
+            vector = self.angle(float(values[3])) * _unit(element, values[:3], key)
+            return Rotation.from_rotvec(vector).as_matrix()
         if key == "euler":
             return self._of_euler(element.numbers(text, key, 3))
         if key == "xyaxes":
@@ -109,11 +109,11 @@ class Attributes:
         return float(np.radians(value)) if self.degrees else value
 
     def _of_euler(self, values: Array) -> Array:
-        rotation = np.eye(3)
+        rotation = Rotation.identity()
         for letter, value in zip(self.order, values, strict=True):
-            one = turn("xyz".index(letter.lower()), self.angle(float(value)))
-            rotation = rotation @ one if letter.islower() else one @ rotation
-        return rotation
+            one = Rotation.from_euler(letter.lower(), value, self.degrees)
+            rotation = rotation * one if letter.islower() else one * rotation
+        return rotation.as_matrix()
 
 
 def _unit(element: Element, vector: Array, what: str) -> Array:
@@ -123,18 +123,10 @@ def _unit(element: Element, vector: Array, what: str) -> Array:
     return np.asarray(vector / length)
 
 
-def _of_quaternion(q: Array) -> Array:
-    w, vector = q[0], q[1:]
-    x, y, z = vector
-    across = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + 2 * w * across + 2 * across @ across
-
-
 def _turned_to(z: Array) -> Array:
     """Return the least rotation that takes the z axis to a unit vector."""
     axis = np.cross([0.0, 0.0, 1.0], z)
     sine = float(np.linalg.norm(axis))
     if sine == 0:
         return np.diag([1.0, np.sign(z[2]), np.sign(z[2])])
-    half = np.arctan2(sine, z[2]) / 2
-    return _of_quaternion(np.array([np.cos(half), *(np.sin(half) * axis / sine)]))
+    return Rotation.from_rotvec(np.arctan2(sine, z[2]) * axis / sine).as_matrix()

@@ -117,3 +117,5 @@ GENERAL = replace(
     ),
     columns=_general,
 )
+LATERAL = tuple(one.name for one in GENERAL.parameters[len(SYMMETRIC.parameters) :])
+"""Parameters that the general platform has and the symmetric one has not."""

@@ -12,15 +12,16 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from constraints.arrays import Array
 from expdesign.configuration.document import read_text
 from expdesign.configuration.problem import InputError
 from expdesign.mechanism.hexapod import ACTUATORS
+from expdesign.mechanism.rotation import ANGLES, FIXED_AXES
 from expdesign.robotfile.linuxcnc_settings import Entry, IniFile, Pins, read_hal, read_ini
 from expdesign.robotfile.machine import Machine, Question
 from expdesign.robotfile.machine_format import MachineFormat, rows
-from expdesign.robotfile.platform_angles import angles_of, fixed_axes_rotation, rotation_of
 
 _LARGEST = 1024 * 1024
 _KINEMATICS = "genhexkins"
@@ -223,12 +224,12 @@ class _Hexapod:
         angular = self.ini.entry("TRAJ", "ANGULAR_UNITS")
         if np.any(pose[3:]) and angular is not None and angular.value.lower() not in _DEGREES:
             raise angular.refusal(f"{_KINEMATICS} takes degrees", ", ".join(_DEGREES))
-        angles = angles_of(fixed_axes_rotation(np.radians(pose[3:])))
-        return (*(float(value) for value in pose[:3] * self.unit), *angles)
+        angles = Rotation.from_euler(FIXED_AXES, pose[3:], degrees=True).as_euler(ANGLES)
+        return tuple(np.concatenate([pose[:3] * self.unit, angles + 0.0]).tolist())
 
     def _compare_homes(self, base: Array, platform: Array, home: tuple[float, ...]) -> None:
-        rotation = rotation_of(np.array(home[3:]))
-        lengths = np.linalg.norm(np.array(home[:3]) + platform @ rotation.T - base, axis=1)
+        turned = Rotation.from_euler(ANGLES, home[3:]).apply(platform)
+        lengths = np.linalg.norm(np.array(home[:3]) + turned - base, axis=1)
         told = self._of_joints("HOME")
         if any(entry is None for entry in told):
             return

@@ -13,6 +13,7 @@ import numpy as np
 
 from constraints.arrays import Array
 from expdesign.configuration.problem import shown
+from expdesign.configuration.robot import EARTH_GRAVITY
 from expdesign.robotfile.closed_loops import hexapod
 from expdesign.robotfile.machine import Machine, Question
 from expdesign.robotfile.machine_format import MachineFormat
@@ -30,7 +31,6 @@ _KINDS: dict[str, Kind] = {
 _PLACING = ["rotation"] * 3 + ["slide"] * 3
 """Joints of one body, sorted, that leave it free."""
 _ACTUATED = ("motor", "position", "velocity", "intvelocity", "general", "cylinder", "damper")
-_GRAVITY = (0.0, 0.0, -9.81)
 
 
 def _read(name: str, files: tuple[Path, ...]) -> Machine:
@@ -45,11 +45,11 @@ def _read(name: str, files: tuple[Path, ...]) -> Machine:
     if not np.any(gravity):
         text = "The model has no gravity; the machine's is taken as 9.81 m/s² along -z."
         return replace(machine, questions=(*machine.questions, Question("gravity", text)))
-    return machine if gravity == _GRAVITY else replace(machine, gravity=gravity)
+    return machine if gravity == EARTH_GRAVITY else replace(machine, gravity=gravity)
 
 
 def _gravity(root: Element) -> tuple[float, ...]:
-    gravity: tuple[float, ...] = _GRAVITY
+    gravity: tuple[float, ...] = EARTH_GRAVITY
     for option in root.all("option"):
         if (text := option.attributes.get("gravity")) is not None:
             gravity = tuple(float(value) for value in option.numbers(text, "gravity", 3))

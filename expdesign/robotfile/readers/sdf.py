@@ -15,11 +15,11 @@ from scipy.spatial.transform import Rotation
 
 from constraints.arrays import Array
 from expdesign.configuration.problem import InputError, shown
+from expdesign.mechanism.rotation import FIXED_AXES
 from expdesign.robotfile.closed_loops import hexapod
 from expdesign.robotfile.machine import Machine
 from expdesign.robotfile.machine_format import MachineFormat
 from expdesign.robotfile.mechanism_graph import WORLD, Body, Joint, Kind, Placement
-from expdesign.robotfile.platform_angles import fixed_axes_rotation
 from expdesign.robotfile.xml_document import Element, read_xml
 
 _KINDS: dict[str, Kind] = {
@@ -152,8 +152,8 @@ def _pose(element: Element) -> tuple[Placement, str]:
         return WORLD, relative
     numbers = element.numbers(pose.text, "<pose>", 6)
     degrees = pose.attributes.get("degrees", "false").strip() in ("1", "true")
-    angles = np.radians(numbers[3:]) if degrees else numbers[3:]
-    return Placement(fixed_axes_rotation(angles), numbers[:3]), relative
+    turned = Rotation.from_euler(FIXED_AXES, numbers[3:], degrees)
+    return Placement(turned.as_matrix(), numbers[:3]), relative
 
 
 def _joint(element: Element, frames: _Frames, numbers: dict[str, int]) -> Joint:
