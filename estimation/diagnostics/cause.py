@@ -15,6 +15,9 @@ from expdesign.mechanism.catalogue import parameter_unit
 Label = tuple[str, int | None]
 """Parameter, or empty, and actuator (from 0; None: all of them)."""
 
+THERE = "the model has the term, or its columns leave nothing to test"
+"""Why nothing of a family is left to test."""
+
 
 @dataclass(frozen=True, eq=False)
 class Cause:

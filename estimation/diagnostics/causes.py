@@ -17,8 +17,9 @@ from dataclasses import replace
 import numpy as np
 
 from constraints.arrays import Array
-from estimation.diagnostics.cause import Cause, Label
+from estimation.diagnostics.cause import THERE, Cause, Label
 from estimation.diagnostics.channel_test import CAUSES
+from estimation.diagnostics.drive_causes import drive_causes
 from estimation.diagnostics.finding import Assumption
 from estimation.diagnostics.hum_cause import hum_causes
 from estimation.diagnostics.linearisation import Linearisation
@@ -26,15 +27,11 @@ from estimation.diagnostics.signature import Signature
 from estimation.diagnostics.suspects import Suspects
 from expdesign.mechanism.hexapod import ACTUATORS, numbered
 
-STRIBECK_VELOCITIES = (0.02, 0.05, 0.12)
-"""Speeds at which friction beyond the dry one is tried, m/s: neighbours overlap."""
 _DELAYS = (-3.0, -1.0, 0.1, 1.0, 3.0)
 """Delays whose secants are tried, in steps of the recording; the small one is a derivative."""
 
 _EACH: tuple[Label, ...] = tuple(("", j) for j in range(ACTUATORS))
-_ALL_AND_EACH: tuple[Label, ...] = (("", None), *_EACH)
 _POINTWISE = "pointwise kinematics have no motion that a deviation could move"
-_THERE = "the model has the term, or its columns leave nothing to test"
 _JOINTLY = "`estimate.systematic: estimated`, which estimates it with everything else"
 
 
@@ -48,7 +45,7 @@ def causes(
     """
     own = parameter_cause(suspects.part, names, held_out=held_out)
     others = [
-        *_friction(suspects),
+        *drive_causes(suspects),
         *_forces(suspects),
         *_deviating(suspects),
         _delay(suspects),
@@ -130,7 +127,7 @@ def _forces(suspects: Suspects) -> Iterator[Cause]:
         ),
         noun="a constant force",
         absent="no actuator has a constant force beside the model (p = {p:.2g})",
-        untested=_THERE,
+        untested=THERE,
         unit=lambda _: "N",
     )
     yield Cause(
@@ -146,7 +143,7 @@ def _forces(suspects: Suspects) -> Iterator[Cause]:
         ),
         noun="a gain error",
         absent="no actuator's force has a gain of its own (p = {p:.2g})",
-        untested=_THERE,
+        untested=THERE,
         scale=100.0,
         unit=lambda _: "%",
     )
@@ -171,72 +168,11 @@ def _forces(suspects: Suspects) -> Iterator[Cause]:
         ),
         noun="a spring",
         absent="no force is linear in a strut's length (p = {p:.2g})",
-        untested=_THERE,
+        untested=THERE,
         unit=lambda _: "N/m",
         shown=1,
         contains="force_offset",
     )
-
-
-def _friction(suspects: Suspects) -> Iterator[Cause]:
-    """Yield friction that depends on speed, or on the load."""
-    part = suspects.part
-    nothing = Signature.of_forces(part, np.zeros((*part.forces.shape, 0)))
-    speeds = STRIBECK_VELOCITIES if suspects.lacks("stribeck") else ()
-    shapes = [_all_and_each(suspects.term("stribeck", velocity=speed)) for speed in speeds]
-
-    def of_speed(label: Label, speed: float) -> Signature:
-        chosen = [_ALL_AND_EACH.index(label)]
-        return _all_and_each(suspects.term("stribeck", velocity=speed)).picked(chosen)
-
-    yield Cause(
-        kind="stribeck",
-        labels=_ALL_AND_EACH * len(speeds),
-        columns=Signature.joined([nothing, *shapes]),
-        constants=tuple(speed for speed in speeds for _ in _ALL_AND_EACH),
-        at=of_speed,
-        level=CAUSES,
-        assumption=Assumption(
-            "friction does not rise near standstill",
-            "friction near standstill is not that of the model",
-            "add `stribeck`, with a `velocity` like the one named, to the robot's `terms`: it is "
-            "estimated with everything else",
-        ),
-        noun="friction near standstill",
-        absent="friction near standstill is that of the model (p = {p:.2g})",
-        untested=_THERE,
-        unit=lambda _: "N",
-    )
-    loaded = (
-        _all_and_each(suspects.term("load_friction"))
-        if suspects.lacks("load_friction")
-        else nothing
-    )
-    yield Cause(
-        kind="load_friction",
-        labels=_ALL_AND_EACH if loaded.count else (),
-        columns=loaded,
-        level=CAUSES,
-        assumption=Assumption(
-            "friction does not depend on the load",
-            "friction grows with the load of the actuators",
-            "add `load_friction` to the robot's `terms`: it is estimated with everything else",
-        ),
-        noun="friction by load",
-        absent="friction does not depend on the load (p = {p:.2g})",
-        untested=_THERE,
-        scale=100.0,
-        unit=lambda _: "%",
-    )
-
-
-def _all_and_each(columns: Signature) -> Signature:
-    """Return the sum of all columns, and the columns."""
-    whole = Signature(
-        np.sum(columns.forces, axis=2, keepdims=True),
-        np.sum(columns.lengths, axis=2, keepdims=True),
-    )
-    return Signature.joined([whole, columns])
 
 
 def _deviating(suspects: Suspects) -> Iterator[Cause]:
@@ -270,7 +206,7 @@ def _deviating(suspects: Suspects) -> Iterator[Cause]:
         noun="a joint elsewhere",
         named="{place} elsewhere",
         absent="no joint is elsewhere (p = {p:.2g})",
-        untested=_THERE if moved else _POINTWISE,
+        untested=THERE if moved else _POINTWISE,
         scale=1e3,
         unit=lambda _: "mm",
     )
@@ -287,7 +223,7 @@ def _deviating(suspects: Suspects) -> Iterator[Cause]:
         ),
         noun="a tilt of gravity",
         absent="gravity is not tilted (p = {p:.2g})",
-        untested=_THERE if moved else _POINTWISE,
+        untested=THERE if moved else _POINTWISE,
         scale=180 / np.pi,
         unit=lambda _: "deg",
     )
@@ -304,7 +240,7 @@ def _deviating(suspects: Suspects) -> Iterator[Cause]:
         ),
         noun="a shifted zero of the length",
         absent="no zero of a length is off (p = {p:.2g})",
-        untested=_THERE if moved else _POINTWISE,
+        untested=THERE if moved else _POINTWISE,
         scale=1e3,
         unit=lambda _: "mm",
     )

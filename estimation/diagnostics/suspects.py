@@ -45,7 +45,7 @@ class Suspects:
 
     def lacks(self, name: str) -> bool:
         """Tell whether a term of the catalogue is none of the robot's."""
-        return TERMS[name] not in self.robot.terms
+        return name not in {term.name for term in self.robot.terms}
 
     def term(self, name: str, **constants: float) -> Signature:
         """Return the columns of a term that the robot does not have, for its constants, SI."""
@@ -170,7 +170,7 @@ def _columns_of(terms: Sequence[Term], name: str) -> tuple[int, int]:
     return first, first + len(terms[place].parameters)
 
 
-SUSPECTED = ("load_friction", "stribeck", "force_offset", "cable")
+SUSPECTED = ("load_friction", "drive_inertia", "stribeck", "force_offset", "cable")
 """Terms of the catalogue that a robot may lack; that which takes the load comes first, so that the
 load is that of the robot's own terms."""
 

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field, ValidationInfo, model_serializer
 from pydantic_core import PydanticCustomError
 
+from expdesign.configuration.drive import DIRECT, Drive
 from expdesign.configuration.problem import nearest, refusal, shown
 from expdesign.configuration.section import Section
 from expdesign.configuration.values.quantity import dimension_of
 from expdesign.configuration.values.scalars import each_read, known
 from expdesign.mechanism.catalogue import DEFAULT, TERMS, known_parameters, terms_named
 from expdesign.mechanism.term import Constant, Parameter, Term, parameters_of
-from expdesign.mechanism.terms import rigid_platform
+from expdesign.mechanism.terms import drive_inertia, rigid_platform
 
 
 def known_parameter(value: object) -> str:
@@ -145,21 +147,32 @@ Terms = Annotated[tuple[TermDescription, ...], BeforeValidator(_terms)]
 DEFAULT_TERMS = _terms(DEFAULT)
 
 
-def chosen_terms(described: tuple[TermDescription, ...], platform: str) -> tuple[Term, ...]:
-    """Return the blocks that a robot file names, with its kind of platform."""
-    return terms_named((term.name for term in described), general=platform == "general")
+def chosen_terms(
+    described: tuple[TermDescription, ...], platform: str, drive: Drive = DIRECT
+) -> tuple[Term, ...]:
+    """Return the blocks that a robot file names, with its kind of platform.
+
+    That of the inertia of a screw or gear comes before friction when it is not listed.
+    """
+    terms = terms_named((term.name for term in described), general=platform == "general")
+    if drive.geared is None or drive_inertia.TERM in terms:
+        return terms
+    first = next((k for k, term in enumerate(terms) if term.rates), len(terms))
+    return (*terms[:first], drive_inertia.TERM, *terms[first:])
 
 
 def _parameters(value: object, info: ValidationInfo) -> dict[str, float]:
     """Read exactly the parameters of the robot's terms, in their order."""
     if not isinstance(value, Mapping):
         raise refusal(f"{shown(value)} is not a mapping", "parameters with their values")
-    if "terms" not in info.data or "platform" not in info.data:
+    if not {"terms", "platform", "drive"} <= set(info.data):
         return {}  # refused themselves: which parameters there are is not known
-    terms = chosen_terms(info.data["terms"], info.data["platform"])
+    drive = info.data["drive"]
+    terms = chosen_terms(info.data["terms"], info.data["platform"], drive)
+    follows = {} if drive.geared is None else {drive_inertia.MASS: drive.geared.mass}
     return _quantities(
         value,
-        {parameter.name: parameter for parameter in parameters_of(terms)},
+        {p.name: replace(p, default=follows.get(p.name, p.default)) for p in parameters_of(terms)},
         lambda name: f"no term of this robot has the parameter {shown(name)}{whose(name)}",
     )
 

@@ -15,6 +15,7 @@ from constraints import Limit
 from constraints.arrays import Array
 from expdesign.configuration import geometry as geo
 from expdesign.configuration.document import Placed, read_yaml
+from expdesign.configuration.drive import DIRECT, DriveOrDirect
 from expdesign.configuration.finding import find_file
 from expdesign.configuration.identification import Identification
 from expdesign.configuration.joint_ring import OrRing
@@ -50,7 +51,7 @@ from expdesign.configuration.values.scalars import (
 from expdesign.library import robot_files
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.term import Term
-from expdesign.mechanism.terms import rigid_platform
+from expdesign.mechanism.terms import drive_inertia, rigid_platform
 
 PlatformKind = Literal["symmetric", "general"]
 
@@ -83,6 +84,8 @@ class RobotDescription(Section):
     """10 or 15 rigid-body parameters of the platform."""
     terms: Annotated[Terms, LATER] = DEFAULT_TERMS
     """Blocks of the model that is linear in the parameters."""
+    drive: Annotated[DriveOrDirect, LATER] = DIRECT
+    """What moves the struts; a screw or gear adds the term of its inertia."""
     parameters: Parameters
     """Nominal (a-priori) values of the terms' parameters; physically consistent or not."""
     noise: NoiseDescription | None = None
@@ -222,7 +225,8 @@ def resolve_robot(
         problems += too_large(tolerances, sizes)
 
     warnings = []
-    terms = chosen_terms(description.terms, description.platform)
+    drive = description.drive
+    terms = chosen_terms(description.terms, description.platform, drive)
     platform_joints = np.array(description.platform_joints)
     with np.errstate(all="ignore"):
         if length is None:
@@ -238,6 +242,12 @@ def resolve_robot(
         raise InputError(problems)
 
     warnings += parameter_warnings(terms, description.parameters)
+    if drive.geared is not None and description.parameters[drive_inertia.MASS] == 0:
+        warnings.append(
+            "the drive has no inertia: without `inertia` beside its lead, or the parameter "
+            f"{drive_inertia.MASS}, the forces of a design are too small. A motor behind a screw "
+            "is often heavier along a strut than the platform"
+        )
     if description.identification is not None:
         warnings += description.identification.warnings
     if sums:

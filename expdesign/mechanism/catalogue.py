@@ -8,6 +8,7 @@ from expdesign.mechanism.term import Parameter, Term, parameters_of
 from expdesign.mechanism.terms import (
     actuator_friction,
     cable,
+    drive_inertia,
     force_offset,
     load_friction,
     passive_friction,
@@ -21,6 +22,7 @@ TERMS: dict[str, Term] = {
     for term in (
         struts.TERM,
         rigid_platform.GENERAL,
+        drive_inertia.TERM,
         passive_friction.TERM,
         actuator_friction.TERM,
         force_offset.TERM,

@@ -178,6 +178,7 @@ def _named(result):
             ("stribeck", None, ""),
         ),
         ([{"cable": {"rest_length": 0.6}}], {"k4": 300.0}, ("cable", 3, "")),
+        (["drive_inertia"], {"m_drive": 3.0}, ("drive_inertia", None, "")),
     ],
 )  # fmt: skip
 def test_a_term_that_is_missing_is_named(lab, palida, terms, parameters, expected):

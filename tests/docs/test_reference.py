@@ -21,6 +21,7 @@ from estimation.twin.record import MEASUREMENT, Truth
 from estimation.validation.record import ValidationFile
 from expdesign.cli.app import app
 from expdesign.configuration import DataSection, ExportSection, RunDescription, load_run
+from expdesign.configuration.drive import Screw
 from expdesign.configuration.joint_ring import JointRing
 from expdesign.configuration.limits import CHARACTERISTIC_LENGTH
 from expdesign.configuration.robot import RobotDescription
@@ -96,6 +97,7 @@ def _required(model):
         StudySection: {"kind": "design"},
         ExportSection: {"format": "csv"},
         JointRing: {"radius": 0.3, "half_angle": 0.1, "pairs": "1-2"},
+        Screw: {"lead": 0.005},
         Outliers: {"share": 0.1},
         Hum: {"amplitude": 5},
         Lost: {"share": 0.1},
@@ -121,6 +123,7 @@ def _required(model):
         (MonteCarloSection, RUN_FILES, "## montecarlo"),
         (RobotDescription, ROBOTS, "## Robot file"),
         (JointRing, ROBOTS, "### Joints on a circle"),
+        (Screw, ROBOTS, "### Drives"),
         (EstimateSection, RUN_FILES, "## estimate"),
         (ValidationMotion, RUN_FILES, "## validate"),
         (DataSection, DATA, "## data"),
@@ -206,8 +209,12 @@ def parameter_rows():
 
 def term_rows():
     rates = {STRUT_SPEED: "$\\dot l$", ALPHA_RATE: "$\\dot\\alpha$", BETA_RATE: "$\\dot\\beta$"}
+    ends = {
+        name: dict.fromkeys((t.parameters[0].name, t.parameters[-1].name))
+        for name, t in TERMS.items()
+    }
     return [
-        f"`{name}` | `{term.parameters[0].name}` … `{term.parameters[-1].name}` | "
+        f"`{name}` | {' … '.join(f'`{end}`' for end in ends[name])} | "
         f"{', '.join(rates[rate] for rate in term.rates)} | "
         f"{', '.join(f'`{c.name}` [{c.unit}]' for c in term.constants)} | {term.meaning}"
         for name, term in TERMS.items()

@@ -1,0 +1,90 @@
+"""`drive`: what moves the struts."""
+
+import math
+
+import pytest
+
+from expdesign.configuration import InputError, load_run, resolved_yaml
+from expdesign.configuration.robot import load_robot_description
+from expdesign.mechanism.catalogue import DEFAULT
+
+SCREW = {"screw": {"lead": "5 mm", "inertia": 6.3e-5}}
+MASS = 6.3e-5 * (2 * math.pi / 5e-3) ** 2
+
+
+@pytest.fixture(scope="module")
+def palida():
+    return load_robot_description("palida").description.model_dump(mode="json", by_alias=True)
+
+
+def _robot(palida, drive, **changes):
+    return load_run({"name": "n", "robot": {**palida, "drive": drive, **changes}}).robot
+
+
+def test_a_direct_drive_adds_nothing(palida):
+    assert palida["drive"] == "direct"
+    robot = _robot(palida, "direct")
+    assert [term.name for term in robot.terms] == list(DEFAULT)
+    assert "m_drive" not in robot.parameters
+
+
+@pytest.mark.parametrize("kind", ["screw", "gear"])
+def test_lead_and_inertia_make_a_mass(palida, kind):
+    robot = _robot(palida, {kind: SCREW["screw"]})
+    assert robot.parameters["m_drive"] == pytest.approx(MASS, rel=1e-12)
+    assert pytest.approx(100, abs=1) == MASS
+    names = list(robot.parameters)
+    assert names[names.index("m_drive") - 1 : names.index("m_drive") + 2] == [
+        "p10",
+        "m_drive",
+        "r_alpha",
+    ]
+    assert not [text for text in robot.warnings if "inertia" in text and "drive" in text]
+
+
+def test_a_value_that_is_given_counts_before_the_drives(palida):
+    parameters = {**palida["parameters"], "m_drive": "80 kg"}
+    assert _robot(palida, SCREW, parameters=parameters).parameters["m_drive"] == 80
+
+
+def test_a_term_that_is_listed_keeps_its_place(palida):
+    terms = [*DEFAULT, "drive_inertia"]
+    robot = _robot(palida, SCREW, terms=terms)
+    assert [term.name for term in robot.terms] == terms
+    assert robot.parameters["m_drive"] == pytest.approx(MASS, rel=1e-12)
+
+
+def test_an_inertia_that_is_not_known_is_told(palida):
+    robot = _robot(palida, {"screw": {"lead": 0.005}})
+    assert robot.parameters["m_drive"] == 0
+    assert any("m_drive" in text for text in robot.warnings)
+
+
+@pytest.mark.parametrize("drive", ["direct", SCREW, {"gear": {"lead": "0.2 m"}}])
+def test_what_is_resolved_is_read_again(palida, drive, tmp_path):
+    run = load_run({"name": "n", "robot": {**palida, "drive": drive}})
+    path = tmp_path / "run.yaml"
+    path.write_text(resolved_yaml(run), encoding="utf-8")
+    again = load_run(path)
+    assert again.robot.description == run.robot.description
+    assert again.robot.parameters == run.robot.parameters
+
+
+@pytest.mark.parametrize(
+    ("drive", "key"),
+    [
+        ("screw", "drive"),
+        ({}, "drive"),
+        ({**SCREW, "gear": {"lead": 1}}, "drive"),
+        ({"belt": {"lead": 1}}, "drive.belt"),
+        ({"screw": {"inertia": 1}}, "drive.screw.lead"),
+        ({"screw": {"lead": 0}}, "drive.screw.lead"),
+        ({"screw": {"lead": "5 mm", "inertia": -1}}, "drive.screw.inertia"),
+        ({"screw": {"lead": "5 mm", "thread": "both"}}, "drive.screw.thread"),
+        ({"gear": {"lead": "5 mm", "thread": "left"}}, "drive.gear.thread"),
+    ],
+)
+def test_what_is_no_drive_is_refused_where_it_stands(palida, drive, key):
+    with pytest.raises(InputError) as caught:
+        _robot(palida, drive)
+    assert [problem.key for problem in caught.value.problems] == [f"robot.{key}"]
