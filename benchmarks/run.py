@@ -32,6 +32,7 @@ NAMES = (
     "departures",
     "multibody",
     "tolerances",
+    "calls",
 )
 
 

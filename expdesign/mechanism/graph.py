@@ -173,6 +173,17 @@ class HexapodGraph:
             return self.regressor
         return ca.cse(self._with_signs(self.regressor, friction))
 
+    def force_with(self, friction: Friction) -> ca.SX:
+        """Return A p (6, 1), solved for p: a third fewer instructions than A and then its product.
+
+        The parameters are `parameters`.
+        """
+        wrench, along = (
+            self._with_signs(part, friction) @ self.parameters
+            for part in (self._wrench, self._along)
+        )
+        return ca.cse(ca.densify(ca.solve(self._transposed, wrench) + along))
+
     def force_slope(self, friction: Friction, by: ca.SX) -> ca.SX:
         """Return ∂(A p)/∂by, (6, n), of numbers that A depends on, such as the state.
 

@@ -146,6 +146,10 @@ class Term:
     impossible: Callable[[Mapping[str, float]], list[str]] = _nothing_more
     """Nominal values by name → what no bodies have beyond each one's bound, in words."""
 
+    def __hash__(self) -> int:
+        """Hash the name: terms are the keys of kernels, and that is asked for in every call."""
+        return hash(self.name)
+
 
 def parameters_of(terms: tuple[Term, ...]) -> tuple[Parameter, ...]:
     """Return the parameters of all terms, in the order of the regressor's columns."""

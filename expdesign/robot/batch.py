@@ -1,7 +1,7 @@
 """Evaluation of the symbolic graph over many samples: the one place where that is done.
 
 By CasADi's virtual machine where samples are few, by its instructions over blocks of them where
-they are many.
+they are many, and with memory that stays bound where there is one at a time. Threads may share it.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from constraints.arrays import Array
 from expdesign.robot.instructions import BLOCK, FEWEST, Instructions
+from expdesign.robot.one_instant import OneInstant
 
 
 class BatchFunction:
@@ -48,6 +49,7 @@ class BatchFunction:
         self._maps: dict[int, ca.Function] = {}
         self._instructions: Instructions | None = None
         self._asked = False
+        self._one: OneInstant | None = None
 
     @property
     def instructions(self) -> int:
@@ -74,6 +76,15 @@ class BatchFunction:
             results.append(flat if columns == 1 else flat.reshape(count, rows, columns))
         return results
 
+    def at(self, *inputs: Array) -> list[Array]:
+        """Evaluate one instant: every input as (rows,), outputs without the axis of samples.
+
+        The same numbers as a call with one sample gives, in a fraction of the time.
+        """
+        if self._one is None:
+            self._one = OneInstant(self._function, self._shapes, self._places)
+        return self._one(*inputs)
+
     def _block(self, varying: list[Array], fixed: list[Array]) -> list[Array]:
         if len(varying[0]) >= FEWEST and not self._asked:
             self._instructions, self._asked = Instructions.of(self._function, self._varying), True
@@ -83,11 +94,11 @@ class BatchFunction:
 
     def _mapped(self, varying: list[Array], fixed: list[Array]) -> list[Array]:
         count = len(varying[0])
-        if count not in self._maps:
+        mapped = self._maps.get(count)
+        if mapped is None:
             if len(self._maps) > 16:  # noqa: PLR2004 - a bound on memory, not a tuned number
                 self._maps.clear()
-            self._maps[count] = self._function.map(count)
-        mapped = self._maps[count]
+            mapped = self._maps[count] = self._function.map(count)
         # CasADi stores by columns and a map puts samples side by side: one sample after the
         # other in memory, as in a NumPy array with a row per sample. Nothing is converted.
         buffer, evaluate = mapped.buffer()

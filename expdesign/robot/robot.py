@@ -61,6 +61,14 @@ def _regressor_kernel(terms: tuple[Term, ...]) -> BatchFunction:
     return BatchFunction("regressor", [graph.state], [graph.machine], [regressor])
 
 
+@cache
+def _force_kernel(terms: tuple[Term, ...]) -> BatchFunction:
+    """State (18) → forces (6) with the exact signs of dry friction."""
+    graph = hexapod_graph(terms)
+    forces = graph.force_with(Friction.EXACT)
+    return BatchFunction("forces", [graph.state], [graph.machine, graph.parameters], [forces])
+
+
 @dataclass(frozen=True)
 class Robot:
     """A 6-UPS hexapod: what its file says, evaluated by the graph that all share."""
@@ -98,7 +106,7 @@ class Robot:
         """Length that makes rotations comparable with translations, m."""
         return self.description.characteristic_length
 
-    @property
+    @cached_property
     def parameter_names(self) -> tuple[str, ...]:
         """Names of the regressor's columns."""
         return tuple(parameter.name for parameter in parameters_of(self.terms))
@@ -169,15 +177,19 @@ class Robot:
 
     def inverse_kinematics(self, pose: ArrayLike) -> Array:
         """Return strut lengths, m: (6,) or (N, 6) like the pose (m, rad)."""
-        rows, single = _rows("pose", pose)
-        lengths, _ = self.lengths_and_jacobian(rows)
-        return lengths[0] if single else lengths
+        one = _one_instant(pose)
+        if one is not None:
+            return _length_kernel().at(one, self.geometry_vector)[0]
+        rows, _ = _rows("pose", pose)
+        return self.lengths_and_jacobian(rows)[0]
 
     def length_jacobian(self, pose: ArrayLike) -> Array:
         """Return ∂q/∂λ, (6, 6) or (N, 6, 6), of the strut lengths to the pose."""
-        rows, single = _rows("pose", pose)
-        _, jacobian = self.lengths_and_jacobian(rows)
-        return jacobian[0] if single else jacobian
+        one = _one_instant(pose)
+        if one is not None:
+            return _length_kernel().at(one, self.geometry_vector)[1]
+        rows, _ = _rows("pose", pose)
+        return self.lengths_and_jacobian(rows)[1]
 
     def lengths_and_jacobian(self, poses: Array) -> tuple[Array, Array]:
         """Return strut lengths (N, 6), m, and ∂q/∂λ (N, 6, 6) at poses (N, 6)."""
@@ -200,15 +212,19 @@ class Robot:
         self, pose: ArrayLike, rate: ArrayLike, acceleration: ArrayLike
     ) -> StrutMotion:
         """Return the motion of all struts at λ, λ̇, λ̈, (6,) or (N, 6) each: m, rad, s."""
-        state, single = _states(pose, rate, acceleration)
-        values = _motion_kernel()(state, self.geometry_vector)
-        return StrutMotion(*(value[0] if single else value for value in values))
+        one = _one_instant(pose, rate, acceleration)
+        if one is not None:
+            return StrutMotion(*_motion_kernel().at(one, self.geometry_vector))
+        state = _states(pose, rate, acceleration)
+        return StrutMotion(*_motion_kernel()(state, self.geometry_vector))
 
     def regressor(self, pose: ArrayLike, rate: ArrayLike, acceleration: ArrayLike) -> Array:
         """Return A of Q = A p with the exact signs of dry friction: (6, m) or (N, 6, m)."""
-        state, single = _states(pose, rate, acceleration)
-        (regressors,) = _regressor_kernel(self.terms)(state, self.machine)
-        return regressors[0] if single else regressors
+        one = _one_instant(pose, rate, acceleration)
+        if one is not None:
+            return _regressor_kernel(self.terms).at(one, self.machine)[0]
+        state = _states(pose, rate, acceleration)
+        return _regressor_kernel(self.terms)(state, self.machine)[0]
 
     def actuator_forces(
         self,
@@ -228,6 +244,12 @@ class Robot:
             raise ValueError(
                 f"parameters: expected {len(self.parameter_names)} values, got {values.shape}"
             )
+        one = _one_instant(pose, rate, acceleration)
+        if one is not None:
+            machine = self.machine
+            if parameters is not None:
+                machine = np.concatenate([machine[: -len(values)], values])
+            return _force_kernel(self.terms).at(one, machine, values)[0]
         loaded = self if parameters is None else self.with_load_at(values)
         return loaded.regressor(pose, rate, acceleration) @ values
 
@@ -239,12 +261,21 @@ def _rows(name: str, value: ArrayLike) -> tuple[Array, bool]:
     return np.atleast_2d(array), array.ndim == 1
 
 
-def _states(*parts: ArrayLike) -> tuple[Array, bool]:
+def _one_instant(*parts: ArrayLike) -> Array | None:
+    """Return vectors of (6,) behind each other; None where one has another shape."""
+    vectors = [np.asarray(part, dtype=np.float64) for part in parts]
+    for vector in vectors:
+        if vector.shape != (ACTUATORS,):
+            return None
+    return np.concatenate(vectors)
+
+
+def _states(*parts: ArrayLike) -> Array:
     names = ("pose", "rate", "acceleration")
-    rows = [_rows(name, part) for name, part in zip(names, parts, strict=True)]
-    count = max(len(array) for array, _ in rows)
-    for name, (array, _) in zip(names, rows, strict=True):
+    rows = [_rows(name, part)[0] for name, part in zip(names, parts, strict=True)]
+    count = max(len(array) for array in rows)
+    for name, array in zip(names, rows, strict=True):
         if len(array) not in (1, count):
             raise ValueError(f"{name}: has {len(array)} rows, the others have {count}")
-    stacked = [np.broadcast_to(array, (count, ACTUATORS)) for array, _ in rows]
-    return np.concatenate(stacked, axis=1), all(single for _, single in rows)
+    stacked = [np.broadcast_to(array, (count, ACTUATORS)) for array in rows]
+    return np.concatenate(stacked, axis=1)
