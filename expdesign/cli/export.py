@@ -51,6 +51,7 @@ _OPTIONS = {
     "tolerance": Option("L", "Largest deviation of a strut, such as '1 um'."),
     "blend": Option("L", "P of G64 for LinuxCNC."),
     "encoding": Option("yaml|mcap", "Of ros2."),
+    "trigger": Option("N", "Digital output that is on in the measurement window.", _whole),
 }
 """By key of `export:`."""
 
@@ -104,7 +105,9 @@ def export(
         write_json({"status": 0, **outcome.summary})
     else:
         shown.tables(outcome)
-        results().print(f"written to {short(outcome.files[0])}")
+        table, *beside = outcome.files
+        with_it = f", with {', '.join(path.name for path in beside)} beside it" if beside else ""
+        results().print(f"written to {short(table)}{with_it}")
 
 
 def _list(*, as_json: bool) -> None:

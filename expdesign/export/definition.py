@@ -40,6 +40,8 @@ class Rows:
     """Rate and acceleration (N, 6), per s and per s²; None when the table has none."""
     record: Mapping[str, Array] = field(default_factory=dict)
     """Further columns by name, SI, of tables that hold the whole motion."""
+    trigger: tuple[float, float] | None = None
+    """When the table switches an output on and off again, s; None when it switches none."""
 
     @property
     def velocities(self) -> Array:
@@ -85,6 +87,15 @@ def in_window(times: Array, window: tuple[float, float]) -> NDArray[np.bool_]:
     """Tell which times are in the measurement window; its end is the first after it."""
     first, last = window
     return (times >= first - ON_THE_EDGE) & (times < last - ON_THE_EDGE)
+
+
+def edge_rows(times: Array, window: tuple[float, float]) -> tuple[int, int]:
+    """Return the rows whose times (N,) are closest to the window's beginning and end, s.
+
+    Both have a row behind them.
+    """
+    first, last = (int(np.argmin(np.abs(times[:-1] - edge))) for edge in window)
+    return first, last
 
 
 def scaled_in_words(factor: float) -> str:
@@ -237,7 +248,8 @@ class TableFormat:
     """Read rows back; raises `TableError` for what the controller would not read, or would read
     otherwise."""
     guide: str
-    """How to run the file, in plain words; ``{axes}``, ``{step}`` and ``{file}`` are filled in."""
+    """How to run the file, in plain words; ``{axes}``, ``{step}``, ``{file}`` and
+    ``{beside}``, the files beside it, are filled in."""
     digits: int | None = 6
     """After the decimal point, for millimetres."""
     units: str = "mm"
@@ -252,3 +264,9 @@ class TableFormat:
     """Whether its rotations are roll, pitch and yaw about fixed axes."""
     whole: bool = False
     """Whether the table also holds pose, struts and forces in SI units."""
+    trigger: str = ""
+    """How the output is switched, in plain words, for `guide`; ``{number}``, ``{on}``, ``{off}``
+    and ``{beside}`` are filled in."""
+    beside: Mapping[str, Callable[[Rows, Settings], list[str]]] = field(default_factory=dict)
+    """Lines of further files by their ending, which stands behind the table's name without its
+    own; a file without lines is not written."""

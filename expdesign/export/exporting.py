@@ -24,6 +24,7 @@ from expdesign.export.definition import (
 from expdesign.export.formats import table_formats
 from expdesign.export.read_back import ReadBack, read_back
 from expdesign.export.row_times import chosen_times, ideal_rows, whole_motion
+from expdesign.export.text_table import write_lines
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES, POSE
 from expdesign.robot import Robot
 from expdesign.runfolder.manifest import file_hash
@@ -63,12 +64,16 @@ class ExportError(ComputationError):
 
 @dataclass(frozen=True, eq=False)
 class Export:
-    """A file that was written and checked; `digest` is its SHA-256 then."""
+    """A file that was written and checked; `digest` is its SHA-256 then.
+
+    What belongs to it in files of their own is `beside` it.
+    """
 
     path: Path
     digest: str
     settings: Settings
     check: ReadBack
+    beside: tuple[Path, ...] = ()
 
 
 def _remedy(check: ReadBack, settings: Settings) -> str:
@@ -149,12 +154,29 @@ def export_table(
     with TemporaryDirectory(prefix=".export-", dir=path.parent) as folder:
         beside = Path(folder) / file_name(section)
         (write or settings.form.write)(beside, rows, settings)
+        more = _write_beside(beside, rows, settings)
         check = read_back(beside, settings)
         if not check.passed:
             raise ExportError(path.name, check, settings)
         digest = file_hash(beside)
         beside.replace(path)
-    return Export(path, digest, settings, check)
+        places = tuple(path.with_name(f"{path.stem}{ending}") for ending in more)
+        for file, final in zip(more.values(), places, strict=True):
+            file.replace(final)
+        for ending in settings.form.beside.keys() - more.keys():
+            # Of the table that stood here before.
+            path.with_name(f"{path.stem}{ending}").unlink(missing_ok=True)
+    return Export(path, digest, settings, check, places)
+
+
+def _write_beside(path: Path, rows: Rows, settings: Settings) -> dict[str, Path]:
+    """Write what belongs to a table; return the files by their ending."""
+    made = {}
+    for ending, lines in settings.form.beside.items():
+        if text := lines(rows, settings):
+            made[ending] = path.with_name(f"{path.stem}{ending}")
+            write_lines(made[ending], text)
+    return made
 
 
 def settled(section: ExportSection, task: Task, place: str = "") -> Settings:

@@ -52,6 +52,8 @@ class ReadBack:
     longest_step: float = np.nan
     """Shortest and longest time between two rows, s."""
     duration: float = np.nan
+    trigger: tuple[float, float] | None = None
+    """When the output of a trigger is switched on and off, s."""
     row_error: float = np.nan
     """Largest difference between a value in the file and the design at the time that the file
     states, in half units of the last digit (of a rounding error, where all are written)."""
@@ -80,10 +82,12 @@ def read_back(path: Path, settings: Settings) -> ReadBack:
         shortest_step=float(steps.min()),
         longest_step=float(steps.max()),
         duration=float(rows.times[-1]),
+        trigger=rows.trigger,
     )
     apart, failures = _row_error(rows, settings)
     found = replace(found, row_error=apart)
     failures += _wrong_times(rows, settings)
+    failures += _wrong_trigger(rows, settings)
     if failures:
         # Rows of another motion: what a machine would do with them is not worth computing.
         return replace(found, failures=tuple(failures))
@@ -139,6 +143,23 @@ def _wrong_times(rows: Rows, settings: Settings) -> list[str]:
             "apart"
         )
     return failures
+
+
+def _wrong_trigger(rows: Rows, settings: Settings) -> list[str]:
+    """Hold when the output is switched against the measurement window, half a row apart at most."""
+    if settings.section.trigger is None:
+        return []
+    if rows.trigger is None:
+        return ["the output is not switched"]
+    half_row = float(np.diff(rows.times).max()) / 2 + _DURATION
+    return [
+        f"the output is switched {what} at {time:.6f} s, where the measurement window {ends} at "
+        f"{edge:.6f} s"
+        for what, ends, time, edge in zip(
+            ("on", "off"), ("begins", "ends"), rows.trigger, settings.window, strict=True
+        )
+        if abs(time - edge) > half_row
+    ]
 
 
 def _executed(found: ReadBack, table: ExecutedTable) -> ReadBack:

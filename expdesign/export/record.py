@@ -130,7 +130,8 @@ class FileEntry:
     """A table: its axes, rows and options, how to run it, and what reading it back showed.
 
     Its digits are those after the decimal point; None: all of a double. Its motion is home +
-    F (λ(F t) − home) of the record's motion λ, with the `scale` F.
+    F (λ(F t) − home) of the record's motion λ, with the `scale` F. Files that belong to it are
+    `beside` it; its `trigger` is when an output is switched on and off, s from the start.
     """
 
     sha256: str
@@ -146,8 +147,10 @@ class FileEntry:
     duration: float
     interpolation: str
     read_back: CheckEntry
-    # Tables of earlier versions are as fast as the design.
+    # Tables of earlier versions are as fast as the design, and switch nothing.
     scale: float = 1.0
+    beside: tuple[str, ...] = ()
+    trigger: tuple[float, float] | None = None
 
     def window(self, motion: MotionEntry) -> tuple[float, float]:
         """Return when the measurement window begins and ends in this table, s."""
@@ -168,7 +171,9 @@ class FileEntry:
             sha256=export.digest,
             format=settings.section.format,
             title=form.title,
-            guide=form.guide.format(axes=", ".join(axes.names), step=step, file=export.path.name),
+            guide=_guide(export, step),
+            beside=tuple(path.name for path in export.beside),
+            trigger=check.trigger,
             axes=tuple(
                 AxisEntry(name, unit, moved[source], float(start))
                 for name, unit, source, start in entries
@@ -191,6 +196,19 @@ class FileEntry:
                 limits_in_words=limits_in_words(check.limits),
             ),
         )
+
+
+def _guide(export: Export, step: str) -> str:
+    """Return how to run the file, in plain words."""
+    form, names = export.settings.form, export.settings.axes.names
+    beside = ", ".join(path.name for path in export.beside)
+    text = form.guide.format(axes=", ".join(names), step=step, file=export.path.name, beside=beside)
+    if export.check.trigger is None:
+        return text
+    on, off = (f"{time:.6f}" for time in export.check.trigger)
+    number = export.settings.section.trigger
+    switched = form.trigger.format(number=number, on=on, off=off, beside=beside)
+    return f"{text} {switched}"
 
 
 @dataclass(frozen=True, eq=False)

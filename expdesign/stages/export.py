@@ -70,7 +70,7 @@ def perform(work: Workspace) -> Outcome:
         keep_configuration(configuration, work.folder)
     return Outcome(
         result=made,
-        files=(*(export.path for export in made), *described),
+        files=(*(path for one in made for path in (one.path, *one.beside)), *described),
         summary=_summary(motion, made),
     )
 
@@ -107,7 +107,8 @@ def export_one(section: ExportSection, work: Workspace, out: Path | None) -> Out
             _describe(ExportsRecord(motion, others | entry), *places)
     else:
         _describe_beside(path, ExportsRecord(motion, entry))
-    return Outcome(result=[made], files=(path,), summary=_summary(motion, [made]))
+    files = (path, *made.beside)
+    return Outcome(result=[made], files=files, summary=_summary(motion, [made]))
 
 
 def _refuse_taken_name(path: Path, key: str) -> None:

@@ -47,13 +47,13 @@ class Offer(NamedTuple):
 _OF_ACTUATORS = ("order", "sign", "offset")
 _PVT = Offer(
     ("strut", "pose"),
-    ("space", "digits", "units", "angles", "axes", *_OF_ACTUATORS, "counts_per_metre"),
+    ("space", "digits", "units", "angles", "axes", *_OF_ACTUATORS, "counts_per_metre", "trigger"),
 )
 OFFERS: dict[str, Offer] = {
     "csv": Offer(("strut",)),
     "ros2": Offer(("strut", "pose"), ("space", "encoding", "digits", "axes", *_OF_ACTUATORS)),
     "xps-pvt": _PVT,
-    "linuxcnc-gcode": Offer(("pose",), ("digits", "blend")),
+    "linuxcnc-gcode": Offer(("pose",), ("digits", "blend", "trigger")),
     "linuxcnc-strut": Offer(("strut",), ("digits", "units", *_OF_ACTUATORS, "counts_per_metre")),
     "pmac-pvt": _PVT,
     "pi-wave": Offer(("pose",), ("digits", "units", "angles")),
@@ -63,6 +63,10 @@ OFFERS: dict[str, Offer] = {
     ),
 }
 """By the format's name."""
+
+TRIGGERS = {"linuxcnc-gcode": (0, 63), "pmac-pvt": (0, 8191), "xps-pvt": (1, 8)}
+"""First and last number of an output that can be switched, by format: P of M62 and M63, the
+M-variable, the output of GPIO1.DO."""
 
 _known_format = known(tuple(OFFERS), "choice")
 _ALWAYS = ("format", "file", "segment", "scale", "tolerance")
@@ -147,6 +151,8 @@ class ExportSection(Section):
     blend: Annotated[Length, Positive] | None = None
     """Path tolerance of LinuxCNC's G64, m."""
     encoding: Annotated[Encoding, one_of(Encoding)] | None = None
+    trigger: Annotated[Annotated[int, whole(0)] | None, LATER] = None
+    """Number of the digital output that is on during the measurement window."""
 
     @model_validator(mode="after")
     def _options_fit_format_and_each_other(self) -> ExportSection:
@@ -162,6 +168,7 @@ class ExportSection(Section):
         if self.encoding == "mcap" and self.digits is not None:
             message = "a bag holds numbers with all their digits"
             raise refusal(message, "with encoding: yaml only", key="digits")
+        self._refuse_trigger()
         unknown = [name for name in self.axes or () if name not in _PMAC_AXES]
         if self.format == "pmac-pvt" and unknown:
             allowed = f"{ACTUATORS} of the letters {' '.join(_PMAC_AXES)}"
@@ -170,6 +177,15 @@ class ExportSection(Section):
             message = "units and counts_per_metre are both given"
             raise refusal(message, "one of the two", key="units")
         return self
+
+    def _refuse_trigger(self) -> None:
+        """Refuse an output that the format's controllers do not have."""
+        if self.trigger is None:
+            return
+        first, last = TRIGGERS[self.format]
+        if not first <= self.trigger <= last:
+            message = f"{self.format} has no output {self.trigger}"
+            raise refusal(message, f"a whole number from {first} to {last}", key="trigger")
 
     @property
     def coordinates(self) -> Space:

@@ -10,6 +10,7 @@ import numpy as np
 from constraints.arrays import Array
 from expdesign.export.definition import Interpolation, Rows, Settings, TableError, TableFormat
 from expdesign.export.text_table import lines, marked, number, write_lines
+from expdesign.export.trigger import switched_at, switching
 
 AXES = ("X", "Y", "Z", "A", "B", "C")
 START_FEED = 6.0
@@ -42,16 +43,24 @@ def _write(path: Path, rows: Rows, settings: Settings) -> None:
         f"G1 {_move(row, settings)} F{feed:.{_FEED_DIGITS}f}"
         for row, feed in zip(rows.position, feeds, strict=True)
     )
+    behind = switching(rows, settings, _commands(settings))
+    moves = (f"{move}\n{behind[k]}" if k in behind else move for k, move in enumerate(moves))
     write_lines(path, [*head, *marked(moves, rows.times, settings, "({})"), "M2"])
+
+
+def _commands(settings: Settings) -> tuple[str, str]:
+    """Return the codes that switch the output on and off when the next move begins."""
+    return f"M62 P{settings.section.trigger}", f"M63 P{settings.section.trigger}"
 
 
 def _move(row: Array, settings: Settings) -> str:
     return " ".join(f"{a}{text}" for a, text in zip(AXES, settings.numbers(row), strict=True))
 
 
-def _read(path: Path, _settings: Settings) -> Rows:
+def _read(path: Path, settings: Settings) -> Rows:
     positions: list[list[float]] = []
     feeds: list[float] = []
+    switched: list[tuple[int, bool]] = []
     modes: set[str] = set()
     ended = False
     for k, line in enumerate(lines(path), start=1):
@@ -62,6 +71,9 @@ def _read(path: Path, _settings: Settings) -> Rows:
             raise TableError(f"line {k}: there is code after M2")
         if code == "M2":
             ended = True
+            continue
+        if settings.section.trigger is not None and code in _commands(settings):
+            switched.append((len(positions) - 1, code == _commands(settings)[0]))
             continue
         words = _words(code, k)
         if words[0] == ("G", "1"):
@@ -83,7 +95,8 @@ def _read(path: Path, _settings: Settings) -> Rows:
     if any(feed <= 0 for feed in feeds):
         raise TableError("a feed is not positive")
     times = np.concatenate([[0.0], np.cumsum(60 / np.array(feeds[1:]))])
-    return Rows(times, np.array(positions).reshape(-1, len(AXES))).checked()
+    trigger = switched_at(switched, times)
+    return Rows(times, np.array(positions).reshape(-1, len(AXES)), trigger=trigger).checked()
 
 
 def _words(code: str, line: int) -> list[tuple[str, str]]:
@@ -111,4 +124,9 @@ FORMAT = TableFormat(
     written_times=_written_times,
     uniform=True,
     fixed_angles=True,
+    trigger=(
+        "M62 P{number} and M63 P{number} switch the digital output motion.digital-out-{number:02} "
+        "of HAL together with the motion: it is on from {on} s to {off} s after the start. Connect "
+        "it to what records, and load motmod with num_dio above {number}."
+    ),
 )

@@ -7,8 +7,16 @@ from pathlib import Path
 
 import numpy as np
 
-from expdesign.export.definition import Interpolation, Rows, Settings, TableError, TableFormat
+from expdesign.export.definition import (
+    Interpolation,
+    Rows,
+    Settings,
+    TableError,
+    TableFormat,
+    edge_rows,
+)
 from expdesign.export.text_table import lines, number, refuse_motion_at_end, write_lines
+from expdesign.export.trigger import switched_at, switching
 
 LETTERS = ("X", "Y", "Z", "A", "B", "C")
 LONGEST = 4095.9998
@@ -20,8 +28,8 @@ _MOVE = re.compile(r"([A-Z])([^:\s]*):(\S*)")
 
 
 def _write(path: Path, rows: Rows, settings: Settings) -> None:
-    first, last = settings.window
-    begins, ends = (int(np.argmin(np.abs(rows.times - t))) for t in (first, last))
+    begins, ends = edge_rows(rows.times, settings.window)
+    behind = switching(rows, settings, _commands(settings))
     axes = settings.axes
     start = " ".join(
         f"{a}{settings.number(v)}" for a, v in zip(axes.names, settings.start, strict=True)
@@ -33,6 +41,7 @@ def _write(path: Path, rows: Rows, settings: Settings) -> None:
         f"; start: {start}",
         f"OPEN PROG {_PROGRAM} CLEAR",
         "ABS",
+        *([behind[0]] if 0 in behind else []),
     ]
     for k in range(1, len(rows.times)):
         milliseconds = 1e3 * (rows.times[k] - rows.times[k - 1])
@@ -47,7 +56,14 @@ def _write(path: Path, rows: Rows, settings: Settings) -> None:
             text.append("; measurement window begins")
         if k == ends:
             text.append("; measurement window ends")
+        if k in behind:
+            text.append(behind[k])
     write_lines(path, [*text, "CLOSE"])
+
+
+def _commands(settings: Settings) -> tuple[str, str]:
+    """Return the assignments that wait for the beginning of the next move."""
+    return f"M{settings.section.trigger}==1", f"M{settings.section.trigger}==0"
 
 
 def _read(path: Path, settings: Settings) -> Rows:
@@ -59,7 +75,15 @@ def _read(path: Path, settings: Settings) -> Rows:
     words = [bare for _, bare in code]
     if words[:2] != [f"OPEN PROG {_PROGRAM} CLEAR", "ABS"] or words[-1:] != ["CLOSE"]:
         raise TableError("no program: it begins with OPEN PROG … CLEAR and ABS and ends with CLOSE")
-    moves = code[2:-1]
+    moves: list[tuple[int, str]] = []
+    switched: list[tuple[int, bool]] = []
+    on, off = _commands(settings)
+    for k, bare in code[2:-1]:
+        if settings.section.trigger is not None and bare in (on, off):
+            # Two lines a row, and the first row is the start; between them there is no command.
+            switched.append((len(moves) // 2 if len(moves) % 2 == 0 else -1, bare == on))
+        else:
+            moves.append((k, bare))
     if not moves or len(moves) % 2:
         raise TableError("the PVT times and the moves are not as many")
     times, positions, rates = [0.0], [settings.start], [np.zeros(len(LETTERS))]
@@ -77,7 +101,9 @@ def _read(path: Path, settings: Settings) -> Rows:
         positions.append(np.array([number(p, m, "position") for p, _ in pairs]))
         rates.append(np.array([number(v, m, "velocity") for _, v in pairs]))
     refuse_motion_at_end(rates[-1], moves[-1][0])
-    return Rows(np.round(times, _TIME_DIGITS), np.array(positions), np.array(rates)).checked()
+    stamps = np.round(times, _TIME_DIGITS)
+    trigger = switched_at(switched, stamps)
+    return Rows(stamps, np.array(positions), np.array(rates), trigger=trigger).checked()
 
 
 FORMAT = TableFormat(
@@ -96,4 +122,9 @@ FORMAT = TableFormat(
     ),
     axes={"strut": LETTERS, "pose": LETTERS},
     written_times=lambda times: np.round(times, _TIME_DIGITS),
+    trigger=(
+        "M{number} is 1 from {on} s to {off} s after the start, else 0: it is assigned (==) when "
+        "the move at that time begins. Let M{number} point to a digital output, as the suggested "
+        "definitions of M1 to M8 do, and connect that to what records."
+    ),
 )

@@ -2,16 +2,31 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
 
-from expdesign.export.definition import POSE_AXES, Interpolation, Rows, Settings, TableFormat
+from expdesign.export.definition import (
+    POSE_AXES,
+    Interpolation,
+    Rows,
+    Settings,
+    TableError,
+    TableFormat,
+)
 from expdesign.export.text_table import lines, numbers, refuse_motion_at_end, write_lines
+from expdesign.export.trigger import switched_at, switching
 from expdesign.mechanism.hexapod import ACTUATORS, numbered
 
 _TIME_DIGITS = 8
 _CELLS = 1 + 2 * ACTUATORS
+_EVENTS = ".events.txt"
+_EVENT = re.compile(
+    r"EventExtendedConfigurationTriggerSet \(GROUP\.PVT\.ElementNumberStart, (\d{1,9}), 0, 0, 0\)\n"
+    r"EventExtendedConfigurationActionSet \(GPIO1\.DO\.DOSet, (\d{1,3}), (\d{1,3}), 0, 0\)\n"
+    r"EventExtendedStart \(int \*\)\n"
+)
 
 
 def _write(path: Path, rows: Rows, settings: Settings) -> None:
@@ -28,13 +43,50 @@ def _write(path: Path, rows: Rows, settings: Settings) -> None:
     write_lines(path, text)
 
 
+def _events(rows: Rows, settings: Settings) -> list[str]:
+    """Return the events that switch the output; element k of the trajectory ends at row k."""
+    mask = _mask(settings)
+    behind = switching(rows, settings, (f"{mask}", "0"))
+    return [
+        line
+        for row, value in behind.items()
+        for line in (
+            "EventExtendedConfigurationTriggerSet "
+            f"(GROUP.PVT.ElementNumberStart, {row + 1}, 0, 0, 0)",
+            f"EventExtendedConfigurationActionSet (GPIO1.DO.DOSet, {mask}, {value}, 0, 0)",
+            "EventExtendedStart (int *)",
+        )
+    ]
+
+
+def _mask(settings: Settings) -> int:
+    """Return the bit of the output, which are numbered from 1; 0 without one."""
+    trigger = settings.section.trigger
+    return 0 if trigger is None else 1 << (trigger - 1)
+
+
+def _read_events(path: Path, settings: Settings) -> list[tuple[int, bool]]:
+    """Return the rows behind which the output is switched; none where no events are beside."""
+    beside = path.with_name(f"{path.stem}{_EVENTS}")
+    if settings.section.trigger is None or not beside.is_file():
+        return []
+    mask = _mask(settings)
+    text = "".join(f"{line}\n" for line in lines(beside))
+    found = _EVENT.findall(text)
+    values = [(int(bits), int(value)) for _, bits, value in found]
+    if _EVENT.sub("", text) or values != [(mask, mask), (mask, 0)]:
+        raise TableError(f"{beside.name}: not one event that switches the output on, and one off")
+    return [(int(element) - 1, value != "0") for element, _, value in found]
+
+
 def _read(path: Path, settings: Settings) -> Rows:
     table = numbers(lines(path), _CELLS, "cells", ",")
     refuse_motion_at_end(table[-1, 2::2], len(table))
     times = np.round(np.concatenate([[0.0], np.cumsum(table[:, 0])]), _TIME_DIGITS)
     steps = np.concatenate([settings.start[None, :], table[:, 1::2]])
     rates = np.concatenate([np.zeros((1, ACTUATORS)), table[:, 2::2]])
-    return Rows(times, np.cumsum(steps, axis=0), rates).checked()
+    trigger = switched_at(_read_events(path, settings), times)
+    return Rows(times, np.cumsum(steps, axis=0), rates, trigger=trigger).checked()
 
 
 FORMAT = TableFormat(
@@ -54,4 +106,11 @@ FORMAT = TableFormat(
     digits=8,
     axes={"strut": numbered("S"), "pose": POSE_AXES},
     written_times=lambda times: np.round(times, _TIME_DIGITS),
+    trigger=(
+        "Output {number} of GPIO1 is on from {on} s to {off} s after the start, switched by two "
+        "events that {beside} has. Send its lines to the controller before every execution, with "
+        "your group's name for GROUP: an event happens once. Other outputs have other names in it "
+        "(GPIO3.DO), with the output's bit as the mask."
+    ),
+    beside={_EVENTS: _events},
 )
