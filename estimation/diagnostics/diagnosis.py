@@ -13,7 +13,7 @@ from estimation.diagnostics.attribution import Attribution, attribute
 from estimation.diagnostics.cause_test import CauseResult, DelayTest
 from estimation.diagnostics.causes import causes
 from estimation.diagnostics.channel_test import GAIN_DRIFT, LACK_OF_FIT, NOISE
-from estimation.diagnostics.finding import Outcome, Status, Verdict
+from estimation.diagnostics.finding import Finding, Outcome, Status, Verdict
 from estimation.diagnostics.findings import experiment_findings
 from estimation.diagnostics.gain_drift import gain_drift
 from estimation.diagnostics.joint_system import SolvedSystem, joint_systems
@@ -21,6 +21,7 @@ from estimation.diagnostics.lack_of_fit import chi_square, lack_of_fit
 from estimation.diagnostics.linearisation import Linearisation, linearise
 from estimation.diagnostics.noise_record import NoisePictures
 from estimation.diagnostics.noise_tests import NoiseTests, Whiteness, noise_tests, whiteness
+from estimation.diagnostics.plausibility import plausibility
 from estimation.diagnostics.record import (
     ChiSquares,
     Diagnosis,
@@ -52,12 +53,15 @@ _Residuals = tuple[Array, ResidualLaw]
 """Of forces, N, or lengths, m, with what they may be."""
 
 
-def verdict(experiments: Sequence[ExperimentDiagnosis]) -> Verdict:
-    """Judge an estimate by the diagnostics of its experiments."""
-    findings = tuple(
-        finding.of_experiment(number) if len(experiments) > 1 else finding
-        for number, experiment in enumerate(experiments, 1)
-        for finding in experiment_findings(experiment)
+def verdict(experiments: Sequence[ExperimentDiagnosis], *of_the_estimate: Finding) -> Verdict:
+    """Judge an estimate by what was found of itself, and by the diagnostics of its experiments."""
+    findings = (
+        *of_the_estimate,
+        *(
+            finding.of_experiment(number) if len(experiments) > 1 else finding
+            for number, experiment in enumerate(experiments, 1)
+            for finding in experiment_findings(experiment)
+        ),
     )
     serious = [f.contradiction for f in findings if f.failed and f.serious]
     if serious:
@@ -201,7 +205,9 @@ def diagnose(
                 attribution=attribution,
             )
         )
-    return Diagnosis(estimate.estimator, tuple(results), verdict(results))
+    # A prediction tells nothing new of the parameters that it is made with.
+    own = () if held_out else (plausibility(robot, knowledge, estimate),)
+    return Diagnosis(estimate.estimator, tuple(results), verdict(results, *own))
 
 
 def _with_memory(experiment: Experiment) -> Experiment:

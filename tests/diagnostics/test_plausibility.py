@@ -1,0 +1,128 @@
+"""Estimates that no machine can have are named first, and are not accepted."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from estimation.diagnostics.diagnosis import verdict
+from estimation.diagnostics.finding import Outcome, Status
+from estimation.diagnostics.plausibility import plausibility
+from estimation.estimators import Knowledge
+from estimation.estimators.result import ParameterEstimate
+from expdesign.configuration.sections.data import EstimateSection
+from expdesign.library import robot_files
+from expdesign.robot import load_robot
+from tests.diagnostics.conftest import Laboratory
+
+LAB = Laboratory(samples=200, periods=4)
+
+
+def found_in(data):
+    estimate = LAB.estimate([LAB.experiment(data)])
+    return plausibility(LAB.robot, LAB.knowledge, estimate)
+
+
+def made_up(robot, values, std):
+    """Return an estimate with these values, each with its standard deviation."""
+    count = len(values)
+    covariance = np.diag(np.broadcast_to(std, count) ** 2)
+    return ParameterEstimate(
+        estimator="gm",
+        values=np.asarray(values, dtype=float),
+        covariance=covariance,
+        covariance_forces=covariance,
+        covariance_kinematics=None,
+        freedom=np.full(count, np.inf),
+        colour=np.ones(count),
+        influences=(),
+        motions=(),
+        cost=0.0,
+        iterations=1,
+        converged=True,
+        status="",
+        seconds=0.0,
+    )
+
+
+def judged(robot, values, std, section=None):
+    knowledge = Knowledge.of(robot, section or EstimateSection())
+    return plausibility(robot, knowledge, made_up(robot, values, std))
+
+
+@pytest.mark.parametrize(
+    ("constant", "cause"),
+    [(1 / 85, "currents taken for newtons"), (-1.0, "the sign of all forces is wrong")],
+)
+def test_forces_in_another_unit_and_of_the_wrong_sign(constant, cause):
+    data = LAB.measure(1)
+    finding = found_in(replace(data, forces=constant * data.forces))
+    assert finding.failed
+    assert "(p10, " in finding.contradiction
+    assert cause in finding.advice
+    # Whatever else holds: it keeps `accepted` away.
+    judged_so = verdict([], finding)
+    assert (judged_so.status, judged_so.findings) == (Status.DOUBTFUL, (finding,))
+    assert judged_so.summary == f"doubtful: {finding.contradiction}"
+
+
+def test_a_clean_estimate_is_plausible():
+    finding = found_in(LAB.measure(2))
+    assert finding.outcome is Outcome.HOLDS
+    assert verdict([], finding).status is Status.ACCEPTED
+
+
+@pytest.mark.parametrize("name", robot_files())
+def test_clean_estimates_of_all_robots_that_ship_are_plausible(name):
+    """As they scatter where every parameter is known to 30 %, and to half an order."""
+    robot = load_robot(name)
+    rng = np.random.default_rng(7)
+    values, size = robot.parameters, robot.scales
+    for std in (0.3 * size, 5 * size):
+        for _ in range(20):
+            drawn = values + std * np.clip(rng.standard_normal(len(values)), -2.9, 2.9)
+            finding = judged(robot, drawn, std)
+            assert not finding.failed, (name, finding.sentence)
+    assert not judged(robot, 3 * values, 0.01 * size).failed
+
+
+@pytest.mark.parametrize("name", robot_files())
+def test_what_no_machine_has(name):
+    robot = load_robot(name)
+    names, size = robot.parameter_names, robot.scales
+    for parameter, factor in (("p10", -1), ("r3", -1), ("v2", -1), ("p10", 0.05), ("p10", 20)):
+        values, k = robot.parameters.copy(), names.index(parameter)
+        values[k] = factor * size[k]
+        finding = judged(robot, values, 0.01 * size)
+        assert finding.failed
+        assert f"({parameter})" in finding.contradiction
+        # One parameter alone speaks for no unit and no sign of all forces.
+        assert "nearly all" not in finding.advice
+    # Friction of any size may be there, and a fixed value is the user's.
+    values = robot.parameters.copy()
+    values[names.index("r3")] *= 30
+    assert not judged(robot, values, 0.02 * size).failed
+    values[names.index("p10")] *= -1
+    fixed = EstimateSection(fixed={"p10": float(values[names.index("p10")])})
+    assert not judged(robot, values, 0.02 * size, fixed).failed
+
+
+def test_less_than_three_standard_deviations_are_no_doubt():
+    robot = load_robot("palida")
+    k = robot.parameter_names.index("r3")
+    for sigmas, failed in ((2.9, False), (3.1, True)):
+        values = robot.parameters.copy()
+        std = 0.01 * robot.scales
+        values[k] = -sigmas * std[k]
+        assert judged(robot, values, std).failed == failed
+
+
+def test_small_parameters_of_a_body_may_be_unknown():
+    """A difference counts where it matters beside the robot's mass and length: p10 L²."""
+    robot = load_robot("palida")
+    k = robot.parameter_names.index("p1")
+    whole = robot.description.parameters["p10"] * robot.characteristic_length**2
+    for share, failed in ((0.08, False), (20.0, True)):
+        values, std = robot.parameters.copy(), 0.001 * robot.scales
+        values[k] += share * whole
+        assert judged(robot, values, std).failed == failed
