@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from constraints.arrays import Array
 from estimation.diagnostics.finding import Assumption, Finding, listed
+from estimation.diagnostics.force_scale import ForceScale
 from estimation.estimators.knowledge import Knowledge
 from estimation.estimators.result import ParameterEstimate
-from expdesign.mechanism.term import Parameter, parameters_of
+from expdesign.mechanism.term import Lump, Parameter, parameters_of
 from expdesign.mechanism.terms.rigid_platform import MASS
 from expdesign.robot import Robot
 
@@ -24,29 +24,26 @@ MATTERS = 0.1
 nobody knows the small parameters of a body to an order of magnitude."""
 SIGMAS = 3.0
 
-_OF_BODIES = frozenset({"kg", "kg m", "kg m^2"})
+_OF_BODIES = {"kg": 0, "kg m": 1, "kg m^2": 2}
+"""Unit → power of the length."""
 _LEVEL = float(stats.norm.sf(SIGMAS))
-_KNOWN_WELL = 0.1
-_ALIKE = 0.3
-_MOST = 2 / 3
-_FEWEST = 3
 _TOLD = 4
 
 _PLAUSIBLE = Assumption(
     "the estimates are what a machine can have",
     "the estimates are not those of such a machine",
-    "look for a channel with a wrong sign (`data.force_constants`), forces or lengths in another "
-    "unit (`data.units`), struts in another order than in the robot file, a wrong zero of a "
-    "length (home offset), gravity that points the other way, and a-priori values of another "
-    "machine",
+    "look for a force with the wrong sign (`data.sign`), forces or lengths in another unit "
+    "(`data.units`, `data.force_constants`), channels in another order than the struts "
+    "(`data.order`), a wrong zero of a length (`data.offset`), gravity that points the other "
+    "way, and a-priori values of another machine",
 )
 
 
 @dataclass(frozen=True)
 class _Doubt:
-    """A parameter that is not plausible, why in words, and by how much the noise speaks."""
+    """What is not plausible, why in words, and by how much the noise speaks."""
 
-    name: str
+    where: str
     sentence: str
     p: float
 
@@ -54,41 +51,75 @@ class _Doubt:
 def plausibility(robot: Robot, knowledge: Knowledge, estimate: ParameterEstimate) -> Finding:
     """Hold estimates against what bodies and friction can be, and against the a-priori values.
 
-    What noise and tolerances may make, 3 σ, is left out. Not plausible are: less than no machine
-    has (a negative mass, moment of inertia or friction); of masses, first moments and moments of
-    inertia those that differ from the a-priori value by a factor of ten, or in sign, where the
-    difference matters beside the robot's mass and length. Friction and springs may be of any size.
+    What noise and tolerances may make, 3 σ, is left out. Not plausible are
+
+    - less or more than any machine has: a negative mass, moment of inertia or friction;
+    - masses, first moments and moments of inertia that no bodies of positive density have
+      together: a pseudo-inertia (`Lump`) that is not positive semidefinite;
+    - parameters of bodies that differ from the a-priori value by a factor of ten, or in sign, where
+      the difference matters beside the robot's mass and length;
+    - parameters of bodies that all differ by one factor, which is ten or that of a unit.
+
+    Friction and springs may be of any size.
     """
     parameters = parameters_of(robot.terms)
-    values, std = (part[: len(parameters)] for part in (estimate.values, estimate.std))
-    judged = knowledge.free[: len(parameters)] & (std > 0) & np.isfinite(std)
+    count = len(parameters)
+    values, std = estimate.values[:count], estimate.std[:count]
+    judged = knowledge.free[:count] & (std > 0) & np.isfinite(std)
+    tests = [*_single(robot, parameters, estimate, judged)]
+    alone = {test.where for test in tests if test.p < _LEVEL}
+    # A fixed value is the user's, whatever it is.
+    alone |= {
+        parameter.name
+        for parameter, value, free in zip(parameters, values, judged, strict=True)
+        if not free and not parameter.lower <= value <= parameter.upper
+    }
+    tests += _lumped(robot, parameters, estimate, alone)
+    doubts = [test for test in tests if test.p < _LEVEL]
     expected = np.array(robot.parameters)
-    sizes = _sizes(robot, parameters)
-    doubts: list[_Doubt] = []
-    smallest = 1.0
-    for k in np.flatnonzero(judged):
-        freedom = float(estimate.freedom[k])
-        for gap, sentence in _gaps(parameters[k], values[k], std[k], expected[k], sizes[k]):
-            p = float(stats.t.sf(gap / std[k], freedom))
-            smallest = min(smallest, p)
-            if p < _LEVEL:
-                doubts.append(_Doubt(parameters[k].name, sentence, p))
-                break
+    of_bodies = np.array([parameter.unit in _OF_BODIES for parameter in parameters])
+    scale = ForceScale.of(values, std, expected, judged & of_bodies)
+    advice = "" if scale is None else scale.advice
+    if scale is not None and not doubts:
+        doubts = [_Doubt(scale.where(tuple(p.name for p in parameters)), scale.sentence, scale.p)]
+        doubts = [doubt for doubt in doubts if doubt.p < _LEVEL]
+    smallest = min((test.p for test in (*tests, *doubts)), default=1.0)
     if not doubts:
         return _PLAUSIBLE.holds(
-            "no mass, moment of inertia or friction is negative, and bodies are of the size that "
-            "was expected",
+            "masses, moments of inertia and friction are such as bodies can have, and bodies are "
+            "of the size that was expected",
             smallest,
             _LEVEL,
         )
     # The mass tells most of what is wrong.
-    doubts.sort(key=lambda doubt: doubt.name != MASS)
-    names = [doubt.name for doubt in doubts]
+    doubts.sort(key=lambda doubt: doubt.where != MASS)
+    names = [doubt.where for doubt in doubts]
     told = "; ".join(doubt.sentence for doubt in doubts[:_TOLD])
     more = f"; and {len(doubts) - _TOLD} more" if len(doubts) > _TOLD else ""
     where = listed(names if len(names) <= _TOLD else [*names[:_TOLD], f"{len(names) - _TOLD} more"])
-    advice = _likely(values, std, expected, judged)
     return _PLAUSIBLE.fails(f"{told}{more}", smallest, _LEVEL, where, advice)
+
+
+def _single(
+    robot: Robot,
+    parameters: Sequence[Parameter],
+    estimate: ParameterEstimate,
+    judged: NDArray[np.bool_],
+) -> Iterator[_Doubt]:
+    """Yield the most doubtful of each parameter by itself, with the p of its gap."""
+    mass, length = abs(robot.description.parameters.get(MASS, 0.0)), robot.characteristic_length
+    for k in np.flatnonzero(judged).tolist():
+        parameter, std = parameters[k], float(estimate.std[k])
+        size = mass * length ** _OF_BODIES.get(parameter.unit, 0)
+        freedom = float(estimate.freedom[k])
+        found = [
+            _Doubt(parameter.name, sentence, float(stats.t.sf(gap / std, freedom)))
+            for gap, sentence in _gaps(
+                parameter, float(estimate.values[k]), std, robot.parameters[k], size
+            )
+        ]
+        if found:
+            yield next((one for one in found if one.p < _LEVEL), found[0])
 
 
 def _gaps(
@@ -98,7 +129,15 @@ def _gaps(
     unit = "" if parameter.unit == "1" else f" {parameter.unit}"
     found = f"{parameter.name} = {value:.3g} ± {std:.1g}{unit}"
     if np.isfinite(parameter.lower):
-        yield parameter.lower - value, f"{found} is negative" if parameter.lower == 0 else found
+        yield (
+            parameter.lower - value,
+            f"{found} is negative" if parameter.lower == 0 else f"{found} is too small",
+        )
+    if np.isfinite(parameter.upper):
+        yield (
+            value - parameter.upper,
+            f"{found} is positive" if parameter.upper == 0 else f"{found} is too large",
+        )
     if parameter.unit not in _OF_BODIES or expected == 0:
         return
     if abs(value - expected) <= MATTERS * size:
@@ -110,34 +149,58 @@ def _gaps(
         yield -value * np.sign(expected), against
 
 
-def _sizes(robot: Robot, parameters: Sequence[Parameter]) -> Array:
-    """Return what mass and length of the robot make of every parameter of a body, SI."""
-    mass = abs(robot.description.parameters.get(MASS, 0.0))
-    powers = {"kg": 0, "kg m": 1, "kg m^2": 2}
-    length = robot.characteristic_length
-    return np.array([mass * length ** powers.get(one.unit, 0) for one in parameters])
+def _lumped(
+    robot: Robot,
+    parameters: Sequence[Parameter],
+    estimate: ParameterEstimate,
+    alone: set[str],
+) -> Iterator[_Doubt]:
+    """Yield what no bodies have together, but of parameters that stand out alone."""
+    names = tuple(parameter.name for parameter in parameters)
+    for lump in (lump for term in robot.terms for lump in term.lumps):
+        if not set(lump.parameters) <= set(names) - alone:
+            continue
+        places = np.array([names.index(name) for name in lump.parameters])
+        doubt = _lump(lump, places, robot, estimate)
+        if doubt is not None:
+            yield doubt
 
 
-def _likely(values: Array, std: Array, expected: Array, judged: NDArray[np.bool_]) -> str:
-    """Return the advice: what makes all parameters wrong by one factor, where they are."""
-    known = judged & (expected != 0) & (std < _KNOWN_WELL * np.abs(values))
-    if np.count_nonzero(known) < _FEWEST:
-        return ""
-    ratios = values[known] / expected[known]
-    factor = float(np.median(ratios))
-    alike = np.mean(np.abs(ratios - factor) <= _ALIKE * abs(factor)) >= _MOST
-    if not alike:
-        return ""
-    if factor < 0:
-        return (
-            f"nearly all parameters are about {factor:.2g} times what was expected: the sign of "
-            "all forces is wrong (`data.force_constants`, or forces that are positive when they "
-            "shorten), or gravity and z axis point the other way"
-        )
-    if factor < 1 / ORDER or factor > ORDER:
-        return (
-            f"nearly all parameters are about {factor:.2g} times what was expected: the forces are "
-            "in another unit (currents taken for newtons, newtons for kilonewtons), or the force "
-            f"constant (`data.force_constants`) is wrong by a factor of about {1 / factor:.2g}"
-        )
-    return ""
+def _lump(
+    lump: Lump, places: NDArray[np.intp], robot: Robot, estimate: ParameterEstimate
+) -> _Doubt | None:
+    """Judge the matrix of a lump along the direction in which it is least; None: it is positive.
+
+    vᵀ M v is linear in the parameters. v is taken from them, so the bound is that over all
+    combinations of them (Scheffé).
+    """
+    scales = dict(zip(lump.parameters, robot.scales[places], strict=True))
+    sizes = np.sqrt(np.abs(np.diag(lump.matrix(scales))))
+    sizes = np.where(sizes > 0, sizes, 1.0)
+    values = estimate.values[places]
+    whole = lump.matrix(dict(zip(lump.parameters, values, strict=True)))
+    least, directions = np.linalg.eigh(whole / np.multiply.outer(sizes, sizes))
+    if least[0] >= 0:
+        return None
+    along = directions[:, 0] / sizes
+    slope = np.array(
+        [
+            along @ lump.matrix(dict(zip(lump.parameters, unit, strict=True))) @ along
+            for unit in np.eye(len(places))
+        ]
+    )
+    variance = float(slope @ estimate.covariance[np.ix_(places, places)] @ slope)
+    if not variance > 0 or not np.isfinite(variance):
+        return None
+    free = np.diag(estimate.covariance)[places] > 0
+    freedom = float(np.min(estimate.freedom[places][free]))
+    sigmas = -float(slope @ values) / np.sqrt(variance)
+    p = float(stats.t.sf(sigmas, freedom))
+    if len(whole) > 1:
+        rank = np.count_nonzero(free)
+        # F with endless freedom below is chi-square.
+        law = stats.chi2(rank) if np.isinf(freedom) else stats.f(rank, freedom, scale=rank)
+        p = float(law.sf(sigmas**2))
+    first, last = lump.parameters[0], lump.parameters[-1]
+    which = f"{first} … {last}" if len(lump.parameters) > _TOLD else listed(lump.parameters)
+    return _Doubt(which, f"no bodies have {lump.meaning} ({which} together)", p)

@@ -195,5 +195,7 @@ def parameter_warnings(terms: tuple[Term, ...], values: Mapping[str, float]) -> 
         if value < parameter.lower or (parameter.strict and value == parameter.lower):
             bound = "not positive" if parameter.strict else "negative"
             found.append(f"{parameter.name} = {value:g} is {bound}")
+        if value > parameter.upper:
+            found.append(f"{parameter.name} = {value:g} is above {parameter.upper:g}")
     found += [text for term in terms for text in term.impossible(values)]
     return [f"physically inconsistent parameters: {text}" for text in found]

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
+from constraints.arrays import Array
 from expdesign.mechanism.hexapod import ACTUATORS, numbered
 from expdesign.mechanism.strut import StrutKinematics
 
@@ -57,6 +58,8 @@ class Parameter:
     """No machine is below it, SI."""
     strict: bool = False
     """Whether no machine is at `lower` either."""
+    upper: float = np.inf
+    """No machine is above it, SI."""
     default: float | None = None
     """Nominal value where the robot file gives none; None: the file must give it."""
 
@@ -125,6 +128,18 @@ class Columns:
     """Forces of the actuators themselves."""
 
 
+@dataclass(frozen=True)
+class Lump:
+    """A matrix that is positive semidefinite for bodies of positive density, and only then."""
+
+    meaning: str
+    """What has the parameters, in words: ``the platform``."""
+    parameters: tuple[str, ...]
+    """Whose matrix it is, of this term or of others."""
+    matrix: Callable[[Mapping[str, float]], Array]
+    """Values by name → (n, n), symmetric and linear in them."""
+
+
 def _nothing_more(_: Mapping[str, float]) -> list[str]:
     return []
 
@@ -145,6 +160,8 @@ class Term:
     constants: tuple[Constant, ...] = ()
     impossible: Callable[[Mapping[str, float]], list[str]] = _nothing_more
     """Nominal values by name → what no bodies have beyond each one's bound, in words."""
+    lumps: tuple[Lump, ...] = ()
+    """What estimates with their covariance are held against."""
 
     def __hash__(self) -> int:
         """Hash the name: terms are the keys of kernels, and that is asked for in every call."""

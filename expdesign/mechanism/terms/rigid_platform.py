@@ -11,11 +11,13 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 
+from constraints.arrays import Array
 from expdesign.mechanism.term import (
     FIRST_MOMENT_SCALE,
     INERTIA_SCALE,
     Columns,
     Instant,
+    Lump,
     Parameter,
     Term,
 )
@@ -61,23 +63,39 @@ def _first_moment(instant: Instant, axis: int) -> ca.SX:
     return ca.vertcat(force, ca.cross(arm, instant.acceleration - instant.gravity))
 
 
-def _impossible(p: Mapping[str, float]) -> list[str]:
-    """Judge mass, first moments and inertia together by the pseudo-inertia matrix."""
-    if any(p[parameter.name] <= parameter.lower for parameter in SYMMETRIC.parameters):
-        return []
+def pseudo_inertia(p: Mapping[str, float]) -> Array:
+    """Return [[Σ, s], [sᵀ, m]] with Σ = ½ tr(I) 1 − I, (4, 4): kg m², kg m and kg.
+
+    Positive definite for every body of positive density, and only then (Wensing, Kim, Slotine,
+    Linear Matrix Inequalities for Physically Consistent Inertial Parameter Identification, 2018).
+    """
     inertia = np.diag([p["p6"], p["p7"], p["p8"]])
-    moments = np.array([p.get("sx", 0.0), p.get("sy", 0.0), p["p9"]])
     for name, (i, j) in _PRODUCTS.items():
         inertia[i, j] = inertia[j, i] = p.get(name, 0.0)
+    moments = np.array([p.get("sx", 0.0), p.get("sy", 0.0), p["p9"]])
     with np.errstate(all="ignore"):
-        # Positive definite for every body of positive density, and only then.
         density = np.trace(inertia) / 2 * np.eye(3) - inertia
-        about_centre = density - np.outer(moments, moments) / p[MASS]
+    return np.block([[density, moments[:, None]], [moments[None], np.array([[p[MASS]]])]])
+
+
+def _impossible(p: Mapping[str, float]) -> list[str]:
+    """Judge mass, first moments and inertia together."""
+    if any(p[parameter.name] <= parameter.lower for parameter in SYMMETRIC.parameters):
+        return []
+    whole = pseudo_inertia(p)
+    with np.errstate(all="ignore"):
+        about_centre = whole[:3, :3] - np.outer(whole[3, :3], whole[3, :3]) / p[MASS]
     if not np.all(np.isfinite(about_centre)):
         return ["the platform's parameters are too large to be judged"]
     if np.linalg.eigvalsh(about_centre)[0] < 0:
         return ["no body has the platform's mass, first moments and moments of inertia (p6…p10)"]
     return []
+
+
+def _lump(parameters: tuple[Parameter, ...]) -> Lump:
+    names = tuple(parameter.name for parameter in parameters)
+    meaning = "the platform's mass, first moments and moments of inertia"
+    return Lump(meaning, names, pseudo_inertia)
 
 
 def _moment_of_inertia(name: str, axis: str, first: str, second: str) -> Parameter:
@@ -95,27 +113,26 @@ _PRODUCT = Parameter(
     INERTIA_SCALE,
     default=0.0,
 )
+_FIVE = (
+    _moment_of_inertia("p6", "x", "y", "z"),
+    _moment_of_inertia("p7", "y", "x", "z"),
+    _moment_of_inertia("p8", "z", "x", "y"),
+    Parameter("p9", "kg m", "$s_{zE} + m_3 \\sum b_z$", FIRST_MOMENT_SCALE),
+    Parameter(MASS, "kg", "$m_E + 6\\,m_3$", lower=0, strict=True),
+)
+_TEN = (
+    *_FIVE,
+    *(replace(_LATERAL, name=name) for name in ("sx", "sy")),
+    *(replace(_PRODUCT, name=name) for name in _PRODUCTS),
+)
 SYMMETRIC = Term(
     name="rigid_platform",
     meaning="the platform as a rigid body, with the sliders' masses at its joints",
-    parameters=(
-        _moment_of_inertia("p6", "x", "y", "z"),
-        _moment_of_inertia("p7", "y", "x", "z"),
-        _moment_of_inertia("p8", "z", "x", "y"),
-        Parameter("p9", "kg m", "$s_{zE} + m_3 \\sum b_z$", FIRST_MOMENT_SCALE),
-        Parameter(MASS, "kg", "$m_E + 6\\,m_3$", lower=0, strict=True),
-    ),
+    parameters=_FIVE,
     columns=_symmetric,
     impossible=_impossible,
+    lumps=(_lump(_FIVE),),
 )
-GENERAL = replace(
-    SYMMETRIC,
-    parameters=(
-        *SYMMETRIC.parameters,
-        *(replace(_LATERAL, name=name) for name in ("sx", "sy")),
-        *(replace(_PRODUCT, name=name) for name in _PRODUCTS),
-    ),
-    columns=_general,
-)
+GENERAL = replace(SYMMETRIC, parameters=_TEN, columns=_general, lumps=(_lump(_TEN),))
 LATERAL = tuple(one.name for one in GENERAL.parameters[len(SYMMETRIC.parameters) :])
 """Parameters that the general platform has and the symmetric one has not."""

@@ -5,9 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import casadi as ca
+import numpy as np
 
+from constraints.arrays import Array
+from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.strut import StrutKinematics, torque_wrench
-from expdesign.mechanism.term import FIRST_MOMENT_SCALE, Columns, Instant, Parameter, Term
+from expdesign.mechanism.term import FIRST_MOMENT_SCALE, Columns, Instant, Lump, Parameter, Term
+from expdesign.mechanism.terms.rigid_platform import MASS
 
 _ROUNDING = 0.05
 """Share by which published tables of estimates, rounded, were seen to break p2 ≤ p3."""
@@ -68,7 +72,36 @@ def _impossible(p: Mapping[str, float]) -> list[str]:
         )
     if p["p1"] + p["p2"] < 0:
         found.append(f"p1 + p2 = {p['p1'] + p['p2']:g} is negative")
+    if p.get(MASS, 0.0) > 0 and p["p2"] + p["p3"] > 0:
+        least = p["p5"] * (p["p5"] / ((p["p2"] + p["p3"]) / 2)) * ACTUATORS
+        if least > p[MASS]:
+            found.append(
+                f"six sliders with p5 = {p['p5']:g} and these moments of inertia (p2, p3) weigh "
+                f"{least:.3g} kg at least, more than {MASS} = {p[MASS]:g}"
+            )
     return found
+
+
+def _slider(p: Mapping[str, float]) -> Array:
+    """Return the pseudo-inertia of the struts along u, (2, 2): kg m², kg m and kg.
+
+    ½ (p2 + p3) is ∫ z² dm of stator and slider, that of the slider and its p5 make a body with its
+    mass, of which six are at most p10.
+    """
+    return np.array([[(p["p2"] + p["p3"]) / 2, p["p5"]], [p["p5"], p[MASS] / ACTUATORS]])
+
+
+def _thickness(p: Mapping[str, float]) -> Array:
+    """Return what makes the struts' inertia about their axis negative when it is, but rounding."""
+    return np.array([[(1 + _ROUNDING) * p["p3"] - p["p2"]]])
+
+
+def _flatness(p: Mapping[str, float]) -> Array:
+    """Return by how much p3 is less than flat bodies have, p3 ≤ p2 + 2 p1, but rounding.
+
+    The triangle inequality of moments of inertia: p1 is at least that about the struts' axis.
+    """
+    return np.array([[2 * p["p1"] + p["p2"] - (1 - _ROUNDING) * p["p3"]]])
 
 
 TERM = Term(
@@ -92,8 +125,14 @@ TERM = Term(
             "kg m",
             "first moment of the slider about $B$, along $u$ (negative)",
             FIRST_MOMENT_SCALE,
+            upper=0,
         ),
     ),
     columns=_columns,
     impossible=_impossible,
+    lumps=(
+        Lump("the sliders' first moment, inertia and mass", ("p2", "p3", "p5", MASS), _slider),
+        Lump("the struts' moments of inertia", ("p2", "p3"), _thickness),
+        Lump("the struts' moments of inertia", ("p1", "p2", "p3"), _flatness),
+    ),
 )
