@@ -35,7 +35,7 @@ _PLAUSIBLE = Assumption(
     "look for a force with the wrong sign (`data.sign`), forces or lengths in another unit "
     "(`data.units`, `data.force_constants`), channels in another order than the struts "
     "(`data.order`), a wrong zero of a length (`data.offset`), gravity that points the other "
-    "way, and a-priori values of another machine",
+    "way, the inertia of motors and screws (`drive`), and a-priori values of another machine",
 )
 
 
