@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from constraints.arrays import Array
+from constraints.arrays import Array, Mask
 
 Quantities = Mapping[str, ca.SX]
 """Named symbolic quantities of one instant; the mechanism says what it offers and their shapes."""
@@ -62,6 +62,10 @@ class LimitDefinition:
     conservative: bool = False
     """True when `smooth` is an inner approximation: it never admits what `natural` forbids, and
     may forbid a little more."""
+    about_home: float | None = None
+    """How far a component may go from home, either way, that nobody bounds, in `unit`. The
+    components are then coordinates of the pose, and ``none`` in place of a bound lifts it. None:
+    what is not given does not limit."""
 
     def __post_init__(self) -> None:
         """Refuse rows that no optimiser could see."""
@@ -120,6 +124,8 @@ class Limit:
     file: Path | None = None
     line: int | None = None
     """That file and the line there; None for a mapping."""
+    by_default: tuple[str, ...] = ()
+    """Labels of the rows that nobody has bounded: theirs are the bounds `about_home`."""
 
     @property
     def key(self) -> str:
@@ -130,6 +136,16 @@ class Limit:
     def unit(self) -> str:
         """SI unit of bounds and quantity."""
         return self.definition.unit
+
+    @property
+    def open_rows(self) -> Mask:
+        """(k,) which rows are bounded on neither side."""
+        return np.isinf(self.lower) & np.isinf(self.upper)
+
+    @property
+    def is_default(self) -> bool:
+        """Whether nobody has given anything of it."""
+        return bool(self.by_default) and self.by_default == self.labels
 
     @property
     def range(self) -> Array:

@@ -1,5 +1,6 @@
 """Limits that bound a quantity as it is: data, without mathematics of their own."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -34,6 +35,7 @@ LIMITS = (
         components=("phi", "theta", "psi"),
         requires=("rotation_angles",),
         natural=lambda quantities: quantities["rotation_angles"],
+        about_home=math.radians(30),
     ),
     plain_limit("strut_acceleration", "strut acceleration", "m/s^2", "symmetric"),
     plain_limit("strut_length", "strut length", "m", "interval"),

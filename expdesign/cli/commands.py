@@ -42,11 +42,11 @@ def check(run: RunArgument, as_json: JsonOption = False) -> None:
     """Validate a run and print its complete configuration, with every default, in SI units.
 
     Nothing is computed but whether the home pose keeps the limits, and whether the study could be
-    done. Warnings, limits that are not set, what `expdesign run` would do, and the pairs of struts
-    that share a joint and are left out of the clearance, go to standard error.
+    done. Warnings, limits that are not set or stand by default, what `expdesign run` would do, and
+    the pairs of struts that share a joint and are left out of the clearance, go to standard error.
     """
     from expdesign.configuration import load_run, resolved_yaml
-    from expdesign.configuration.open_rows import open_in_words, open_rows
+    from expdesign.configuration.open_rows import defaults_in_words, open_in_words, open_rows
     from expdesign.robot import robot_from
     from expdesign.stages.run import refuse_study, run_folder
     from expdesign.stages.table import left_out, named, performed, stages_without_design
@@ -57,7 +57,7 @@ def check(run: RunArgument, as_json: JsonOption = False) -> None:
     pairs = [(i + 1, j + 1) for i, j in configuration.robot.shared_joint_pairs]
     done = performed(configuration)
     warnings = list(configuration.warnings)
-    open_limits = open_rows(configuration.robot)
+    open_limits, defaults = open_rows(configuration.robot), defaults_in_words(configuration.robot)
     if open_limits:
         warnings.append(f"{open_in_words(open_limits)}: a design may go there as far as it gets")
     if missing := stages_without_design(configuration, run_folder(configuration, None)):
@@ -72,6 +72,7 @@ def check(run: RunArgument, as_json: JsonOption = False) -> None:
                 "configuration": configuration.run.model_dump(mode="json", by_alias=True),
                 "shared_joints": pairs,
                 "limits_not_set": [str(one) for one in open_limits],
+                "limits_by_default": defaults,
                 "warnings": warnings,
             }
         )
@@ -84,6 +85,8 @@ def check(run: RunArgument, as_json: JsonOption = False) -> None:
             note(f"{stage}: left out, {reason}")
     for first, second in pairs:
         note(f"struts {first} and {second} share a joint: left out of the strut clearance")
+    for default in defaults:
+        note(default)
     for warning in warnings:
         warn(warning)
 

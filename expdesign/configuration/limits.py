@@ -17,16 +17,20 @@ from pydantic_core import PydanticCustomError
 from constraints import Limit, LimitDefinition, limit_definitions
 from expdesign.configuration.document import Placed
 from expdesign.configuration.problem import key_path, nearest, refusal, shown
-from expdesign.configuration.values.quantity import dimension_of
+from expdesign.configuration.section import LaterEntries
+from expdesign.configuration.values.quantity import dimension_of, quantity_text
 from expdesign.configuration.values.scalars import by_key, read_only
-from expdesign.mechanism.hexapod import ACTUATORS, numbered
+from expdesign.mechanism.hexapod import ACTUATORS, COORDINATE_NAMES, numbered
 
 CHARACTERISTIC_LENGTH = "characteristic_length"
+LIFTED = "none"
+"""In place of a bound: nothing limits where there would be a default."""
 _PAIRS = tuple(itertools.combinations(range(ACTUATORS), 2))
 _ENDS = 2
 _PROBES = 65
 
 Bounds = tuple[float, float]
+_ENDLESS = (-np.inf, np.inf)
 
 
 def _as_written(name: str, value: object) -> object:
@@ -38,11 +42,8 @@ def _as_written(name: str, value: object) -> object:
     return value
 
 
-Limits = Annotated[dict[str, Any], by_key(_as_written, "limits with their bounds")]
-
-
 def resolve_limits(
-    sources: Sequence[Placed[Mapping[str, Any]]],
+    sources: Sequence[Placed[Mapping[str, Any]]], defaults: Mapping[str, Limit] | None = None
 ) -> tuple[dict[str, Limit], float | None]:
     """Merge the limits of robot and run.
 
@@ -50,6 +51,8 @@ def resolve_limits(
     ----------
     sources : sequence of Placed
         `Limits`. Later ones override earlier ones key by key; components of a limit are keys, too.
+    defaults : mapping of Limit, optional
+        As of `default_limits`, for what no source gives; none by default.
 
     Returns
     -------
@@ -58,16 +61,50 @@ def resolve_limits(
     characteristic_length : float or None
         m; None when no source gives it.
     """
-    given: dict[str, Limit] = {}
+    given = dict(defaults or {})
     length: float | None = None
     for source in sources:
         for name, value in source.value.items():
             if name == CHARACTERISTIC_LENGTH:
                 length = _length(value)
             else:
-                limit = _placed(source, name, *_bounds(name, value))
-                given[name] = _overridden(given.get(name), limit)
-    return {name: given[name] for name in limit_definitions() if name in given}, length
+                given[name] = _overriding(given.get(name), source, *_bounds(name, value))
+    kept = {name: given[name] for name in limit_definitions() if name in given}
+    return {name: limit for name, limit in kept.items() if not np.all(limit.open_rows)}, length
+
+
+def default_limits(home: Sequence[float]) -> dict[str, Limit]:
+    """Return the limits that stand where nobody gives any, about a home pose (6,), m and rad."""
+    found = {}
+    for key, definition in limit_definitions().items():
+        way, labels = definition.about_home, definition.components
+        if way is None:
+            continue
+        middle = np.array([home[COORDINATE_NAMES.index(name)] for name in labels])
+        lower, upper = read_only(middle - way), read_only(middle + way)
+        origin = f"{quantity_text(way, definition.unit)} from home, the default of limits.{key}"
+        found[key] = Limit(definition, lower, upper, labels, origin, by_default=labels)
+    return found
+
+
+def lifted_entries(limits: Mapping[str, Any]) -> dict[str, Any]:
+    """Return which entries of `Limits` lift a default, nested as they are, with True for each."""
+    found: dict[str, Any] = {}
+    for name, value in limits.items():
+        if isinstance(value, dict):
+            inner = {component: True for component, item in value.items() if item == LIFTED}
+            found |= {name: inner} if inner else {}
+        elif isinstance(value, str) and value == LIFTED:
+            found[name] = True
+    return found
+
+
+Limits = Annotated[
+    dict[str, Any],
+    by_key(_as_written, "limits with their bounds"),
+    LaterEntries(lifted_entries),
+]
+"""Limits as they are written."""
 
 
 def with_shared_joints(limit: Limit, pairs: Iterable[tuple[int, int]]) -> Limit:
@@ -82,12 +119,16 @@ def with_shared_joints(limit: Limit, pairs: Iterable[tuple[int, int]]) -> Limit:
 def limits_as_written(limits: Mapping[str, Limit], length: float) -> dict[str, Any]:
     """Return resolved limits as they can stand under ``limits:``, in SI units."""
     written: dict[str, Any] = {}
-    for name, limit in limits.items():
-        definition = limit.definition
+    for name, definition in limit_definitions().items():
+        limit, lifts = limits.get(name), definition.about_home is not None
+        if limit is None:
+            written |= {name: LIFTED} if lifts else {}
+            continue
         rows = list(zip(limit.lower.tolist(), limit.upper.tolist(), strict=True))
         if definition.components:
             named = zip(definition.components, rows, strict=True)
-            written[name] = {c: list(row) for c, row in named if np.all(np.isfinite(row))}
+            bounds = {c: list(row) if np.all(np.isfinite(row)) else LIFTED for c, row in named}
+            written[name] = {c: row for c, row in bounds.items() if lifts or row != LIFTED}
             continue
         kind = definition.kind
         if kind == "symmetric" and not all(low == -high for low, high in rows):
@@ -105,8 +146,11 @@ def _length(value: object) -> float:
     return length
 
 
-def _bounds(name: str, value: object) -> tuple[LimitDefinition, tuple[Bounds, ...]]:
-    """Return what is bounded, and the bounds of its rows: of one where all have the same."""
+def _bounds(name: str, value: object) -> tuple[LimitDefinition, tuple[Bounds | None, ...]]:
+    """Return what is bounded, and the bounds of its rows: of one where all have the same.
+
+    None is a row that is not given; one that is lifted has infinite bounds.
+    """
     definitions = limit_definitions()
     if name not in definitions:
         valid = [*definitions, CHARACTERISTIC_LENGTH]
@@ -115,29 +159,35 @@ def _bounds(name: str, value: object) -> tuple[LimitDefinition, tuple[Bounds, ..
     if not definition.components:
         return definition, _rows(definition, value)
     given = _components(definition, value)
-    return definition, tuple(
-        given.get(label, (-np.inf, np.inf)) for label in row_labels(definition)
-    )
+    return definition, tuple(given.get(label) for label in row_labels(definition))
 
 
-def _placed(
-    source: Placed[Any], name: str, definition: LimitDefinition, rows: tuple[Bounds, ...]
+def _overriding(
+    earlier: Limit | None,
+    source: Placed[Any],
+    definition: LimitDefinition,
+    rows: tuple[Bounds | None, ...],
 ) -> Limit:
-    labels, document, key = row_labels(definition), source.document, (*source.key, name)
-    lower, upper = (read_only(np.broadcast_to(side, len(labels))) for side in np.transpose(rows))
-    origin = f"{document.label}: {key_path(key)}"
-    return Limit(definition, lower, upper, labels, origin, document.file, document.line(key))
-
-
-def _overridden(earlier: Limit | None, later: Limit) -> Limit:
-    """Return the later limit, with the earlier one's bounds of the rows that it leaves open."""
-    if earlier is None:
-        return later
-    free = np.isinf(later.lower) & np.isinf(later.upper)
-    return replace(
-        later,
-        lower=read_only(np.where(free, earlier.lower, later.lower)),
-        upper=read_only(np.where(free, earlier.upper, later.upper)),
+    """Return a limit of a source, with the earlier one's bounds of the rows that it leaves out."""
+    labels, document, key = row_labels(definition), source.document, (*source.key, definition.key)
+    each = rows * len(labels) if len(rows) == 1 else rows
+    before = [_ENDLESS] * len(labels)
+    by_default: tuple[str, ...] = ()
+    if earlier is not None:
+        before = list(zip(earlier.lower.tolist(), earlier.upper.tolist(), strict=True))
+        left_out = [label for label, row in zip(labels, each, strict=True) if row is None]
+        by_default = tuple(label for label in earlier.by_default if label in left_out)
+    merged = [old if new is None else new for old, new in zip(before, each, strict=True)]
+    lower, upper = (read_only(side) for side in np.transpose(merged))
+    return Limit(
+        definition,
+        lower,
+        upper,
+        labels,
+        f"{document.label}: {key_path(key)}",
+        document.file,
+        document.line(key),
+        by_default,
     )
 
 
@@ -156,12 +206,19 @@ def _components(definition: LimitDefinition, value: object) -> dict[str, Bounds]
     names = definition.components
     pair = f"[min, max] in {definition.unit}"
     allowed = f"a mapping of {', '.join(names)} to {pair}"
+    if definition.about_home is not None:
+        allowed += f"; {LIFTED} in place of a pair, or of all"
+        if value == LIFTED:
+            return dict.fromkeys(names, _ENDLESS)
     if not isinstance(value, dict) or not value:
         raise refusal(f"{shown(value)} bounds no component", allowed)
     bounds = {}
     for name, item in value.items():
         if name not in names:
             raise refusal(f"unknown component {shown(name)}", allowed, nearest(name, names))
+        if definition.about_home is not None and item == LIFTED:
+            bounds[name] = _ENDLESS
+            continue
         if not isinstance(item, list | tuple) or len(item) != _ENDS:
             raise refusal(f"{name}: {shown(item)} is not a pair", allowed)
         bounds[name] = _interval(definition, item, f"{name}: ")

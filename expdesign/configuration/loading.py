@@ -15,7 +15,12 @@ from expdesign.configuration.finding import absolute, find_file
 from expdesign.configuration.noise import NoiseDescription
 from expdesign.configuration.problem import InputError, Key, Problem
 from expdesign.configuration.robot import ResolvedRobot, RobotDescription, read_robot, resolve_robot
-from expdesign.configuration.run import RUN_FORMAT, RunConfiguration, RunDescription
+from expdesign.configuration.run import (
+    LIMITED_BY_DEFAULT,
+    RUN_FORMAT,
+    RunConfiguration,
+    RunDescription,
+)
 from expdesign.configuration.section import Section, validate
 from expdesign.configuration.sections.data import DataSection
 from expdesign.configuration.sections.experiment import ExperimentSection, ValidationMotion
@@ -76,6 +81,7 @@ def load_run(source: ConfigurationLike) -> RunConfiguration:
                 own_noise,
                 [] if tolerances is None else [Placed(tolerances, document, ("tolerances",))],
                 None if run is None else run.experiment.sampling,
+                earlier=_earlier(document),
             )
             if run is not None and run.experiment.truth is not None:
                 truth = _true_machine(run.experiment, robot_source, own_noise, document, problems)
@@ -110,6 +116,15 @@ def _document(source: str | PathLike[str] | Mapping[str, Any] | RunDescription) 
     if isinstance(source, Mapping):
         return document_from_mapping(source)
     return read_yaml(find_file(source, "run", run_files()))
+
+
+def _earlier(document: Document) -> bool:
+    """Tell whether a run was resolved when nothing was limited by default: it keeps that."""
+    number = document.data.get("format")
+    if number is None:
+        # Before files had a format; nobody writes both of these, one of which is empty.
+        return {"workers", "scheduler"} <= set(document.data)
+    return isinstance(number, int) and number < LIMITED_BY_DEFAULT
 
 
 def _robot_source(
@@ -160,6 +175,7 @@ def _true_machine(
         Placed(bare, source.document, source.key),
         noise=[*noise, *run_noise],
         sampling=experiment.sampling,
+        earlier=_earlier(document),
     )
 
 

@@ -1,4 +1,4 @@
-"""Which limits exist and which of them a robot leaves open."""
+"""Which limits a robot leaves open, and which of them a default bounds then."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from constraints import Limit, LimitDefinition, limit_definitions
-from expdesign.configuration.limits import row_labels, with_shared_joints
+from expdesign.configuration.limits import LIFTED, row_labels, with_shared_joints
 from expdesign.configuration.robot import ResolvedRobot
+from expdesign.configuration.values.quantity import quantity_text
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,10 +53,19 @@ def open_in_words(found: Iterable[OpenRows]) -> str:
     return f"no limit is set on {names}" if names else ""
 
 
+def defaults_in_words(robot: ResolvedRobot) -> tuple[str, ...]:
+    """Say of each limit with a default what nobody has bounded, and what bounds it."""
+    return tuple(
+        f"limits.{limit.key} is not given for {', '.join(limit.by_default)}: "
+        f"{quantity_text(limit.definition.about_home or 0.0, limit.unit)} from home either way by "
+        f"default; `{limit.key}: {LIFTED}` lifts it"
+        for limit in robot.limits.values()
+        if limit.by_default
+    )
+
+
 def _open(limit: Limit | None, count: int) -> NDArray[np.bool_]:
-    if limit is None:
-        return np.ones(count, dtype=bool)
-    return np.isinf(limit.lower) & np.isinf(limit.upper)
+    return np.ones(count, dtype=bool) if limit is None else limit.open_rows
 
 
 def _without_gap(definition: LimitDefinition, robot: ResolvedRobot) -> NDArray[np.intp]:

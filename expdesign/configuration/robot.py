@@ -21,6 +21,7 @@ from expdesign.configuration.identification import Identification
 from expdesign.configuration.joint_ring import OrRing
 from expdesign.configuration.limits import (
     Limits,
+    default_limits,
     limits_as_written,
     resolve_limits,
     with_shared_joints,
@@ -204,14 +205,18 @@ def resolve_robot(
     noise: Sequence[Placed[NoiseDescription]] = (),
     tolerances: Sequence[Placed[Tolerances]] = (),
     sampling: float | None = None,
+    *,
+    earlier: bool = False,
 ) -> ResolvedRobot:
     """Resolve a robot together with what a run overrides: limits, noise and tolerances.
 
-    `sampling` is that of the run's experiment, Hz, where there is one.
+    `sampling` is that of the run's experiment, Hz, where there is one; `earlier` tells that the
+    robot was resolved when nothing was limited by default.
     """
     description, document = source.value, source.document
     own_limits = Placed(description.limits, document, (*source.key, "limits"))
-    resolved_limits, length = resolve_limits([own_limits, *limits])
+    defaults = None if earlier else default_limits(description.home)
+    resolved_limits, length = resolve_limits([own_limits, *limits], defaults)
     if description.noise is not None:
         noise = [Placed(description.noise, document, (*source.key, "noise")), *noise]
     merged_noise, resolved_noise, problems = resolve_noise(noise, sampling)

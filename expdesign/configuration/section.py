@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import chain
 from typing import Any, TypeVar, get_args
@@ -27,6 +27,16 @@ made without it is as it would be made with its default now."""
 RESOLVED = object()
 """Mark of a key that stands in resolved configurations only: it is read, but nobody is told to
 write it."""
+
+
+@dataclass(frozen=True)
+class LaterEntries:
+    """Mark of a mapping that may say what was so for earlier versions, which could not say it.
+
+    `of` returns which of its entries these are, nested as they are, with True for each.
+    """
+
+    of: Callable[[Mapping[str, Any]], dict[str, Any]]
 
 
 @dataclass(frozen=True)
@@ -101,6 +111,9 @@ def unstated(section: BaseModel) -> dict[str, Any]:
         value = getattr(section, name)
         if LATER in info.metadata and value == info.get_default(call_default_factory=True):
             found[name] = True
+        elif marks := [mark for mark in info.metadata if isinstance(mark, LaterEntries)]:
+            entries = marks[0].of(value)
+            found |= {name: entries} if entries else {}
         elif isinstance(value, BaseModel) and (inner := unstated(value)):
             found[name] = inner
         elif isinstance(value, tuple):

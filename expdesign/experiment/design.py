@@ -65,7 +65,7 @@ def design(config: ConfigurationLike, monitor: Monitor | None = None) -> DesignR
     """
     configuration = load_run(config)
     began = time.perf_counter()
-    if not configuration.robot.limits:
+    if all(limit.is_default for limit in configuration.robot.limits.values()):
         raise InputError(
             "neither robot nor run limit anything: there is no best motion",
             file=configuration.file,

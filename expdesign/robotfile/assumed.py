@@ -17,7 +17,13 @@ from constraints.arrays import Array
 from expdesign.configuration import geometry as geo
 from expdesign.configuration.document import Placed, document_from_mapping
 from expdesign.configuration.joint_ring import JointRing
-from expdesign.configuration.limits import CHARACTERISTIC_LENGTH, Limits, resolve_limits, row_labels
+from expdesign.configuration.limits import (
+    CHARACTERISTIC_LENGTH,
+    LIFTED,
+    Limits,
+    resolve_limits,
+    row_labels,
+)
 from expdesign.configuration.problem import InputError
 from expdesign.configuration.robot import EARTH_GRAVITY, RobotDescription, resolve_robot
 from expdesign.configuration.section import Section, validate
@@ -209,7 +215,7 @@ def _robot(machine: Machine, general: bool) -> Robot:
         "platform_joints": points(machine.platform_joints),
         "platform": kind,
         "parameters": dict(machine.parameters),
-        "limits": {CHARACTERISTIC_LENGTH: _length(machine)},
+        "limits": {CHARACTERISTIC_LENGTH: _length(machine), "rotation": LIFTED},
     }
     for key in ("alpha_axes", "platform_joint_axes"):
         if getattr(machine, key) is not None:

@@ -82,6 +82,20 @@ def test_check_lists_struts_that_share_a_joint(expdesign, tmp_path):
     assert load_run(data["configuration"]).run.name == "a"
 
 
+def test_check_tells_what_is_limited_by_default(expdesign, run_file):
+    def told(robot):
+        path = run_file(robot=robot)
+        notes = [x for x in expdesign("check", path)[2].splitlines() if x.startswith("note:")]
+        listed = json.loads(expdesign("check", "--json", path)[1])["limits_by_default"]
+        return [text for text in notes if "default" in text], listed
+
+    (note,), (text,) = told(ROBOT.replace("rotation: none", "rotation: {psi: [-1, 1]}"))
+    assert note.endswith(text)
+    for name in ("phi, theta", "30 deg", "rotation: none"):
+        assert name in text
+    assert told(ROBOT) == ([], [])
+
+
 def test_what_check_prints_can_be_checked(expdesign, tmp_path):
     _, out, _ = expdesign("check", "palida-quick")
     path = tmp_path / "resolved.yaml"

@@ -133,14 +133,16 @@ def test_optional_keys_may_be_left_out(robot_mapping, resolve):
     robot = resolve(robot_mapping)
     assert robot.gravity.tolist() == [0, 0, -9.81]
     assert robot.noise is None
-    assert robot.limits == {}
+    assert [limit.key for limit in robot.limits.values() if not limit.is_default] == []
     assert robot.characteristic_length == pytest.approx(np.hypot(0.085, 0.104))
     (said,) = [w for w in robot.warnings if "characteristic_length" in w]
     assert "0.1343 m" in said
 
 
-def test_empty_limits_are_no_limits(robot_mapping, resolve):
+def test_empty_limits_are_the_default_ones(robot_mapping, resolve):
     robot_mapping["limits"] = None
+    assert list(resolve(robot_mapping).limits) == ["rotation"]
+    robot_mapping["limits"] = {"rotation": "none"}
     assert resolve(robot_mapping).limits == {}
 
 

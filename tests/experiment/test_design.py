@@ -308,6 +308,16 @@ def test_a_design_may_start_at_rest(tiny, cheap_finish):
     assert -2e-3 < result.check.worst <= TOLERANCE
 
 
+def test_some_limit_is_needed_beside_those_that_stand_by_default(tiny):
+    from expdesign.configuration.robot import load_robot_description
+
+    robot = load_robot_description("palida").description.model_dump(mode="json", by_alias=True)
+    for limits in ({}, {"rotation": "none"}):
+        with pytest.raises(expdesign.InputError) as caught:
+            expdesign.design(tiny(robot=robot | {"limits": limits}))
+        assert [problem.key for problem in caught.value.problems] == ["limits"]
+
+
 def test_the_noise_is_needed(tiny):
     from expdesign.configuration.robot import load_robot_description
 
