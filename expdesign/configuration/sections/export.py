@@ -53,7 +53,7 @@ OFFERS: dict[str, Offer] = {
     "csv": Offer(("strut",)),
     "ros2": Offer(("strut", "pose"), ("space", "encoding", "digits", "axes", *_OF_ACTUATORS)),
     "xps-pvt": _PVT,
-    "linuxcnc-gcode": Offer(("pose",), ("digits", "blend", "trigger")),
+    "linuxcnc-gcode": Offer(("pose",), ("digits", "units", "blend", "trigger")),
     "linuxcnc-strut": Offer(("strut",), ("digits", "units", *_OF_ACTUATORS, "counts_per_metre")),
     "pmac-pvt": _PVT,
     "pi-wave": Offer(("pose",), ("digits", "units", "angles")),
@@ -168,6 +168,9 @@ class ExportSection(Section):
         if self.encoding == "mcap" and self.digits is not None:
             message = "a bag holds numbers with all their digits"
             raise refusal(message, "with encoding: yaml only", key="digits")
+        if self.format == "linuxcnc-gcode" and self.units not in (None, "mm", "in"):
+            message = f"G-code has no lengths in {self.units}"
+            raise refusal(message, "mm or in", key="units")
         self._refuse_trigger()
         unknown = [name for name in self.axes or () if name not in _PMAC_AXES]
         if self.format == "pmac-pvt" and unknown:

@@ -8,7 +8,15 @@ from pathlib import Path
 import numpy as np
 
 from constraints.arrays import Array
-from expdesign.export.definition import Interpolation, Rows, Settings, TableError, TableFormat
+from expdesign.export.definition import (
+    LENGTH_UNITS,
+    Interpolation,
+    Rows,
+    Settings,
+    TableError,
+    TableFormat,
+)
+from expdesign.export.genhexkins import ENDING, geometry_lines
 from expdesign.export.text_table import lines, marked, number, write_lines
 from expdesign.export.trigger import switched_at, switching
 
@@ -20,7 +28,7 @@ _FEED_DIGITS = 6
 _BLEND = 1e-5
 _COMMENT = re.compile(r"\([^()]*\)")
 _WORD = re.compile(r"([A-Z])([^A-Z\s]*)")
-_HEADER = {"G21", "G90", "G93", "G64"}
+_UNIT_CODES = {"mm": "G21", "in": "G20"}
 
 
 def _feeds(times: Array) -> Array:
@@ -32,10 +40,11 @@ def _written_times(times: Array) -> Array:
 
 
 def _write(path: Path, rows: Rows, settings: Settings) -> None:
-    blend = 1e3 * (settings.section.blend or _BLEND)
+    unit = settings.axes.units[0]
+    blend = LENGTH_UNITS[unit] * (settings.section.blend or _BLEND)
     head = [
-        f"({settings.title}: mm and degrees, A B C are roll, pitch and yaw about fixed axes)",
-        f"G21 G90 G93 G64 P{blend:.6f}",
+        f"({settings.title}: {unit} and degrees, A B C are roll, pitch and yaw about fixed axes)",
+        f"{_UNIT_CODES[unit]} G90 G93 G64 P{blend:.8f}",
         "(start)",
     ]
     feeds = [START_FEED, *_feeds(rows.times)]
@@ -61,6 +70,7 @@ def _read(path: Path, settings: Settings) -> Rows:
     positions: list[list[float]] = []
     feeds: list[float] = []
     switched: list[tuple[int, bool]] = []
+    header = {_UNIT_CODES[settings.axes.units[0]], "G90", "G93", "G64"}
     modes: set[str] = set()
     ended = False
     for k, line in enumerate(lines(path), start=1):
@@ -77,8 +87,8 @@ def _read(path: Path, settings: Settings) -> Rows:
             continue
         words = _words(code, k)
         if words[0] == ("G", "1"):
-            if modes < _HEADER:
-                raise TableError(f"line {k}: a move before {' '.join(sorted(_HEADER))}")
+            if modes < header:
+                raise TableError(f"line {k}: a move before {' '.join(sorted(header))}")
             letters = tuple(letter for letter, _ in words[1:])
             if letters != (*AXES, "F"):
                 missing = "F word" if "F" not in letters else "axis"
@@ -88,7 +98,7 @@ def _read(path: Path, settings: Settings) -> Rows:
             feeds.append(values[-1])
         else:
             modes |= {f"{letter}{value}" for letter, value in words if letter != "P"}
-            if modes - _HEADER:
+            if modes - header:
                 raise TableError(f"line {k}: '{code[:40]}' is none of our codes")
     if not ended:
         raise TableError("the program has no M2 at its end")
@@ -113,10 +123,12 @@ FORMAT = TableFormat(
     write=_write,
     read=_read,
     guide=(
-        "For a LinuxCNC machine with the kinematics genhexkins whose origin and home are those of "
-        "the robot file. Home the machine, move it to the start below, check that the velocity "
-        "and acceleration limits of joints and axes in the INI file are not below those of the "
-        "design (the planner would stretch the motion in time), load the file and run it. Every "
+        "For a LinuxCNC machine with the kinematics genhexkins. Its geometry has to be that of the "
+        "robot file: put the setp lines of {beside} in place of those in the machine's HAL file, "
+        "and load no tool offset (G49). Home the machine, move it to the start below, check that "
+        "the velocity and acceleration limits of joints and axes in the INI file are not below "
+        "those of the design (the planner would stretch the motion in time), load the file and run "
+        "it. Every "
         "line is one move with its own duration (G93: F is 1/minutes). A, B and C are roll, pitch "
         "and yaw about the fixed axes x, y, z: R = Rz(C) Ry(B) Rx(A)."
     ),
@@ -124,6 +136,7 @@ FORMAT = TableFormat(
     written_times=_written_times,
     uniform=True,
     fixed_angles=True,
+    beside={ENDING: geometry_lines},
     trigger=(
         "M62 P{number} and M63 P{number} switch the digital output motion.digital-out-{number:02} "
         "of HAL together with the motion: it is on from {on} s to {off} s after the start. Connect "
