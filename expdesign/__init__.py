@@ -1,30 +1,33 @@
 """Optimal experiment design and identification for hexapods.
 
-`load_robot` gives the model. `design`, `simulate`, `estimate` and `report` are the stages that are
-called most; `run` does all that a run file names.
+`load_robot` gives the model, `load_measurement` a recording. `design`, `simulate`, `estimate` and
+`report` are the stages that are called most; `run` does all that a run file names.
 """
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from estimation.data.measurement import Measurement
     from expdesign.configuration import InputError, load_run
     from expdesign.experiment import DesignResult, design
     from expdesign.robot import Robot, load_robot
     from expdesign.stages.outcome import Progress, StageFailed
-    from expdesign.stages.run import RunResult, estimate, report, run, simulate
+    from expdesign.stages.run import RunResult, estimate, load_measurement, report, run, simulate
     from expdesign.trajectory import FourierTrajectory
 
 __all__ = [
     "DesignResult",
     "FourierTrajectory",
     "InputError",
+    "Measurement",
     "Progress",
     "Robot",
     "RunResult",
     "StageFailed",
     "design",
     "estimate",
+    "load_measurement",
     "load_robot",
     "load_run",
     "report",
@@ -35,6 +38,7 @@ __all__ = [
 _HOMES = {
     "InputError": "expdesign.configuration",
     "DesignResult": "expdesign.experiment",
+    "Measurement": "estimation.data.measurement",
     "FourierTrajectory": "expdesign.trajectory",
     "Robot": "expdesign.robot",
     "design": "expdesign.experiment",
@@ -42,7 +46,10 @@ _HOMES = {
     "load_run": "expdesign.configuration",
     "Progress": "expdesign.stages.outcome",
     "StageFailed": "expdesign.stages.outcome",
-    **dict.fromkeys(("RunResult", "estimate", "report", "run", "simulate"), "expdesign.stages.run"),
+    **dict.fromkeys(
+        ("RunResult", "estimate", "load_measurement", "report", "run", "simulate"),
+        "expdesign.stages.run",
+    ),
 }
 
 

@@ -2,20 +2,41 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from constraints.arrays import Array
-from expdesign.configuration import FORCE_CHANNELS, LENGTH_CHANNELS
+from estimation.data.defects import refuse_cells, refuse_periods
+from estimation.data.table import NUMERIC, RawTable
+from estimation.data.timebase import lost_samples, time_base
+from expdesign.configuration import FORCE_CHANNELS, LENGTH_CHANNELS, DataSection, InputError
 from expdesign.mechanism.hexapod import ACTUATORS
+
+_FEWEST = 3
+"""Rows from which a step can be told from its jitter."""
 
 
 @dataclass(frozen=True, eq=False)
 class Measurement:
-    """Strut lengths and actuator forces over time."""
+    """Strut lengths and actuator forces over time.
+
+    Time, lengths and forces are enough: where no step is given, what reading a file does is done
+    with the stamps. Uniform ones become the grid that fits them best, gaps are counted as lost
+    samples.
+
+    Raises
+    ------
+    ValueError
+        Shapes do not fit together.
+    InputError
+        Without a step: time does not increase or is not uniform, or there are values that are not
+        finite.
+    """
 
     time: Array
     """(T,), time stamps, s, strictly increasing. Uniform recordings hold the fitted grid, stamped
@@ -24,8 +45,8 @@ class Measurement:
     """(T, 6), q1…q6, m."""
     forces: Array
     """(T, 6), Q1…Q6, N, positive when they extend."""
-    step: float
-    """Time between two samples, s (the mean one when stamped)."""
+    step: float = np.nan
+    """Time between two samples, s (the mean one when stamped); by default that of the stamps."""
     stamped: bool = False
     """True when the stamps jitter and are to be used as they are."""
     period: NDArray[np.int64] | None = None
@@ -43,13 +64,43 @@ class Measurement:
     """What a user should know about how it was read."""
 
     def __post_init__(self) -> None:
-        """Refuse shapes that do not fit together."""
+        """Refuse shapes that do not fit together; take the step from the stamps where none is."""
+        for name in ("time", "lengths", "forces"):
+            values = np.asarray(getattr(self, name))
+            if values.dtype.kind not in NUMERIC:
+                raise ValueError(f"{name}: expected numbers, got {values.dtype}")
+            self._set({name: values.astype(np.float64, copy=False)})
+        if self.period is not None:
+            self._set({"period": np.asarray(self.period)})
+        if self.time.ndim != 1:
+            raise ValueError(f"time: expected (T,), got {np.shape(self.time)}")
         count = len(self.time)
         shapes = {"lengths": (count, ACTUATORS), "forces": (count, ACTUATORS), "period": (count,)}
         for name, shape in shapes.items():
             found = getattr(self, name)
             if found is not None and np.shape(found) != shape:
                 raise ValueError(f"{name}: expected {shape}, got {np.shape(found)}")
+        if np.isnan(self.step):
+            self._take_time()
+
+    def _take_time(self) -> None:
+        """Take step, grid and gaps from the stamps, as of a file."""
+        table = RawTable(Path(self.source or type(self).__name__), self.channels, {})
+        if len(table) < _FEWEST:
+            raise InputError(
+                table.problem(f"{len(table)} rows", "t", allowed=f"{_FEWEST} rows or more")
+            )
+        refuse_cells(table, tuple(table.values), ".")
+        refuse_periods(table)
+        base = time_base(table, DataSection(time="stamped" if self.stamped else "uniform"))
+        found = {name: getattr(base, name) for name in ("time", "step", "jitter", "lost")}
+        self._set({**found, "warnings": (*self.warnings, *lost_samples(table, base))})
+        if self.period is not None:
+            self._set({"period": self.period.astype(np.int64)})
+
+    def _set(self, values: Mapping[str, Any]) -> None:
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
 
     @property
     def channels(self) -> dict[str, NDArray[Any]]:

@@ -204,6 +204,35 @@ def simulate(
     return Twin.of(load_run(config), _trajectory(design)).measurement(repetition)
 
 
+def load_measurement(config: ConfigurationLike, file: Place | None = None) -> Measurement:
+    """Read a recording as a run's section `data` says: columns, units, delay, part of the file.
+
+    Parameters
+    ----------
+    config : path, mapping or RunConfiguration
+    file : path, optional
+        In one of the formats that are known; the run's `data.file` by default.
+
+    Returns
+    -------
+    Measurement
+        Time, lengths and forces, in SI.
+
+    Raises
+    ------
+    InputError
+        Run or file cannot be used: every defect with column and row.
+    """
+    from estimation.data.reading import read_measurement
+
+    configuration = load_run(config)
+    section = configuration.run.data
+    place = section.file if file is None else file
+    if place is None:
+        raise InputError("there is no recording to read", configuration.file, key="data.file")
+    return read_measurement(place, section, configuration.robot)
+
+
 def estimate(
     config: ConfigurationLike,
     data: Measurement | Place | Sequence[Measurement | Place] | None = None,
@@ -228,15 +257,13 @@ def estimate(
     """
     from estimation import identification
     from estimation.data.measurement import Measurement
-    from estimation.data.reading import read_measurement
 
     configuration = load_run(config)
-    section = configuration.run.data
-    given = section.file if data is None else data
+    given = configuration.run.data.file if data is None else data
     if given is None:
         raise InputError("there is nothing to estimate from", configuration.file, key="data.file")
     recordings = [
-        one if isinstance(one, Measurement) else read_measurement(one, section, configuration.robot)
+        one if isinstance(one, Measurement) else load_measurement(configuration, one)
         for one in ([given] if isinstance(given, str | PathLike | Measurement) else given)
     ]
     trajectory = None if design is None else _trajectory(design)

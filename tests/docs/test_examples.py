@@ -136,11 +136,17 @@ def test_the_python_page(tiny_result, tmp_path, monkeypatch):
             exec(compile(block.text, "python.md", "exec"), names)
     assert asked == [("from-python", False), names["folder"]]
     assert (tmp_path / "runs/from-python/trajectory.csv").is_file()
-    np.testing.assert_allclose(names["again"], names["pose"], atol=1e-9)
+    np.testing.assert_allclose(names["there"], names["pose"], atol=1e-9)
     assert names["jacobian"].shape == (6, 6)
     assert names["struts"].alpha.shape == (6,)
     assert names["log_det"] == pytest.approx(tiny_result.log_det_information, abs=1e-6)
     assert names["estimated"].estimates.keys() == {"ls", "gm"}
+    np.testing.assert_allclose(names["own"].time, names["measured"].time, rtol=0, atol=1e-12)
+    assert names["own"].step == pytest.approx(names["measured"].step, rel=1e-12)
+    assert names["found"].verdict == names["diagnosis"].verdict.status.value
+    np.testing.assert_array_equal(
+        names["again"].robot.base_joints, names["robot"].description.base_joints
+    )
     assert list(names["made"].stages) == ["design", "experiment", "estimate"]
     assert names["page"] == tmp_path / "runs" / "whole" / "report.html"
     assert names["page"].is_file()
