@@ -127,6 +127,12 @@ class Limit:
     by_default: tuple[str, ...] = ()
     """Labels of the rows that nobody has bounded: theirs are the bounds `about_home`."""
 
+    @classmethod
+    def boundless(cls, definition: LimitDefinition, labels: tuple[str, ...]) -> Limit:
+        """Return the limit that bounds nothing: its rows can be evaluated, and none is broken."""
+        endless = np.full(len(labels), np.inf)
+        return cls(definition, -endless, endless, labels, "")
+
     @property
     def key(self) -> str:
         """The limit's name."""

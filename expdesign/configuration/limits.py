@@ -15,6 +15,7 @@ import numpy as np
 from pydantic_core import PydanticCustomError
 
 from constraints import Limit, LimitDefinition, limit_definitions
+from constraints.arrays import Mask
 from expdesign.configuration.document import Placed
 from expdesign.configuration.problem import key_path, nearest, refusal, shown
 from expdesign.configuration.section import LaterEntries
@@ -107,11 +108,18 @@ Limits = Annotated[
 """Limits as they are written."""
 
 
+def shared_rows(definition: LimitDefinition, pairs: Iterable[tuple[int, int]]) -> Mask:
+    """Return which rows of a limit are those of pairs of struts, from zero, that share a joint."""
+    if not definition.pairs:
+        return np.zeros(len(row_labels(definition)), dtype=bool)
+    return np.isin(np.arange(len(_PAIRS)), [_PAIRS.index(pair) for pair in pairs])
+
+
 def with_shared_joints(limit: Limit, pairs: Iterable[tuple[int, int]]) -> Limit:
     """Return a limit on pairs of struts without the pairs that share a joint: they have no gap."""
-    if not limit.definition.pairs:
+    shared = shared_rows(limit.definition, pairs)
+    if not np.any(shared):
         return limit
-    shared = np.array([pair in set(pairs) for pair in _PAIRS])
     lower, upper = np.where(shared, -np.inf, limit.lower), np.where(shared, np.inf, limit.upper)
     return replace(limit, lower=read_only(lower), upper=read_only(upper))
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from constraints import Limit, LimitDefinition, limit_definitions
-from expdesign.configuration.limits import LIFTED, row_labels, with_shared_joints
+from expdesign.configuration.limits import LIFTED, row_labels, shared_rows
 from expdesign.configuration.robot import ResolvedRobot
 from expdesign.configuration.values.quantity import quantity_text
 
@@ -26,9 +26,7 @@ class OpenRows:
 
     def __str__(self) -> str:
         """Name the limit, and of one by components those that are open."""
-        definition = self.definition
-        names = ", ".join(self.labels[row] for row in self.rows)
-        return f"{definition.key} ({names})" if definition.components else definition.key
+        return named_rows(self.definition, [self.labels[row] for row in self.rows])
 
 
 def open_rows(robot: ResolvedRobot) -> tuple[OpenRows, ...]:
@@ -39,16 +37,21 @@ def open_rows(robot: ResolvedRobot) -> tuple[OpenRows, ...]:
     found = []
     for key, definition in limit_definitions().items():
         labels = row_labels(definition)
-        rows = np.flatnonzero(_open(robot.limits.get(key), len(labels)))
-        if definition.pairs:
-            rows = np.setdiff1d(rows, _without_gap(definition, robot))
+        limit = robot.limits.get(key) or Limit.boundless(definition, labels)
+        shared = shared_rows(definition, robot.shared_joint_pairs)
+        rows = np.flatnonzero(limit.open_rows & ~shared)
         if rows.size:
             found.append(OpenRows(definition, labels, rows))
     return tuple(found)
 
 
-def open_in_words(found: Iterable[OpenRows]) -> str:
-    """Say which limits are not set; empty where all are."""
+def named_rows(definition: LimitDefinition, labels: Iterable[str]) -> str:
+    """Name a limit, and of one by components those that are meant."""
+    return f"{definition.key} ({', '.join(labels)})" if definition.components else definition.key
+
+
+def open_in_words(found: Iterable[OpenRows | str]) -> str:
+    """Say which limits, by their rows or names, are not set; empty where all are."""
     names = ", ".join(str(one) for one in found)
     return f"no limit is set on {names}" if names else ""
 
@@ -62,13 +65,3 @@ def defaults_in_words(robot: ResolvedRobot) -> tuple[str, ...]:
         for limit in robot.limits.values()
         if limit.by_default
     )
-
-
-def _open(limit: Limit | None, count: int) -> NDArray[np.bool_]:
-    return np.ones(count, dtype=bool) if limit is None else limit.open_rows
-
-
-def _without_gap(definition: LimitDefinition, robot: ResolvedRobot) -> NDArray[np.intp]:
-    labels = row_labels(definition)
-    bounded = Limit(definition, np.zeros(len(labels)), np.ones(len(labels)), labels, "")
-    return np.flatnonzero(np.isinf(with_shared_joints(bounded, robot.shared_joint_pairs).lower))

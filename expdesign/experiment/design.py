@@ -288,7 +288,7 @@ def _experiment_precision(
 def _unlimited(robot: Robot, trajectory: FourierTrajectory) -> tuple[str, ...]:
     """Return a warning of what is not limited, with what the motion does there, or nothing."""
     found = unlimited(robot, trajectory, trajectory.sample_times(POINTS))
-    warning = unlimited_warning(robot.description, found)
+    warning = unlimited_warning(found)
     return (warning,) if warning else ()
 
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import groupby
 
 import numpy as np
 
-from constraints import Limit
+from constraints import Limit, limit_definitions
 from constraints.arrays import Array
-from expdesign.configuration import ResolvedRobot, quantity_text
-from expdesign.configuration.open_rows import OpenRows, open_in_words, open_rows
-from expdesign.mechanism.hexapod import COORDINATES
+from expdesign.configuration import quantity_text
+from expdesign.configuration.open_rows import named_rows, open_in_words, open_rows
 from expdesign.recheck.judge import Motion, states_at
 from expdesign.robot import LimitModel, Robot
 from expdesign.runfolder import OpenNumber
@@ -51,15 +51,15 @@ def unlimited(robot: Robot, motion: Motion, times: Array) -> tuple[Unlimited, ..
     """
     found: list[Unlimited] = []
     open_ones = open_rows(robot.description)
-    model = LimitModel(robot, tuple(_boundless(one) for one in open_ones))
-    values = model.values(states_at(motion, times))
-    at_home = model.values(np.concatenate([robot.home, np.zeros(2 * COORDINATES)])[None])
+    limits = tuple(Limit.boundless(one.definition, one.labels) for one in open_ones)
+    model = LimitModel(robot, limits)
+    values, at_home = model.values(states_at(motion, times)), model.at_home()
     for one, columns in zip(open_ones, model.columns, strict=True):
         definition = one.definition
         from_home = definition.kind == "interval"
         rows = values[:, columns][:, one.rows]
         if from_home:
-            rows = rows - at_home[:, columns][:, one.rows]
+            rows = rows - at_home[definition.key][one.rows]
         if definition.kind == "lower":
             extremes, furthest = rows.min(axis=0), np.argmin
         else:
@@ -79,17 +79,17 @@ def unlimited(robot: Robot, motion: Motion, times: Array) -> tuple[Unlimited, ..
     return tuple(found)
 
 
-def unlimited_warning(robot: ResolvedRobot, found: Sequence[Unlimited]) -> str:
+def unlimited_warning(found: Sequence[Unlimited]) -> str:
     """Say which limits are not set and what a motion does there; empty where all are set."""
-    said = open_in_words(open_rows(robot))
+    known = limit_definitions()
+    names = (
+        named_rows(known[key], [one.row for one in rows])
+        for key, rows in groupby(found, key=lambda one: one.key)
+    )
+    said = open_in_words(names)
     return f"{said}. There the motion reaches: {in_words(found)}" if said else ""
 
 
 def in_words(found: Sequence[Unlimited]) -> str:
     """List what a motion reaches."""
     return "; ".join(str(one) for one in found)
-
-
-def _boundless(one: OpenRows) -> Limit:
-    endless = np.full(len(one.labels), np.inf)
-    return Limit(one.definition, -endless, endless, one.labels, "")

@@ -14,8 +14,9 @@ from itertools import pairwise
 import casadi as ca
 import numpy as np
 
-from constraints import Limit, LimitDefinition
+from constraints import Limit, LimitDefinition, limit_definitions
 from constraints.arrays import Array, Mask
+from expdesign.configuration.limits import row_labels
 from expdesign.mechanism.graph import Friction, hexapod_graph
 from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.mechanism.term import Term
@@ -24,6 +25,11 @@ from expdesign.robot.robot import Robot
 
 JERK = "strut_jerk"
 """Quantity that needs the third derivative of the pose: limits that read it make states longer."""
+
+
+def states_at_rest(poses: Array) -> Array:
+    """Return states, (N, 18), of poses (N, 6) without speed and acceleration."""
+    return np.concatenate([poses, np.zeros((len(poses), 2 * COORDINATES))], axis=1)
 
 
 @cache
@@ -81,6 +87,12 @@ class LimitModel:
         """Return the model of a robot's own limits, and of more."""
         return cls(robot, (*robot.limits, *more))
 
+    @classmethod
+    def boundless(cls, robot: Robot) -> LimitModel:
+        """Return the model of everything that can be limited, with no bounds: for its values."""
+        definitions = limit_definitions().values()
+        return cls(robot, tuple(Limit.boundless(one, row_labels(one)) for one in definitions))
+
     def among(self, rows: Mask) -> LimitModel:
         """Return the model of those limits that rows (N, R) mark somewhere: less to evaluate."""
         parts = zip(self.limits, self.columns, strict=True)
@@ -125,6 +137,12 @@ class LimitModel:
             for limit, values in zip(self.limits, natural, strict=True)
         ]
         return np.concatenate([np.empty((len(states), 0)), *rows], axis=1)
+
+    def at_home(self) -> dict[str, Array]:
+        """Return every limited quantity at rest at home, (k,), SI, by the limit's key."""
+        row = self.values(states_at_rest(self.robot.home[None, :]))[0]
+        pairs = zip(self.limits, self.columns, strict=True)
+        return {limit.key: row[columns] for limit, columns in pairs}
 
     def violations(self, states: Array) -> Array:
         """Return (N, R) excess over the bounds as a share of each range; NaN counts as broken."""

@@ -10,7 +10,6 @@ from constraints import Limit
 from constraints.arrays import Array
 from expdesign.configuration import InputError, Problem, ResolvedRobot, quantity_text
 from expdesign.configuration.robot import load_robot_description
-from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.robot.limit_model import LimitModel
 from expdesign.robot.robot import Robot
 
@@ -30,11 +29,10 @@ def robot_from(description: ResolvedRobot) -> Robot:
     """
     robot = Robot(description)
     model = LimitModel.of(robot)
-    state = np.concatenate([robot.home, np.zeros(2 * COORDINATES)])[None, :]
-    values = model.values(state)[0]
+    values = model.at_home()
     problems = []
-    for limit, columns in zip(model.limits, model.columns, strict=True):
-        problems += _broken(limit, values[columns])
+    for limit in model.limits:
+        problems += _broken(limit, values[limit.key])
     if problems:
         raise InputError(problems)
     return robot

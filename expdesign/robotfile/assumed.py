@@ -17,17 +17,11 @@ from constraints.arrays import Array
 from expdesign.configuration import geometry as geo
 from expdesign.configuration.document import Placed, document_from_mapping
 from expdesign.configuration.joint_ring import JointRing
-from expdesign.configuration.limits import (
-    CHARACTERISTIC_LENGTH,
-    LIFTED,
-    Limits,
-    resolve_limits,
-    row_labels,
-)
+from expdesign.configuration.limits import CHARACTERISTIC_LENGTH, LIFTED, Limits, resolve_limits
 from expdesign.configuration.problem import InputError
 from expdesign.configuration.robot import EARTH_GRAVITY, RobotDescription, resolve_robot
 from expdesign.configuration.section import Section, validate
-from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
+from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.terms import rigid_platform
 from expdesign.robot import LimitModel, Robot
 from expdesign.robotfile.bodies import assumed_parameters
@@ -113,7 +107,7 @@ def completed(machine: Machine) -> Complete:
     if mass is None:
         mass = _mass(machine, lengths, limits, general)
     robot = _robot(_with_parameters(machine, mass, lengths, limits), general)
-    values = _values_at_home(robot)
+    values = LimitModel.boundless(robot).at_home()
     limits, open_limits = _merged(_limits(limits, values, robot), limits)
     machine = replace(
         machine,
@@ -246,25 +240,11 @@ def _mass(machine: Machine, lengths: Array, limits: Mapping[str, Any], general: 
     if "actuator_force" not in limits:
         return _MASS
     robot = _robot(_with_parameters(machine, _MASS, lengths, limits), general)
-    at_home = float(np.max(np.abs(_values_at_home(robot)["actuator_force"])))
+    at_home = float(np.max(np.abs(LimitModel.boundless(robot).at_home()["actuator_force"])))
     if at_home == 0:
         return _MASS
     mass = _MASS * _size(limits, "actuator_force") / _FORCE / at_home
     return max(_rounded(mass, 1), _LEAST_MASS)
-
-
-def _values_at_home(robot: Robot) -> dict[str, Array]:
-    """Return what can be limited, at rest at home, SI."""
-    endless = []
-    for definition in limit_definitions().values():
-        labels = row_labels(definition)
-        free = np.full(len(labels), np.inf)
-        endless.append(Limit(definition, -free, free, labels, ""))
-    model = LimitModel(robot, tuple(endless))
-    state = np.concatenate([robot.home, np.zeros(2 * COORDINATES)])[None, :]
-    row = model.values(state)[0]
-    pairs = zip(endless, model.columns, strict=True)
-    return {limit.key: row[columns] for limit, columns in pairs}
 
 
 def _stroke(limits: Mapping[str, Any], strut: float) -> float:

@@ -45,14 +45,15 @@ def test_limits_that_are_not_set_are_named():
     assert open_rows(every.description) == ()
     assert open_in_words(()) == ""
     assert found_in(every, turning(every, 0.1)) == {}
-    assert unlimited_warning(every.description, ()) == ""
+    assert unlimited_warning(()) == ""
 
 
 def test_rotations_are_told_from_home():
     found = found_in(PALIDA, turning(PALIDA, 0.1, 0.0, -0.3))
     rotations = {row: one.value for (key, row), one in found.items() if key == "rotation"}
     assert rotations == pytest.approx({"phi": 0.1, "theta": 0.0, "psi": 0.3}, abs=1e-4)
-    text = unlimited_warning(PALIDA.description, list(found.values()))
+    text = unlimited_warning(list(found.values()))
+    assert text.startswith(open_in_words(open_rows(PALIDA.description)))
     # In the unit in which angles are read, to three digits.
     assert f"psi {np.degrees(0.3):.3g} deg from home" in text
 
