@@ -24,6 +24,9 @@ from expdesign.configuration.values.quantity import LENGTH
 _UNITS = ("m", "mm", "cm", "in", "ft", "µm", "dm", "km")
 """Units that are tried when the lengths do not fit, the likeliest first."""
 
+_NEAR_HOME = 0.25
+"""Share of the stroke within which a motion about home has its middle."""
+
 _MARGIN = 0.1
 """By how much of the longest length the middle of a recording may be out of range: limits may be
 stated for the design only, a unit is wrong by a factor of 2.5 at least."""
@@ -122,11 +125,10 @@ def refuse_implausible_lengths(
     outside = (lengths < allowed.lower) | (lengths > allowed.upper)
     problems = []
     for strut in np.flatnonzero(~allowed.fits(middle)).tolist():
-        unit = _fitting_unit(middle, strut, table, section, allowed)
-        hint = f"; it would fit if the file were in {unit}: data.units: {{q: {unit}}}"
         message = f"around {middle[strut]:.4g} m long, out of this robot's range"
         row = int(np.argmax(outside[:, strut]))
-        problems.append(allowed.problem(table, strut, row, message + hint * (unit is not None)))
+        hint = _hint(middle, strut, table, section, robot)
+        problems.append(allowed.problem(table, strut, row, message + hint))
     if problems:
         raise InputError(problems)
     stroke = allowed.upper - allowed.lower
@@ -137,10 +139,22 @@ def refuse_implausible_lengths(
     refuse(problems, table.file, "lengths are like that")
 
 
-def _fitting_unit(
-    middle: Array, strut: int, table: RawTable, section: DataSection, allowed: LengthRange
-) -> str | None:
-    """Return the unit of the file that a strut's median length would fit in."""
-    in_file = middle / unit_factor(LENGTH_CHANNELS[strut], table, section)
-    fitting = (u for u in _UNITS if allowed.fits(in_file * LENGTH.parse(f"1 {u}"))[strut])
-    return next(fitting, None)
+def _hint(
+    middle: Array, strut: int, table: RawTable, section: DataSection, robot: ResolvedRobot
+) -> str:
+    """Return how a strut's median length would fit: in another unit, counted otherwise."""
+    allowed, home = LengthRange.of(robot), robot.struts_at(robot.home).lengths
+    signs = np.array(section.channel_signs("q"))
+    offsets = home if section.length_offsets == "home" else np.array(section.length_offsets)
+    positions = signs * (middle - offsets)
+    in_file = positions / unit_factor(LENGTH_CHANNELS[strut], table, section)
+    for unit in _UNITS:
+        if allowed.fits(offsets + signs * in_file * LENGTH.parse(f"1 {unit}"))[strut]:
+            return f"; it would fit if the file were in {unit}: data.units: {{q: {unit}}}"
+    if allowed.fits(offsets - signs * positions)[strut]:
+        hint = f"data.sign: {{q: {-signs[strut]}}}"
+        return f"; it would fit if the channel counted the other way: {hint}"
+    near = np.abs(positions) < _NEAR_HOME * (allowed.upper - allowed.lower)
+    if not np.any(offsets) and near[strut]:
+        return "; it would fit if the channel read zero at home: data.offset: home"
+    return ""

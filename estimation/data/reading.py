@@ -104,7 +104,8 @@ def measurement_of(
         Its content cannot be used: every defect with column and row.
     """
     description = robot.description if isinstance(robot, Robot) else robot
-    table, notes = in_si(table, section)
+    home = description.struts_at(description.home).lengths
+    table, notes = in_si(table, section, home)
     table = _within(table, section)
     refuse_few_rows(table, len(description.parameter_names))
     refuse_cells(table, tuple(table.values), section.decimal)

@@ -79,12 +79,13 @@ def test_currents(constants, unit, header, tmp_path, rec, read):
     assert found.warnings == ()
 
 
-def test_force_constants_that_nothing_needs_are_told(tmp_path, rec, read):
+def test_force_constants_without_a_current_are_refused(tmp_path, rec, refused):
+    """Whatever the file holds, one of the two is wrong: newtons times N/A are none."""
     path = tmp_path / "m.csv"
     write_csv(path, rec)
-    found = read(path, force_constants=90)
-    assert np.array_equal(found.forces, rec.Q)
-    assert "force_constants are not used" in found.warnings[0]
+    (problem,) = refused(path, force_constants=90)
+    assert "no channel is a current" in problem.message
+    assert "data.units: {Q: A}" in problem.allowed
 
 
 @pytest.mark.parametrize(

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from expdesign.configuration.parameters import known_parameter, parsed_parameter
 from expdesign.configuration.problem import refusal, require, shown
 from expdesign.configuration.section import LATER, Section
+from expdesign.configuration.values.channels import ForceOffsets, Offsets, Order, Signs
 from expdesign.configuration.values.quantity import (
     CURRENT,
     DURATION,
@@ -34,7 +35,7 @@ from expdesign.configuration.values.scalars import (
     whole,
     word_for_none,
 )
-from expdesign.mechanism.hexapod import numbered
+from expdesign.mechanism.hexapod import ACTUATORS, numbered
 
 LENGTH_CHANNELS = numbered("q")
 FORCE_CHANNELS = numbered("Q")
@@ -76,6 +77,34 @@ class Delay(Section):
     lengths: Duration = 0.0
 
 
+class OrderOfChannels(Section):
+    """Order of the channels where those of lengths and forces are not in the same one."""
+
+    q: Order | None = None
+    Q: Order | None = None
+
+
+class SignsOfChannels(Section):
+    """Signs of the channels where those of lengths and forces are not the same."""
+
+    q: Signs | None = None
+    Q: Signs | None = None
+
+
+class OffsetsOfChannels(Section):
+    """What a channel's strut has where the channel reads zero, m and N."""
+
+    q: Offsets | None = None
+    Q: ForceOffsets | None = None
+
+
+def _both_or_each(value: object) -> str:
+    return "(inline)" if isinstance(value, dict | Section) else "(name)"
+
+
+_BOTH_OR_EACH = Discriminator(_both_or_each)
+
+
 class DataSection(Section):
     """Where a measurement stands and how it is read."""
 
@@ -91,6 +120,33 @@ class DataSection(Section):
         None
     )
     """Force per ampere of the actuators, N/A, for files that hold currents."""
+    order: Annotated[
+        Annotated[
+            Annotated[Order, Tag("(name)")] | Annotated[OrderOfChannels, Tag("(inline)")],
+            _BOTH_OR_EACH,
+        ]
+        | None,
+        LATER,
+    ] = None
+    """Number of the strut on each channel."""
+    sign: Annotated[
+        Annotated[
+            Annotated[Signs, Tag("(name)")] | Annotated[SignsOfChannels, Tag("(inline)")],
+            _BOTH_OR_EACH,
+        ]
+        | None,
+        LATER,
+    ] = None
+    """Of the struts by their number: length or force = sign · channel + offset."""
+    offset: Annotated[
+        Annotated[
+            Annotated[Offsets, Tag("(name)")] | Annotated[OffsetsOfChannels, Tag("(inline)")],
+            _BOTH_OR_EACH,
+        ]
+        | None,
+        LATER,
+    ] = None
+    """Length, m, at which the channel of a strut reads zero; of forces, N, by their group only."""
     start: Duration | None = None
     """Time of the trigger, s: rows before it are left out."""
     end: Duration | None = None
@@ -126,6 +182,28 @@ class DataSection(Section):
                     key="units",
                 )
         return self
+
+    def channel_order(self, group: str) -> tuple[int, ...]:
+        """Return the strut, from 1, on each of the six channels of a group, ``q`` or ``Q``."""
+        found = getattr(self.order, group) if isinstance(self.order, Section) else self.order
+        return found or tuple(range(1, ACTUATORS + 1))
+
+    def channel_signs(self, group: str) -> tuple[int, ...]:
+        """Return the signs of the struts' channels in a group."""
+        found = getattr(self.sign, group) if isinstance(self.sign, Section) else self.sign
+        return found or (1,) * ACTUATORS
+
+    @property
+    def length_offsets(self) -> tuple[float, ...] | Literal["home"]:
+        """Lengths of the struts at which their channels read zero, m, or at home."""
+        found = self.offset.q if isinstance(self.offset, OffsetsOfChannels) else self.offset
+        return found or (0.0,) * ACTUATORS
+
+    @property
+    def force_offsets(self) -> tuple[float, ...]:
+        """Forces of the struts at which their channels read zero, N."""
+        found = self.offset.Q if isinstance(self.offset, OffsetsOfChannels) else None
+        return found or (0.0,) * ACTUATORS
 
 
 Estimator = Literal["ls", "gm", "ml"]

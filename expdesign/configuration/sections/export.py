@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from typing import Annotated, Literal, NamedTuple
 
-from pydantic import AfterValidator, BeforeValidator, Discriminator, Tag, model_validator
+from pydantic import AfterValidator, BeforeValidator, model_validator
 
-from expdesign.configuration.problem import refusal, require, shown
+from expdesign.configuration.problem import refusal, require
 from expdesign.configuration.section import LATER, Section
+from expdesign.configuration.values.channels import Offsets, Order, Signs
 from expdesign.configuration.values.quantity import (
     Duration,
     Length,
@@ -75,31 +76,11 @@ STRUT_ONLY = (*_OF_ACTUATORS, "counts_per_metre")
 """Keys that say something of actuators: for tables of struts."""
 
 
-def _order(value: tuple[int, ...]) -> tuple[int, ...]:
-    if sorted(value) != list(range(1, ACTUATORS + 1)):
-        raise refusal(
-            f"{list(value)} is no order of the {ACTUATORS} struts",
-            f"the numbers 1 to {ACTUATORS}, each once: the strut on the controller's first axis "
-            "comes first",
-        )
-    return value
-
-
-def _sign(value: object) -> object:
-    if isinstance(value, bool) or value not in (1, -1):
-        raise refusal(f"{shown(value)} is not a sign", "1 or -1")
-    return value
-
-
 _SCALE = require(
     lambda value: 0 < value <= 1,
     "{value:g} does not make the motion smaller and slower",
     "a share above 0, at most 1, such as 0.3",
 )
-
-
-def _home_or_lengths(value: object) -> str:
-    return "(name)" if value == "home" else "(inline)"
 
 
 class ExportSection(Section):
@@ -121,27 +102,11 @@ class ExportSection(Section):
     angles: Annotated[AngleUnit, one_of(AngleUnit)] | None = None
     axes: Annotated[tuple[Name, ...], exactly(ACTUATORS, "names"), Distinct] | None = None
     """Names of the axes, in the controller's order."""
-    order: (
-        Annotated[
-            tuple[Annotated[int, whole(1, ACTUATORS)], ...],
-            exactly(ACTUATORS, "numbers of struts"),
-            AfterValidator(_order),
-        ]
-        | None
-    ) = None
+    order: Order | None = None
     """Number of the strut on each of the controller's axes."""
-    sign: (
-        Annotated[tuple[Annotated[int, BeforeValidator(_sign)], ...], per_strut("signs")] | None
-    ) = None
+    sign: Signs | None = None
     """Of the struts by their number: position = sign · (length − offset) · counts."""
-    offset: (
-        Annotated[
-            Annotated[Literal["home"], Tag("(name)")]
-            | Annotated[tuple[Length, ...], per_strut("offsets"), Tag("(inline)")],
-            Discriminator(_home_or_lengths),
-        ]
-        | None
-    ) = None
+    offset: Offsets | None = None
     """Length, m, at which the axis of a strut reads zero; ``"home"``: the length at home."""
     counts_per_metre: (
         Annotated[tuple[Annotated[Number, Positive], ...], per_strut("counts per metre")] | None
