@@ -46,6 +46,7 @@ from estimation.estimators.result import ParameterEstimate
 from estimation.processing import NoiseEstimate, NoiseModel
 from estimation.processing.noise import ENOUGH_FREEDOM
 from estimation.processing.record import Channels
+from expdesign.progress import tell, told
 from expdesign.robot import Robot
 from expdesign.runfolder import copied
 
@@ -110,7 +111,10 @@ def diagnose(
     ]
     parts = [
         linearise(robot, experiment, estimate.values, free, motion)
-        for experiment, motion in zip(experiments, motions, strict=True)
+        for experiment, motion in told(
+            "diagnosis: the model about the estimate",
+            tuple(zip(experiments, motions, strict=True)),
+        )
     ]
     known = _known(estimate, knowledge, free, held_out=held_out)
     noises = [experiment.noise for experiment in experiments]
@@ -279,6 +283,7 @@ def _tests(
 
     `solved` is the fit with all effects that were found; `laws` are those of both, with residuals.
     """
+    tell("diagnosis: tests of what is left")
     (forces, lengths), level = laws, NOISE / shares
     first, last = attribution.first, attribution.last
     left, left_law = solved.force_residuals(), joint_law(part, experiment, solved)

@@ -29,6 +29,7 @@ from estimation.diagnostics.projection import Conditional, Fit, Places
 from estimation.diagnostics.signature import Signature
 from estimation.diagnostics.tails import log_tail
 from expdesign.mechanism.hexapod import ACTUATORS
+from expdesign.progress import told
 
 PERIODIC = "position-periodic"
 """Kind of the effects that are periodic in a strut's length."""
@@ -120,7 +121,9 @@ class Search:
         if known:
             solved = self.system.with_effects(self.signature.picked(places_of(known))).solved
         beside = self.projection.beside(places_of(known))
-        scans = tuple(self._scan(solved, strut) for strut in range(ACTUATORS))
+        beside_known = f" beside {len(known)}" if known else ""
+        struts = told(f"diagnosis: effects{beside_known}, strut by strut", range(ACTUATORS))
+        scans = tuple(self._scan(solved, strut) for strut in struts)
         return EffectTests(solved, beside, scans, self._family_tests(beside))
 
     def _family_tests(self, beside: Conditional) -> dict[str, CauseTest]:

@@ -24,6 +24,7 @@ from estimation.estimators.result import ParameterEstimate, precision
 from estimation.estimators.systematic import systematic_share
 from estimation.measurement_model import HarmonicMotion
 from estimation.measurement_model.normal_equations import Elimination, NormalEquations
+from expdesign.progress import tell
 from expdesign.robot import Robot
 from expdesign.robot.deviation import Deviation
 
@@ -79,6 +80,7 @@ def maximum_likelihood(
     move = problem.step(equations, values, motions, damping)
     for _ in range(_STEPS):
         iterations += 1
+        tell(f"maximum likelihood, step {iterations}")
         trial = problem.equations(move.values, move.motions)
         trial_cost = problem.cost(trial, move.values)
         following = problem.step(trial, move.values, move.motions, 0.0)

@@ -28,6 +28,7 @@ from estimation.identification.recording import prepare_recording
 from estimation.identification.result import EstimationResult, RecordSummary, best_of
 from estimation.uncertainty.intervals import identified_combinations, parameter_rows
 from expdesign.configuration import ConfigurationLike, InputError, RunConfiguration, load_run
+from expdesign.progress import tell, told
 from expdesign.robot import Robot, robot_from
 from expdesign.robot.deviation import Deviation, tolerated
 from expdesign.trajectory import FourierTrajectory
@@ -73,9 +74,10 @@ def estimate(
     designs = _one_each(design, len(recordings))
     # One thread: the products are small, and the order of their sums must not depend on cores.
     with threadpool_limits(limits=1, user_api="blas"):
+        pairs = tuple(zip(recordings, designs, strict=True))
         records = tuple(
             prepare_recording(configuration, robot, recording, trajectory)
-            for recording, trajectory in zip(recordings, designs, strict=True)
+            for recording, trajectory in told("the motion of each recording", pairs)
         )
         records = _with_residual_noise(robot, records, knowledge)
         robot, experiments = at_estimated_load(robot, [r.experiment for r in records], knowledge)
@@ -83,6 +85,7 @@ def estimate(
             replace(record, experiment=experiment)
             for record, experiment in zip(records, experiments, strict=True)
         )
+        tell("what is not known exactly")
         chosen = tolerated(robot) if configuration.run.estimate.systematic != "none" else ()
         joint = chosen if configuration.run.estimate.systematic == "estimated" else ()
         estimates = {
@@ -109,6 +112,7 @@ def estimate(
                 )
             )
             records = _with_residual_noise(robot, records, knowledge)
+        tell("what is identified")
         combinations = {
             name: identified_combinations(robot, knowledge.names, result.values, result.covariance)
             for name, result in estimates.items()
@@ -147,10 +151,10 @@ def run_estimators(
     """
     # Maximum likelihood begins from Gauss–Markov.
     needed = {*wanted, "gm"} if "ml" in wanted else wanted
+    linear = [name for name in ("ls", "gm") if name in needed]
     results = {
         name: linear_estimate(robot, experiments, knowledge, name)
-        for name in ("ls", "gm")
-        if name in needed
+        for name in told("linear estimates", linear)
     }
     if "ml" in wanted:
         start = results["gm"]

@@ -25,6 +25,7 @@ from estimation.twin import Truth
 from estimation.uncertainty.intervals import IDENTIFIED
 from expdesign.configuration import ConfigurationLike, RunConfiguration, load_run
 from expdesign.configuration.section import unstated
+from expdesign.progress import tell
 from expdesign.robot import Robot
 from expdesign.runfolder.manifest import Manifest, text_hash
 from expdesign.trajectory import FourierTrajectory
@@ -147,6 +148,7 @@ def run_study(
     """
     configuration = load_run(config)
     refuse_ml_without_fit(configuration, configuration.run.montecarlo.estimators, "montecarlo")
+    tell("the machine and the Cramér–Rao bound")
     recipe = partial(Workbench.of, configuration, design)
     with threadpool_limits(limits=1, user_api="blas"):
         bench = recipe()

@@ -30,6 +30,7 @@ from estimation.validation.record import (
 )
 from expdesign.configuration import InputError, RunConfiguration, ValidationMotion
 from expdesign.mechanism.hexapod import ACTUATORS
+from expdesign.progress import part, tell
 from expdesign.recheck.judge import recheck
 from expdesign.robot import LimitModel, robot_from
 from expdesign.trajectory import FourierTrajectory
@@ -76,10 +77,12 @@ def validate(configuration: RunConfiguration, saved: SavedEstimate) -> Validatio
     machine = estimated_machine(robot_from(configuration.robot), saved.estimate.systematic)
     robot = machine.robot
     with threadpool_limits(limits=1, user_api="blas"):
-        predictions = [
-            _predicted(configuration, machine, saved, number, motion)
-            for number, motion in enumerate(configuration.run.validation, start=1)
-        ]
+        predictions = []
+        motions = configuration.run.validation
+        for number, motion in enumerate(motions, start=1):
+            with part(f"{motion_name(motion)}, motion {number} of {len(motions)}"):
+                tell("measuring" if motion.motion != "file" else "reading")
+                predictions.append(_predicted(configuration, machine, saved, number, motion))
     warnings = list(configuration.warnings)
     if saved.doubt:
         warnings.append(

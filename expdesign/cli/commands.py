@@ -249,6 +249,7 @@ def report(
     tables/.
     """
     from expdesign.cli import shown
+    from expdesign.cli.terminal import working
     from expdesign.stages.report import written_report
     from expdesign.stages.run import refuse_run_file, refuse_unwritable
 
@@ -257,7 +258,8 @@ def report(
         refuse_unwritable(place)
     else:
         refuse_run_file(folder)
-    outcome = written_report(place)
+    with working("report"):
+        outcome = written_report(place)
     if as_json:
         write_json({"status": 0, **outcome.summary})
     else:

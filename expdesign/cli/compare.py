@@ -39,6 +39,7 @@ def compare(
     Designs: criteria in common scalings, precision, limits, effort. Estimates: parameters with
     intervals, and whether they differ. Studies: achieved standard deviations.
     """
+    from expdesign.cli.terminal import working
     from expdesign.stages.outcome import short
     from expdesign.stages.report import reported_stages
     from expdesign.stages.run import refuse_unwritable
@@ -50,9 +51,10 @@ def compare(
     paths = [folder.absolute() for folder in folders]
     if not quick and not as_json and any((path / "design.json").is_file() for path in paths):
         note("one solve per design for what each limit costs (--quick leaves it out) …")
-    written = write_comparison(
-        paths, place, reported_stages(), precision=share, with_sensitivity=not quick
-    )
+    with working("compare"):
+        written = write_comparison(
+            paths, place, reported_stages(), precision=share, with_sensitivity=not quick
+        )
     if as_json:
         write_json(
             {

@@ -81,7 +81,7 @@ def export(
     that fails is not kept (exit status 1).
     """
     from expdesign.cli import shown
-    from expdesign.cli.terminal import Terminal
+    from expdesign.cli.terminal import working
     from expdesign.configuration import InputError
     from expdesign.export.formats import table_formats
     from expdesign.stages.export import export_one
@@ -100,7 +100,8 @@ def export(
         raise InputError("no format is given", key="--format", allowed=allowed)
     given = {key: _OPTIONS[key].read(text) for key, text in options.items() if text is not None}
     section = _section(name, given, configuration)
-    outcome = export_one(section, Workspace(configuration, folder, Terminal()), out)
+    with working("export") as terminal:
+        outcome = export_one(section, Workspace(configuration, folder, terminal), out)
     if as_json:
         write_json({"status": 0, **outcome.summary})
     else:

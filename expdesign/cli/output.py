@@ -47,11 +47,11 @@ def write_json(data: Any) -> None:
     typer.echo(json.dumps(plain(data), indent=2))
 
 
-def warn(text: str) -> None:
+def warn(text: str, console: Console | None = None) -> None:
     """Write a warning to standard error."""
-    messages().print(Text.assemble(("warning: ", "yellow"), text))
+    (console or messages()).print(Text.assemble(("warning: ", "yellow"), text))
 
 
-def note(text: str) -> None:
+def note(text: str, console: Console | None = None) -> None:
     """Write a remark to standard error."""
-    messages().print(Text.assemble(("note: ", "cyan"), text))
+    (console or messages()).print(Text.assemble(("note: ", "cyan"), text))

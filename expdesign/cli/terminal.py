@@ -5,27 +5,24 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from typing import TYPE_CHECKING
 
 from rich.console import Console, Group
 from rich.live import Live
-from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
-from rich.progress import Progress as Bar
 from rich.table import Table
 from rich.text import Text
 
 from expdesign.cli import shown
+from expdesign.cli.activity import HEARTBEAT, Activity, left_text, time_text
 from expdesign.cli.output import messages, note, warn
+from expdesign.progress import Listener, told_to
 from expdesign.stages.outcome import Outcome, Progress
 
 if TYPE_CHECKING:
     from expdesign.configuration import RunConfiguration
     from expdesign.information.spectral import Criterion
     from expdesign.solver.stage import SearchEvent
-
-_HEARTBEAT = 5.0
-"""Seconds between two lines, at least, where nothing can be redrawn in place."""
 
 _TRUE = ("done", "finished")
 """Phases whose objective is by the unsmoothed model."""
@@ -42,19 +39,32 @@ class Terminal(Progress):
 
     def __init__(self, *, quiet: bool = False) -> None:
         self._quiet = quiet
+        # One for all: what is written while a bar stands there has to go above it.
+        self._console = messages()
+        self._activity: Activity | None = None
 
     def warn(self, text: str) -> None:
         """Write a warning."""
-        warn(text)
+        warn(text, self._console)
 
     def note(self, text: str) -> None:
         """Write a remark."""
-        note(text)
+        note(text, self._console)
 
     def finished(self, outcome: Outcome) -> None:
         """Print what a stage has made."""
         if not self._quiet:
             getattr(shown, outcome.stage)(outcome)
+
+    @contextmanager
+    def working(self, what: str) -> Iterator[Listener]:
+        """Show a bar; elsewhere than on a terminal a line, at most every five seconds."""
+        self._activity = Activity(self._console, what)
+        try:
+            with self._activity.shown():
+                yield self._activity.told
+        finally:
+            self._activity = None
 
     @contextmanager
     def search(self, configuration: RunConfiguration) -> Iterator[Callable[[SearchEvent], None]]:
@@ -63,32 +73,22 @@ class Terminal(Progress):
 
         section = configuration.run.design
         total = section.starts + (section.hops if section.search == "hopping" else 0)
-        display = SearchDisplay(messages(), CRITERIA[section.criterion], total)
-        with display.shown():
+        display = SearchDisplay(self._console, CRITERIA[section.criterion], total)
+        hidden = nullcontext() if self._activity is None else self._activity.hidden()
+        with hidden, display.shown(), told_to(display.told):
             yield display.report
 
-    @contextmanager
-    def count(self, what: str) -> Iterator[Callable[[int, int], None]]:
-        """Show a bar; elsewhere than on a terminal a line, at most every five seconds."""
-        console, began = messages(), time.monotonic()
-        columns = (TextColumn(what), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-        bar = Bar(*columns, console=console, transient=True, disable=not console.is_terminal)
-        task = bar.add_task(what, total=None)
-        spoke = began
 
-        def advanced(done: int, total: int) -> None:
-            nonlocal spoke
-            bar.update(task, completed=done, total=total)
-            if not console.is_terminal and time.monotonic() - spoke > _HEARTBEAT:
-                console.print(f"{done} of {total} {what}")
-                spoke = time.monotonic()
-
-        with bar:
-            yield advanced
+@contextmanager
+def working(what: str) -> Iterator[Terminal]:
+    """Show what a command that is no stage is at."""
+    terminal = Terminal()
+    with terminal.working(what) as listener, told_to(listener):
+        yield terminal
 
 
 class SearchDisplay:
-    """Shows every running start and the best so far.
+    """Shows every running start and the best so far, how much is done and how long it will take.
 
     Parameters
     ----------
@@ -104,8 +104,10 @@ class SearchDisplay:
         self._console, self._criterion, self._total = console, criterion, total
         self._running: dict[int, SearchEvent] = {}
         self._best: SearchEvent | None = None
-        self._ended = 0
+        self._ended = self._finished = 0
         self._began = self._spoke = time.monotonic()
+        self._searches = self._began
+        self._before = Activity(console, "design")
         self._built = False
 
     def report(self, event: SearchEvent) -> None:
@@ -113,11 +115,12 @@ class SearchDisplay:
         from expdesign.recheck.judge import TOLERANCE
 
         if not self._built:
-            self._built = True
-            self._line(f"built after {self._seconds:.0f} s; the search begins")
+            self._built, self._searches = True, time.monotonic()
+            self._line(f"design: the search begins after {time_text(self._seconds)}")
         if event.phase in _TRUE:
             self._running.pop(event.start, None)
             self._ended += event.phase == "done"
+            self._finished += event.phase == "finished"
             # What is done is shrunk into its limits; what is finished may break one by the recheck.
             kept = event.phase == "done" or event.violation <= TOLERANCE
             if kept and math.isfinite(event.objective):
@@ -127,12 +130,17 @@ class SearchDisplay:
             self._line(self._ended_text(event))
         else:
             self._running[event.start] = event
-            if not self._console.is_terminal and time.monotonic() - self._spoke > _HEARTBEAT:
+            if not self._console.is_terminal and time.monotonic() - self._spoke > HEARTBEAT:
+                left = self._left()
                 self._line(
-                    f"start {event.start}: {event.phase}, iteration {event.iteration}, "
-                    f"{self._objective(event)}, violation {max(event.violation, 0.0):.1e}, "
-                    f"{event.seconds:.0f} s"
+                    f"start {event.start}: {_stage(event)}, iteration {_iteration(event)}; "
+                    f"{self._objective(event)}, {_violation(event)}; {time_text(event.seconds)}"
+                    f"{'; ' if left else ''}{left}"
                 )
+
+    def told(self, what: str, done: int, total: int) -> None:
+        """Show what is done before the first start and after the last."""
+        self._before.told(what, done, total)
 
     @contextmanager
     def shown(self) -> Iterator[None]:
@@ -141,18 +149,30 @@ class SearchDisplay:
             with Live(get_renderable=self._picture, console=self._console, refresh_per_second=4):
                 yield
         else:
-            self._line("building the problem …")
+            self._line("design: building the problem …")
             yield
 
     @property
     def _seconds(self) -> float:
         return time.monotonic() - self._began
 
+    def _left(self) -> str:
+        """Return how long the search will take still; empty while that is not known.
+
+        A finish takes about as long as a start.
+        """
+        from expdesign.solver.search import CANDIDATES
+
+        finishes = max(min(CANDIDATES, self._total), self._finished)
+        running = sum(event.share for event in self._running.values())
+        share = (self._ended + self._finished + running) / (self._total + finishes)
+        return left_text(time.monotonic() - self._searches, share)
+
     def _objective(self, event: SearchEvent) -> str:
         """Return an event's objective with its name: criterion, and smoothed or true."""
         from expdesign.information.criteria import CRITERIA
 
-        # The blunt stage of a criterion that is flat far off is that of log det F.
+        # The rough search of a criterion that is flat far off is that of log det F.
         of_d = event.phase == "blunt" and self._criterion.flat
         title = (CRITERIA["d"] if of_d else self._criterion).title
         model = "true" if event.phase in _TRUE else "smoothed"
@@ -164,29 +184,55 @@ class SearchDisplay:
 
     def _picture(self) -> Group:
         if not self._built:
-            return Group(Text(f"building the problem, {self._seconds:.0f} s"))
+            return Group(Text(self._before.line))
+        best = "none yet" if self._best is None else self._objective(self._best)
+        left = self._left()
+        head = f"{self._ended} of {self._total} starts done, {time_text(self._seconds)}"
+        lines = [Text(f"{head}{', ' if left else ''}{left}"), Text(f"best: {best}")]
+        if not self._running:
+            return Group(*lines, Text(self._before.line))
         table = Table(box=None, pad_edge=False, header_style="dim")
-        for title in ("start", "stage", "iteration", "objective", "violation", "time"):
-            table.add_column(title, justify="right")
+        for title in ("start", "stage", "iteration", "objective", "excess", "time"):
+            table.add_column(title, justify="left" if title == "stage" else "right", no_wrap=True)
         for start, event in sorted(self._running.copy().items()):
             table.add_row(
                 f"{start}",
-                event.phase,
-                f"{event.iteration}",
-                self._objective(event),
-                f"{max(event.violation, 0.0):.1e}",
-                f"{event.seconds:.0f} s",
+                _stage(event),
+                _iteration(event),
+                f"{event.objective:.6g}",
+                _percent(event),
+                time_text(event.seconds),
             )
-        best = "none yet" if self._best is None else self._objective(self._best)
-        head = Text(f"{self._ended} of {self._total} done, best: {best}, {self._seconds:.0f} s")
-        return Group(head, table)
+        return Group(*lines, table)
 
     def _ended_text(self, event: SearchEvent) -> str:
         if event.phase == "finished":
             return f"start {event.start}, finished: {self._objective(event)}, {event.status}"
-        effort = f"{event.iteration} iterations, {event.seconds:.0f} s"
-        start = f"start {event.start}/{self._total}"
+        effort = f"{event.iteration} iterations, {time_text(event.seconds)}"
+        start = f"start {event.start} of {self._total}"
         if not math.isfinite(event.objective):
             return f"{start}: {event.status} ({effort})"
         reached = f"{self._objective(event)} within the limits"
         return f"{start}: {reached} after {effort}: {event.status}"
+
+
+def _stage(event: SearchEvent) -> str:
+    """Return what stage of a start an event is of, in words."""
+    from expdesign.solver.stage import STAGE_TITLES
+
+    number, count = event.place
+    title = STAGE_TITLES.get(event.phase, event.phase)
+    return f"{title} ({number} of {count})" if count > 1 else title
+
+
+def _iteration(event: SearchEvent) -> str:
+    number, most = event.of_round
+    return f"{number} of {most}" if most else f"{event.iteration}"
+
+
+def _percent(event: SearchEvent) -> str:
+    return f"{100 * max(event.violation, 0.0):.2g} %"
+
+
+def _violation(event: SearchEvent) -> str:
+    return f"{_percent(event)} beyond a limit" if event.violation > 0 else "within the limits"

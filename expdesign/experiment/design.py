@@ -25,6 +25,7 @@ from expdesign.information.fisher import (
 from expdesign.information.periodic_noise import PeriodicNoise
 from expdesign.noise.hum import Hum
 from expdesign.problem.design_problem import DesignProblem, build_problem
+from expdesign.progress import tell, told
 from expdesign.recheck.information import Evaluator
 from expdesign.recheck.unlimited import POINTS, unlimited, unlimited_warning
 from expdesign.robot import Robot, robot_from
@@ -73,13 +74,17 @@ def design(config: ConfigurationLike, monitor: Monitor | None = None) -> DesignR
             allowed="at least limits of the strut's length, speed and force",
         )
     watch = monitor or Monitor()
+    tell("building the problem")
     task = design_task(configuration)
     _refuse_unexcitable(task)
+    workers = min(task.plan.workers, task.plan.starts)
+    tell("the first start" if workers == 1 else f"starting {workers} processes")
     try:
         found = search(partial(design_task, configuration), task.plan, watch)
     except NoDesignError as error:
         _blame_unexcited(task, error)
         raise
+    tell("the precision of the design")
     trajectory = found.finished.trajectory
     evaluator, samples = task.evaluator, configuration.run.trajectory.samples
     information = evaluator.information(trajectory, samples)
@@ -230,7 +235,7 @@ def judged_parameters(configuration: RunConfiguration, robot: Robot) -> tuple[st
 def _refuse_unexcitable(task: DesignTask) -> None:
     """Fail early when random feasible motions are hopelessly far from exciting everything."""
     problem, best, found = task.problem, 0.0, None
-    for number in range(_PROBES):
+    for number in told("trial motions within the limits", range(_PROBES)):
         trajectory = _probe(problem, task.plan, number)
         scaled = ScaledInformation.of(task.evaluator.information(trajectory, problem.cost.samples))
         values = scaled.eigenvalues()

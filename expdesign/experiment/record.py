@@ -73,7 +73,7 @@ class Iteration:
 
     start: Annotated[int, described("1", "number of the start")]
     kind: Annotated[str, described("", "random or hop")]
-    stage: Annotated[str, described("", "stage of the continuation")]
+    stage: Annotated[str, described("", "blunt: rough search, sharp: refinement, hop, finish")]
     iteration: Annotated[int, described("1", "iteration, counted over the stages")]
     objective: Annotated[OpenNumber, described("", "smoothed criterion, as it is reported")]
     violation: Annotated[

@@ -18,6 +18,7 @@ from expdesign.information.fisher import (
     parameter_covariance,
 )
 from expdesign.motion.executable import ExecutableMotion
+from expdesign.progress import told
 from expdesign.robot import Robot
 from expdesign.trajectory import PoseSamples
 
@@ -299,7 +300,7 @@ def _predicted(
     every = task.robot.parameter_names
     columns = [every.index(name) for name in task.parameters]
     total = np.zeros((len(columns), len(columns)))
-    for part in blocks(times):
+    for part in told("reading back: what it tells of the parameters", tuple(blocks(times))):
         regressors = task.robot.regressor(*sample(part))
         total += information_matrix(regressors[:, :, columns], covariance)
     std = np.sqrt(np.diag(parameter_covariance(total, task.parameters)))

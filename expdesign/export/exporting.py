@@ -26,6 +26,7 @@ from expdesign.export.read_back import ReadBack, read_back
 from expdesign.export.row_times import chosen_times, ideal_rows, whole_motion
 from expdesign.export.text_table import write_lines
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES, POSE
+from expdesign.progress import tell
 from expdesign.robot import Robot
 from expdesign.runfolder.manifest import file_hash
 
@@ -153,6 +154,7 @@ def export_table(
     # A folder beside it: some libraries go by the file's name.
     with TemporaryDirectory(prefix=".export-", dir=path.parent) as folder:
         beside = Path(folder) / file_name(section)
+        tell(f"writing {len(times)} rows")
         (write or settings.form.write)(beside, rows, settings)
         more = _write_beside(beside, rows, settings)
         check = read_back(beside, settings)

@@ -19,6 +19,7 @@ from expdesign.export.execution import (
     refined,
 )
 from expdesign.export.row_times import SHARE, ideal_rows, whole_motion
+from expdesign.progress import told
 from expdesign.recheck.judge import LimitCheck, judge, worst_of_each
 from expdesign.robot import ForwardKinematicsError, LimitModel
 
@@ -181,12 +182,12 @@ def _executed(found: ReadBack, table: ExecutedTable) -> ReadBack:
     )
     checks: list[LimitCheck] = []
     worst = Deviation()
-    for times in blocks(grid):
+    for times in told("reading back", tuple(blocks(grid))):
         executed = table.between(times)
         worst = worst.with_worse(deviation(table, times, executed, forces=not linear))
         checks += judge(rest if linear else limits, times, np.hstack(executed.states))
     if linear:
-        for times in blocks(table.rows.times):
+        for times in told("reading back: accelerations", tuple(blocks(table.rows.times))):
             executed = table.smoothed(times)
             # Of the rows only what has no value between them: accelerations and forces.
             at_rows = deviation(table, times, executed, forces=True)

@@ -13,6 +13,7 @@ from expdesign.export.definition import Rows, Settings, Task, in_window
 from expdesign.export.execution import Deviation, ExecutedTable, blocks, deviation, refined
 from expdesign.motion.executable import ExecutableMotion
 from expdesign.motion.sampled import SampledMotion
+from expdesign.progress import told
 from expdesign.runfolder.described import Column, field_columns
 
 SHARE = 1e-3
@@ -88,7 +89,8 @@ def chosen_times(settings: Settings, place: str = "") -> Array:
     given = settings.section.segment
     if given is not None:
         return form.written_times(divided_times(motion, [given] * len(motion.segments)))
-    steps = [_step(settings, k, place) for k in range(len(motion.segments))]
+    numbers = told("how far rows may be apart", range(len(motion.segments)))
+    steps = [_step(settings, k, place) for k in numbers]
     return form.written_times(divided_times(motion, steps))
 
 

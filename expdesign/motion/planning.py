@@ -18,6 +18,7 @@ from expdesign.motion.ramp import NoRampError, find_ramp, shortest
 from expdesign.motion.ramp_problem import RampProblem
 from expdesign.motion.spline import FIXED, MotionState, SplineRamp, derivatives
 from expdesign.problem.variables import coordinate_reach
+from expdesign.progress import told
 from expdesign.recheck.judge import Motion, recheck
 from expdesign.robot import LimitModel, robot_from
 from expdesign.trajectory import FourierTrajectory
@@ -98,9 +99,10 @@ class _Plan:
 
     def ramps(self, phase: float) -> tuple[SplineRamp, SplineRamp]:
         """Find both ramps for a phase on the orbit."""
+        problems = self.problems(phase, PIECES)
         first, last = (
             find_ramp(problem, self.guesses(problem, phase), name, self.step, self.width)
-            for name, problem in self.problems(phase, PIECES)
+            for name, problem in told("ways from rest and back: the shortest", problems)
         )
         return first, last
 
@@ -140,7 +142,8 @@ def _best_phase(plan: _Plan) -> tuple[float, tuple[SplineRamp, SplineRamp]]:
     steps = plan.trajectory.period / plan.step
     phases = [float(np.floor(k * steps / _PHASES) * plan.step) for k in range(_PHASES)]
     phases = list(dict.fromkeys(phases))
-    ranked = sorted(phases, key=lambda phase: (plan.estimate(phase), phase))
+    places = told("ways from rest and back: places on the orbit", phases)
+    ranked = [phase for _, phase in sorted((plan.estimate(phase), phase) for phase in places)]
     refused: NoRampError | None = None
     for phase in ranked[:_MOST_PHASES]:
         try:

@@ -15,6 +15,7 @@ from expdesign.motion.limits import moving_states
 from expdesign.motion.ramp_problem import RampProblem, RampProgram
 from expdesign.motion.spline import SplineRamp
 from expdesign.problem.design_problem import hidden_by_smoothing
+from expdesign.progress import tell
 from expdesign.recheck.judge import LimitCheck, judge, local_worst
 from expdesign.solver.ipopt import COMMON_OPTIONS, solve_with_ipopt
 
@@ -137,6 +138,7 @@ def find_ramp(
             break
         if any(max(guess.duration / t, t / guess.duration) < _DIFFERENT for t in tried):
             continue
+        tell(f"ways from rest and back: the {name}, a guess of {guess.duration:.2g} s")
         tried.append(guess.duration)
         attempt = shortest(problem, guess, width)
         if attempt.violation < _CLOSE_ENOUGH:
@@ -192,7 +194,8 @@ def _settled(
     steps = int(np.ceil(attempt.duration * (1 + LONGER) / step - 1e-9))
     since, stretch = 0, _STRETCH
     used = np.zeros((_FINE + 1, len(problem.limits.keys)), dtype=bool)
-    for _ in range(_ROUNDS):
+    for number in range(_ROUNDS):
+        tell(f"ways from rest and back: the {name} at {steps * step:.3g} s", number, _ROUNDS)
         x = np.append(x[:-1], steps * step / problem.time_scale)
         critical, margins = _critical_rows(problem, x, width)
         # Rows of earlier rounds stay: without them their violations would come back.

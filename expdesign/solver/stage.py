@@ -35,8 +35,31 @@ IPOPT_OPTIONS = {
 _ROUNDS = 5
 _FAR = 0.05
 
-Report = Callable[[int, float, float], bool]
-"""(iterations so far in this stage, cost, violation) → go on?"""
+STAGE_TITLES = {
+    "blunt": "rough search",
+    "sharp": "refinement",
+    "hop": "hop",
+    "finish": "finish",
+}
+"""What people call a stage of a search, by its name in files."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """An iteration of a stage, which solves in rounds."""
+
+    iteration: int
+    """Its number, counted over the rounds of the stage."""
+    round: int
+    """From 1."""
+    in_round: int
+    """Its number in this round."""
+    most: int
+    """Iterations that this round has at most."""
+
+
+Report = Callable[[Step, float, float], bool]
+"""(iteration, cost, violation) → go on?"""
 
 
 @dataclass(frozen=True)
@@ -62,6 +85,8 @@ class Stage:
     """Where it is not the problem's own."""
     harmonics: int | None = None
     """Where they are fewer than the problem's."""
+    rounds: int = 0
+    """How many solves it has at most, each with all iterations; 0: they share them."""
 
 
 @dataclass
@@ -126,6 +151,14 @@ class SearchEvent:
     seconds: float
     status: str = ""
     """Empty while it runs; then how it ended."""
+    place: tuple[int, int] = (1, 1)
+    """Number of the stage, from 1, and how many the start has; of the finish its rounds."""
+    of_round: tuple[int, int] = (0, 0)
+    """Number of the iteration in its round of the stage, and how many that has at most; 0: not
+    known."""
+    share: float = 0.0
+    """How much of the start, or of the finish, is done, 0 … 1: by the iterations that it has at
+    most."""
 
 
 @dataclass
@@ -150,18 +183,40 @@ class Watch:
             SearchEvent(self.start, phase, iteration, objective, violation, self.seconds, status)
         )
 
-    def of_stage(self, stage: Stage, problem: DesignProblem, before: int = 0) -> Report:
-        """Return what reports the iterations of a stage, after those that were `before` it."""
+    def of_stage(
+        self, stage: Stage, problem: DesignProblem, before: int = 0, place: tuple[int, int] = (1, 1)
+    ) -> Report:
+        """Return what reports the iterations of a stage, after those that were `before` it.
+
+        `place` is the stage's number, from 1, among those of the start, and how many there are.
+        """
         cost = problem.cost
         if stage.criterion is not None:
             cost = problem.with_criterion(stage.criterion).cost
 
-        def report(iteration: int, value: float, violation: float) -> bool:
-            point = TracePoint(stage.name, before + iteration, cost.readable(value), violation)
+        def report(step: Step, value: float, violation: float) -> bool:
+            readable = cost.readable(value)
+            point = TracePoint(stage.name, before + step.iteration, readable, violation)
             if stage.criterion is None:
                 # Another criterion's numbers are shown while it runs, and kept out of the trace.
                 self.trace.append(point)
-            self.tell(point.stage, point.iteration, point.objective, violation)
+            number, count = place
+            done = min(step.iteration / stage.iterations, 1.0)
+            if stage.rounds:
+                number, count, done = step.round, stage.rounds, step.in_round / step.most
+            self.monitor.report(
+                SearchEvent(
+                    self.start,
+                    stage.name,
+                    point.iteration,
+                    readable,
+                    violation,
+                    self.seconds,
+                    place=(number, count),
+                    of_round=(step.in_round, step.most),
+                    share=(number - 1 + done) / count,
+                )
+            )
             return not self.monitor.stop_requested()
 
         return report
@@ -254,11 +309,13 @@ def solve_rows(
         samples=stage.samples,
         margins=margins,
     ).within(x, radius)
-    best, done = _Best(x), record.iterations
+    best, done, rounds = _Best(x), record.iterations, record.rounds
 
     def watch(number: int, objective: float, violation: float, at: Array) -> bool:
         best.offer(at, objective, violation)
-        return report(done + number, objective, violation)
+        # Ipopt shows the start, too, before its first iteration.
+        step = Step(done + number, rounds + 1, min(number, most), most)
+        return report(step, objective, violation)
 
     options = {**IPOPT_OPTIONS, "max_iter": most}
     result = solve_with_ipopt(program, x, options=options, curvature=stage.curvature, report=watch)

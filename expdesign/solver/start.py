@@ -112,11 +112,12 @@ def run_start(
     x, done, hopeless = start, 0, False
     harmonics = problem.variables.harmonics
     present = problem.with_variables(harmonics=stages[0].harmonics or harmonics)
-    for stage in stages:
+    for number, stage in enumerate(stages, start=1):
         wanted = stage.harmonics or harmonics
         x = present.variables.extended(x, wanted)
         present = problem.with_variables(harmonics=wanted)
-        x, record = run_stage(present, stage, x, watch.of_stage(stage, problem, done))
+        report = watch.of_stage(stage, problem, done, (number, len(stages)))
+        x, record = run_stage(present, stage, x, report)
         records.append(record)
         done += record.iterations
         hopeless = screening is not None and screening.hopeless(record)

@@ -17,6 +17,7 @@ from estimation.processing import PeriodError, make_record
 from estimation.validation.record import ValidationFile
 from estimation.validation.validate import validate
 from expdesign.configuration import InputError
+from expdesign.progress import tell, told
 from expdesign.robot import robot_from
 from expdesign.stages.outcome import Outcome, StageFailed
 from expdesign.stages.workspace import Workspace
@@ -30,7 +31,7 @@ def perform(work: Workspace) -> Outcome:
     """
     configuration, files = work.configuration, work.data_files()
     designs = work.recorded_designs(len(files))
-    recordings = [work.recording(file) for file in files]
+    recordings = [work.recording(file) for file in told("reading recordings", files)]
     try:
         result = identification.estimate(configuration, recordings, designs)
     except LinAlgError as error:
@@ -55,6 +56,7 @@ def analyse_noise(work: Workspace) -> Outcome:
     """Analyse the noise of a recording without any model."""
     (file,) = work.data_files()
     (trajectory,) = work.recorded_designs(1)
+    tell("reading the recording")
     recording = work.recording(file)
     for warning in recording.warnings:
         work.progress.warn(warning)

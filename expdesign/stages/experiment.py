@@ -5,6 +5,7 @@ from __future__ import annotations
 from estimation.twin import Twin
 from estimation.twin.record import MEASUREMENT, repetition_file, write_measurement, write_truth
 from expdesign.export.table_file import find_table_file
+from expdesign.progress import tell
 from expdesign.robot import robot_from
 from expdesign.runfolder.manifest import text_hash
 from expdesign.stages.outcome import Outcome, short
@@ -24,6 +25,7 @@ def perform(work: Workspace) -> Outcome:
         robot = robot_from(configuration.robot)
         table = find_table_file(sources.table.absolute(), robot, design.trajectory)
         work.inputs[NAME] = text_hash(work.inputs[NAME], table.path.name, table.digest)
+    tell("the motion without noise")
     twin = Twin.of(configuration, design.trajectory if table is None else table)
     if table is not None and table.changed:
         # Not before: the twin refuses what does not hold the design.
@@ -41,6 +43,7 @@ def perform(work: Workspace) -> Outcome:
         with work.progress.count("repetitions") as advanced:
             for number in range(1, repetitions + 1):
                 file = folder / (repetition_file(number) if repetitions > 1 else MEASUREMENT.file)
+                advanced(done, repetitions)
                 write_measurement(twin.measurement(number), file)
                 files.add(file)
                 done = number

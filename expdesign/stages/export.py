@@ -28,6 +28,7 @@ from expdesign.export.record import (
 )
 from expdesign.motion.executable import ExecutableMotion
 from expdesign.motion.planning import executable_motion
+from expdesign.progress import part, tell
 from expdesign.robot import robot_from
 from expdesign.runfolder.atomic import write_text
 from expdesign.runfolder.manifest import package_versions, text_hash
@@ -62,7 +63,8 @@ def perform(work: Workspace) -> Outcome:
     made = []
     for number, section in enumerate(sections, start=1):
         path = target / file_name(section)
-        made.append(export_table(section, task, path, f"export[{number}]"))
+        with part(f"{path.name}, table {number} of {len(sections)}"):
+            made.append(export_table(section, task, path, f"export[{number}]"))
         # After each: when the next one fails, this one is not without its description, and
         # `expdesign export` does not replace it by one with the options of an earlier run.
         files[path.name] = FileEntry.of(made[-1])
@@ -97,7 +99,8 @@ def export_one(section: ExportSection, work: Workspace, out: Path | None) -> Out
     for warning in work.configuration.warnings_before("export"):
         work.progress.warn(warning)
     task = export_task(work)
-    made = export_table(section, task, path)
+    with part(path.name):
+        made = export_table(section, task, path)
     motion, entry = MotionEntry.of(task), {path.name: FileEntry.of(made)}
     if in_folder:
         known = ExportsRecord.known(target / RECORD)
@@ -137,7 +140,7 @@ def export_task(work: Workspace) -> Task:
             f"the ways from rest into the motion and back are those of {short(record)}"
         )
     else:
-        work.progress.note("looking for the ways from rest into the motion and back")
+        tell("ways from rest and back")
         motion = executable_motion(configuration, trajectory)
     return Task(
         name=run.name,

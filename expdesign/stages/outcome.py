@@ -12,6 +12,7 @@ from types import FrameType
 from typing import TYPE_CHECKING, Any
 
 from expdesign.configuration import ComputationError, RunConfiguration
+from expdesign.progress import Listener, tell
 
 if TYPE_CHECKING:
     from expdesign.solver.stage import SearchEvent
@@ -42,10 +43,15 @@ class Progress:
         yield lambda _event: None
 
     @contextmanager
+    def working(self, what: str) -> Iterator[Listener]:
+        """Show what a stage is at while it goes on, by its name; give what takes that."""
+        del what
+        yield lambda _what, _done, _total: None
+
+    @contextmanager
     def count(self, what: str) -> Iterator[Callable[[int, int], None]]:
         """Show how many of `what` (a plural) are done; give what takes that number and all."""
-        del what
-        yield lambda _done, _total: None
+        yield lambda done, total: tell(what, done, total)
 
 
 @contextmanager

@@ -18,6 +18,7 @@ from expdesign.configuration import (
     load_run,
 )
 from expdesign.library import run_files
+from expdesign.progress import tell, told_to
 from expdesign.stages.outcome import Outcome, Progress, StageFailed, short
 from expdesign.stages.record import is_done, keep_configuration, stage_inputs, write_entry
 from expdesign.stages.table import STAGES, left_out, loaded, named, stages_without_design
@@ -106,15 +107,8 @@ def do_stage(name: str, work: Workspace) -> Outcome:
     refuse_unwritable(work.folder)
     began = time.perf_counter()
     try:
-        outcome: Outcome = loaded(STAGES[name].perform)(work)
-        files, record = outcome.files, outcome.record
-        if record is not None and not files:
-            files = record.write(work.folder)
-            # The library that draws takes a second to load: what took hours is written by then.
-            from results import record_figures
-
-            formats = work.configuration.run.report.figures
-            files = (*files, *record_figures(record, work.folder, formats))
+        with work.progress.working(name) as listener, told_to(listener):
+            outcome, files = _performed(name, work)
     except ComputationError as error:
         if work.folder.is_dir():
             failed = Outcome(name, work.folder, status="failed", message=error.message)
@@ -132,6 +126,22 @@ def do_stage(name: str, work: Workspace) -> Outcome:
         raise StageFailed(outcome.failure, outcome.summary)
     work.progress.finished(outcome)
     return outcome
+
+
+def _performed(name: str, work: Workspace) -> tuple[Outcome, tuple[Path, ...]]:
+    """Do a stage and write what it has made; return the files, too."""
+    tell("loading what it needs")
+    outcome: Outcome = loaded(STAGES[name].perform)(work)
+    if outcome.record is None or outcome.files:
+        return outcome, outcome.files
+    tell("writing the results")
+    files = outcome.record.write(work.folder)
+    # The library that draws takes a second to load: what took hours is written by then.
+    from results import record_figures
+
+    formats = work.configuration.run.report.figures
+    tell("drawing figures")
+    return outcome, (*files, *record_figures(outcome.record, work.folder, formats))
 
 
 def run_folder(configuration: RunConfiguration, out: Place | None) -> Path:

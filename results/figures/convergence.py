@@ -18,6 +18,7 @@ from expdesign.experiment import DesignRecord
 from expdesign.experiment.record import Iteration
 from expdesign.information.criteria import CRITERIA
 from expdesign.recheck.judge import TOLERANCE
+from expdesign.solver.stage import STAGE_TITLES
 from results.figures.drawing import centred_text, figure_definition
 from results.notation import counted, plain_number
 from results.style import EMPHASIS, GREY, INK, ORANGE
@@ -29,7 +30,7 @@ _SETTLED = 0.25
 _LOGARITHMIC = 50.0
 """Objectives that differ by more than this factor get a logarithmic axis."""
 
-_APART = 0.08
+_APART = 0.12
 """Names of stages that are closer than this share of the axis would overlap."""
 
 _BEST, _OTHER, _HOP = "best", "starts", "hops"
@@ -103,7 +104,7 @@ def _iteration_label(record: DesignRecord, found: Sequence[Trace]) -> str:
     stages = {stage for trace in found for stage in trace.stages}
     if not found or "blunt" in stages or criterion is None or not criterion.flat:
         return "Iteration of the start"
-    return "Iteration of the start (the blunt stage before is on log det F)"
+    return "Iteration of the start (the rough search before is on log det F)"
 
 
 def _role(trace: Trace, best: int) -> str:
@@ -130,7 +131,7 @@ def _mark_stages(axes: Axes, trace: Trace, longest: float) -> None:
             continue
         written = at
         axes.annotate(
-            stage,
+            STAGE_TITLES.get(stage, stage),
             (at, 1.0),
             xycoords=("data", "axes fraction"),
             xytext=(0, 2),

@@ -17,6 +17,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from constraints.arrays import Array
+from expdesign.progress import told
 from expdesign.runfolder.atomic import written_beside
 from results.notation import symbol
 from results.style import (
@@ -88,7 +89,7 @@ def save_figures(
     every figure. Formats are "png", "svg" and "pdf"; SVG is written always: reports show it.
     """
     paths = []
-    for definition in definitions:
+    for definition in told("drawing figures", tuple(definitions)):
         with house_style():
             figure = definition.draw(record)
             if note:

@@ -17,6 +17,7 @@ from expdesign.configuration import RunConfiguration
 from expdesign.experiment import DesignRecord
 from expdesign.export.record import ExportsRecord
 from expdesign.mechanism.hexapod import COORDINATES
+from expdesign.progress import tell, told
 from expdesign.runfolder.atomic import write_text
 from results.notation import duration
 from results.report.content import (
@@ -102,13 +103,15 @@ def write_report(
             file = path / "tables" / f"{table.key}.tex"
             write_text(file, latex_table(table))
             written.append(file)
+    tell("writing the page")
     write_text(path / NAME, rendered(page))
     return [*written, path / NAME]
 
 
 def run_page(folder: RunFolder) -> Page:
     """Return what the report of a folder says."""
-    reports = {key: s.report(folder) for key, s in folder.stages.items() if folder.has(key)}
+    held = [key for key in folder.stages if folder.has(key)]
+    reports = {key: folder.stages[key].report(folder) for key in told("sections", held)}
     run = folder.configuration.run
     view = _robot_view(folder)
     sections = [report.section for report in reports.values()]
@@ -230,6 +233,7 @@ def _missing_figures(folder: RunFolder) -> list[Path]:
         return any(not (place / f"{stem}.{ending}").is_file() for ending in {*formats, "svg"})
 
     drawn: list[Path] = []
+    tell("looking for figures")
     for stage, (kind, figure) in _DRAWN.items():
         if folder.has(stage) and missing(figure):
             drawn += record_figures(folder.record(kind), folder.path, formats)

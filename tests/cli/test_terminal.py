@@ -8,7 +8,7 @@ from rich.console import Console
 
 from expdesign.cli.terminal import SearchDisplay
 from expdesign.information.criteria import CRITERIA
-from expdesign.solver.stage import SearchEvent
+from expdesign.solver.stage import STAGE_TITLES, SearchEvent
 
 CONDITION = dataclasses.replace(CRITERIA["condition"], flat=True)
 
@@ -22,30 +22,34 @@ def said(display):
     return display._console.file.getvalue()
 
 
-def event(phase, objective, status="", violation=1e-3):
-    return SearchEvent(1, phase, 7, objective, violation, 2.0, status)
+def event(phase, objective, status="", violation=1e-3, **more):
+    return SearchEvent(1, phase, 7, objective, violation, 2.0, status, **more)
 
 
-def test_the_first_line_comes_before_the_first_event(display):
+def test_there_is_a_line_before_the_first_event(display):
     with display.shown():
-        assert said(display).startswith("building the problem")
+        assert len(said(display).splitlines()) == 1
         display.report(event("blunt", 90.0))
-        assert "built after 0 s" in said(display)
+        assert len(said(display).splitlines()) == 2
 
 
 def test_every_number_says_what_it_is(display, monkeypatch):
-    monkeypatch.setattr("expdesign.cli.terminal._HEARTBEAT", -1.0)
-    display.report(event("blunt", 90.5))
-    display.report(event("sharp", 1234.0))
+    monkeypatch.setattr("expdesign.cli.terminal.HEARTBEAT", -1.0)
+    display.report(event("blunt", 90.5, place=(1, 3), of_round=(7, 80)))
+    display.report(event("sharp", 1234.0, place=(3, 3), of_round=(2, 20)))
     display.report(event("done", 1300.0, "converged"))
     display.report(event("finished", 1250.0, "every limit kept", violation=-1e-5))
     display.report(event("done", float("inf"), "given up: behind"))
     _, blunt, sharp, done, finished, given_up = said(display).splitlines()
-    assert "start 1: blunt, iteration 7, log det F 90.5 (smoothed)" in blunt
-    assert "condition number of F 1234 (smoothed)" in sharp
-    assert "condition number of F 1300 (true) within the limits after 7 iterations" in done
-    assert finished == "start 1, finished: condition number of F 1250 (true), every limit kept"
-    assert given_up == "start 1/3: given up: behind (7 iterations, 2 s)"
+    assert STAGE_TITLES["blunt"] in blunt
+    assert "log det F 90.5" in blunt
+    assert "7 of 80" in blunt
+    assert STAGE_TITLES["sharp"] in sharp
+    assert "condition number of F 1234" in sharp
+    assert "2 of 20" in sharp
+    assert "condition number of F 1300 (true)" in done
+    assert "1250" in finished
+    assert "given up: behind" in given_up
     assert display._ended == 2
     assert display._best.objective == 1250
 
@@ -62,3 +66,23 @@ def test_what_breaks_a_limit_is_never_the_best(display):
     assert display._best.objective == 1300
     display.report(event("finished", 1250.0, "every limit kept", violation=0.0))
     assert display._best.objective == 1250
+
+
+def test_the_time_left_counts_what_is_under_way_and_the_finish(display, monkeypatch):
+    """Three starts and two finishes; one start is done and half of the next one: 1.5 of 5."""
+    display.report(event("blunt", 90.0, share=0.1))
+    display.report(event("done", 1300.0, "converged"))
+    display.report(event("sharp", 1300.0, share=0.5))
+    began = display._searches
+    monkeypatch.setattr("expdesign.cli.terminal.time.monotonic", lambda: began + 15.0)
+    assert "35 s" in display._left()
+
+
+def test_a_table_of_the_running_starts_fits_into_80_columns(display):
+    console = Console(file=io.StringIO(), width=80)
+    for number in (1, 12):
+        running = event("sharp", -1234.56, place=(2, 3), of_round=(79, 80), share=0.6)
+        display.report(dataclasses.replace(running, start=number, seconds=754.0))
+    console.print(display._picture())
+    assert "…" not in console.file.getvalue()
+    assert "79 of 80" in console.file.getvalue()

@@ -99,8 +99,8 @@ def test_the_finish_keeps_limits_and_frequency(task, on_coarse_grid):
     stage = finish_stage(problem, task.plan.widths, task.plan.iterations)
     seen = []
 
-    def report(iteration, cost, violation):
-        seen.append(iteration)
+    def report(step, cost, violation):
+        seen.append(step.iteration)
         return True
 
     none = finish(fixed, task.evaluator, x, stage, rounds=0, report=report)
@@ -128,8 +128,8 @@ def test_the_finish_can_be_stopped(task, on_coarse_grid):
     fixed = problem.with_variables(omega_bounds=(omega, omega))
     calls = []
 
-    def report(iteration, cost, violation):
-        calls.append(iteration)
+    def report(step, cost, violation):
+        calls.append(step.iteration)
         return False
 
     finished = finish(fixed, task.evaluator, x, stage, rounds=4, report=report)

@@ -1,0 +1,103 @@
+"""What a stage is at, on a terminal and elsewhere."""
+
+import io
+from itertools import pairwise
+
+import pytest
+from rich.console import Console
+
+from expdesign.cli.activity import HEARTBEAT, Activity, left_text, time_text
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    class Clock:
+        now = 100.0
+
+        def monotonic(self):
+            return self.now
+
+    one = Clock()
+    monkeypatch.setattr("expdesign.cli.activity.time", one)
+    return one
+
+
+def lines(console):
+    return console.file.getvalue().splitlines()
+
+
+def test_elsewhere_a_line_at_most_every_five_seconds(clock):
+    console = Console(file=io.StringIO(), width=200)
+    activity = Activity(console, "export")
+    spoken = []
+    for done in range(40):
+        clock.now += 1.0
+        activity.told("rows", done, 40)
+        if len(lines(console)) > len(spoken):
+            spoken.append(clock.now)
+    assert all(later - sooner > HEARTBEAT for sooner, later in pairwise(spoken))
+    assert len(spoken) == 7
+    assert all("export" in line and "rows" in line and "of 40" in line for line in lines(console))
+
+
+def test_what_is_quick_says_nothing(clock):
+    console = Console(file=io.StringIO(), width=200)
+    activity = Activity(console, "report")
+    with activity.shown():
+        activity.told("sections", 0, 3)
+        clock.now += 1.0
+        activity.told("sections", 2, 3)
+    assert lines(console) == []
+
+
+def test_the_time_left_is_that_of_this_run(clock):
+    """Of repetitions that an earlier run has done nobody knows how long they took."""
+    activity = Activity(Console(file=io.StringIO()), "montecarlo")
+    activity.told("repetitions", 90, 100)
+    clock.now += 20.0
+    activity.told("repetitions", 95, 100)
+    assert "20 s left" in activity.line
+
+
+def test_nothing_is_said_while_another_display_has_the_terminal(clock):
+    console = Console(file=io.StringIO(), width=200)
+    activity = Activity(console, "design")
+    with activity.hidden():
+        clock.now += 100.0
+        activity.told("figures", 0, 3)
+    assert lines(console) == []
+    activity.told("figures", 1, 3)
+    assert len(lines(console)) == 1
+
+
+def test_a_bar_is_gone_when_the_stage_is_done(clock):
+    console = Console(file=io.StringIO(), width=80, force_terminal=True, legacy_windows=False)
+    activity = Activity(console, "estimate")
+    clock.now += 10.0
+    with activity.shown():
+        activity.told("struts", 2, 6)
+        activity._live.refresh()
+        with activity.hidden():
+            console.print("another display")
+        clock.now += 10.0
+        activity.told("struts", 4, 6)
+    written = console.file.getvalue()
+    assert "2 of 6" in written
+    assert "4 of 6" in written
+    assert written.endswith("\x1b[1A\x1b[2K") or "\x1b[2K" in written[-20:]
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"), [(0.4, "0 s"), (59.4, "59 s"), (125, "2 min 5 s"), (4800, "1 h 20 min")]
+)
+def test_times(seconds, text):
+    assert time_text(seconds) == text
+
+
+@pytest.mark.parametrize(("passed", "share"), [(10.0, 0.0), (10.0, 1.0), (0.1, 0.5)])
+def test_what_is_not_known_is_not_guessed(passed, share):
+    assert left_text(passed, share) == ""
+
+
+def test_the_rest_takes_as_long_in_proportion():
+    assert "30 s" in left_text(10.0, 0.25)
