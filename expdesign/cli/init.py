@@ -53,8 +53,9 @@ _OPTIONS = {
     "strut_acceleration": Option("A", "Largest acceleration of a strut, such as '5 m/s^2'."),
     "actuator_force": Option("FORCE", "Force that a drive holds for long, such as '2 kN'."),
     "mass": Option("MASS", "Mass of the platform with what it carries, such as '30 kg'."),
-    "drive": Option("direct|screw", "What moves the struts."),
-    "lead": Option("L", "Travel of the screw per turn, such as '5 mm'."),
+    "drive": Option("direct|screw|gear", "What moves the struts."),
+    "lead": Option("L", "Travel of a strut in one turn of the motor, such as '5 mm'."),
+    "inertia": Option("J", "Inertia of motor and screw about their axis, such as '6e-5 kg m^2'."),
     "force_std": Option("FORCE", "Standard deviation of a measured force."),
     "length_std": Option("L", "Standard deviation of a measured length."),
 }
@@ -63,7 +64,7 @@ _OPTIONS = {
 _CIRCLES = ("base_radius", "base_half_angle", "platform_radius", "platform_half_angle")
 _ASKED = (
     *(*_CIRCLES, "home_height", "strut_length", "strut_speed", "strut_acceleration"),
-    *("actuator_force", "mass", "drive", "lead"),
+    *("actuator_force", "mass", "drive", "lead", "inertia"),
 )
 
 
@@ -155,7 +156,7 @@ def _known(machine: Machine) -> set[str]:
     there = {
         "home_height": machine.home is not None,
         "mass": machine.moved_mass is not None or "p10" in machine.parameters,
-        "drive": bool(machine.drive),
+        "drive": machine.drive is not None,
     }
     return found | {key for key, known in there.items() if known}
 
@@ -179,7 +180,9 @@ def _sensible(key: str, given: dict[str, Any]) -> bool:
         begun = key == "base_radius" or "base_radius" in given or "base_joints" in given
         return begun and f"{end}_joints" not in given
     if key == "lead":
-        return given.get("drive") == "screw"
+        return given.get("drive") in ("screw", "gear")
+    if key == "inertia":
+        return "lead" in given
     return not (key == "strut_length" and "stroke" in given)
 
 

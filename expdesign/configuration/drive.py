@@ -38,6 +38,11 @@ class Screw(Gear):
 
     thread: Annotated[Thread, one_of(Thread)] = "right"
 
+    @property
+    def signed_lead(self) -> float:
+        """Lead, m per turn, below zero for a left-handed thread."""
+        return self.lead if self.thread == "right" else -self.lead
+
 
 class Drive(Section):
     """One kind of drive for all struts: a screw, a gear, or neither of them."""

@@ -100,6 +100,28 @@ def default_alpha_axes(base_joints: Array, problem: Report) -> tuple[Array, list
     return horizontal / radii[:, None], problems
 
 
+def thread_axes(
+    axes: Array, alpha_axes: Array, home: StrutGeometry, problem: Report
+) -> tuple[Array, list[Problem]]:
+    """Return the first axes of the cardan joints at the platform, (6, 3), platform frame, unit.
+
+    An axis has two directions: of these, that is returned with which the second axes of a strut's
+    two joints are less than 90° apart at home.
+    """
+    axes = unit_vectors(axes)
+    upper = np.cross(axes @ home.rotation.T, home.directions)
+    lower = np.cross(alpha_axes, home.directions)
+    signs = np.where(np.sum(upper * lower, axis=1) < 0, -1.0, 1.0)
+    problems = _at_struts(
+        np.linalg.norm(upper, axis=1) < _ALONG,
+        problem,
+        "platform_cardan_axes",
+        "strut {}: the axis is along the strut at home",
+        "an axis that is not parallel to the strut",
+    )
+    return axes * signs[:, None], problems
+
+
 def geometry_problems(
     geometry: StrutGeometry, alpha_axes: Array, length: float, problem: Report
 ) -> list[Problem]:

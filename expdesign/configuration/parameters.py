@@ -148,17 +148,22 @@ DEFAULT_TERMS = _terms(DEFAULT)
 
 
 def chosen_terms(
-    described: tuple[TermDescription, ...], platform: str, drive: Drive = DIRECT
+    described: tuple[TermDescription, ...],
+    platform: str,
+    drive: Drive = DIRECT,
+    *,
+    turning: bool = False,
 ) -> tuple[Term, ...]:
     """Return the blocks that a robot file names, with its kind of platform.
 
-    That of the inertia of a screw or gear comes before friction when it is not listed.
+    That of the inertia of a screw or gear comes before friction when it is not listed. `turning`
+    screws are turned by the platform.
     """
-    terms = terms_named((term.name for term in described), general=platform == "general")
-    if drive.geared is None or drive_inertia.TERM in terms:
-        return terms
-    first = next((k for k, term in enumerate(terms) if term.rates), len(terms))
-    return (*terms[:first], drive_inertia.TERM, *terms[first:])
+    names = [term.name for term in described]
+    if drive.geared is not None and drive_inertia.TERM.name not in names:
+        first = next((k for k, name in enumerate(names) if TERMS[name].rates), len(names))
+        names.insert(first, drive_inertia.TERM.name)
+    return terms_named(names, general=platform == "general", turning=turning)
 
 
 def _parameters(value: object, info: ValidationInfo) -> dict[str, float]:

@@ -15,7 +15,7 @@ from constraints import Limit
 from constraints.arrays import Array
 from expdesign.configuration import geometry as geo
 from expdesign.configuration.document import Placed, read_yaml
-from expdesign.configuration.drive import DIRECT, DriveOrDirect
+from expdesign.configuration.drive import DIRECT, Drive, DriveOrDirect
 from expdesign.configuration.finding import find_file
 from expdesign.configuration.identification import Identification
 from expdesign.configuration.joint_ring import OrRing
@@ -81,6 +81,9 @@ class RobotDescription(Section):
     """(6, 3), first cardan axes in the base frame; of any length but zero."""
     platform_joint_axes: _Axes | None = None
     """(6, 3), in the platform frame; of any length but zero."""
+    platform_cardan_axes: Annotated[_Axes | None, LATER] = None
+    """(6, 3), of cardan joints at the platform that turn the screws, platform frame; None: the
+    screws do not turn with the platform."""
     platform: Annotated[PlatformKind, one_of(PlatformKind)] = "symmetric"
     """10 or 15 rigid-body parameters of the platform."""
     terms: Annotated[Terms, LATER] = DEFAULT_TERMS
@@ -134,6 +137,10 @@ class ResolvedRobot:
     """(6, 3), first cardan axes, unit vectors in the base frame."""
     platform_joint_axes: Array
     """(6, 3), reference axes of the platform joints, unit vectors in the platform frame."""
+    platform_cardan_axes: Array | None
+    """(6, 3), of cardan joints at the platform, unit vectors in the platform frame; None: the
+    struts' halves do not turn against each other."""
+    drive: Drive
     platform: PlatformKind
     terms: tuple[Term, ...]
     """Blocks of the regressor."""
@@ -157,6 +164,11 @@ class ResolvedRobot:
     def parameter_names(self) -> tuple[str, ...]:
         """Names of the parameters in their order."""
         return tuple(self.parameters)
+
+    @property
+    def thread_lead(self) -> float:
+        """Lead of the struts' screws, m per turn, above zero for a right-handed thread."""
+        return self.drive.screw.signed_lead if self.drive.screw is not None else 0.0
 
     @property
     def shared_joint_pairs(self) -> tuple[tuple[int, int], ...]:
@@ -230,8 +242,12 @@ def resolve_robot(
         problems += too_large(tolerances, sizes)
 
     warnings = []
-    drive = description.drive
-    terms = chosen_terms(description.terms, description.platform, drive)
+    drive, turning = description.drive, description.platform_cardan_axes is not None
+    terms = chosen_terms(description.terms, description.platform, drive, turning=turning)
+    if turning and drive.screw is None:
+        message = "only a screw turns with the platform, and the drive has none"
+        allowed = "drive: {screw: {lead: …}} beside it"
+        problems.append(source.problem(("platform_cardan_axes",), message, allowed))
     platform_joints = np.array(description.platform_joints)
     with np.errstate(all="ignore"):
         if length is None:
@@ -240,7 +256,7 @@ def resolve_robot(
                 "limits.characteristic_length is not given: rotations are scaled by "
                 f"{length:.4g} m, the rms radius of the platform joints"
             )
-        alpha_axes, joint_axes, found = _axes(source, platform_joints, length)
+        alpha_axes, joint_axes, thread_axes, found = _axes(source, platform_joints, length)
         sums = geo.asymmetric_sums(platform_joints) if rigid_platform.SYMMETRIC in terms else {}
     problems += found
     if problems:
@@ -265,6 +281,9 @@ def resolve_robot(
         update={
             "alpha_axes": tuple(map(tuple, alpha_axes.tolist())),
             "platform_joint_axes": tuple(map(tuple, joint_axes.tolist())),
+            "platform_cardan_axes": None
+            if thread_axes is None
+            else tuple(map(tuple, thread_axes.tolist())),
             "noise": merged_noise,
             "tolerances": merged,
             "limits": limits_as_written(resolved_limits, length),
@@ -276,6 +295,8 @@ def resolve_robot(
         name=description.name,
         description=written,
         **arrays,
+        platform_cardan_axes=None if thread_axes is None else read_only(thread_axes),
+        drive=drive,
         platform=description.platform,
         terms=terms,
         constants=tuple(c.value for term in description.terms for c in term.constants.values()),
@@ -291,8 +312,11 @@ def resolve_robot(
 
 def _axes(
     source: Placed[RobotDescription], platform_joints: Array, length: float
-) -> tuple[Array, Array, list[Problem]]:
-    """Return first cardan axes and platform joint axes, and what is wrong with the geometry."""
+) -> tuple[Array, Array, Array | None, list[Problem]]:
+    """Return the axes of the struts' joints, and what is wrong with the geometry.
+
+    First cardan axes at the base, reference axes and first cardan axes at the platform.
+    """
     description, problems = source.value, list[Problem]()
     base_joints = np.array(description.base_joints)
     home = geo.geometry_at(np.array(description.home), base_joints, platform_joints)
@@ -304,8 +328,9 @@ def _axes(
         joint_axes = home.directions @ home.rotation
     else:
         joint_axes = geo.unit_vectors(np.array(description.platform_joint_axes))
-    return (
-        alpha_axes,
-        joint_axes,
-        problems or geo.geometry_problems(home, alpha_axes, length, source.problem),
-    )
+    problems = problems or geo.geometry_problems(home, alpha_axes, length, source.problem)
+    thread_axes = None
+    if description.platform_cardan_axes is not None and not problems:
+        given = np.array(description.platform_cardan_axes)
+        thread_axes, problems = geo.thread_axes(given, alpha_axes, home, source.problem)
+    return alpha_axes, joint_axes, thread_axes, problems

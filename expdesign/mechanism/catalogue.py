@@ -37,11 +37,15 @@ DEFAULT = ("struts", "rigid_platform", "passive_friction", "actuator_friction")
 """Where a robot file lists none."""
 
 
-def terms_named(names: Iterable[str], *, general: bool) -> tuple[Term, ...]:
-    """Return the terms of these names, with the symmetric (5) or general (10) platform."""
-    chosen = (TERMS[name] for name in names)
-    swapped = {rigid_platform.GENERAL: rigid_platform.SYMMETRIC} if not general else {}
-    return tuple(swapped.get(term, term) for term in chosen)
+def terms_named(names: Iterable[str], *, general: bool, turning: bool = False) -> tuple[Term, ...]:
+    """Return the terms of these names.
+
+    With the symmetric (5) or general (10) platform, and with screws that the platform turns or not.
+    """
+    swapped = {} if general else {rigid_platform.GENERAL: rigid_platform.SYMMETRIC}
+    if turning:
+        swapped[drive_inertia.TERM] = drive_inertia.ON_A_THREAD
+    return tuple(swapped.get(term, term) for term in (TERMS[name] for name in names))
 
 
 def known_parameters() -> dict[str, Parameter]:

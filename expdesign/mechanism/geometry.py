@@ -28,14 +28,21 @@ def cardan_frames(base_joints: Array, alpha_axes: Array, home_joints: Array) -> 
 
 
 class GeometrySymbols:
-    """Where the joints are, as symbols, one column per strut: one graph serves every robot."""
+    """Where the joints are, as symbols, one column per strut: one graph serves every robot.
 
-    def __init__(self) -> None:
+    Struts that turn on a thread (`expdesign.mechanism.thread`) have two more.
+    """
+
+    def __init__(self, *, turning: bool = False) -> None:
         self.base_joints = ca.SX.sym("A", 3, ACTUATORS)
         self.platform_joints = ca.SX.sym("b", 3, ACTUATORS)
         self.cardan_frames = tuple(ca.SX.sym(f"C{j + 1}", 3, 3) for j in range(ACTUATORS))
         self.platform_joint_axes = ca.SX.sym("c", 3, ACTUATORS)
         self.gravity = ca.SX.sym("g", 3)
+        # First axes of the cardan joints at the platform, platform frame; lead, m per turn, above
+        # zero for a right-handed thread
+        self.platform_cardan_axes = ca.SX.sym("n", 3, ACTUATORS if turning else 0)
+        self.lead = ca.SX.sym("h", 1 if turning else 0)
         # CasADi stores by columns, NumPy by rows: the frames are transposed to match arrays with
         # one row, or one matrix, per strut.
         self.vector = ca.vertcat(
@@ -44,4 +51,6 @@ class GeometrySymbols:
             *(ca.vec(frame.T) for frame in self.cardan_frames),
             ca.vec(self.platform_joint_axes),
             self.gravity,
+            ca.vec(self.platform_cardan_axes),
+            self.lead,
         )

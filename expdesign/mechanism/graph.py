@@ -7,7 +7,7 @@ take their functions from here; only the friction signs differ between them (`Fr
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from enum import Enum
 from functools import cache, cached_property
@@ -20,6 +20,7 @@ from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
 from expdesign.mechanism.rotation import angular_acceleration, angular_velocity, rotation_matrix
 from expdesign.mechanism.strut import StrutKinematics
 from expdesign.mechanism.term import Instant, Term, parameters_of
+from expdesign.mechanism.thread import ThreadTurn
 
 
 class Friction(Enum):
@@ -40,7 +41,8 @@ class HexapodGraph:
         self.pose, self.rate, self.acceleration = (
             ca.SX.sym(name, COORDINATES) for name in ("pose", "rate", "acceleration")
         )
-        self.geometry = GeometrySymbols()
+        self.turning = any(term.turning for term in terms)
+        self.geometry = GeometrySymbols(turning=self.turning)
         count = len(parameters_of(terms))
         # (c, 1), of the terms in their order
         self.constants = ca.SX.sym("constant", sum(len(term.constants) for term in terms))
@@ -73,13 +75,22 @@ class HexapodGraph:
                     self.acceleration[:3] + ca.cross(domega, arm) + ca.cross(omega, turning),
                 )
             )
-        # Columns of Gᵀ: the wrench of a unit force along each strut (l̇ = G V).
-        transposed = ca.horzcat(
+        # Wrenches of a unit force between the joints of each strut; l̇ of the twist by their rows.
+        self._stretching = transposed = ca.horzcat(
             *(
                 ca.vertcat(strut.direction, ca.cross(arms[:, j], strut.direction))
                 for j, strut in enumerate(struts)
             )
         )
+        coordinates = [
+            _column(struts, name) for name in ("length", "length_rate", "length_acceleration")
+        ]
+        if self.turning:
+            twist = ca.vertcat(self.rate[:3], omega)
+            turns, wrenches = self._turns(struts, arms, rotation, twist)
+            coordinates = [a - b for a, b in zip(coordinates, turns, strict=True)]
+            transposed = transposed - wrenches
+        # Gᵀ, of the coordinates q of the actuators (q̇ = G V), has the columns `transposed`.
         scale = ca.vertcat(ca.SX.ones(3), ca.repmat(1 / self.length_scale, 3, 1))
         # Quantities that depend on no parameter, by name (see `quantities`)
         self.kinematic = MappingProxyType(
@@ -87,9 +98,9 @@ class HexapodGraph:
                 "position": self.pose[:3],
                 "rotation_angles": angles,
                 "rotation_matrix": rotation,
-                "strut_length": _column(struts, "length"),
-                "strut_speed": _column(struts, "length_rate"),
-                "strut_acceleration": _column(struts, "length_acceleration"),
+                "strut_length": coordinates[0],
+                "strut_speed": coordinates[1],
+                "strut_acceleration": coordinates[2],
                 **{
                     name: _column(struts, name)
                     for name in ("alpha", "beta", "sin_beta", "alpha_rate", "beta_rate")
@@ -122,6 +133,28 @@ class HexapodGraph:
         # (6, m), A with `signs` in place of the sign functions
         self.regressor = ca.cse(ca.densify(self._carried @ self._wrench + self._along))
 
+    def _turns(
+        self, struts: list[StrutKinematics], arms: ca.SX, rotation: ca.SX, twist: ca.SX
+    ) -> tuple[list[ca.SX], ca.SX]:
+        """Return by how much the halves have moved on their threads, (6, 1), and twice its rate.
+
+        With the wrenches (6, 6) of forces that move them apart by turning.
+        """
+        geometry, pitch = self.geometry, self.geometry.lead / (2 * ca.pi)
+        axes = rotation @ geometry.platform_cardan_axes
+        threads = [
+            ThreadTurn(strut, arms[:, j], geometry.cardan_frames[j][:, 0], axes[:, j])
+            for j, strut in enumerate(struts)
+        ]
+        wrenches = pitch * ca.horzcat(*(thread.wrench for thread in threads))
+        rates = wrenches.T @ twist
+        moving, changing = (
+            ca.vertcat(self.pose, self.rate),
+            ca.vertcat(self.rate, self.acceleration),
+        )
+        angles = pitch * _column(threads, "angle")
+        return [angles, rates, ca.jtimes(rates, moving, changing)], wrenches
+
     def _columns(self, terms: tuple[Term, ...], instant: Instant) -> tuple[ca.SX, ca.SX]:
         """Return what the columns of A are made of."""
         wrenches, forces = ca.SX(ACTUATORS, 0), ca.SX(ACTUATORS, 0)
@@ -134,6 +167,10 @@ class HexapodGraph:
             none = ca.SX(ACTUATORS, len(term.parameters))
             wrench = none if columns.wrench is None else columns.wrench
             along = none if columns.along is None else columns.along
+            if columns.between is not None and self.turning:
+                wrench = wrench + self._stretching @ columns.between
+            elif columns.between is not None:
+                along = columns.between if columns.along is None else along + columns.between
             if not term.rates:
                 first = wrenches.shape[1]
                 own_nominal = self.nominal[first : first + none.shape[1]]
@@ -217,7 +254,8 @@ class HexapodGraph:
     def quantities(self, friction: Friction) -> Mapping[str, ca.SX]:
         """Return all named quantities that limits may bound.
 
-        ``position`` (3), ``rotation_angles`` (3), ``rotation_matrix`` (3, 3), ``strut_length``,
+        ``position`` (3), ``rotation_angles`` (3), ``rotation_matrix`` (3, 3), ``strut_length``
+        (the actuator's coordinate: the distance of the joints, but on a thread),
         ``strut_speed``, ``strut_acceleration``, ``alpha``, ``beta``, ``sin_beta``,
         ``alpha_rate``, ``beta_rate`` (6 each), ``strut_direction`` (3, 6), ``base_joints``,
         ``platform_joints`` (3, 6, base frame), ``platform_joint_axes`` (3, 6, base frame),
@@ -240,7 +278,7 @@ def hexapod_graph(terms: tuple[Term, ...] = ()) -> HexapodGraph:
     return HexapodGraph(terms)
 
 
-def _column(struts: list[StrutKinematics], name: str) -> ca.SX:
+def _column(struts: Sequence[StrutKinematics | ThreadTurn], name: str) -> ca.SX:
     return ca.vertcat(*(getattr(strut, name) for strut in struts))
 
 

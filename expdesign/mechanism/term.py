@@ -120,12 +120,14 @@ class Instant:
 
 @dataclass(frozen=True)
 class Columns:
-    """A term's part of A, (6, k), in two parts that are added; one that is None is zero."""
+    """A term's part of A, (6, k), in parts that are added; one that is None is zero."""
 
     wrench: ca.SX | None = None
     """Force and moment about the TCP, base frame: the graph carries them to the actuators."""
     along: ca.SX | None = None
     """Forces of the actuators themselves."""
+    between: ca.SX | None = None
+    """Forces along the struts, between their joints: those of the actuators, but on a thread."""
 
 
 @dataclass(frozen=True)
@@ -158,6 +160,9 @@ class Term:
     rates: tuple[SlidingRate, ...] = ()
     """Those whose signs the columns contain."""
     constants: tuple[Constant, ...] = ()
+    turning: bool = False
+    """Whether the halves of the struts turn against each other on a thread, which moves the
+    coordinates of the actuators."""
     impossible: Callable[[Mapping[str, float]], list[str]] = _nothing_more
     """Nominal values by name → what no bodies have beyond each one's bound, in words."""
     lumps: tuple[Lump, ...] = ()
@@ -166,6 +171,11 @@ class Term:
     def __hash__(self) -> int:
         """Hash the name: terms are the keys of kernels, and that is asked for in every call."""
         return hash(self.name)
+
+
+def kinematic_terms(terms: tuple[Term, ...]) -> tuple[Term, ...]:
+    """Return those of the terms that the motion of the struts depends on."""
+    return tuple(term for term in terms if term.turning)
 
 
 def parameters_of(terms: tuple[Term, ...]) -> tuple[Parameter, ...]:

@@ -12,7 +12,7 @@ import numpy as np
 from constraints.arrays import Array
 from expdesign.mechanism.graph import Friction, hexapod_graph
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
-from expdesign.mechanism.term import Term
+from expdesign.mechanism.term import Term, kinematic_terms
 from expdesign.robot.batch import BatchFunction
 from expdesign.robot.deviation import JOINT_ENTRIES, Deviation, tilt_axes
 from expdesign.robot.robot import Robot
@@ -34,9 +34,9 @@ def _force_kernel(terms: tuple[Term, ...], friction: Friction) -> BatchFunction:
 
 
 @cache
-def _length_kernel() -> BatchFunction:
+def _length_kernel(terms: tuple[Term, ...]) -> BatchFunction:
     """State (18) → length rates (6) and ∂l/∂(A, b), (6, 36)."""
-    graph = hexapod_graph()
+    graph = hexapod_graph(terms)
     geometry = graph.geometry
     joints = ca.vertcat(ca.vec(geometry.base_joints), ca.vec(geometry.platform_joints))
     outputs = [
@@ -192,7 +192,8 @@ def length_deviation_columns(
 
     As `deviating_forces`; the state's third derivative is not used.
     """
-    rate, by_joints = _length_kernel()(state[:, :_STATE], robot.geometry_vector)
+    kernel = _length_kernel(kinematic_terms(robot.terms))
+    rate, by_joints = kernel(state[:, :_STATE], robot.geometry_vector)
     samples = (len(state), ACTUATORS)
     clock = np.zeros(samples) if own_clock else -times[:, None] * rate
     blocks = [

@@ -15,7 +15,7 @@ from expdesign.configuration import ResolvedRobot
 from expdesign.mechanism.geometry import cardan_frames
 from expdesign.mechanism.graph import Friction, HexapodGraph, hexapod_graph
 from expdesign.mechanism.hexapod import ACTUATORS
-from expdesign.mechanism.term import Term, parameters_of
+from expdesign.mechanism.term import Term, kinematic_terms, parameters_of
 from expdesign.mechanism.terms.rigid_platform import MASS
 from expdesign.robot.batch import BatchFunction
 from expdesign.robot.forward import solve_pose
@@ -35,18 +35,18 @@ class StrutMotion:
 
 
 @cache
-def _length_kernel() -> BatchFunction:
+def _length_kernel(terms: tuple[Term, ...]) -> BatchFunction:
     """Pose (6) → strut lengths (6) and their Jacobian to the pose (6, 6)."""
-    graph = hexapod_graph()
+    graph = hexapod_graph(terms)
     lengths = graph.kinematic["strut_length"]
     slope = ca.jacobian(lengths, graph.pose)
     return BatchFunction("lengths", [graph.pose], [graph.geometry.vector], [lengths, slope])
 
 
 @cache
-def _motion_kernel() -> BatchFunction:
+def _motion_kernel(terms: tuple[Term, ...]) -> BatchFunction:
     """State (18) → the fields of `StrutMotion` (6 each)."""
-    graph = hexapod_graph()
+    graph = hexapod_graph(terms)
     lengths = ("strut_length", "strut_speed", "strut_acceleration")
     names = (*lengths, "alpha", "alpha_rate", "beta", "beta_rate")
     outputs = [graph.kinematic[name] for name in names]
@@ -143,12 +143,19 @@ class Robot:
         return cardan_frames(about.base_joints, about.alpha_axes, joints)
 
     @cached_property
+    def _lengths(self) -> BatchFunction:
+        return _length_kernel(kinematic_terms(self.terms))
+
+    @cached_property
     def geometry_vector(self) -> Array:
         """(g,) geometry input of the graph, in the order of `GeometrySymbols`."""
         about = self.description
         joints = np.ravel(about.base_joints), np.ravel(about.platform_joints)
         frames, axes = np.ravel(self.cardan_frames), np.ravel(about.platform_joint_axes)
-        return np.concatenate([*joints, frames, axes, about.gravity])
+        parts = [*joints, frames, axes, about.gravity]
+        if about.platform_cardan_axes is not None:
+            parts += [np.ravel(about.platform_cardan_axes), np.array([about.thread_lead])]
+        return np.concatenate(parts)
 
     @cached_property
     def machine(self) -> Array:
@@ -179,7 +186,7 @@ class Robot:
         """Return strut lengths, m: (6,) or (N, 6) like the pose (m, rad)."""
         one = _one_instant(pose)
         if one is not None:
-            return _length_kernel().at(one, self.geometry_vector)[0]
+            return self._lengths.at(one, self.geometry_vector)[0]
         rows, _ = _rows("pose", pose)
         return self.lengths_and_jacobian(rows)[0]
 
@@ -187,13 +194,13 @@ class Robot:
         """Return ∂q/∂λ, (6, 6) or (N, 6, 6), of the strut lengths to the pose."""
         one = _one_instant(pose)
         if one is not None:
-            return _length_kernel().at(one, self.geometry_vector)[1]
+            return self._lengths.at(one, self.geometry_vector)[1]
         rows, _ = _rows("pose", pose)
         return self.lengths_and_jacobian(rows)[1]
 
     def lengths_and_jacobian(self, poses: Array) -> tuple[Array, Array]:
         """Return strut lengths (N, 6), m, and ∂q/∂λ (N, 6, 6) at poses (N, 6)."""
-        lengths, jacobian = _length_kernel()(poses, self.geometry_vector)
+        lengths, jacobian = self._lengths(poses, self.geometry_vector)
         return lengths, jacobian
 
     def forward_kinematics(self, lengths: ArrayLike, guess: ArrayLike | None = None) -> Array:
@@ -212,11 +219,12 @@ class Robot:
         self, pose: ArrayLike, rate: ArrayLike, acceleration: ArrayLike
     ) -> StrutMotion:
         """Return the motion of all struts at λ, λ̇, λ̈, (6,) or (N, 6) each: m, rad, s."""
+        kernel = _motion_kernel(kinematic_terms(self.terms))
         one = _one_instant(pose, rate, acceleration)
         if one is not None:
-            return StrutMotion(*_motion_kernel().at(one, self.geometry_vector))
+            return StrutMotion(*kernel.at(one, self.geometry_vector))
         state = _states(pose, rate, acceleration)
-        return StrutMotion(*_motion_kernel()(state, self.geometry_vector))
+        return StrutMotion(*kernel(state, self.geometry_vector))
 
     def regressor(self, pose: ArrayLike, rate: ArrayLike, acceleration: ArrayLike) -> Array:
         """Return A of Q = A p with the exact signs of dry friction: (6, m) or (N, 6, m)."""

@@ -23,6 +23,7 @@ from expdesign.configuration.robot import EARTH_GRAVITY, RobotDescription, resol
 from expdesign.configuration.section import Section, validate
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.terms import rigid_platform
+from expdesign.mechanism.terms.drive_inertia import MASS as DRIVE
 from expdesign.robot import LimitModel, Robot
 from expdesign.robotfile.bodies import assumed_parameters
 from expdesign.robotfile.machine import Machine, Points
@@ -121,9 +122,8 @@ def completed(machine: Machine) -> Complete:
     )
     keys = ("base_joints", "platform_joints", "home", "force_std", "length_std", MASS)
     assumed = {key for key in keys if told[key] is None}
-    assumed |= open_limits | {
-        name for name in robot.description.parameters if name not in told["parameters"]
-    }
+    # What the drive makes is no assumption.
+    assumed |= open_limits | set(robot.description.parameters) - {*told["parameters"], DRIVE}
     return Complete(machine, frozenset(assumed), general, lengths, _frequency(limits, lengths))
 
 
@@ -211,7 +211,7 @@ def _robot(machine: Machine, general: bool) -> Robot:
         "parameters": dict(machine.parameters),
         "limits": {CHARACTERISTIC_LENGTH: _length(machine), "rotation": LIFTED},
     }
-    for key in ("alpha_axes", "platform_joint_axes"):
+    for key in ("alpha_axes", "platform_joint_axes", "platform_cardan_axes", "drive"):
         if getattr(machine, key) is not None:
             mapping[key] = getattr(machine, key)
     if not general:

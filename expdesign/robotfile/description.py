@@ -10,14 +10,17 @@ import numpy as np
 
 from expdesign.configuration import geometry as geo
 from expdesign.configuration.document import Placed
+from expdesign.configuration.drive import DIRECT, Drive, Gear, Screw
 from expdesign.configuration.joint_ring import HalfAngle, JointRing, PairedStruts
 from expdesign.configuration.problem import InputError, Problem
 from expdesign.configuration.section import Section
 from expdesign.configuration.values.quantity import (
     Acceleration,
     Force,
+    Inertia,
     Length,
     Mass,
+    NotNegative,
     Positive,
     Speed,
     quantity_text,
@@ -26,8 +29,9 @@ from expdesign.configuration.values.scalars import Ascending, Name, Pair, Point,
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.robotfile.assumed import points
 from expdesign.robotfile.machine import Machine, Points, Question
+from expdesign.robotfile.questions import INERTIA
 
-Drive = Literal["direct", "screw"]
+DriveKind = Literal["direct", "screw", "gear"]
 
 _Joints = Annotated[tuple[Point, ...], exactly(ACTUATORS, "joints")]
 _PAIRS: dict[str, PairedStruts] = {"base": "1-2", "platform": "2-3"}
@@ -40,7 +44,7 @@ _ANSWERS = {
 }
 """Keys of the robot file whose questions are answered by what is told under another one."""
 _HOME_IN_THE_MIDDLE = "Is the stroke as long on either side of home? It is taken so."
-_LEAD = "Which lead has the screw?"
+_LEAD = "By how much does one turn of the motor move the strut? With it: drive: {%s: {lead: 5 mm}}."
 
 
 class MachineDescription(Section):
@@ -61,8 +65,9 @@ class MachineDescription(Section):
     strut_acceleration: Annotated[Acceleration, Positive] | None = None
     actuator_force: Annotated[Force, Positive] | None = None
     mass: Annotated[Mass, Positive] | None = None
-    drive: Annotated[Drive, one_of(Drive)] | None = None
+    drive: Annotated[DriveKind, one_of(DriveKind)] | None = None
     lead: Annotated[Length, Positive] | None = None
+    inertia: Annotated[Inertia, NotNegative] | None = None
     force_std: Annotated[Force, Positive] | None = None
     length_std: Annotated[Length, Positive] | None = None
 
@@ -103,8 +108,11 @@ def described(told: Placed[MachineDescription], known: Machine | None = None) ->
     if one.stroke is not None:
         limits["strut_length"] = _about_home(machine, one.stroke, told)
         questions.append(Question("limits.strut_length", _HOME_IN_THE_MIDDLE))
-    if one.drive == "screw" and one.lead is None:
-        questions.append(Question("drive", _LEAD))
+    if one.drive in ("screw", "gear") and one.lead is None:
+        questions.append(Question("drive", _LEAD % one.drive))
+    elif machine.drive is not None and (geared := machine.drive.geared) is not None:
+        unknown = geared.inertia is None
+        questions += [Question("drive", INERTIA)] if unknown else []
     return replace(machine, limits=limits, questions=tuple(questions))
 
 
@@ -130,8 +138,11 @@ def _contradictions(told: Placed[MachineDescription]) -> Iterator[Problem]:
     if len(there("strut_length", "stroke")) > 1:
         message = "lengths and a stroke are both given"
         yield told.problem(("stroke",), message, "strut_length or stroke, not both")
-    if one.lead is not None and one.drive != "screw":
-        yield told.problem(("lead",), "only a screw has a lead", "drive: screw")
+    for key in there("lead", "inertia"):
+        if one.drive not in ("screw", "gear"):
+            yield told.problem((key,), f"only a screw or gear has a {key}", "drive: screw or gear")
+    if there("inertia") and not there("lead"):
+        yield told.problem(("inertia",), "an inertia says nothing without the lead", "lead with it")
 
 
 def _joints(one: MachineDescription, end: str) -> JointRing | Points | None:
@@ -145,11 +156,15 @@ def _joints(one: MachineDescription, end: str) -> JointRing | Points | None:
     return JointRing(**ring, pairs=_PAIRS[end])
 
 
-def _drive(one: MachineDescription) -> str:
-    if one.drive == "screw":
-        lead = "" if one.lead is None else f", lead {quantity_text(1e3 * one.lead, 'mm')}"
-        return f"screw{lead}"
-    return one.drive or ""
+def _drive(one: MachineDescription) -> Drive | None:
+    """Return the drive; None where it is not known well enough to be told."""
+    if one.drive == "direct":
+        return DIRECT
+    if one.lead is None or one.drive is None:
+        return None
+    if one.drive == "gear":
+        return Drive(gear=Gear(lead=one.lead, inertia=one.inertia))
+    return Drive(screw=Screw(lead=one.lead, inertia=one.inertia))
 
 
 def _about_home(machine: Machine, stroke: float, told: Placed[MachineDescription]) -> list[float]:

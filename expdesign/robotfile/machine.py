@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from expdesign.configuration.drive import Drive
 from expdesign.configuration.joint_ring import JointRing
 
 Points = tuple[tuple[float, ...], ...]
@@ -49,8 +50,9 @@ class Machine:
     """Of the platform with everything on it, without the struts, kg."""
     parameters: Mapping[str, float] = field(default_factory=dict)
     """Nominal values that are known, by name."""
-    drive: str = ""
-    """In words, such as ``screw, lead 5 mm``: no key of the robot file says it."""
+    platform_cardan_axes: Points | None = None
+    """(6, 3), platform frame, of joints that turn the screws."""
+    drive: Drive | None = None
     force_std: tuple[float, ...] | None = None
     """(6,), of one sample, N."""
     length_std: tuple[float, ...] | None = None

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from expdesign.configuration.limits import CHARACTERISTIC_LENGTH
 
+INERTIA = "Which inertia have motor, coupling and screw about their axis, inertia: 6.3e-5 [kg m^2]?"
+"""Of a screw or gear."""
+
 QUESTIONS = {
     "home": "How high is the TCP over the base's origin at home, and how does the platform stand "
     "there? Drawing, or the controller's kinematic parameters. A platform that hangs has z < 0.",
@@ -11,7 +14,7 @@ QUESTIONS = {
     "platform_joints": "Where are the six joints at the platform, from the TCP? A tool on the "
     "platform moves the TCP, and with it all of them.",
     "alpha_axes": "How do the universal joints stand in the base?",
-    "drive": "Which drives move the struts: direct ones, or screws of which lead?",
+    "drive": "What moves the struts: direct drives, screws or gears, of which lead and inertia?",
     "moved_mass": "What does the platform weigh, with all that it carries?",
     "parameters": "What does CAD say of masses, centres and inertias? Where it says assumed, the "
     "bodies are a disc through the platform's joints, in each strut two rods of 8 % and 4 % of its "

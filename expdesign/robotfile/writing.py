@@ -14,6 +14,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from constraints import limit_definitions
 from expdesign.configuration import InputError, load_run, quantity_text
+from expdesign.configuration.drive import Drive
 from expdesign.configuration.joint_ring import JointRing
 from expdesign.configuration.limits import CHARACTERISTIC_LENGTH
 from expdesign.configuration.parameters import DEFAULT_TERMS, chosen_terms
@@ -94,7 +95,7 @@ def robot_file(complete: Complete) -> str:
     titles = {key: definition.title for key, definition in limit_definitions().items()}
     units[CHARACTERISTIC_LENGTH] = "m"
     titles[CHARACTERISTIC_LENGTH] = "scales rotations in condition numbers"
-    if not machine.drive:
+    if machine.drive is None:
         assumed.add("drive")
     if machine.alpha_axes is None:
         assumed.add("alpha_axes")
@@ -127,9 +128,7 @@ def robot_file(complete: Complete) -> str:
             lengths=_lengths(complete),
             joints=partial(_joints, complete),
             directions=lambda key: _rows(key, getattr(machine, key), "1"),
-            drive=f"The drive: {_line(machine.drive)}."
-            if machine.drive
-            else "The drive is not known.",
+            drive=_drive(machine.drive),
             mass=quantity_text(machine.moved_mass or 0.0, "kg"),
             parameters=list(_parameter_lines(complete)),
             limits=[
@@ -208,6 +207,23 @@ def _lengths(complete: Complete) -> str:
         for end in (min(complete.lengths), max(complete.lengths))
     ]
     return ends[0] if ends[0] == ends[1] else f"{ends[0]} to {ends[1]}"
+
+
+def _drive(drive: Drive | None) -> str:
+    """Return the line of the drive: a comment where it is not known."""
+    if drive is None:
+        return (
+            "# drive: {screw: {lead: 5 mm, inertia: 6.3e-5}} # or gear; direct, where none is given"
+        )
+    kind = "screw" if drive.screw is not None else "gear"
+    if (geared := drive.geared) is None:
+        return "drive: direct"
+    units = {"lead": "m", "inertia": "kg m^2"}
+    entries = [
+        f"{key}: {written(value, units[key]) if key in units else value}"
+        for key, value in geared.model_dump(exclude_defaults=True).items()
+    ]
+    return f"drive: {{{kind}: {{{', '.join(entries)}}}}}"
 
 
 def _joints(complete: Complete, key: str) -> str:

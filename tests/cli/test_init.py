@@ -18,6 +18,7 @@ TOLD = (
     *("--home-height", "700 mm", "--strut-length", "600 mm, 900 mm"),
     *("--strut-speed", "300 mm/s", "--strut-acceleration", "5 m/s^2"),
     *("--actuator-force", "2 kN", "--mass", "64 kg", "--drive", "screw", "--lead", "5 mm"),
+    *("--inertia", "6e-5 kg m^2"),
     *("--force-std", "20 N", "--length-std", "5 um"),
 )
 
@@ -83,7 +84,9 @@ def test_what_is_told_stands_in_the_files(expdesign, tmp_path):
     assert robot.parameters["p10"] == pytest.approx(64 * (1 + 6 * 0.04))
     assert robot.description.noise.force_std == (20.0,) * 6
     assert robot.description.noise.length_std == (5e-6,) * 6
-    assert "screw, lead 5 mm" in (tmp_path / "robots" / "mine.yaml").read_text(encoding="utf-8")
+    screw = robot.drive.screw
+    assert (screw.lead, screw.inertia) == (5e-3, 6e-5)
+    assert robot.parameters["m_drive"] == pytest.approx(6e-5 * (2 * np.pi / 5e-3) ** 2)
 
 
 def test_joints_as_lists_and_a_stroke(expdesign):
@@ -123,6 +126,8 @@ def test_joints_as_lists_and_a_stroke(expdesign):
         (["--mass", "-3 kg"], "--mass"),
         (["--drive", "belt"], "--drive"),
         (["--lead", "5 mm"], "--lead"),
+        (["--drive", "gear", "--inertia", "1"], "--inertia"),
+        (["--drive", "direct", "--inertia", "1"], "--inertia"),
         (["--force-std", "0"], "--force-std"),
     ],
 )
@@ -173,7 +178,7 @@ def test_a_terminal_is_asked_for_what_is_not_given(expdesign, answers):
     assert "'8 kg' is a mass, not an angle" in err
     assert asked.count("base_half_angle") == 3
     assert "mass" not in asked
-    assert asked[-1] == "lead"
+    assert asked[-2:] == ["lead", "inertia"]
     robot = load_run("mine-run.yaml").robot
     np.testing.assert_allclose(np.linalg.norm(robot.base_joints, axis=1), 0.45)
     assert robot.home[2] == 0.65

@@ -29,7 +29,8 @@ def test_linuxcnc_and_options_that_count_before_it(expdesign, tmp_path):
     np.testing.assert_allclose(robot.limits["strut_length"].upper, [0.8] * 5 + [0.81])
     assert robot.limits["strut_speed"].upper[0] == 0.03
     text = (tmp_path / "mill.yaml").read_text(encoding="utf-8")
-    assert "screw, lead 5 mm" in text
+    assert "drive: {screw: {lead: 5 mm}}" in text
+    assert robot.drive.screw.thread == "right"
     assert "genhexkins corrects the lengths" in " ".join(text.replace("# ?", " ").split())
 
 

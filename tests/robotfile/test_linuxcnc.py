@@ -6,8 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from expdesign.configuration import InputError
+from expdesign.configuration import InputError, load_run
+from expdesign.robot import robot_from
 from expdesign.robotfile.importing import read_machine
+from expdesign.robotfile.writing import write_files
 from tests.robotfile.machines_of import FOLDER, asked, fixed_axes, lengths, moving_axes
 
 SAMPLE = Path(
@@ -43,24 +45,95 @@ def test_the_joints_are_those_of_the_hal_file(mill):
     assert mill.alpha_axes[1] == (-0.207912, 0.978148, 0.0)
 
 
-def test_lengths_are_those_of_the_controller_in_millimetres_and_degrees(mill):
+def _pins():
     text = (FOLDER / "mill.hal").read_text()
     pins = {
         words[1].removeprefix("genhexkins."): words[-1]
         for line in text.splitlines()
         if (words := line.split("#")[0].replace("=", " ").split())[:1] == ["setp"]
     }
-    ends = [
-        np.array([[float(pins[f"{kind}.{j}.{k}"]) for k in "xyz"] for j in range(6)]) + SPINDLE
-        for kind in ("base", "platform")
+    kinds = ("base", "platform", "base-n", "platform-n")
+    return [
+        np.array([[float(pins[f"{kind}.{j}.{k}"]) for k in "xyz"] for j in range(6)])
+        for kind in kinds
     ]
+
+
+def _poses(count=20):
     rng = np.random.default_rng(3)
-    for _ in range(20):
+    for _ in range(count):
         position, angles = np.add([0, 0, 620], rng.uniform(-40, 40, 3)), rng.uniform(-20, 20, 3)
         turned = fixed_axes(angles, degrees=True)
-        expected = np.linalg.norm(position + turned.apply(ends[1]) - ends[0], axis=1)
-        pose = [*position * MM, *moving_axes(turned)]
+        yield position, turned, np.array([*position * MM, *moving_axes(turned)])
+
+
+def test_distances_of_joints_are_those_of_the_controller_in_millimetres_and_degrees(mill):
+    base, platform, *_ = _pins()
+    for position, turned, pose in _poses():
+        ends = position + turned.apply(platform + SPINDLE) - base - SPINDLE
+        expected = np.linalg.norm(ends, axis=1)
         np.testing.assert_allclose(lengths(mill, pose), expected * MM, rtol=0, atol=1e-12)
+
+
+def _corrections(position, turned, base, platform, base_axes, platform_axes, lead):
+    """Return what genhexkins adds to the lengths: its StrutLengthCorrection, written anew."""
+    struts = position + turned.apply(platform) - base
+    u = struts / np.linalg.norm(struts, axis=1, keepdims=True)
+    third = np.cross(u, np.cross(base_axes, u))
+    second = np.cross(turned.apply(platform_axes), u)
+    third, second = (v / np.linalg.norm(v, axis=1, keepdims=True) for v in (third, second))
+    return lead * np.arcsin(np.sum(third * second, axis=1)) / (2 * np.pi)
+
+
+@pytest.mark.parametrize(("sense", "lead"), [(1, "5.0"), (-1, "5.0"), (1, "-4.0")])
+def test_lengths_are_corrected_for_the_turn_of_the_screws_as_the_controller_does(
+    sense, lead, tmp_path
+):
+    ini = changed(tmp_path, "LEAD = 5.0", f"LEAD = {lead}")
+    base, platform, base_axes, platform_axes = _pins()
+    text = (tmp_path / "mill.hal").read_text()
+    for j in range(6):
+        for k, letter in enumerate("xyz"):
+            line = f"setp genhexkins.platform-n.{j}.{letter} "
+            text += f"{line}{sense * platform_axes[j, k]}\n"
+    (tmp_path / "mill.hal").write_text(text)
+    machine = read_machine("mill", [ini])
+    assert machine.drive.screw.thread == ("right" if sense * float(lead) > 0 else "left")
+    assert machine.drive.screw.lead == pytest.approx(abs(float(lead)) * MM)
+    files = write_files(machine, tmp_path)
+    robot = robot_from(load_run(files.run).robot)
+    largest = 0.0
+    for position, turned, pose in _poses():
+        added = _corrections(
+            position,
+            turned,
+            base + SPINDLE,
+            platform + SPINDLE,
+            base_axes,
+            sense * platform_axes,
+            float(lead),
+        )
+        expected = lengths(machine, pose) + added * MM
+        np.testing.assert_allclose(robot.inverse_kinematics(pose), expected, rtol=0, atol=1e-12)
+        largest = max(largest, np.abs(added).max())
+    assert largest > 0.1
+
+
+def test_axes_of_another_sense_in_one_strut_are_asked_for(tmp_path):
+    file = changed(tmp_path, "platform-n.2.x 0.951057", "platform-n.2.x -0.951057", "mill.hal")
+    text = (tmp_path / "mill.hal").read_text()
+    (tmp_path / "mill.hal").write_text(text.replace("platform-n.2.y 0.3", "platform-n.2.y -0.3"))
+    machine = read_machine("mill", [file])
+    assert machine.platform_cardan_axes is None
+    assert machine.drive.screw.lead == pytest.approx(5e-3)
+    assert "drive" in asked(machine)
+
+
+def test_a_screw_without_lines_of_its_axes_has_those_that_are_built_in(tmp_path):
+    file = changed(tmp_path, "setp genhexkins.platform-n.4.z 0.1\n", "", "mill.hal")
+    machine = read_machine("mill", [file])
+    assert [axis[2] for axis in machine.platform_cardan_axes] == [0.1] * 4 + [0, 0.1]
+    assert "platform_cardan_axes" in asked(machine)
 
 
 def test_home_is_a_pose_about_moving_axes(mill):
@@ -87,8 +160,7 @@ def test_a_placeholder_is_no_limit(mill, tmp_path):
 
 
 def test_what_the_robot_file_cannot_say_is_a_question(mill):
-    assert mill.drive == "screw, lead 5 mm"
-    assert {"", "limits.rotation", "platform_joints"} <= asked(mill)
+    assert {"drive", "platform_cardan_axes", "limits.rotation", "platform_joints"} <= asked(mill)
 
 
 def test_a_home_that_the_joints_contradict_is_a_question(mill, tmp_path):

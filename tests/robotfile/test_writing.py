@@ -145,7 +145,6 @@ def test_questions_of_the_source_stand_where_they_belong(tmp_path):
     machine = Machine(
         "asked",
         source="A file\nof a controller: # not a comment",
-        drive="screw, lead 5 mm\nname: other",
         questions=(
             Question("limits.strut_length", "Is ±1000 a limit?"),
             Question("noise.force_std", "Which current sensor?"),

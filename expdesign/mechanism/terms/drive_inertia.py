@@ -7,6 +7,8 @@ the screw turns by α̇ sin β besides, whose share of q̇ 2π/h is small for an
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import casadi as ca
 
 from expdesign.mechanism.term import Columns, Instant, Parameter, Scale, Term
@@ -33,3 +35,5 @@ TERM = Term(
     ),
     columns=_columns,
 )
+ON_A_THREAD = replace(TERM, turning=True)
+"""The same of screws that the platform turns (`expdesign.mechanism.thread`)."""

@@ -21,12 +21,12 @@ _HARMLESS = ". By so little it is the rounding of a published table: harmless fo
 
 def _columns(instant: Instant) -> Columns:
     wrench = ca.SX.zeros(6, len(TERM.parameters))
-    along = []
+    between = []
     for j, strut in enumerate(instant.struts):
         forces = generalized_force_regressor(strut, instant.gravity)
         wrench += torque_wrench(strut, instant.arms[:, j], forces[:2, :])
-        along.append(forces[2, :])
-    return Columns(wrench, ca.vertcat(*along))
+        between.append(forces[2, :])
+    return Columns(wrench, between=ca.vertcat(*between))
 
 
 def generalized_force_regressor(strut: StrutKinematics, gravity: ca.SX) -> ca.SX:

@@ -16,12 +16,16 @@ from scipy.spatial.transform import Rotation
 
 from constraints.arrays import Array
 from expdesign.configuration.document import read_text
+from expdesign.configuration.drive import Drive, Screw
+from expdesign.configuration.geometry import geometry_at
 from expdesign.configuration.problem import InputError
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.rotation import ANGLES, FIXED_AXES
+from expdesign.robotfile.genhexkins import BUILT_IN_AXES, BUILT_IN_JOINTS, hand
 from expdesign.robotfile.linuxcnc_settings import Entry, IniFile, Pins, read_hal, read_ini
 from expdesign.robotfile.machine import Machine, Question
 from expdesign.robotfile.machine_format import MachineFormat, rows
+from expdesign.robotfile.questions import INERTIA
 
 _LARGEST = 1024 * 1024
 _KINEMATICS = "genhexkins"
@@ -31,25 +35,7 @@ _MM = 1e-3
 _UNITS = {"mm": _MM, "metric": _MM, "in": 0.0254, "inch": 0.0254, "imperial": 0.0254}
 _DEGREES = ("degree", "deg")
 
-_BUILT_IN: dict[str, tuple[tuple[float, float], ...]] = {
-    "base": (
-        (-22.95, 13.25),
-        (22.95, 13.25),
-        (22.95, 13.25),
-        (0, -26.5),
-        (0, -26.5),
-        (-22.95, 13.25),
-    ),
-    "platform": (
-        (-1, 11.5),
-        (1, 11.5),
-        (10.459, -4.884),
-        (9.459, -6.616),
-        (-9.459, -6.616),
-        (-10.459, -4.884),
-    ),
-}
-"""x and y of the joints that genhexkins has where no line sets them; z is zero. Machine units."""
+_KEYS = {"base-n": "alpha_axes", "platform-n": "platform_cardan_axes"}
 
 _RANGE = ("MIN_LIMIT", "MAX_LIMIT")
 _HALF_TURN = 180.0
@@ -63,11 +49,9 @@ _HOMED = 1e-3
 def _read(name: str, files: tuple[Path, ...]) -> Machine:
     inis = [path for path in files if path.suffix.lower() == ".ini"]
     if len(inis) != 1:
-        message = (
-            "LinuxCNC's INI file is needed: it says the units"
-            if not inis
-            else ("two INI files are two machines")
-        )
+        message = "LinuxCNC's INI file is needed: it says the units"
+        if inis:
+            message = "two INI files are two machines"
         raise InputError(message, files[0] if not inis else inis[1], allowed="one INI file")
     ini = read_ini(inis[0], read_text(inis[0], _LARGEST, "LinuxCNC's INI file"))
     kinematics = ini.entry("KINS", "KINEMATICS")
@@ -111,8 +95,7 @@ class _Hexapod:
         limits: dict[str, object] = {}
         self._add_strut_limits(limits, size)
         self._add_position(limits, size)
-        axes = self._axes("base-n")
-        drive = self._drive()
+        drive, axes, turning = self._drive(base, platform, home)
         told = ", ".join(path.name for path in files)
         return Machine(
             name=name,
@@ -121,6 +104,7 @@ class _Hexapod:
             platform_joints=rows(platform),
             home=home,
             alpha_axes=None if axes is None else rows(axes),
+            platform_cardan_axes=None if turning is None else rows(turning),
             limits=limits,
             drive=drive,
             questions=tuple(self.questions),
@@ -147,7 +131,7 @@ class _Hexapod:
 
     def _joints(self, kind: str) -> Array:
         """Return the joints on the base or the platform, (6, 3), m."""
-        built_in = np.column_stack([_BUILT_IN[kind], np.zeros(ACTUATORS)])
+        built_in = np.column_stack([BUILT_IN_JOINTS[kind], np.zeros(ACTUATORS)])
         joints = np.empty((ACTUATORS, 3))
         missing = []
         for j in range(ACTUATORS):
@@ -184,29 +168,60 @@ class _Hexapod:
             )
         return value or 0.0
 
-    def _axes(self, kind: str) -> Array | None:
-        """Return the axes that are set for all joints, (6, 3); None when they are not all set."""
+    def _axes(self, kind: str, *, used: bool) -> Array | None:
+        """Return the axes of all joints, (6, 3); None where they are not all known.
+
+        What genhexkins has built in counts where it is `used`.
+        """
         numbers = [self.pins.number(f"{kind}.{j}.{k}") for j in range(ACTUATORS) for k in "xyz"]
-        if all(number is None for number in numbers):
+        if not used and all(number is None for number in numbers):
             return None
-        axes = np.array([0.0 if number is None else number for number in numbers]).reshape(-1, 3)
+        given = np.array([np.nan if number is None else number for number in numbers])
+        given = given.reshape(ACTUATORS, -1)
+        missing = np.isnan(given)
+        axes = np.where(missing, np.array(BUILT_IN_AXES[kind]) if used else 0.0, given)
+        key = _KEYS[kind]
+        if used and np.any(missing):
+            self.ask(
+                key,
+                f"{kind} is not set for every strut: what {_KINEMATICS} has built in stands here, "
+                "as on the machine.",
+            )
         if not np.all(np.linalg.norm(axes, axis=1) > 0):
-            self.ask("alpha_axes", f"{kind} is not set for every strut: left out.")
+            self.ask(key, f"{kind} is not set for every strut: left out.")
             return None
         return axes
 
-    def _drive(self) -> str:
+    def _drive(
+        self, base: Array, platform: Array, home: tuple[float, ...] | None
+    ) -> tuple[Drive | None, Array | None, Array | None]:
+        """Return the drive, the axes at the base, and those at the platform that turn screws."""
         lead = self.pins.number("screw-lead")
+        lower = self._axes("base-n", used=bool(lead))
         if not lead:
-            return ""
-        text = f"screw, lead {lead * self.unit * 1e3:g} mm"
-        self.ask(
-            "",
-            f"{_KINEMATICS} corrects the lengths for the turn of the struts on their screws ({text}"
-            "; base-n, platform-n). The model has no such term: its lengths are those between the "
-            "joints.",
-        )
-        return text
+            return None, lower, None
+        upper = self._axes("platform-n", used=True)
+        thread = None
+        if home is not None and lower is not None and upper is not None:
+            thread = hand(lead, lower, upper, geometry_at(np.array(home), base, platform))
+        corrected = f"{_KINEMATICS} corrects the lengths for the turn of the struts on their screws"
+        if thread is None:
+            upper = None
+            self.ask(
+                "drive",
+                f"{corrected}, with axes that have another sense in some struts than in others, or "
+                "at a home that is not known: left out. Which hand has the thread, and how do the "
+                "joints stand in the platform (platform_cardan_axes)?",
+            )
+        else:
+            self.ask(
+                "platform_cardan_axes",
+                f"{corrected}, and so does the model. With these axes its thread is {thread}-handed"
+                ": is that of the machine?",
+            )
+        self.ask("drive", INERTIA)
+        screw = Screw(lead=abs(lead) * self.unit, thread=thread or "right")
+        return Drive(screw=screw), lower, upper
 
     def _home(self) -> tuple[float, ...] | None:
         entry = self.ini.entry("TRAJ", "HOME")
