@@ -5,6 +5,7 @@ import pytest
 
 from expdesign.configuration import ExportSection, load_run
 from expdesign.export.exporting import export_table
+from expdesign.export.genhexkins import setp_lines
 from expdesign.robot import robot_from
 from expdesign.robotfile.importing import read_machine
 from expdesign.robotfile.writing import write_files
@@ -44,8 +45,17 @@ def _poses(robot, metres):
     return np.hstack([place, moving_axes(turned)]), controller
 
 
+def test_a_screw_turns_by_a_part_of_its_lead(genhexkins, tmp_path):
+    robot, lines = _imported(tmp_path, "mm", "5")
+    _, controller = _poses(robot, 1e-3)
+    genhexkins.set(lines)
+    turned = genhexkins.lengths(controller)
+    genhexkins.set(["setp genhexkins.screw-lead 0"])
+    assert 0.1 < np.abs(turned - genhexkins.lengths(controller)).max() < 2.5  # mm
+
+
 @pytest.mark.parametrize(("unit", "metres"), [("mm", 1e-3), ("inch", 0.0254)])
-@pytest.mark.parametrize("lead", ["0"])
+@pytest.mark.parametrize("lead", ["0", "5", "-4"])
 def test_lengths_and_poses_of_an_imported_machine(unit, metres, lead, genhexkins, tmp_path):
     robot, lines = _imported(tmp_path, unit, lead)
     genhexkins.set(lines)
@@ -53,6 +63,11 @@ def test_lengths_and_poses_of_an_imported_machine(unit, metres, lead, genhexkins
     lengths = genhexkins.lengths(controller)
     ours = robot.inverse_kinematics(poses)
     np.testing.assert_allclose(ours, lengths * metres, rtol=0, atol=NANOMETRE)
+    # Its own lines, with the axes in a sense of their own, say the same.
+    genhexkins.set(["setp genhexkins.spindle-offset 0"])
+    genhexkins.set(setp_lines(robot.description, "in" if unit == "inch" else unit))
+    again = genhexkins.lengths(controller)
+    np.testing.assert_allclose(again, lengths, rtol=0, atol=NANOMETRE / metres)
     # And back: both find the pose from the lengths, from 1 mm and 1 degree beside it.
     for pose, there, length in zip(poses[::20], controller[::20], lengths[::20], strict=True):
         beside = there + np.repeat([1e-3 / metres, 1.0], 3)
