@@ -46,6 +46,7 @@ def check(run: RunArgument, as_json: JsonOption = False) -> None:
     the pairs of struts that share a joint and are left out of the clearance, go to standard error.
     """
     from expdesign.configuration import load_run, resolved_yaml
+    from expdesign.configuration.bodies import bodies_in_words
     from expdesign.configuration.open_rows import defaults_in_words, open_in_words, open_rows
     from expdesign.robot import robot_from
     from expdesign.stages.run import refuse_study, run_folder
@@ -62,6 +63,8 @@ def check(run: RunArgument, as_json: JsonOption = False) -> None:
         warnings.append(f"{open_in_words(open_limits)}: a design may go there as far as it gets")
     if missing := stages_without_design(configuration, run_folder(configuration, None)):
         warnings.append(f"expdesign run refuses this file. {missing.message}")
+    robot = configuration.robot
+    made = bodies_in_words(robot.description.bodies, robot.platform_joints, robot.parameters)
     if as_json:
         write_json(
             {
@@ -73,6 +76,7 @@ def check(run: RunArgument, as_json: JsonOption = False) -> None:
                 "shared_joints": pairs,
                 "limits_not_set": [str(one) for one in open_limits],
                 "limits_by_default": defaults,
+                "bodies": made,
                 "warnings": warnings,
             }
         )
@@ -87,6 +91,8 @@ def check(run: RunArgument, as_json: JsonOption = False) -> None:
         note(f"struts {first} and {second} share a joint: left out of the strut clearance")
     for default in defaults:
         note(default)
+    if made:
+        note(made)
     for warning in warnings:
         warn(warning)
 

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Annotated, Any
 
+import numpy as np
 from pydantic import BeforeValidator, Field, ValidationInfo, model_serializer
 from pydantic_core import PydanticCustomError
 
@@ -170,11 +171,13 @@ def _parameters(value: object, info: ValidationInfo) -> dict[str, float]:
     """Read exactly the parameters of the robot's terms, in their order."""
     if not isinstance(value, Mapping):
         raise refusal(f"{shown(value)} is not a mapping", "parameters with their values")
-    if not {"terms", "platform", "drive"} <= set(info.data):
+    if not {"terms", "platform", "drive", "bodies", "platform_joints"} <= set(info.data):
         return {}  # refused themselves: which parameters there are is not known
     drive = info.data["drive"]
     terms = chosen_terms(info.data["terms"], info.data["platform"], drive)
     follows = {} if drive.geared is None else {drive_inertia.MASS: drive.geared.mass}
+    if (bodies := info.data["bodies"]) is not None:
+        follows |= bodies.parameters(np.array(info.data["platform_joints"]))
     return _quantities(
         value,
         {p.name: replace(p, default=follows.get(p.name, p.default)) for p in parameters_of(terms)},

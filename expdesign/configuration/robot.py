@@ -14,6 +14,7 @@ from pydantic import Discriminator, Field, Tag
 from constraints import Limit
 from constraints.arrays import Array
 from expdesign.configuration import geometry as geo
+from expdesign.configuration.bodies import Bodies
 from expdesign.configuration.document import Placed, read_yaml
 from expdesign.configuration.drive import DIRECT, Drive, DriveOrDirect
 from expdesign.configuration.finding import find_file
@@ -90,6 +91,8 @@ class RobotDescription(Section):
     """Blocks of the model that is linear in the parameters."""
     drive: Annotated[DriveOrDirect, LATER] = DIRECT
     """What moves the struts; a screw or gear adds the term of its inertia."""
+    bodies: Annotated[Bodies | None, LATER] = None
+    """What moves; the parameters that it makes need not be given."""
     parameters: Parameters
     """Nominal (a-priori) values of the terms' parameters; physically consistent or not."""
     noise: NoiseDescription | None = None
@@ -269,6 +272,10 @@ def resolve_robot(
             f"{drive_inertia.MASS}, the forces of a design are too small. A motor behind a screw "
             "is often heavier along a strut than the platform"
         )
+    if description.bodies is not None:
+        made = description.bodies.parameters(platform_joints)
+        general = description.platform == "general"
+        warnings += description.bodies.warnings(made, general=general)
     if description.identification is not None:
         warnings += description.identification.warnings
     if sums:

@@ -21,6 +21,7 @@ from estimation.twin.record import MEASUREMENT, Truth
 from estimation.validation.record import ValidationFile
 from expdesign.cli.app import app
 from expdesign.configuration import DataSection, ExportSection, RunDescription, load_run
+from expdesign.configuration.bodies import Body
 from expdesign.configuration.drive import Screw
 from expdesign.configuration.joint_ring import JointRing
 from expdesign.configuration.limits import CHARACTERISTIC_LENGTH
@@ -97,6 +98,7 @@ def _required(model):
         StudySection: {"kind": "design"},
         ExportSection: {"format": "csv"},
         JointRing: {"radius": 0.3, "half_angle": 0.1, "pairs": "1-2"},
+        Body: {"mass": 1},
         Screw: {"lead": 0.005},
         Outliers: {"share": 0.1},
         Hum: {"amplitude": 5},
@@ -123,6 +125,7 @@ def _required(model):
         (MonteCarloSection, RUN_FILES, "## montecarlo"),
         (RobotDescription, ROBOTS, "## Robot file"),
         (JointRing, ROBOTS, "### Joints on a circle"),
+        (Body, ROBOTS, "### Bodies"),
         (Screw, ROBOTS, "### Drives"),
         (EstimateSection, RUN_FILES, "## estimate"),
         (ValidationMotion, RUN_FILES, "## validate"),

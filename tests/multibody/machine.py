@@ -64,6 +64,8 @@ class Bodies:
     """Of the actuators [N]."""
     viscous_friction: tuple[float, ...] = (21.0, 20.0, 14.5, 25.0, 26.5, 23.0)
     """Of the actuators [N s/m]."""
+    payload: str = ""
+    """A body that is fixed to the platform, as MuJoCo takes it; `parameters` leaves it out."""
 
     def parameters(self, platform_joints):
         """Return p1 … p10, r_alpha, r_beta, r1 … r6, v1 … v6 of the bodies, (24,), SI.
@@ -108,7 +110,8 @@ def mjcf(geometry, bodies):
     loops = "".join(f'<connect site1="strut{j}" site2="platform{j}"/>' for j in range(STRUTS))
     return (
         f'<mujoco><compiler angle="radian"/><option gravity="{_text(geometry.gravity)}"/>'
-        f"<worldbody><body>{platform}{_inertial(bodies.platform)}{sites}</body>{struts}</worldbody>"
+        f"<worldbody><body>{platform}{_inertial(bodies.platform)}{sites}{bodies.payload}</body>"
+        f"{struts}</worldbody>"
         f"<equality>{loops}</equality></mujoco>"
     )
 

@@ -1,0 +1,107 @@
+"""Rigid bodies, and the parameters p1 … p10 (with sx … Iyz) that those of a hexapod make.
+
+Frames as of docs/model.md. The ring turns with its joint: origin in the cardan centre A, x the
+first cardan axis and y the second. Stator (origin A) and slider (origin in the platform joint B)
+turn with the strut: z along it from A to B, y the second cardan axis, x = y × z. The platform's
+bodies are in the platform frame.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from constraints.arrays import Array
+from expdesign.mechanism.hexapod import ACTUATORS
+
+
+@dataclass(frozen=True, eq=False)
+class RigidBody:
+    """A body in some frame."""
+
+    mass: float
+    """kg."""
+    moment: Array
+    """(3,), first moment about the frame's origin, kg m."""
+    inertia: Array
+    """(3, 3), about the frame's origin; products as matrix entries, kg m²."""
+
+    @classmethod
+    def of(cls, mass: float, centre: Array, inertia: Array) -> RigidBody:
+        """Return a body from its centre (3,), m, and its inertia (3, 3) about it, kg m²."""
+        return cls(mass, mass * centre, inertia + mass * _about(centre))
+
+    @property
+    def about_centre(self) -> Array:
+        """(3, 3), inertia about the centre of mass, kg m²."""
+        if self.mass == 0:
+            return self.inertia
+        return self.inertia - _about(self.moment / np.sqrt(self.mass))
+
+    def placed(self, rotation: Array, origin: Array) -> RigidBody:
+        """Return the body in another frame, in which this one has a rotation and an origin, m.
+
+        The rotation (3, 3) takes vectors of this frame into the other one.
+        """
+        centre = self.moment / self.mass if self.mass else np.zeros(3)
+        inertia = rotation @ self.about_centre @ rotation.T
+        return RigidBody.of(self.mass, origin + rotation @ centre, inertia)
+
+
+def _about(point: Array) -> Array:
+    """Return the inertia about the origin of a mass of one at a point, (3, 3)."""
+    return (point @ point) * np.eye(3) - np.outer(point, point)
+
+
+def together(bodies: Iterable[RigidBody]) -> RigidBody:
+    """Return bodies of one frame that move as one; nothing at all is a body without mass."""
+    found = RigidBody(0.0, np.zeros(3), np.zeros((3, 3)))
+    for body in bodies:
+        found = RigidBody(
+            found.mass + body.mass, found.moment + body.moment, found.inertia + body.inertia
+        )
+    return found
+
+
+def strut_parameters(ring: RigidBody, stator: RigidBody, slider: RigidBody) -> dict[str, float]:
+    """Return p1 … p5 of the bodies of a strut."""
+    swinging = stator.inertia + slider.inertia
+    along = swinging[2, 2]
+    found = {
+        "p1": ring.inertia[0, 0] + along,
+        "p2": swinging[0, 0] - along,
+        "p3": swinging[1, 1],
+        "p4": stator.moment[2],
+        "p5": slider.moment[2],
+    }
+    return {name: float(value) for name, value in found.items()}
+
+
+def platform_parameters(platform: RigidBody, slider_mass: float, joints: Array) -> dict[str, float]:
+    """Return p6 … p10 and sx … Iyz of the platform with all that is fixed to it.
+
+    Parameters
+    ----------
+    slider_mass : float
+        Of one slider, kg: it counts at its platform joint.
+    joints : (6, 3)
+        Platform joints, platform frame, m.
+    """
+    sliders = slider_mass * sum((_about(joint) for joint in joints), np.zeros((3, 3)))
+    inertia = platform.inertia + sliders
+    moment = platform.moment + slider_mass * np.sum(joints, axis=0)
+    found = {
+        "p6": inertia[0, 0],
+        "p7": inertia[1, 1],
+        "p8": inertia[2, 2],
+        "p9": moment[2],
+        "p10": platform.mass + ACTUATORS * slider_mass,
+        "sx": moment[0],
+        "sy": moment[1],
+        "Ixy": inertia[0, 1],
+        "Ixz": inertia[0, 2],
+        "Iyz": inertia[1, 2],
+    }
+    return {name: float(value) for name, value in found.items()}
