@@ -16,8 +16,10 @@ from estimation.studies.validation_study import ValidationStudy
 from estimation.validation.record import MotionRecord, ValidationRecord
 from expdesign.experiment import DesignRecord
 from expdesign.export.record import ExportsRecord
+from expdesign.robot import Robot
 from results.figures.design import DESIGN_FIGURES
 from results.figures.drawing import FORMATS, FigureDefinition, save_figures
+from results.figures.machine import machine_figure
 from results.figures.montecarlo import STUDY_FIGURES
 from results.figures.motion import WholeMotion, motion_figure
 from results.figures.noise import NOISE_FIGURES, SPECTRUM_FIGURES
@@ -61,6 +63,13 @@ def design_figures(
     """
     wanted = record.configuration.run.report.figures if formats is None else formats
     return record_figures(record, folder, wanted)
+
+
+def machine_drawing(
+    robot: Robot, folder: Path, formats: Collection[str] = FORMATS
+) -> tuple[Path, ...]:
+    """Draw a robot at home into ``figures/`` of a run folder; return the files."""
+    return save_figures((machine_figure,), robot, folder / "figures", formats=formats)
 
 
 def whole_motion_figure(

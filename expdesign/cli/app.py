@@ -14,6 +14,7 @@ from typing import Annotated
 import typer
 
 from expdesign.cli import commands
+from expdesign.cli.check import check
 from expdesign.cli.compare import compare
 from expdesign.cli.export import export
 from expdesign.cli.init import init
@@ -59,7 +60,7 @@ def _expdesign(
 for _command in (
     robots,
     init,
-    commands.check,
+    check,
     commands.design,
     commands.simulate,
     commands.montecarlo,

@@ -1,4 +1,4 @@
-"""The commands on a run: `check`, each stage with its options, and `run` for all that it names."""
+"""The commands that do a run: each stage with its options, and `run` for all that it names."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from expdesign.cli.output import JsonOption, RunArgument, note, warn, write_json
+from expdesign.cli.output import JsonOption, RunArgument, write_json
 
 _MOST_EXPERIMENTS = 100_000
 _MOST_REPETITIONS = 10_000_000
@@ -36,65 +36,6 @@ DesignsOption = Annotated[
 StrictOption = Annotated[
     bool, typer.Option("--strict", help="Exit status 1 when a diagnostic fails.")
 ]
-
-
-def check(run: RunArgument, as_json: JsonOption = False) -> None:
-    """Validate a run and print its complete configuration, with every default, in SI units.
-
-    Nothing is computed but whether the home pose keeps the limits, and whether the study could be
-    done. Warnings, limits that are not set or stand by default, what `expdesign run` would do, and
-    the pairs of struts that share a joint and are left out of the clearance, go to standard error.
-    """
-    from expdesign.configuration import load_run, resolved_yaml
-    from expdesign.configuration.bodies import bodies_in_words
-    from expdesign.configuration.open_rows import defaults_in_words, open_in_words, open_rows
-    from expdesign.robot import robot_from
-    from expdesign.stages.run import refuse_study, run_folder
-    from expdesign.stages.table import left_out, named, performed, stages_without_design
-
-    configuration = load_run(run)
-    robot_from(configuration.robot)
-    refuse_study(configuration)
-    pairs = [(i + 1, j + 1) for i, j in configuration.robot.shared_joint_pairs]
-    done = performed(configuration)
-    warnings = list(configuration.warnings)
-    open_limits, defaults = open_rows(configuration.robot), defaults_in_words(configuration.robot)
-    if open_limits:
-        warnings.append(f"{open_in_words(open_limits)}: a design may go there as far as it gets")
-    if missing := stages_without_design(configuration, run_folder(configuration, None)):
-        warnings.append(f"expdesign run refuses this file. {missing.message}")
-    robot = configuration.robot
-    made = bodies_in_words(robot.description.bodies, robot.platform_joints, robot.parameters)
-    if as_json:
-        write_json(
-            {
-                "status": 0,
-                "file": None if configuration.file is None else str(configuration.file),
-                "stages": configuration.run.stages,
-                "run_does": done,
-                "configuration": configuration.run.model_dump(mode="json", by_alias=True),
-                "shared_joints": pairs,
-                "limits_not_set": [str(one) for one in open_limits],
-                "limits_by_default": defaults,
-                "bodies": made,
-                "warnings": warnings,
-            }
-        )
-        return
-    typer.echo(resolved_yaml(configuration), nl=False)
-    unnamed = "" if configuration.run.stages else " (the file names no stage)"
-    note(f"expdesign run does: {', '.join(done) or 'nothing'}{unnamed}")
-    for stage in named(configuration):
-        if reason := left_out(stage, configuration):
-            note(f"{stage}: left out, {reason}")
-    for first, second in pairs:
-        note(f"struts {first} and {second} share a joint: left out of the strut clearance")
-    for default in defaults:
-        note(default)
-    if made:
-        note(made)
-    for warning in warnings:
-        warn(warning)
 
 
 def design(run: RunArgument, out: OutOption = None, as_json: JsonOption = False) -> None:

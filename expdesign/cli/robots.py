@@ -90,14 +90,15 @@ def _limit(limit: Limit) -> str:
         # Pairs that share a joint are left out; all others have the same bound.
         rows = [row for row in rows if np.any(np.isfinite(row))]
     if all(row == rows[0] for row in rows):
-        return f"{definition.title} {_range(rows[0])}{suffix}"
+        return f"{definition.title} {range_text(rows[0])}{suffix}"
     parts = ", ".join(
-        f"{label} {_range(row)}" for label, row in zip(limit.labels, rows, strict=True)
+        f"{label} {range_text(row)}" for label, row in zip(limit.labels, rows, strict=True)
     )
     return f"{definition.title} {parts}{suffix}"
 
 
-def _range(row: tuple[float, float]) -> str:
+def range_text(row: tuple[float, float]) -> str:
+    """Return the bounds of a row as text: ``"±2"``, ``"0.45 … 0.95"``, ``"≤ 10"``, ``"free"``."""
     import numpy as np
 
     low, high = row

@@ -20,7 +20,7 @@ from results.figures.convergence import FLOOR
 from results.figures.design import DESIGN_FIGURES
 from results.figures.drawing import save_figures
 from results.figures.motion import excitation_figure
-from results.figures.path import _extent as extent
+from results.figures.space import view_extent as extent
 from results.style import PAGE_WIDTH, RESOLUTION, STRUT_COLOURS, house_style
 
 KEYS = {definition.key for definition in DESIGN_FIGURES}

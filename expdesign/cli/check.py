@@ -1,0 +1,142 @@
+"""`expdesign check`: a run validated and complete, and the machine at home with its reach."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from expdesign.cli.output import JsonOption, RunArgument, note, warn, write_json
+
+if TYPE_CHECKING:
+    from expdesign.configuration import RunConfiguration
+    from expdesign.robot import Robot
+
+MachineOption = Annotated[
+    bool,
+    typer.Option(
+        "--machine",
+        help="Print the machine at home in place of the configuration, with the reach of every "
+        "coordinate, and draw it.",
+    ),
+]
+OutOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--out",
+        metavar="DIR",
+        help="Of --machine: the run folder, whose figures/ get the drawing; runs/<name> by "
+        "default.",
+    ),
+]
+
+
+def check(
+    run: RunArgument,
+    machine: MachineOption = False,
+    out: OutOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Validate a run and print its complete configuration, with every default, in SI units.
+
+    Nothing is computed but whether the home pose keeps the limits, and whether the study could be
+    done. Warnings, limits that are not set or stand by default, what `expdesign run` would do, and
+    the pairs of struts that share a joint and are left out of the clearance, go to standard error.
+
+    With --machine the robot is computed with: lengths, forces and angles of the struts and the
+    condition at home, and how far each coordinate goes from there alone until which limit stops
+    it. It is drawn into figures/machine.png and machine.svg of the run folder.
+    """
+    from expdesign.configuration import InputError, load_run, resolved_yaml
+    from expdesign.configuration.bodies import bodies_in_words
+    from expdesign.configuration.open_rows import defaults_in_words, open_in_words, open_rows
+    from expdesign.robot import robot_from
+    from expdesign.stages.run import refuse_study, run_folder
+    from expdesign.stages.table import left_out, named, performed, stages_without_design
+
+    if out is not None and not machine:
+        message = "nothing is written without --machine"
+        raise InputError(message, key="--out", allowed="--machine, or no --out")
+    configuration = load_run(run)
+    robot = robot_from(configuration.robot)
+    refuse_study(configuration)
+    pairs = [(i + 1, j + 1) for i, j in configuration.robot.shared_joint_pairs]
+    done = performed(configuration)
+    warnings = list(configuration.warnings)
+    open_limits, defaults = open_rows(configuration.robot), defaults_in_words(configuration.robot)
+    if open_limits:
+        warnings.append(f"{open_in_words(open_limits)}: a design may go there as far as it gets")
+    if missing := stages_without_design(configuration, run_folder(configuration, None)):
+        warnings.append(f"expdesign run refuses this file. {missing.message}")
+    about = configuration.robot
+    made = bodies_in_words(about.description.bodies, about.platform_joints, about.parameters)
+    found = {}
+    if machine:
+        found = _machine(configuration, robot, run_folder(configuration, out), quiet=as_json)
+    if as_json:
+        write_json(
+            {
+                "status": 0,
+                "file": None if configuration.file is None else str(configuration.file),
+                "stages": configuration.run.stages,
+                "run_does": done,
+                "configuration": configuration.run.model_dump(mode="json", by_alias=True),
+                "shared_joints": pairs,
+                "limits_not_set": [str(one) for one in open_limits],
+                "limits_by_default": defaults,
+                "bodies": made,
+                "warnings": warnings,
+                **found,
+            }
+        )
+        return
+    if not machine:
+        typer.echo(resolved_yaml(configuration), nl=False)
+    unnamed = "" if configuration.run.stages else " (the file names no stage)"
+    note(f"expdesign run does: {', '.join(done) or 'nothing'}{unnamed}")
+    for stage in named(configuration):
+        if reason := left_out(stage, configuration):
+            note(f"{stage}: left out, {reason}")
+    for first, second in pairs:
+        note(f"struts {first} and {second} share a joint: left out of the strut clearance")
+    for default in defaults:
+        note(default)
+    if made:
+        note(made)
+    for warning in warnings:
+        warn(warning)
+
+
+def _machine(
+    configuration: RunConfiguration, robot: Robot, folder: Path, *, quiet: bool
+) -> dict[str, Any]:
+    """Compute, print and draw the machine at home; return the same for machines."""
+    from dataclasses import asdict
+
+    from constraints import limit_definitions
+    from expdesign.cli.machine import print_machine
+    from expdesign.cli.output import results
+    from expdesign.recheck.reach import reach
+    from expdesign.robot import LimitModel
+    from expdesign.stages.outcome import short
+    from expdesign.stages.run import refuse_unwritable
+    from results.saving import machine_drawing
+
+    refuse_unwritable(folder)
+    at_home, reaches = LimitModel.boundless(robot).at_home(), reach(robot)
+    files = machine_drawing(robot, folder, configuration.run.report.figures)
+    if not quiet:
+        print_machine(robot, at_home, reaches)
+        results().print(f"drawn: {', '.join(short(file) for file in files)}", soft_wrap=True)
+    units = {key: definition.unit for key, definition in limit_definitions().items()}
+    return {
+        "machine": {
+            "at_home": {
+                key: {"values": values.tolist(), "unit": units[key]}
+                for key, values in at_home.items()
+            },
+            "reach": {one.coordinate: asdict(one) for one in reaches},
+            "files": [str(file) for file in files],
+        }
+    }

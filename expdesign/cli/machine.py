@@ -1,0 +1,147 @@
+"""What `expdesign check --machine` prints: the machine at home, and how far it gets from there."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from rich import box
+from rich.table import Table
+
+from constraints import Limit, limit_definitions
+from expdesign.cli.output import results
+from expdesign.cli.robots import range_text
+from expdesign.configuration.limits import row_labels, shared_rows
+from expdesign.mechanism.hexapod import ACTUATORS, POSE
+from expdesign.recheck.reach import SINGULAR, Reach, Stop
+from results.notation import DisplayUnit, handy_unit
+
+if TYPE_CHECKING:
+    from constraints.arrays import Array
+    from expdesign.robot import Robot
+
+_LIMIT, _FREE = "limit", range_text((-np.inf, np.inf))
+_NOTHING = 1e-9
+"""Share of a column's largest value that is rounding."""
+_STRUTS = {"strut_length": "length", "actuator_force": "force", "alpha": "α", "beta": "β"}
+"""What is told of every strut, and how its column is called."""
+_WHOLE = ("jacobian_condition", "strut_clearance", "tilt", "platform_joint_angle")
+"""What is told of the machine: its worst row."""
+
+
+def print_machine(robot: Robot, at_home: Mapping[str, Array], reaches: Sequence[Reach]) -> None:
+    """Print lengths, forces and angles of the struts, condition and reach, with their limits.
+
+    Parameters
+    ----------
+    robot : Robot
+    at_home : mapping
+        As of `LimitModel.at_home`, of everything that can be limited.
+    reaches : sequence of Reach
+        As of `reach`.
+    """
+    console = results()
+    console.print(f"{robot.name} at rest at home: {_pose(robot)}\n")
+    for table in (_struts(robot, at_home), _whole(robot, at_home), _reach(reaches)):
+        console.print(table)
+        console.print()
+
+
+def _pose(robot: Robot) -> str:
+    parts = []
+    for unit in dict.fromkeys(one.unit for one in POSE):
+        mine = [(one.name, v) for one, v in zip(POSE, robot.home, strict=True) if one.unit == unit]
+        shown = handy_unit(unit, [value for _, value in mine])
+        values = ", ".join(f"{name} {shown.number(value)}" for name, value in mine)
+        parts.append(f"{values}{_symbol(shown)}")
+    return "; ".join(parts)
+
+
+def _struts(robot: Robot, at_home: Mapping[str, Array]) -> Table:
+    heads, columns = ["strut"], [[*(str(j + 1) for j in range(ACTUATORS)), _LIMIT]]
+    for key, name in _STRUTS.items():
+        limit, values = _limit(robot, key), at_home[key]
+        unit = handy_unit(limit.unit, [*values, *limit.lower, *limit.upper])
+        cells, bounds = [_number(unit, value, values) for value in values], _ranges(limit, unit)
+        if len(set(bounds)) > 1:
+            cells = [f"{cell} ({own})" for cell, own in zip(cells, bounds, strict=True)]
+            bounds = [""]
+        heads.append(f"{name} [{unit.symbol}]")
+        columns.append([*cells, bounds[0]])
+    table = _table("Struts", heads, right=heads[1:])
+    for row in zip(*columns, strict=True):
+        table.add_row(*row, style="dim" if row[0] == _LIMIT else None)
+    return table
+
+
+def _whole(robot: Robot, at_home: Mapping[str, Array]) -> Table:
+    table = _table("Machine", ("", "at home", "of", _LIMIT), right=("at home",))
+    for key in _WHOLE:
+        limit, values = _limit(robot, key), at_home[key]
+        definition = limit.definition
+        rows = np.flatnonzero(~shared_rows(definition, robot.description.shared_joint_pairs))
+        row = int(rows[(np.argmin if definition.kind == "lower" else np.argmax)(values[rows])])
+        unit = handy_unit(limit.unit, values[rows])
+        several = float(np.ptp(values[rows])) > _NOTHING * float(np.max(np.abs(values)))
+        bounds = _ranges(limit, unit)[row]
+        table.add_row(
+            definition.title,
+            f"{_number(unit, float(values[row]), values)}{_symbol(unit)}",
+            limit.labels[row] if several else "",
+            bounds if bounds == _FREE else f"{bounds}{_symbol(unit)}",
+        )
+    return table
+
+
+def _reach(reaches: Sequence[Reach]) -> Table:
+    title = "From home along one coordinate, at rest, until a limit stops it"
+    heads = ("", "back", "stopped by", "ahead", "stopped by")
+    table = _table(title, heads, right=("back", "ahead"))
+    for one in reaches:
+        cells = []
+        for sign, stop in (("−", one.back), ("+", one.ahead)):
+            unit = handy_unit(one.unit, [stop.way])
+            cells += [f"{sign}{unit.quantity(stop.way)}", _stopped(stop)]
+        table.add_row(one.coordinate, *cells)
+    return table
+
+
+def _stopped(stop: Stop) -> str:
+    """Return what stops a coordinate, its bound and where: ``"strut length 950 mm, strut 2"``."""
+    if stop.bound is None:
+        return stop.title if stop.limit == SINGULAR else "nothing so far"
+    bound = handy_unit(stop.unit, [stop.bound]).quantity(stop.bound)
+    # Of a limit on components it is the coordinate itself that reaches it.
+    components = limit_definitions()[stop.limit].components
+    rows = [row for row in stop.rows if row and row not in components]
+    return ", ".join([f"{stop.title} {bound}", *rows])
+
+
+def _limit(robot: Robot, key: str) -> Limit:
+    definition = limit_definitions()[key]
+    return robot.limit(key) or Limit.boundless(definition, row_labels(definition))
+
+
+def _ranges(limit: Limit, unit: DisplayUnit) -> list[str]:
+    """Return the bounds of each row as text, without the unit."""
+    lower, upper = (unit.shown(side).tolist() for side in (limit.lower, limit.upper))
+    return [range_text(row).replace("-", "−") for row in zip(lower, upper, strict=True)]
+
+
+def _symbol(unit: DisplayUnit) -> str:
+    return f" {unit.symbol}" if unit.symbol not in ("", "°") else unit.symbol
+
+
+def _number(unit: DisplayUnit, value: float, column: Array) -> str:
+    """Return a value of a column, without what is rounding only."""
+    largest = float(np.max(np.abs(column)))
+    return unit.number(0.0 if abs(value) <= _NOTHING * max(largest, 1.0) else value)
+
+
+def _table(title: str, heads: Sequence[str], right: Sequence[str]) -> Table:
+    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD)
+    table.pad_edge, table.show_edge = False, False
+    for head in heads:
+        table.add_column(head, justify="right" if head in right else "left")
+    return table
