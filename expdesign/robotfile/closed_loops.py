@@ -264,10 +264,11 @@ def _mass(
 
 
 def _named(group: int, groups: Groups, bodies: Sequence[Body], joints: Sequence[Joint]) -> int:
-    """Return the body of a group that most joints hold."""
+    """Return the body of a group that most joints hold; the heaviest, where each holds another."""
     members = [i for i in range(len(bodies)) if groups.of(i) == group]
     held = [body for joint in joints if joint.kind == "rotation" for body in joint.bodies]
-    return max(members, key=held.count)
+    most = max(held.count(member) for member in members)
+    return max(members, key=held.count if most > 1 else lambda i: bodies[i].mass or 0.0)
 
 
 def _told(group: int, groups: Groups, bodies: Sequence[Body]) -> str:

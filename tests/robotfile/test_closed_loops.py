@@ -1,5 +1,7 @@
 """Models of MuJoCo and Gazebo, whose loops are closed, as hexapods."""
 
+import re
+
 import mujoco
 import numpy as np
 import pytest
@@ -49,6 +51,20 @@ def test_joints_home_and_limits_are_those_that_were_written(title, machines):
         np.testing.assert_allclose(others, first[:4] + first[5:], atol=1e-12)
         assert machine.gravity == (0, 0, -9.8)
         assert machine.moved_mass == bench.PLATE + bench.PAYLOAD
+
+
+def test_the_heaviest_body_is_the_platform_where_each_joint_has_a_body_of_its_own(tmp_path):
+    """As CAD programs write it: six lugs that are fixed to the plate."""
+    text = re.sub(
+        r'<site name="joint(.)" pos="([^"]*)"/>',
+        r'<body name="lug\1" pos="\2"><geom size="0.01" mass="0.1"/><site name="joint\1"/></body>',
+        bench.mjcf(),
+    )
+    text = re.sub(r'body1="upper(.)" body2="platform"', r'body1="upper\1" body2="lug\1"', text)
+    machine = read(tmp_path, text)
+    np.testing.assert_allclose(machine.platform_joints, bench.PLATFORM, atol=1e-12)
+    np.testing.assert_allclose(machine.home[:3], bench.POSITION, atol=1e-12)
+    assert machine.moved_mass == pytest.approx(bench.PLATE + bench.PAYLOAD + 6 * 0.1)
 
 
 def test_lengths_are_those_of_mujoco(machines):
