@@ -332,7 +332,7 @@ def _number(value: float) -> str:
 
 def _hausman_claim(result: CaseResult) -> Claim:
     count = len(result.experiments)
-    value = f"'disturbed: yes' in {result.disturbed} of {count} experiments"
+    value = f"says so in {result.disturbed} of {count} experiments"
     if not result.case.disturbed:
         statement = "ML and GM take nearly the same motion, and hardly differ"
         return Claim(f"{result.case.key}: {statement}", value)

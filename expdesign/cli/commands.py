@@ -250,12 +250,12 @@ def _do(
 
     configuration = load_run(run)
     terminal = Terminal(quiet=as_json)
-    for warning in configuration.warnings_before(stage):
-        terminal.warn(warning)
+    before = configuration.warnings_before(stage)
     if repetitions is not None:
         configuration = configuration.with_section("montecarlo", repetitions=repetitions)
     folder = run_folder(configuration, out)
     work = Workspace(configuration, folder, terminal, Sources(**(sources or {})))
+    work.warn(before)
     outcome = do_stage(stage, work)
     if strict and outcome.doubt:
         raise StageFailed(f"{outcome.doubt}, and --strict was asked for", outcome.summary)

@@ -68,13 +68,15 @@ def _bad_input(problems: Iterable[Problem], as_json: bool) -> int:
     from expdesign.stages.outcome import short
 
     console = messages()
-    for problem in problems:
+    found = list(problems)
+    for problem, following in zip(found, [*found[1:], None], strict=True):
         place = replace(problem, file=problem.file and Path(short(problem.file))).place
         line = Text.assemble(("error: ", "bold red"), (f"{place}: " if place else "", "bold"))
         console.print(line.append(problem.message))
         if problem.nearest:
             console.print(f"  did you mean '{problem.nearest}'?")
-        if problem.allowed:
+        # What is allowed for several problems in a row is said once, after the last.
+        if problem.allowed and (following is None or following.allowed != problem.allowed):
             console.print(f"  allowed: {problem.allowed}")
     return BAD_INPUT
 

@@ -22,7 +22,7 @@ _SAME_POINT = 1e-9
 _ON_AXIS = 1e-9
 _ALONG = 1e-6
 _UNIT = 1e-14
-_VANISHING = 1e-6
+_VANISHING = 1e-4
 
 Report = Callable[..., Problem]
 
@@ -205,8 +205,8 @@ def asymmetric_sums(platform_joints: Array) -> dict[str, str]:
     """Return the sums over the platform joints that a symmetric platform needs to be zero.
 
     Σ bx, Σ by [m] and Σ bx·by, Σ bx·bz, Σ by·bz [m²] are the sliders' share of lateral first
-    moments and products of inertia, as text with unit; those below 1e-6 of their terms count as
-    zero.
+    moments and products of inertia, as text with unit; those below 1e-4 of their terms count as
+    zero: joints that are rounded to a hundredth of a millimetre have such.
     """
     x, y, z = platform_joints.T
     terms = {"Σ bx": x, "Σ by": y, "Σ bx·by": x * y, "Σ bx·bz": x * z, "Σ by·bz": y * z}

@@ -13,6 +13,9 @@ from expdesign.configuration.robot import load_robot_description
 from expdesign.robot.limit_model import LimitModel
 from expdesign.robot.robot import Robot
 
+_ANOTHER_UNIT = 30.0
+"""Bounds this much larger than what they bound are taken for millimetres."""
+
 
 def load_robot(source: str | PathLike[str]) -> Robot:
     """Load a robot that ships by its name, or one from a YAML file.
@@ -47,7 +50,7 @@ def _broken(limit: Limit, values: Array) -> list[Problem]:
     return [
         Problem(
             f"the home pose breaks this limit: {limit.definition.title}{_where(limit, rows)} is "
-            f"{_span(values[rows], limit.unit)}",
+            f"{_span(values[rows], limit.unit)} there. Let home lie elsewhere, or widen the limit",
             file=limit.file,
             line=limit.line,
             key=f"limits.{limit.key}",
@@ -82,5 +85,8 @@ def _in_millimetres(lower: float, upper: float, values: Array, unit: str) -> str
     """Return the bounds in millimetres when home keeps those: plain numbers are metres."""
     if unit != "m" or not np.all((1e3 * values >= lower) & (1e3 * values <= upper)):
         return None
+    bounds = np.abs([bound for bound in (lower, upper) if np.isfinite(bound) and bound])
+    if np.min(bounds, initial=np.inf) < _ANOTHER_UNIT * np.max(np.abs(values)):
+        return None  # as large as what it bounds: no slip of the unit
     ends = [f"{bound:g} mm" for bound in (lower, upper) if np.isfinite(bound)]
     return f"[{', '.join(ends)}]" if len(ends) > 1 else ends[0]

@@ -51,6 +51,9 @@ class Manifest(JsonFile):
     seeds: Annotated[dict[str, int], described("", "by stage")]
     evaluation: Annotated[str, described("", "what evaluates the graph")]
     stages: Annotated[dict[str, StageEntry], described("", "what became of each, by name")]
+    warnings: Annotated[
+        tuple[str, ...], described("", "of robot and run that were told: they are told once")
+    ] = ()
 
     @classmethod
     def new(cls, seeds: dict[str, int]) -> Manifest:

@@ -96,8 +96,7 @@ def export_one(section: ExportSection, work: Workspace, out: Path | None) -> Out
     if in_folder:
         _refuse_taken_name(path, "--file" if out is None else "--out")
     refuse_unwritable(path.parent)
-    for warning in work.configuration.warnings_before("export"):
-        work.progress.warn(warning)
+    work.warn(work.configuration.warnings_before("export"))
     task = export_task(work)
     with part(path.name):
         made = export_table(section, task, path)

@@ -66,6 +66,8 @@ def write_entry(work: Workspace, outcome: Outcome, seconds: float) -> None:
     fresh, known = Manifest.new(seeds), Manifest.known(work.folder)
     if known is not None and known.versions == fresh.versions:
         fresh = replace(known, seeds=seeds)
+    told = () if known is None else known.warnings
+    fresh = replace(fresh, warnings=tuple(dict.fromkeys((*told, *work.warned))))
     inputs, message = work.inputs[outcome.stage], outcome.message
     made = entry(outcome.status, inputs, seconds, message, work.folder, outcome.files)
     fresh.with_stage(outcome.stage, made).write(work.folder)

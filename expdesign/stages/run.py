@@ -72,8 +72,7 @@ def run(
     refuse_study(configuration)
     if missing := stages_without_design(configuration, work.folder):
         raise InputError(missing)
-    for warning in configuration.warnings:
-        work.progress.warn(warning)
+    work.warn(configuration.warnings)
     for stage in named(configuration):
         if reason := left_out(stage, configuration):
             work.progress.note(f"{stage}: left out, {reason}")

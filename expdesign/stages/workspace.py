@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -53,6 +53,8 @@ class Workspace:
     """Outcomes of the stages that were done or kept so far, by name."""
     inputs: dict[str, str] = field(default_factory=dict)
     """Hash of what each stage that was begun is made from, by name."""
+    warned: list[str] = field(default_factory=list)
+    """Warnings of robot and run that were told."""
 
     @property
     def measurement_file(self) -> Path:
@@ -82,6 +84,15 @@ class Workspace:
                 "for `expdesign run`",
             )
         return TrajectoryFile.read(self.folder)
+
+    def warn(self, warnings: Iterable[str]) -> None:
+        """Tell warnings of robot and run that were not told for this folder before."""
+        manifest = Manifest.known(self.folder)
+        known = () if manifest is None else manifest.warnings
+        for warning in warnings:
+            if warning not in known:
+                self.progress.warn(warning)
+            self.warned.append(warning)
 
     def warn_of(self, design: TrajectoryFile) -> list[str]:
         """Warn of what is odd about executing a design in this run; return the warnings."""

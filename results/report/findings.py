@@ -63,12 +63,16 @@ def information_sentence(test: Differences | str) -> str:
     if not isinstance(test, str) and not test.freedom and not test.differ_jointly:
         test = "GM and ML differ by less than a sixth of their standard deviations"
     if isinstance(test, str):
-        return f"Whether errors of the motion disturb the information matrix is not tested: {test}"
+        return f"Whether errors of the measured motion bias GM is not tested: {test}"
     which = int(np.sum(test.differs))
-    outcome = "yes" if test.differ_jointly or which else "no"
+    outcome = (
+        "Errors of the measured motion bias GM: take ML, whose values differ"
+        if test.differ_jointly or which
+        else "GM is as good as ML: errors of the measured motion do not bias it"
+    )
     largest = float(np.nanmax(np.abs(test.z))) if np.any(np.isfinite(test.z)) else 0.0
     return (
-        f"The information matrix is disturbed: {outcome} (Hausman-type test of ML − GM: "
+        f"{outcome} (Hausman-type test of ML − GM: "
         f"χ² = {test.statistic:.4g} with {test.freedom:.3g} degrees of freedom, "
         f"p = {test.p_joint:.2g}; {which} of {test.difference.size} parameters differ at the "
         f"family level of {100 * FAMILY_LEVEL:g} %, the largest by {largest:.2g} σ)"

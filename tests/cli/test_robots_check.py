@@ -139,6 +139,26 @@ def test_a_wrong_bound_is_answered_in_the_units_of_the_user(expdesign, tmp_path)
     assert "allowed: 5 deg to 35 deg" in err
 
 
+def test_a_bound_of_the_size_of_what_it_bounds_is_no_slip_of_the_unit(expdesign, tmp_path):
+    path = tmp_path / "run.yaml"
+    limits = "{strut_clearance: 200 mm, strut_length: [800 mm, 900 mm]}"
+    path.write_text(f"name: a\nrobot: palida\nlimits: {limits}\n", encoding="utf-8")
+    status, _, err = expdesign("check", path)
+    assert status == 2
+    assert err.count("error: ") == 2
+    assert "did you mean" not in err
+
+
+def test_what_is_allowed_for_several_is_said_once(expdesign, tmp_path):
+    path = tmp_path / "run.yaml"
+    names = ", ".join(f"q{number}" for number in range(13))
+    path.write_text(f"name: a\nrobot: palida\ndesign: {{parameters: [{names}]}}\n", "utf-8")
+    status, _, err = expdesign("check", path)
+    assert status == 2
+    assert err.count("error: ") == 13
+    assert err.count("r_alpha") == 1
+
+
 # --- bad input ----------------------------------------------------------------------------------
 
 BAD_RUNS = {

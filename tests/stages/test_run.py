@@ -22,7 +22,10 @@ TIMES = {"manifest.json", "report.html", "estimate.json"}
 
 class Heard(expdesign.Progress):
     def __init__(self):
-        self.stages, self.notes = [], []
+        self.stages, self.notes, self.warnings = [], [], []
+
+    def warn(self, text):
+        self.warnings.append(text)
 
     def note(self, text):
         self.notes.append(text)
@@ -122,6 +125,19 @@ def test_a_design_of_this_run_is_reported_from_memory(run_of, tmp_path, monkeypa
     monkeypatch.setattr("expdesign.stages.report.write_report", write_report)
     expdesign.run(run_of(report={}), out=tmp_path / "out")
     assert any(isinstance(record, DesignRecord) for record in given)
+
+
+def test_a_warning_of_the_robot_is_told_once_in_a_folder(run_of, tmp_path):
+    def warned(folder, **sections):
+        heard = Heard()
+        expdesign.run(run_of(**sections), out=folder, progress=heard)
+        return [text for text in heard.warnings if "inconsistent" in text]
+
+    folder = tmp_path / "out"
+    (first,) = warned(folder)
+    assert first in Manifest.read(folder).warnings
+    assert warned(folder, experiment={"periods": 3}) == []
+    assert warned(tmp_path / "other") == [first]
 
 
 def test_a_run_that_fails(run_of, tmp_path, monkeypatch):

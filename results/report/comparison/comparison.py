@@ -146,8 +146,10 @@ def _page(
         for label, folder in holding("estimate").items()
     )
     if estimates:
-        figure = drawn(compared_estimates_figure, estimates_series(estimates))
-        reports.append(estimates_report(estimates, figure))
+        pictured = None
+        if len(estimates) >= _FEWEST:  # one alone differs from no other
+            pictured = drawn(compared_estimates_figure, estimates_series(estimates))
+        reports.append(estimates_report(estimates, pictured))
     if studies := holding("montecarlo"):
         reports.append(_achieved_report(studies))
     page = Page(

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from constraints.arrays import Array
+from constraints.arrays import Array, Mask
+from expdesign.experiment.result import IDENTIFIABLE
 from expdesign.experiment.sensitivity import LimitSensitivity
 from results.figures.parameters import ParameterSeries
 from results.notation import counted, duration, percent
@@ -189,7 +190,10 @@ def _effort_table(comparison: DesignComparison) -> ReportTable:
     """Return the measuring time that each design needs, one row per design."""
     designs, periods = comparison.designs, _periods_needed(comparison)
     summaries = [design.record.summary for design in designs]
-    efforts = [_effort(design, periods[design.label]) for design in designs]
+    hopeless = _hopeless(comparison)
+    efforts = [
+        _effort(design, np.where(hopeless, np.nan, periods[design.label])) for design in designs
+    ]
     median, most, decisive, duration = zip(*efforts, strict=True)
     columns = (
         Column("design", kind="text", of=[design.label for design in designs]),
@@ -206,7 +210,20 @@ def _effort_table(comparison: DesignComparison) -> ReportTable:
         f"Periods and time that each design needs for σ = {100 * comparison.precision:g} % of "
         f"{_whose(comparison)}, measured at {comparison.sampling:g} Hz"
     )
+    if np.any(hopeless):
+        left_out = ", ".join(np.array(designs[0].names)[hopeless])
+        caption += (
+            f"; without {left_out}, of which no design tells half of the value in its experiment: "
+            "fix it, or give a prior"
+        )
     return ReportTable.of("effort", caption, columns)
+
+
+def _hopeless(comparison: DesignComparison) -> Mask:
+    """Return which parameters no design identifies in the common experiment, (m,)."""
+    samples = comparison.experiment_samples
+    shares = [_relative_std(design, samples) for design in comparison.designs]
+    return np.all([~(share <= IDENTIFIABLE) for share in shares], axis=0)
 
 
 def _effort(design: ComparedDesign, periods: Array) -> tuple[Value, Value, str, Value]:

@@ -88,10 +88,14 @@ def common_parameters(found: tuple[ComparedEstimate, ...]) -> tuple[str, ...]:
     return tuple(name for name in first if all(name in other for other in others))
 
 
-def estimates_report(found: tuple[ComparedEstimate, ...], figure: FigureBlock) -> StageReport:
+def estimates_report(
+    found: tuple[ComparedEstimate, ...], figure: FigureBlock | None
+) -> StageReport:
     """Return what is to be said of estimates side by side, beside their figure."""
     names = common_parameters(found)
-    blocks: list[Block] = [_values_table(found, names), figure]
+    blocks: list[Block] = [_values_table(found, names)]
+    if figure is not None:
+        blocks.append(figure)
     different, tested = 0, 0
     for number, (one, other) in enumerate(combinations(found, 2), start=1):
         title = f"{other.label} − {one.label}"
