@@ -35,7 +35,7 @@ def _frame(
             origin,
             arrowprops={"arrowstyle": "-|>", "color": "black", "shrinkA": 0, "shrinkB": 0},
         )
-        axes.text(*(origin + 1.22 * vector), name, ha="center", va="center", fontsize=9)
+        axes.text(*(float(v) for v in origin + 1.22 * vector), name, ha="center", va="center", fontsize=9)
     axes.add_patch(Circle(tuple(origin), 0.07, facecolor="white", edgecolor="black", zorder=5))
     for slope in (1, -1):
         ends = np.array([[-1, -slope], [1, slope]]) * 0.045
