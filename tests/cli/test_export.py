@@ -153,6 +153,28 @@ def test_a_table_for_the_first_run(expdesign, folder, monkeypatch):
     assert (status, "--scale" in messages) == (2, True)
 
 
+def test_what_belongs_to_a_table_lies_beside_it(expdesign, folder, tmp_path):
+    arguments = ("export", folder, "--format", "xps-pvt", *BY_HAND, "--trigger", "2")
+    status, answer, messages = expdesign(*arguments)
+    assert status == 0, messages
+    assert "xps-pvt.events.txt" in answer
+    exports = folder / "exports"
+    assert names(exports) == ["README.txt", "exports.json", "xps-pvt.events.txt", "xps-pvt.trj"]
+    found = json.loads((exports / "exports.json").read_text())["files"]["xps-pvt.trj"]
+    assert found["beside"] == ["xps-pvt.events.txt"]
+    assert found["trigger"] == pytest.approx(list(task().motion.window), abs=5e-3)
+    readme = " ".join((exports / "README.txt").read_text().split())
+    assert "Output 2 of GPIO1 is on from 1.2" in readme
+    out = tmp_path / "elsewhere" / "table.ngc"
+    options = ("--segment", "2 ms", "--tolerance", "50 um", "--units", "in", "--out", out)
+    status, _, messages = expdesign("export", folder, "--format", "linuxcnc-gcode", *options)
+    assert status == 0, messages
+    assert (out.parent / "table.genhexkins.hal").is_file()
+    assert "table.genhexkins.hal" in (out.parent / "table.ngc.README.txt").read_text()
+    status, _, messages = expdesign(*arguments[:-1], "9")
+    assert (status, "--trigger" in messages) == (2, True)
+
+
 def test_options_of_the_command_line(expdesign, folder, tmp_path):
     out = tmp_path / "elsewhere" / "table.pmc"
     status, answer, messages = expdesign(

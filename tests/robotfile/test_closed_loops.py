@@ -77,7 +77,7 @@ def test_lengths_are_those_of_mujoco(machines):
     np.testing.assert_allclose(machine.base_joints, data.xanchor[first], rtol=0, atol=1e-12)
     np.testing.assert_allclose(machine.alpha_axes, data.xaxis[first], rtol=0, atol=1e-12)
     rng = np.random.default_rng(7)
-    for _ in range(300):
+    for _ in range(1000):
         position, angles = np.add([0, 0, 0.7], rng.uniform(-0.2, 0.2, 3)), rng.uniform(-0.5, 0.5, 3)
         x, y, z, w = Rotation.from_euler("XYZ", angles).as_quat()
         data.qpos[:7] = [*position, w, x, y, z]
