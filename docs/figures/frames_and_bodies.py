@@ -35,16 +35,22 @@ def _frame(
             origin,
             arrowprops={"arrowstyle": "-|>", "color": "black", "shrinkA": 0, "shrinkB": 0},
         )
-        axes.text(*(float(v) for v in origin + 1.22 * vector), name, ha="center", va="center", fontsize=9)
+        _name(axes, origin + 1.22 * vector, name)
     axes.add_patch(Circle(tuple(origin), 0.07, facecolor="white", edgecolor="black", zorder=5))
     for slope in (1, -1):
         ends = np.array([[-1, -slope], [1, slope]]) * 0.045
-        axes.plot(*(origin + ends).T, color="black", linewidth=0.9, zorder=6)
-    axes.text(*(origin - turn @ [0.3, 0.16]), second, ha="center", va="center", fontsize=9)
+        axes.plot(
+            origin[0] + ends[:, 0], origin[1] + ends[:, 1], color="black", linewidth=0.9, zorder=6
+        )
+    _name(axes, origin - turn @ [0.3, 0.16], second)
+
+
+def _name(axes: Axes, place: Array, text: str) -> None:
+    axes.text(float(place[0]), float(place[1]), text, ha="center", va="center", fontsize=9)
 
 
 def _label(axes: Axes, place: tuple[float, float], text: str, colour: str = "black") -> None:
-    axes.text(*place, text, color=colour, fontsize=9, va="center", ha="left")
+    axes.text(place[0], place[1], text, color=colour, fontsize=9, va="center", ha="left")
 
 
 def main() -> None:
@@ -60,7 +66,12 @@ def main() -> None:
         axes.plot([-0.2, 6.6], [0.05, 0.05], color=MUTED, linewidth=3)
         axes.plot([A[0], A[0]], [0.05, A[1]], color=MUTED, linewidth=3)
         _bar(axes, A + 0.5 * along, A + 2.25 * along, 0.5, PARTS["stator"])
-        axes.plot(*np.array([A, A + 0.5 * along]).T, color=PARTS["stator"], linewidth=2)
+        axes.plot(
+            [A[0], A[0] + 0.5 * along[0]],
+            [A[1], A[1] + 0.5 * along[1]],
+            color=PARTS["stator"],
+            linewidth=2,
+        )
         _bar(axes, A + 1.35 * along, B, 0.2, PARTS["slider"])
         axes.add_patch(Circle(tuple(A), 0.2, fill=False, edgecolor=PARTS["ring"], linewidth=3))
         middle = TCP - 0.85 * up
