@@ -89,11 +89,17 @@ class LimitDefinition:
         violation : float
             Excess over that bound as a share of the row's range.
         """
+        return float(self.shares_used(*np.array([[value], [bound], [violation]]))[0])
+
+    def shares_used(self, values: Array, bounds: Array, violations: Array) -> Array:
+        """Return the same of many values, in the shape of the arguments."""
         if self.kind in ("interval", "symmetric"):
-            return 1 + 2 * violation
-        if self.kind == "lower" and bound > 0 and value > 0:
-            return bound / value
-        return 1 + violation
+            return 1 + 2 * violations
+        if self.kind == "lower":
+            both = (bounds > 0) & (values > 0)
+            ratio = np.divide(bounds, values, out=np.ones(np.shape(values)), where=both)
+            return np.where(both, ratio, 1 + violations)
+        return 1 + violations
 
 
 def plain_limit(key: str, title: str, unit: str, kind: BoundKind) -> LimitDefinition:

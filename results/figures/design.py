@@ -13,6 +13,7 @@ from matplotlib.ticker import MaxNLocator
 from constraints.arrays import Array
 from expdesign.experiment import DesignRecord
 from expdesign.recheck.judge import LimitCheck
+from expdesign.recheck.reached import REACHED
 from results.figures.convergence import convergence_figure
 from results.figures.drawing import centred_text, figure_definition, legend_above, margin_text
 from results.figures.motion import cardan_angles_figure, excitation_figure, struts_figure
@@ -21,7 +22,7 @@ from results.figures.path import path_figure
 from results.notation import handy_unit, symbol
 from results.style import ALERT, EMPHASIS, INK, MUTED, SECOND
 
-_ACTIVE = 99.0
+_ACTIVE = 100 * REACHED
 """From this share on, %, a limit counts as one that holds the design back."""
 _DIGITS = (4, 5, 6)
 _MOST = 130.0

@@ -7,16 +7,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from constraints.arrays import Array
 from estimation.identification.record import EstimateRecord
 from estimation.montecarlo.record import MonteCarloRecord
 from estimation.validation.record import ValidationRecord
 from expdesign.configuration import RunConfiguration
 from expdesign.experiment import DesignRecord
 from expdesign.export.record import ExportsRecord
-from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.progress import tell, told
 from expdesign.runfolder.atomic import write_text
 from results.notation import duration
@@ -32,10 +28,10 @@ from results.report.content import (
     StageReport,
     TextBlock,
     Verdict,
-    ViewBlock,
 )
 from results.report.folder import ReportedStage, RunFolder
 from results.report.rendering import latex_table, rendered
+from results.report.robot_view import robot_view
 from results.report.table import Column, ReportTable, text_columns
 from results.saving import record_figures, whole_motion_figure
 
@@ -53,9 +49,6 @@ LATEX_TABLES = (
     "study_claims",
 )
 """Tables that are written as LaTeX too."""
-
-_FRAMES = 240
-"""Most instants of one period in the view: finer than the eye at the speed of the machine."""
 
 _DRAWN: dict[str, tuple[type[Any], str]] = {
     "design": (DesignRecord, "excitation"),
@@ -113,7 +106,7 @@ def run_page(folder: RunFolder) -> Page:
     held = [key for key in folder.stages if folder.has(key)]
     reports = {key: folder.stages[key].report(folder) for key in told("sections", held)}
     run = folder.configuration.run
-    view = _robot_view(folder)
+    view = robot_view(folder)
     sections = [report.section for report in reports.values()]
     if view is not None:
         sections.insert(0, Section("motion", "Robot in motion", (view,)))
@@ -132,46 +125,6 @@ def run_page(folder: RunFolder) -> Page:
         sections=tuple(sections),
         warnings=tuple(dict.fromkeys(warnings or folder.configuration.warnings)),
     )
-
-
-def _robot_view(folder: RunFolder) -> ViewBlock | None:
-    """Return the motion of a folder: of its design, else of its estimate; None without either."""
-    if folder.has("design"):
-        motion = folder.record(DesignRecord).motion
-        time, pose, force = motion.time, motion.pose, motion.force
-        what, model = "The designed trajectory", "at the nominal parameters"
-    else:
-        motions = folder.record(EstimateRecord).motions if folder.has("estimate") else {}
-        if 1 not in motions or len(motions[1].time) < 2:  # noqa: PLR2004 - it begins and ends
-            return None
-        executed = motions[1]
-        time, force = executed.time, executed.forces_model
-        pose = executed.state[:, :COORDINATES]
-        what, model = "The executed motion as it was estimated,", "of the estimated model"
-    caption = (
-        f"{what} over one period, struts coloured by the actuator force {model}; positive extends. "
-        "Drag to rotate, scroll to zoom."
-    )
-    robot = folder.configuration.robot
-    period = float(time[-1] - time[0]) * time.size / (time.size - 1)
-    chosen = np.unique(np.linspace(0, time.size, _FRAMES, endpoint=False).astype(int))
-    joints = np.stack([robot.struts_at(place).joints for place in pose[chosen]])
-    largest = float(np.max(np.abs(force)))
-    data = {
-        "period": round(period, 9),
-        "time": _rounded(time[chosen] - time[0], 5),
-        "base": _rounded(1e3 * robot.base_joints, 2),
-        "joints": _rounded(1e3 * joints, 2),
-        "tool": _rounded(1e3 * pose[chosen, :3], 2),
-        "force": _rounded(force[chosen], 2),
-        "largest": largest if largest > 0 else 1.0,
-    }
-    return ViewBlock("robot", caption, data)
-
-
-def _rounded(values: Array, digits: int) -> Any:
-    # Adding zero turns −0.0 into 0.0.
-    return (np.round(values, digits) + 0.0).tolist()
 
 
 def _with_failures(folder: RunFolder, reports: dict[str, StageReport]) -> list[Verdict]:

@@ -1,5 +1,6 @@
 """Reports in a real browser: no errors, nothing loaded, the view moves, tables sort, it prints."""
 
+import json
 import re
 
 import pytest
@@ -92,6 +93,29 @@ def test_the_slider_sets_the_moment(opened):
     )
     opened.wait(f"{VIEW}.dataset.frame === '7'")
     assert re.fullmatch(r"t = \d\.\d{3} s", opened.run(f"{VIEW}.querySelector('.clock').value"))
+
+
+def test_the_limits_of_the_moment_are_shown(opened):
+    data = json.loads(opened.run(f"{VIEW}.querySelector('script.data').textContent"))
+    found = [[data["limits"][k] for k in now] for now in data["reached"]]
+    busiest = max(range(len(found)), key=lambda frame: len(found[frame]))
+    of_a_strut = [k for k, now in enumerate(found) if any(one["struts"] for one in now)]
+    free = [k for k, now in enumerate(found) if not now]
+    for frame in (busiest, *of_a_strut[:1], *free[:1]):
+        opened.run(
+            f"(() => {{ const s = {VIEW}.querySelector('.position'); s.value = {frame};"
+            " s.dispatchEvent(new Event('input')); })()"
+        )
+        opened.wait(f"{VIEW}.dataset.frame === '{frame}'")
+        words = opened.run(f"{VIEW}.querySelector('.reached').value")
+        for one in found[frame]:
+            assert one["title"] in words
+            assert one["row"] in words
+        struts = {j for one in found[frame] for j in one["struts"]}
+        # Three places of one line for each strut, the last of them a gap.
+        drawn = [opened.run(f"{VIEW}.querySelector('.stage').data[{k}].x.length") for k in (0, 7)]
+        assert drawn == [3 * (6 - len(struts)), 3 * len(struts)]
+    assert errors(opened) == []
 
 
 def test_the_view_is_rotated_by_the_mouse(opened):

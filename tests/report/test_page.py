@@ -1,9 +1,11 @@
 """The report of a run folder: what it says, that it needs nothing else, and that it is safe."""
 
+import csv
 import json
 import re
 import shutil
 
+import numpy as np
 import pytest
 
 from expdesign.configuration import InputError, load_run, resolved_yaml
@@ -226,8 +228,12 @@ def test_a_damaged_manifest_is_as_none(folder):
         assert "has no manifest.json" in text_of(folder)
 
 
+def view_of(folder):
+    return json.loads(re.search(r'class="data">(.*?)</script>', text_of(folder)).group(1))
+
+
 def test_the_view_has_the_motion_and_its_forces(whole):
-    data = json.loads(re.search(r'class="data">(.*?)</script>', text_of(whole)).group(1))
+    data = view_of(whole)
     struts = [
         sum((a - b) ** 2 for a, b in zip(joint, base, strict=True)) ** 0.5 / 1000
         for joint, base in zip(data["joints"][0], data["base"], strict=True)
@@ -241,10 +247,42 @@ def test_the_view_has_the_motion_and_its_forces(whole):
     assert max(abs(f) for frame in data["force"] for f in frame) <= data["largest"] + 0.01
 
 
+def test_the_view_tells_which_limits_are_reached(whole):
+    """Against the columns of the trajectory: PaLiDA's own limits, of every strut alike."""
+    data = view_of(whole)
+    columns = {"strut length": "q", "strut speed": "dq", "actuator force": "Q"}
+    bounds = {"strut length": (0.45, 0.95), "strut speed": (-2, 2), "actuator force": (-230, 230)}
+    with (whole / "trajectory.csv").open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    time = np.array([float(row["t"]) for row in rows])
+    frame = np.searchsorted(data["time"], time - time[0] + 1e-4, side="right") - 1
+    told = [
+        [(data["limits"][k]["title"], data["limits"][k]["row"]) for k in now]
+        for now in data["reached"]
+    ]
+    assert any(told)
+    for title, prefix in columns.items():
+        low, high = bounds[title]
+        for strut in range(1, 7):
+            values = np.array([float(row[f"{prefix}{strut}"]) for row in rows])
+            near = np.abs(values - (low + high) / 2) >= 0.99 * (high - low) / 2
+            expected = set(frame[near].tolist())
+            assert expected == {k for k, now in enumerate(told) if (title, f"strut {strut}") in now}
+    for one in data["limits"]:
+        assert one["platform"] == (not one["struts"])
+        assert all(f"{j + 1}" in one["row"] for j in one["struts"])
+
+
 def test_the_view_of_an_estimate_is_its_motion(folder):
+    designed = view_of(folder)
     (folder / "design.json").unlink()
     write_report(folder, reported_stages())
     assert "motion as it was estimated" in text_of(folder)
+    estimated = view_of(folder)
+    assert len(estimated["reached"]) == len(estimated["time"])
+    # It is nearly the same motion, and reaches nearly the same.
+    both = [{k["title"] for k in data["limits"]} for data in (designed, estimated)]
+    assert both[0] & both[1]
 
 
 def test_the_stage_of_run_is_kept_and_done_anew(folder, tmp_path, expdesign_says):

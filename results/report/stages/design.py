@@ -9,6 +9,7 @@ from expdesign.experiment.result import IDENTIFIABLE
 from expdesign.experiment.sensitivity import LimitSensitivity
 from expdesign.information.criteria import CRITERIA
 from expdesign.recheck.judge import LimitCheck
+from expdesign.recheck.reached import REACHED
 from results.figures.design import DESIGN_FIGURES
 from results.notation import DisplayUnit, duration, handy_unit, percent, readable
 from results.report.content import (
@@ -35,8 +36,6 @@ _LEVELS = {
     "interrupted": Level.BAD,
     "limits broken": Level.BAD,
 }
-_AT_BOUND = 0.99
-"""Used share from which a limit counts as one that the design is held by."""
 _SCALINGS = {"si": "SI units", "nominal": "nominal scaling"}
 
 
@@ -126,7 +125,7 @@ def _starts_table(record: DesignRecord) -> ReportTable:
 def _verdict(record: DesignRecord) -> Verdict:
     summary = record.summary
     level = _LEVELS.get(summary.status, Level.NEUTRAL)
-    held = [check.title for check in record.checks if check.used >= _AT_BOUND]
+    held = [check.title for check in record.checks if check.used >= REACHED]
     sentence = (
         f"Trajectory of {summary.harmonics} harmonics with a period of "
         f"{readable(2 * np.pi / summary.omega)} s."

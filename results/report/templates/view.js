@@ -3,6 +3,8 @@
 (function () {
   const INK = "#333a44", PLATE = "#9fb3c4", PATH = "#0b5c8f";
   // Blue pulls, red pushes; both ends are dark enough to be seen on white.
+  // What reaches a limit: no colour of a force.
+  const LIMIT = "#c2129b";
   const COLOURS = [[0, "#2166ac"], [0.25, "#67a9cf"], [0.5, "#c9c9c9"], [0.75, "#ef8a62"], [1, "#b2182b"]];
 
   async function plottingLibrary() {
@@ -34,10 +36,14 @@
     };
   }
 
-  // One line with gaps: x1 y1 z1, x2 y2 z2, nothing, …
-  function struts(data, frame) {
+  const reached = (data, frame) => data.reached[frame].map((k) => data.limits[k]);
+  const full = (data, frame) => new Set(reached(data, frame).flatMap((one) => one.struts));
+
+  // One line with gaps: x1 y1 z1, x2 y2 z2, nothing, … of those struts that are wanted.
+  function struts(data, frame, wanted) {
     const place = [[], [], []], colour = [], text = [];
     data.base.forEach((base, j) => {
+      if (!wanted(j)) return;
       const force = data.force[frame][j];
       for (const point of [base, data.joints[frame][j], [null, null, null]]) {
         for (let k = 0; k < 3; k += 1) place[k].push(point[k]);
@@ -48,8 +54,36 @@
     return { x: place[0], y: place[1], z: place[2], colour, text };
   }
 
+  // Those below their limits, which show their force, and those that reach one.
+  function parted(data, frame) {
+    const at = full(data, frame);
+    return [struts(data, frame, (j) => !at.has(j)), struts(data, frame, (j) => at.has(j))];
+  }
+
+  const plateColour = (data, frame) => (reached(data, frame).some((one) => one.platform) ? LIMIT : PLATE);
+
+  // "strut speed (strut 2, strut 5); tilt of the platform"
+  function words(data, frame) {
+    const rows = new Map();
+    for (const { title, row } of reached(data, frame)) {
+      rows.set(title, [...(rows.get(title) ?? []), ...(row ? [row] : [])]);
+    }
+    const named = [...rows].map(([title, of]) => (of.length ? `${title} (${of.join(", ")})` : title));
+    return named.length ? `At its limit now: ${named.join("; ")}.` : "No limit is reached now.";
+  }
+
+  // When a limit is reached: a bar of the period, as stops of a gradient.
+  function moments(data) {
+    const share = (frame) => `${(100 * frame) / data.reached.length}%`;
+    const stops = data.reached.map((rows, frame) => {
+      const colour = rows.length ? LIMIT : "transparent";
+      return `${colour} ${share(frame)}, ${colour} ${share(frame + 1)}`;
+    });
+    return `linear-gradient(to right, ${stops.join(", ")})`;
+  }
+
   function traces(data) {
-    const now = struts(data, 0), tool = closed(data.tool);
+    const [now, at] = parted(data, 0), tool = closed(data.tool);
     return [
       {
         type: "scatter3d", mode: "lines", x: now.x, y: now.y, z: now.z, text: now.text,
@@ -61,7 +95,7 @@
         },
       },
       polygon(data.joints[0], INK, 5, "platform"),
-      plate(data.joints[0], PLATE),
+      plate(data.joints[0], plateColour(data, 0)),
       {
         type: "scatter3d", mode: "markers", x: [data.tool[0][0]], y: [data.tool[0][1]],
         z: [data.tool[0][2]], marker: { size: 5, color: PATH }, hoverinfo: "skip", showlegend: false,
@@ -75,6 +109,10 @@
         type: "scatter3d", mode: "text", x: column(data.base, 0), y: column(data.base, 1),
         z: column(data.base, 2), text: data.base.map((_, j) => String(j + 1)),
         textposition: "top center", textfont: { size: 13, color: INK }, hoverinfo: "skip", showlegend: false,
+      },
+      {
+        type: "scatter3d", mode: "lines", x: at.x, y: at.y, z: at.z, text: at.text, hoverinfo: "text",
+        showlegend: false, line: { color: LIMIT, width: 11 },
       },
     ];
   }
@@ -108,6 +146,7 @@
     };
   }
 
+  const LAST = 7; // The struts that reach a limit, among the traces.
   const CAMERA = { eye: { x: 1.06, y: -1.2, z: 0.72 }, center: { x: 0, y: 0, z: -0.1 } };
 
   async function start(figure) {
@@ -115,6 +154,9 @@
     const stage = figure.querySelector(".stage"), play = figure.querySelector(".play");
     const position = figure.querySelector(".position"), clock = figure.querySelector(".clock");
     const speed = figure.querySelector(".speed"), snapshot = figure.querySelector(".snapshot");
+    const told = figure.querySelector(".reached");
+    told.textContent = words(data, 0);
+    figure.querySelector(".moments").style.backgroundImage = moments(data);
     const Plotly = await plottingLibrary();
     await Plotly.newPlot(stage, traces(data), layout(data), {
       displayModeBar: false, responsive: true, scrollZoom: true,
@@ -125,15 +167,16 @@
       if (busy) return;
       busy = true;
       while (shown !== wanted) {
-        const frame = wanted, now = struts(data, frame), joints = data.joints[frame];
+        const frame = wanted, [now, at] = parted(data, frame), joints = data.joints[frame];
         const ring = closed(joints), tool = data.tool[frame];
         await Plotly.restyle(stage, {
-          x: [now.x, column(ring, 0), column(joints, 0), [tool[0]]],
-          y: [now.y, column(ring, 1), column(joints, 1), [tool[1]]],
-          z: [now.z, column(ring, 2), column(joints, 2), [tool[2]]],
-          "line.color": [now.colour, INK, undefined, undefined],
-          text: [now.text, undefined, undefined, undefined],
-        }, [0, 1, 2, 3]);
+          x: [now.x, column(ring, 0), column(joints, 0), [tool[0]], at.x],
+          y: [now.y, column(ring, 1), column(joints, 1), [tool[1]], at.y],
+          z: [now.z, column(ring, 2), column(joints, 2), [tool[2]], at.z],
+          "line.color": [now.colour, INK, undefined, undefined, LIMIT],
+          color: [undefined, undefined, plateColour(data, frame), undefined, undefined],
+          text: [now.text, undefined, undefined, undefined, at.text],
+        }, [0, 1, 2, 3, LAST]);
         shown = frame;
         figure.dataset.frame = String(frame);
       }
@@ -144,6 +187,7 @@
       wanted = frame;
       position.value = String(frame);
       clock.textContent = `t = ${data.time[frame].toFixed(3)} s`;
+      told.textContent = words(data, frame);
       show();
     }
 

@@ -1,0 +1,113 @@
+"""The robot in motion: where its joints are, how large its forces, and which limits are reached."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from constraints.arrays import Array
+from estimation.identification.record import EstimateRecord
+from expdesign.experiment import DesignRecord
+from expdesign.mechanism.hexapod import COORDINATES
+from expdesign.recheck.reached import reached
+from expdesign.robot import LimitModel, Robot
+from results.report.content import ViewBlock
+from results.report.folder import RunFolder
+
+_FRAMES = 240
+"""Most instants of one period in the view: finer than the eye at the speed of the machine."""
+_LIMITED_FORCE = "actuator_force"
+
+
+@dataclass(frozen=True, eq=False)
+class _Motion:
+    """A motion of one period: states (N, 18) and forces (N, 6) at times (N,), SI."""
+
+    what: str
+    model: str
+    """Of the forces."""
+    time: Array
+    states: Array
+    force: Array
+
+
+def robot_view(folder: RunFolder) -> ViewBlock | None:
+    """Return the motion of a folder: of its design, else of its estimate; None without either."""
+    motion = _motion(folder)
+    if motion is None:
+        return None
+    caption = (
+        f"{motion.what} over one period, struts coloured by the actuator force {motion.model}; "
+        "positive extends. In magenta: struts, and the platform, that use 99 % of a limit or more "
+        "at the moment shown; the bar below the slider tells when. Drag to rotate, scroll to zoom."
+    )
+    robot, time, pose = folder.configuration.robot, motion.time, motion.states[:, :COORDINATES]
+    period = float(time[-1] - time[0]) * time.size / (time.size - 1)
+    chosen = np.unique(np.linspace(0, time.size, _FRAMES, endpoint=False).astype(np.intp))
+    joints = np.stack([robot.struts_at(place).joints for place in pose[chosen]])
+    largest = float(np.max(np.abs(motion.force)))
+    data = {
+        "period": round(period, 9),
+        "time": _rounded(time[chosen] - time[0], 5),
+        "base": _rounded(1e3 * robot.base_joints, 2),
+        "joints": _rounded(1e3 * joints, 2),
+        "tool": _rounded(1e3 * pose[chosen, :3], 2),
+        "force": _rounded(motion.force[chosen], 2),
+        "largest": largest if largest > 0 else 1.0,
+        **_limits(Robot(robot), motion, chosen),
+    }
+    return ViewBlock("robot", caption, data)
+
+
+def _motion(folder: RunFolder) -> _Motion | None:
+    if folder.has("design"):
+        one = folder.record(DesignRecord).motion
+        states = np.concatenate([one.pose, one.pose_rate, one.pose_acceleration], axis=1)
+        what, model = "The designed trajectory", "at the nominal parameters"
+        return _Motion(what, model, one.time, states, one.force)
+    motions = folder.record(EstimateRecord).motions if folder.has("estimate") else {}
+    if 1 not in motions or len(motions[1].time) < 2:  # noqa: PLR2004 - it begins and ends
+        return None
+    executed = motions[1]
+    what, model = "The executed motion as it was estimated,", "of the estimated model"
+    return _Motion(what, model, executed.time, executed.state, executed.forces_model)
+
+
+def _limits(robot: Robot, motion: _Motion, chosen: NDArray[np.intp]) -> dict[str, Any]:
+    """Return what is reached, and by frame which of it.
+
+    `limits` has title, row, the struts (from zero) that it is of, and whether it is the platform's;
+    `reached` by frame positions in it. A frame tells what is reached from then to the next one.
+    """
+    model = LimitModel.of(robot)
+    values = model.values(motion.states)
+    for limit, columns in zip(model.limits, model.columns, strict=True):
+        if limit.key == _LIMITED_FORCE:
+            # Those that are shown, which may be of an estimate.
+            values[:, columns] = motion.force
+    at = reached(model, values)
+    by_frame = np.logical_or.reduceat(at, chosen, axis=0)
+    rows = np.flatnonzero(np.any(by_frame, axis=0))
+    position = {row: k for k, row in enumerate(rows.tolist())}
+    named = [(limit.definition.title, label) for limit in model.limits for label in limit.labels]
+    return {
+        "limits": [_named(*named[row]) for row in rows],
+        "reached": [
+            [position[row] for row in np.flatnonzero(frame).tolist()] for frame in by_frame
+        ],
+    }
+
+
+def _named(title: str, row: str) -> dict[str, Any]:
+    word, _, numbers = row.partition(" ")
+    of_struts = word in ("strut", "struts")
+    struts = [int(number) - 1 for number in numbers.split("-")] if of_struts else []
+    return {"title": title, "row": row, "struts": struts, "platform": not of_struts}
+
+
+def _rounded(values: Array, digits: int) -> Any:
+    # Adding zero turns −0.0 into 0.0.
+    return (np.round(values, digits) + 0.0).tolist()
