@@ -32,7 +32,7 @@ def _frame(
         axes.annotate(
             "",
             origin + vector,
-            origin,
+            (origin[0], origin[1]),
             arrowprops={"arrowstyle": "-|>", "color": "black", "shrinkA": 0, "shrinkB": 0},
         )
         _name(axes, origin + 1.22 * vector, name)
