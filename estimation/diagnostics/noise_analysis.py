@@ -5,16 +5,24 @@ Everything comes from contrasts between the periods.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
+from constraints.arrays import Mask
 from estimation.diagnostics.findings import noise_findings
 from estimation.diagnostics.hum_finding import hum_finding
+from estimation.diagnostics.noise_block import noise_block
 from estimation.diagnostics.noise_density import noise_density
 from estimation.diagnostics.noise_record import HumKeys, NoiseFile, NoiseRecord, noise_keys
 from estimation.diagnostics.noise_tests import noise_tests
-from estimation.processing import NoiseModel, Record
+from estimation.processing import Channels, NoiseModel, PeriodSource, Record
+from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.progress import tell
 from expdesign.runfolder import copied
+
+_ROUNDING = 1e-12
+"""Of a mean over equal numbers, as a share of them."""
 
 
 def analyse_noise(record: Record, source: str = "") -> NoiseRecord:
@@ -25,6 +33,9 @@ def analyse_noise(record: Record, source: str = "") -> NoiseRecord:
     ValueError
         Fewer periods show no scatter.
     """
+    still = _still(record.lengths)
+    if np.any(still):
+        record = replace(record, lengths=_resolution_only(record.lengths, still))
     forces, lengths = record.forces.noise(), record.lengths.noise()
     if forces is None or lengths is None:
         raise ValueError(
@@ -38,7 +49,7 @@ def analyse_noise(record: Record, source: str = "") -> NoiseRecord:
         for each in (record.forces, record.lengths)
     )
     tell("tests of the noise")
-    tests = noise_tests(record, noise, force_rows, length_rows)
+    tests = noise_tests(record, noise, force_rows, None if np.any(still) else length_rows)
     tell("spectrum of the forces", 0, 2)
     force_density, force_hum = noise_density(record.forces, record.step)
     tell("spectrum of the lengths", 1, 2)
@@ -53,6 +64,7 @@ def analyse_noise(record: Record, source: str = "") -> NoiseRecord:
         periods=float(record.periods),
         period=float(record.period),
         averaged=record.averaged,
+        at_rest=record.source is PeriodSource.REST,
         force_std=np.sqrt(np.diag(forces.covariance)),
         length_std=np.sqrt(np.diag(lengths.covariance)),
         hum=tuple(
@@ -64,7 +76,25 @@ def analyse_noise(record: Record, source: str = "") -> NoiseRecord:
     )
     return NoiseRecord(
         summary=summary,
+        block=noise_block(summary, {"force": force_density, "length": length_density}),
         force_density=force_density,
         length_density=length_density,
         **NoiseRecord.parts(noise, tests),
     )
+
+
+def _still(channels: Channels) -> Mask:
+    """Return which channels do not change at all, (6,): their resolution hides the noise."""
+    rows = channels.values if channels.periods is None else channels.periods.reshape(-1, ACTUATORS)
+    extent: Mask = np.ptp(rows, axis=0) <= _ROUNDING * np.max(np.abs(rows), axis=0)
+    return extent
+
+
+def _resolution_only(channels: Channels, still: Mask) -> Channels:
+    """Return them without periods, of which nothing could be tested, and without rounding noise."""
+    scatter = channels.scatter
+    if scatter is not None:
+        moving = ~still
+        covariance = scatter.covariance * np.multiply.outer(moving, moving)
+        scatter = replace(scatter, covariance=covariance)
+    return replace(channels, periods=None, scatter=scatter)

@@ -32,6 +32,7 @@ from expdesign.runfolder import (
     described,
     strutwise,
 )
+from expdesign.runfolder.atomic import write_text
 
 
 def _infinite(value: object) -> object:
@@ -64,6 +65,9 @@ def noise_keys(noise: NoiseModel) -> dict[str, Any]:
         "length_freedom": lengths.freedom,
     }
 
+
+NOISE_BLOCK = "noise.yaml"
+"""`noise:` with units, to be pasted into a robot or run file."""
 
 _HISTOGRAM_REACH = 4.2
 """Half the width of the histograms, in standard deviations."""
@@ -150,6 +154,15 @@ class CovarianceRow:
     correlation: Annotated[float, described("1", "of one sample")]
 
 
+def correlation_of(covariance: Array) -> Array:
+    """Return the correlation, (6, 6); zeros beside a channel without noise."""
+    std = np.sqrt(np.diag(covariance))
+    size = np.multiply.outer(std, std)
+    correlation: Array = np.divide(covariance, size, out=np.zeros_like(size), where=size > 0)
+    np.fill_diagonal(correlation, 1.0)
+    return correlation
+
+
 def covariance_rows(noise: NoiseKeys) -> tuple[CovarianceRow, ...]:
     """Return Σ and Δ element by element."""
     rows = []
@@ -157,11 +170,10 @@ def covariance_rows(noise: NoiseKeys) -> tuple[CovarianceRow, ...]:
         ("force", noise.force_covariance, noise.force_freedom),
         ("length", noise.length_covariance, noise.length_freedom),
     ):
-        std = np.sqrt(np.diag(covariance))
         parts = (
             covariance,
             NoiseEstimate(covariance, freedom).std_error(),
-            covariance / np.multiply.outer(std, std),
+            correlation_of(covariance),
         )
         rows += [
             CovarianceRow(quantity, i + 1, j + 1, *(float(part[i, j]) for part in parts))
@@ -192,6 +204,9 @@ class NoiseFile(NoiseKeys, JsonFile):
     periods: Annotated[float, described("1", "number of periods")]
     period: Annotated[float, described("s", "duration of a period")]
     averaged: Annotated[bool, described("", "the periods are a whole number of samples")]
+    at_rest: Annotated[
+        bool, described("", "the machine did not move: the periods are parts of the recording")
+    ] = False
     force_std: Annotated[Numbers, described("N", "standard deviation of each force")]
     length_std: Annotated[Numbers, described("m", "standard deviation of each length")]
     whiteness: Annotated[Whitenesses, described("", "autocorrelation")]
@@ -224,13 +239,25 @@ class NoiseRecord(NoisePictures):
     length_density: NoiseDensity
     """Spectra, which `noise.force_spectrum` and `noise.length_spectrum` take; without rows where no
     two periods can be compared sample by sample."""
+    block: str | None = None
+    """`noise:` for a robot file, as text; None in a folder whose version did not write it."""
 
     @classmethod
     def read(cls, folder: Path) -> Self:
         """Read it; noise and normality stand in `noise.json`."""
         found = cls.fields_in(folder)
         summary: NoiseFile = found["summary"]
-        return cls(**found, noise=summary, normality=summary.normality.forces)
+        file = folder / NOISE_BLOCK
+        block = file.read_text(encoding="utf-8") if file.is_file() else None
+        return cls(**found, noise=summary, normality=summary.normality.forces, block=block)
+
+    def write(self, folder: Path) -> list[Path]:
+        """Write the files, and the lines for the robot file."""
+        written = super().write(folder)
+        if self.block is not None:
+            write_text(folder / NOISE_BLOCK, self.block)
+            written.append(folder / NOISE_BLOCK)
+        return written
 
     @property
     def covariance(self) -> tuple[CovarianceRow, ...]:

@@ -340,8 +340,8 @@ def _of_one_kind(
         count, phases, channels = periods.shape
         values = (periods - periods.mean(axis=0)).reshape(-1, channels)
         change = drift(values, np.repeat(np.arange(count), phases), phases, level)
-    elif record.averaged:
-        change = Drift(refused=why_not_compared(record), level=level)
+    elif record.averaged and (reason := why_not_compared(record)):
+        change = Drift(refused=reason, level=level)
     elif rows is not None:
         block = np.arange(len(rows)) * max(1, round(record.periods)) // len(rows)
         change = drift(rows, block, 0, level)

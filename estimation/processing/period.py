@@ -31,6 +31,8 @@ class PeriodSource(Enum):
     COLUMN = "period column"
     FREQUENCY = "trajectory.frequency"
     DATA = "data"
+    REST = "rest"
+    """The machine does not move: any length serves."""
 
 
 class PeriodError(ValueError):

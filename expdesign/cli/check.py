@@ -10,7 +10,7 @@ import typer
 from expdesign.cli.output import JsonOption, RunArgument, note, warn, write_json
 
 if TYPE_CHECKING:
-    from expdesign.configuration import RunConfiguration
+    from expdesign.configuration import ResolvedRobot, RunConfiguration
     from expdesign.robot import Robot
 
 MachineOption = Annotated[
@@ -67,6 +67,7 @@ def check(
     open_limits, defaults = open_rows(configuration.robot), defaults_in_words(configuration.robot)
     if open_limits:
         warnings.append(f"{open_in_words(open_limits)}: a design may go there as far as it gets")
+    warnings += _noise_not_stated(configuration.robot)
     if missing := stages_without_design(configuration, run_folder(configuration, None)):
         warnings.append(f"expdesign run refuses this file. {missing.message}")
     about = configuration.robot
@@ -140,3 +141,14 @@ def _machine(
             "files": [str(file) for file in files],
         }
     }
+
+
+def _noise_not_stated(robot: ResolvedRobot) -> list[str]:
+    from expdesign.configuration.noise import NOISE_FROM_DATA
+
+    if robot.noise is not None and robot.noise.force_covariance is not None:
+        return []
+    return [
+        "the noise of the forces is not stated (noise.force_std), and a design needs it: "
+        f"{NOISE_FROM_DATA}"
+    ]

@@ -116,8 +116,8 @@ def noise(
         typer.Option(
             "--data",
             metavar="FILE",
-            help="A recording of two periods or more; data.file, or the run folder's "
-            "measurement.csv, by default.",
+            help="A recording at rest, or of two periods or more of any motion that repeats; "
+            "data.file, or the run folder's measurement.csv, by default.",
         ),
     ] = None,
     design: DesignsOption = None,
@@ -126,8 +126,8 @@ def noise(
 ) -> None:
     """Analyse the noise of measured forces and lengths, without any model.
 
-    Prints standard deviations and correlations, and what was found of every assumption. Writes
-    noise.json (covariances, which a robot or run file takes), tables/force_spectrum.csv and
+    Prints standard deviations and correlations, what was found of every assumption, and the lines
+    for the robot file. Writes these lines (noise.yaml), noise.json, tables/force_spectrum.csv and
     length_spectrum.csv (`noise: {force_spectrum: FILE}`), tables/noise_covariance.csv, and figures
     of distribution, quantiles, covariance and spectrum.
     """

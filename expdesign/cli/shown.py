@@ -82,12 +82,15 @@ def experiment(outcome: Outcome) -> None:
 
 def noise(outcome: Outcome) -> None:
     """Print size and correlation of the noise, and what was found about it."""
+    from estimation.diagnostics.noise_record import correlation_of
+
     console, record, found = results(), outcome.result, outcome.record.summary
-    console.print(
-        f"{record.rows} rows, {record.periods:.6g} periods of {record.period:.6g} s (from the "
-        f"{record.source.value})",
-        soft_wrap=True,
+    parts = (
+        f"{record.periods:.6g} periods of {record.period:.6g} s (from the {record.source.value})"
     )
+    if found.at_rest:
+        parts = f"at rest, compared in {record.periods:.6g} parts of {record.period:.4g} s"
+    console.print(f"{record.rows} rows, {parts}", soft_wrap=True)
     for title, covariance, factor, unit in (
         ("forces", found.force_covariance, 1.0, "N"),
         ("lengths", found.length_covariance, 1e3, "mm"),
@@ -96,11 +99,12 @@ def noise(outcome: Outcome) -> None:
         struts = [str(number) for number in range(1, len(std) + 1)]
         rows = [
             (strut, f"{factor * size:.4g}", *(f"{cell:.3f}" for cell in row))
-            for strut, size, row in zip(struts, std, covariance / np.outer(std, std), strict=True)
+            for strut, size, row in zip(struts, std, correlation_of(covariance), strict=True)
         ]
         heading = f"Noise of the {title}: standard deviation [{unit}] and correlation"
         console.print(_table(heading, ("strut", "std", *struts), rows, ("strut",)))
     _findings(found.findings, outcomes=True)
+    console.print(f"\n{outcome.record.block}", markup=False, highlight=False, soft_wrap=True)
     _place(outcome)
     if not record.averaged:
         note("periods are no whole number of samples: the scatter is that about a Fourier series")

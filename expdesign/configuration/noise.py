@@ -37,6 +37,9 @@ _FAMILIES = ("force", "length")
 _TOLERANCE = 1e-9
 _SMALLEST_EIGENVALUE = 1e-10
 
+NOISE_FROM_DATA = "`expdesign noise RUN.yaml --data FILE` makes it from a recording at rest"
+"""How to come to it, in words."""
+
 _VALUES = exactly(ACTUATORS, "values")
 _ROWS = exactly(ACTUATORS, "rows")
 _Correlation = Annotated[tuple[Annotated[tuple[Number, ...], _VALUES], ...], _ROWS]

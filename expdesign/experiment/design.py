@@ -12,6 +12,7 @@ import numpy as np
 from constraints.arrays import Array
 from expdesign.configuration import ConfigurationLike, InputError, RunConfiguration, load_run
 from expdesign.configuration.loading import smoothing_widths
+from expdesign.configuration.noise import NOISE_FROM_DATA
 from expdesign.experiment.result import DesignResult, PredictedPrecision, imprecise, whole
 from expdesign.experiment.systematic import systematic_std
 from expdesign.information.criteria import CRITERIA
@@ -193,7 +194,7 @@ def force_covariance(configuration: RunConfiguration) -> Array:
             "the design needs the noise of the forces, and neither robot nor run state it",
             file=configuration.file,
             key="noise",
-            allowed="force_std (six values) or force_covariance (6 × 6)",
+            allowed=f"force_std (six values) or force_covariance (6 × 6); {NOISE_FROM_DATA}",
         )
     return noise.force_covariance
 

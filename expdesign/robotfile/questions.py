@@ -20,7 +20,7 @@ QUESTIONS = {
     "bodies are a disc through the platform's joints, in each strut two rods of 8 % and 4 % of its "
     "mass, and dry friction of 5 % of the weight.",
     "force_std": "How noisy is the measured force of each strut, or motor current times force "
-    "constant? Hold still, record some seconds, take the standard deviation.",
+    "constant? Hold still, record some seconds: `expdesign noise` makes these lines of it.",
     "length_std": "How noisy is the measured length of each strut? Resolution of the encoder.",
     "strut_length": "Between which lengths may each strut move, from joint to joint? Stroke of the "
     "drive, less the way to its switches.",

@@ -11,12 +11,10 @@ from estimation.diagnostics import noise_analysis
 from estimation.diagnostics.diagnosis import diagnose
 from estimation.diagnostics.record import Diagnosis
 from estimation.identification import EstimationResult
-from estimation.identification.period_choice import choose_omega
 from estimation.identification.record import EstimateRecord
-from estimation.processing import PeriodError, make_record
+from estimation.identification.repetition import repeated_record
 from estimation.validation.record import ValidationFile
 from estimation.validation.validate import validate
-from expdesign.configuration import InputError
 from expdesign.progress import tell, told
 from expdesign.robot import robot_from
 from expdesign.stages.outcome import Outcome, StageFailed
@@ -60,15 +58,15 @@ def analyse_noise(work: Workspace) -> Outcome:
     recording = work.recording(file)
     for warning in recording.warnings:
         work.progress.warn(warning)
-    omega, source = choose_omega(work.configuration, recording, trajectory)
-    try:
-        samples = make_record(recording, omega, source)
-        record = noise_analysis.analyse_noise(samples, str(file))
-    except (PeriodError, ValueError) as error:
-        raise InputError(
-            str(error), file=file, key="--data", allowed="two periods or more"
-        ) from error
-    return Outcome(result=samples, record=record, summary=record.summary.as_data())
+    samples = repeated_record(
+        work.configuration, recording, trajectory, certain=bool(work.sources.designs)
+    )
+    record = noise_analysis.analyse_noise(samples, str(file))
+    return Outcome(
+        result=samples,
+        record=record,
+        summary={**record.summary.as_data(), "for_the_robot_file": record.block},
+    )
 
 
 def predict(work: Workspace) -> Outcome:

@@ -99,7 +99,7 @@ STAGES: dict[str, Stage] = {
         perform="expdesign.stages.estimate:analyse_noise",
         needs=("recording",),
         sections=_sections("trajectory", "data"),
-        writes=_TABLES,
+        writes=("noise.yaml", *_TABLES),
         report="results.report.stages.noise:noise_report",
     ),
     "montecarlo": Stage(

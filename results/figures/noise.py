@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from constraints.arrays import Array
-from estimation.diagnostics.noise_record import NoisePictures, NoiseRecord
+from estimation.diagnostics.noise_record import NoisePictures, NoiseRecord, correlation_of
 from results.figures.drawing import (
     centred_text,
     corner_text,
@@ -113,7 +113,7 @@ def _pair(
     channel: str,
 ) -> None:
     std = np.sqrt(np.diag(covariance))
-    correlation = covariance / np.multiply.outer(std, std)
+    correlation = correlation_of(covariance)
     names = [channel % j for j in range(1, len(std) + 1)]
     correlation_image(panels[0], correlation, names, _COLOURS)
     for (i, j), value in np.ndenumerate(correlation):

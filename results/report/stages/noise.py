@@ -95,7 +95,7 @@ def noise_report(folder: RunFolder) -> StageReport:
     serious = any(finding.serious for finding in failed)
     level = Level.BAD if serious else Level.CAUTION if failed else Level.GOOD
     sentence = (
-        f"{noise.rows} samples in {readable(noise.periods)} periods: standard deviation of the "
+        f"{noise.rows} samples {_taken(noise)}: standard deviation of the "
         f"forces {_range(noise.force_std)} N, of the lengths {_range(_MM * noise.length_std)} mm."
     )
     if failed:
@@ -123,6 +123,12 @@ def noise_report(folder: RunFolder) -> StageReport:
     blocks += folder.figures(*SPECTRUM_FIGURES)
     blocks.append(_covariance_table(noise))
     return StageReport(Verdict("Noise", level, word, sentence, "noise"), tuple(blocks))
+
+
+def _taken(noise: NoiseFile) -> str:
+    if noise.at_rest:
+        return "of the machine at rest"
+    return f"in {readable(noise.periods)} periods"
 
 
 def _range(std: Array) -> str:
