@@ -22,7 +22,7 @@ from expdesign.mechanism.bodies import (
 )
 from expdesign.mechanism.catalogue import known_parameters
 from expdesign.mechanism.rotation import ANGLES
-from expdesign.mechanism.terms.rigid_platform import LATERAL
+from expdesign.mechanism.terms.rigid_platform import LATERAL, MASS
 
 _DIAGONAL, _WHOLE = 3, 6
 _ENTRIES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
@@ -162,16 +162,21 @@ class Bodies(Section):
             yield from _aside(name, self.part(name))
         if self.ring and not (self.stator or self.slider):
             yield "bodies.ring counts beside a stator or slider only"
-        if not general and "p8" in made:
-            moments = max(made["p6"], made["p7"], made["p8"])
-            sizes = {"s": np.sqrt(made["p10"] * moments), "I": moments}
-            left = {n: made[n] for n in LATERAL if abs(made[n]) > _VANISHING * sizes[n[0]]}
-            if left:
-                yield (
-                    "the platform is declared symmetric, but its bodies are not: "
-                    f"{', '.join(f'{name} = {value:.3g}' for name, value in left.items())}; "
-                    "with `platform: general` the model is exact"
-                )
+        if not general and (left := self.lateral(made)):
+            yield (
+                "the platform is declared symmetric, but its bodies are not: "
+                f"{', '.join(f'{name} = {value:.3g}' for name, value in left.items())}; "
+                "with `platform: general` the model is exact"
+            )
+
+    @staticmethod
+    def lateral(made: Mapping[str, float]) -> dict[str, float]:
+        """Return the lateral moments of a platform that do not vanish, of what was made."""
+        if MASS not in made:
+            return {}
+        moments = max(made["p6"], made["p7"], made["p8"])
+        sizes = {"s": np.sqrt(made[MASS] * moments), "I": moments}
+        return {n: made[n] for n in LATERAL if abs(made[n]) > _VANISHING * sizes[n[0]]}
 
 
 def bodies_in_words(

@@ -15,6 +15,7 @@ import numpy as np
 from constraints import Limit, limit_definitions
 from constraints.arrays import Array
 from expdesign.configuration import geometry as geo
+from expdesign.configuration.bodies import Bodies, Body
 from expdesign.configuration.document import Placed, document_from_mapping
 from expdesign.configuration.joint_ring import JointRing
 from expdesign.configuration.limits import CHARACTERISTIC_LENGTH, LIFTED, Limits, resolve_limits
@@ -22,10 +23,9 @@ from expdesign.configuration.problem import InputError
 from expdesign.configuration.robot import EARTH_GRAVITY, RobotDescription, resolve_robot
 from expdesign.configuration.section import Section, validate
 from expdesign.mechanism.hexapod import ACTUATORS
-from expdesign.mechanism.terms import rigid_platform
-from expdesign.mechanism.terms.drive_inertia import MASS as DRIVE
+from expdesign.mechanism.terms import rigid_platform, struts
 from expdesign.robot import LimitModel, Robot
-from expdesign.robotfile.bodies import assumed_parameters
+from expdesign.robotfile.bodies import assumed_bodies, assumed_friction
 from expdesign.robotfile.machine import Machine, Points
 
 MASS = "moved_mass"
@@ -37,8 +37,8 @@ _HEIGHT = 1.2
 """Of the platform over the base, as a share of the base joints' radius."""
 _MASS = 10.0
 _LEAST_MASS = 1e-6
-_NOTHING = 1e-12
-"""Share of the mass that a parameter has by rounding."""
+_STRUT = {parameter.name for parameter in struts.TERM.parameters}
+_PLATFORM_BODY = {parameter.name for parameter in rigid_platform.SYMMETRIC.parameters}
 _STROKE = 0.2
 """Share of the struts' length at home."""
 _POSITION = 0.25
@@ -73,10 +73,11 @@ class Complete:
     """A machine of which everything that its files need is known or assumed."""
 
     machine: Machine
-    """With limits for everything that can be limited, parameters and noise."""
+    """With limits for everything that can be limited, noise, bodies, and the parameters that these
+    do not make."""
     assumed: frozenset[str]
     """Keys of what nobody told: of the robot file, those of limits and parameters by themselves,
-    ``position.y`` of a component, and `MASS`."""
+    ``position.y`` of a component, ``bodies.stator`` of a part, and `MASS`."""
     general: bool
     """Whether the platform needs the parameters of `platform: general`."""
     lengths: Array
@@ -94,7 +95,7 @@ def completed(machine: Machine) -> Complete:
     InputError
         If only one of the two sets of joints is known, or the geometry cannot be used.
     """
-    told = dict(vars(machine))
+    known, told = machine, dict(vars(machine))
     document = document_from_mapping({"limits": machine.limits})
     _, problems = validate(_Bounded, document.data, document)
     if problems:
@@ -103,17 +104,17 @@ def completed(machine: Machine) -> Complete:
     base, platform = points(machine.base_joints), points(machine.platform_joints)
     home = geo.geometry_at(np.array(machine.home), base, platform)
     lengths = home.lengths
-    general = bool(geo.asymmetric_sums(platform))
+    general = _general(machine, platform)
     mass, limits = machine.moved_mass, dict(machine.limits)
     if mass is None:
         mass = _mass(machine, lengths, limits, general)
-    robot = _robot(_with_parameters(machine, mass, lengths, limits), general)
+    machine = _with_dynamics(machine, mass, lengths, limits)
+    robot = _robot(machine, general)
     values = LimitModel.boundless(robot).at_home()
     limits, open_limits = _merged(_limits(limits, values, robot), limits)
     machine = replace(
         machine,
         moved_mass=mass,
-        parameters=robot.description.parameters,
         limits=limits,
         force_std=machine.force_std
         or (_rounded(_FORCE_STD * _size(limits, "actuator_force")),) * ACTUATORS,
@@ -122,8 +123,8 @@ def completed(machine: Machine) -> Complete:
     )
     keys = ("base_joints", "platform_joints", "home", "force_std", "length_std", MASS)
     assumed = {key for key in keys if told[key] is None}
-    # What the drive makes is no assumption.
-    assumed |= open_limits | set(robot.description.parameters) - {*told["parameters"], DRIVE}
+    assumed |= open_limits | set(machine.parameters) - set(told["parameters"])
+    assumed |= {f"bodies.{part}" for part in _parts(machine) if part not in _parts(known)}
     return Complete(machine, frozenset(assumed), general, lengths, _frequency(limits, lengths))
 
 
@@ -182,20 +183,38 @@ def _weight(mass: float, machine: Machine) -> float:
     return mass * float(np.linalg.norm(machine.gravity or EARTH_GRAVITY)) / ACTUATORS or mass
 
 
-def _with_parameters(
+def _parts(machine: Machine) -> dict[str, tuple[Body, ...]]:
+    """Return the bodies of a machine by the parts that have any."""
+    given = {} if machine.bodies is None else dict(machine.bodies)
+    return {part: bodies for part, bodies in given.items() if bodies}
+
+
+def _general(machine: Machine, platform: Array) -> bool:
+    """Return whether the platform needs its lateral moments."""
+    if machine.bodies is None or not {"platform", "payload"} & set(_parts(machine)):
+        return bool(geo.asymmetric_sums(platform))
+    return bool(machine.bodies.lateral(machine.bodies.parameters(platform)))
+
+
+def _with_dynamics(
     machine: Machine, mass: float, lengths: Array, limits: Mapping[str, Any]
 ) -> Machine:
-    """Return the machine with parameters of assumed bodies where it has none of its own."""
+    """Return the machine with assumed bodies and friction where it has none of its own."""
     strut = float(np.mean(lengths))
     known = "strut_speed" in limits
     speed = _size(limits, "strut_speed") if known else _SPEED * _stroke(limits, strut)
-    joints = points(machine.platform_joints)
-    found = assumed_parameters(mass, strut, joints, _weight(mass, machine), speed)
-    rounded = {
-        name: _rounded(value, 4) if abs(value) > _NOTHING * mass else 0.0
-        for name, value in found.items()
-    }
-    return replace(machine, parameters=rounded | dict(machine.parameters))
+    assumed = assumed_bodies(mass, strut, points(machine.platform_joints))
+    parts, told = _parts(machine), set(machine.parameters)
+    if not {"stator", "slider"} & set(parts) and not told >= _STRUT:
+        parts |= {part: (assumed[part],) for part in ("ring", "stator", "slider")}
+    if not {"platform", "payload"} & set(parts) and not told >= _PLATFORM_BODY:
+        parts["platform"] = (assumed["platform"],)
+    return replace(
+        machine,
+        bodies=Bodies(**parts) if parts else None,
+        parameters=assumed_friction(strut, _weight(mass, machine), speed)
+        | dict(machine.parameters),
+    )
 
 
 def _robot(machine: Machine, general: bool) -> Robot:
@@ -211,7 +230,7 @@ def _robot(machine: Machine, general: bool) -> Robot:
         "parameters": dict(machine.parameters),
         "limits": {CHARACTERISTIC_LENGTH: _length(machine), "rotation": LIFTED},
     }
-    for key in ("alpha_axes", "platform_joint_axes", "platform_cardan_axes", "drive"):
+    for key in ("alpha_axes", "platform_joint_axes", "platform_cardan_axes", "drive", "bodies"):
         if getattr(machine, key) is not None:
             mapping[key] = getattr(machine, key)
     if not general:
@@ -239,7 +258,7 @@ def _mass(machine: Machine, lengths: Array, limits: Mapping[str, Any], general: 
         return machine.parameters["p10"]
     if "actuator_force" not in limits:
         return _MASS
-    robot = _robot(_with_parameters(machine, _MASS, lengths, limits), general)
+    robot = _robot(_with_dynamics(machine, _MASS, lengths, limits), general)
     at_home = float(np.max(np.abs(LimitModel.boundless(robot).at_home()["actuator_force"])))
     if at_home == 0:
         return _MASS

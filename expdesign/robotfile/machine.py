@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from expdesign.configuration.bodies import Bodies
 from expdesign.configuration.drive import Drive
 from expdesign.configuration.joint_ring import JointRing
 
@@ -48,8 +49,10 @@ class Machine:
     components."""
     moved_mass: float | None = None
     """Of the platform with everything on it, without the struts, kg."""
+    bodies: Bodies | None = None
+    """Those that are known."""
     parameters: Mapping[str, float] = field(default_factory=dict)
-    """Nominal values that are known, by name."""
+    """Nominal values that are known, by name; they count before the bodies."""
     platform_cardan_axes: Points | None = None
     """(6, 3), platform frame, of joints that turn the screws."""
     drive: Drive | None = None

@@ -16,9 +16,11 @@ QUESTIONS = {
     "alpha_axes": "How do the universal joints stand in the base?",
     "drive": "What moves the struts: direct drives, screws or gears, of which lead and inertia?",
     "moved_mass": "What does the platform weigh, with all that it carries?",
-    "parameters": "What does CAD say of masses, centres and inertias? Where it says assumed, the "
-    "bodies are a disc through the platform's joints, in each strut two rods of 8 % and 4 % of its "
-    "mass, and dry friction of 5 % of the weight.",
+    "bodies": "What does CAD say of masses, centres and inertias? Where it says assumed, the "
+    "bodies are a disc through the platform's joints, and in each strut two rods of 8 % and 4 % of "
+    "its mass and a ring.",
+    "parameters": "How much friction have drives and joints? Where it says assumed, it is dry "
+    "friction of 5 % of the weight, and as much viscous friction at full speed.",
     "force_std": "How noisy is the measured force of each strut, or motor current times force "
     "constant? Hold still, record some seconds: `expdesign noise` makes these lines of it.",
     "length_std": "How noisy is the measured length of each strut? Resolution of the encoder.",

@@ -14,6 +14,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from constraints import limit_definitions
 from expdesign.configuration import InputError, load_run, quantity_text
+from expdesign.configuration.bodies import Body
 from expdesign.configuration.drive import Drive
 from expdesign.configuration.joint_ring import JointRing
 from expdesign.configuration.limits import CHARACTERISTIC_LENGTH
@@ -85,6 +86,7 @@ def write_files(machine: Machine, folder: Path) -> WrittenFiles:
     names = _parameter_names(complete)
     told = complete.assumed - {MASS, CHARACTERISTIC_LENGTH}
     keys = {"parameters" if key in names else key for key in told}
+    keys = {"bodies" if key.startswith("bodies.") else key for key in keys}
     return WrittenFiles(places[0], places[1], tuple(sorted(keys)))
 
 
@@ -130,6 +132,7 @@ def robot_file(complete: Complete) -> str:
             directions=lambda key: _rows(key, getattr(machine, key), "1"),
             drive=_drive(machine.drive),
             mass=quantity_text(machine.moved_mass or 0.0, "kg"),
+            bodies=list(_body_lines(complete)),
             parameters=list(_parameter_lines(complete)),
             limits=[
                 {
@@ -252,10 +255,33 @@ def _parameter_names(complete: Complete) -> tuple[str, ...]:
     return tuple(parameter.name for parameter in _parameters(complete))
 
 
+def _body_lines(complete: Complete) -> Iterator[str]:
+    """Yield a line for each part, and for each body of one that has several."""
+    for part, bodies in dict(complete.machine.bodies or {}).items():
+        mark = " # assumed" if f"bodies.{part}" in complete.assumed else ""
+        if len(bodies) == 1:
+            yield f"{part}: {_body(bodies[0])}{mark}"
+        elif bodies:
+            yield f"{part}:{mark}"
+            yield from (f"  - {_body(body)}" for body in bodies)
+
+
+def _body(body: Body) -> str:
+    moments = body.inertia if any(body.inertia[3:]) else body.inertia[:3]
+    entries = [
+        f"mass: {written(body.mass, 'kg')}",
+        *([f"centre: {flow(body.centre, 'm')}"] if any(body.centre) else []),
+        *([f"inertia: {flow(moments, '1')}"] if any(moments) else []),
+    ]
+    return f"{{{', '.join(entries)}}}"
+
+
 def _parameter_lines(complete: Complete) -> Iterator[str]:
     """Yield a line for each parameter; what several have in common is told with the first."""
     last = ""
     for one in _parameters(complete):
+        if one.name not in complete.machine.parameters:
+            continue
         value = written(complete.machine.parameters[one.name], "1")
         meaning = "" if one.meaning == last else f": {_plain(one.meaning)}"
         last = one.meaning

@@ -33,7 +33,16 @@ def test_a_machine_of_which_nothing_is_known_passes(tmp_path):
     assert configuration.robot.name == configuration.run.name == "unknown"
     text = files.robot.read_text(encoding="utf-8")
     lines = text.splitlines()
-    for key in set(files.assumed) - {"parameters"}:
+    assert {"bodies", "parameters"} <= set(files.assumed)
+    parts = text.partition("\nbodies:\n")[2].partition("\n\n")[0].splitlines()
+    assert [line.split(":")[0].strip() for line in parts] == [
+        "ring",
+        "stator",
+        "slider",
+        "platform",
+    ]
+    assert all(line.endswith("# assumed") for line in parts)
+    for key in set(files.assumed) - {"bodies", "parameters"}:
         (stands,) = (n for n, line in enumerate(lines) if line.strip().startswith(f"{key}:"))
         assert "assumed" in lines[stands], key
         assert lines[stands - 1].strip().startswith("# ? "), key
