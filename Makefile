@@ -13,7 +13,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help venv test lint format run paper bench lock wheel clean
+.PHONY: help venv test lint format run paper bench docs lock wheel clean
 
 help: ## Show this list
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-8s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -60,6 +60,17 @@ paper: venv ## Repeat the paper's three studies and compare: runs/paper/report.h
 bench: venv ## Run the benchmarks
 	$(BIN)/python benchmarks/run.py $(ARGS)
 
+# The site has an environment of its own: CI does without, the tests check the links.
+SITE := build/docs
+$(SITE)/.installed: requirements/docs.txt
+	$(PYTHON) -m venv --clear $(SITE)
+	$(SITE)/bin/python -m pip install --quiet --require-hashes -r requirements/docs.txt
+	@touch $@
+
+docs: $(SITE)/.installed ## Build the site of the documentation: build/site/index.html
+	$(SITE)/bin/sphinx-build --quiet --fail-on-warning --keep-going --builder html \
+	  --conf-dir docs --doctree-dir $(SITE)/doctrees . build/site
+
 # Locked under the oldest Python that is supported: a newer one may pick releases it cannot install.
 LOCK := $(BIN)/pip-compile --quiet --generate-hashes --allow-unsafe --strip-extras \
 	--no-emit-index-url --no-emit-find-links --no-emit-trusted-host --no-emit-options
@@ -70,6 +81,9 @@ lock: venv ## Lock the newest versions that pyproject.toml admits (needs Python 
 	$(LOCK) --upgrade --output-file requirements/runtime.txt pyproject.toml
 	$(LOCK) --upgrade --extra all --extra dev --constraint requirements/runtime.txt \
 	  --output-file requirements/dev.txt pyproject.toml
+	$(BIN)/python -c 'import tomllib; \
+	  print(*tomllib.load(open("pyproject.toml", "rb"))["dependency-groups"]["docs"], sep="\n")' | \
+	  $(LOCK) --upgrade --output-file requirements/docs.txt -
 
 wheel: venv ## Build the wheel into dist/
 	$(BIN)/python -m pip wheel --quiet --no-deps --no-build-isolation --wheel-dir dist .

@@ -4,6 +4,7 @@ import pytest
 
 from tests.docs.pages import FILES, ROOT, prose
 
+TASKS = (ROOT / "docs" / "index.md").resolve()
 _LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
 
 
@@ -32,10 +33,36 @@ def test_links_lead_somewhere(page):
             assert anchor in _anchors(target), f"{page.name}: {link}"
 
 
-def test_every_page_is_linked_from_the_readme():
-    readme = ROOT / "README.md"
-    linked = {(ROOT / link.partition("#")[0]).resolve() for link in _links(readme)}
-    assert {page.resolve() for page in FILES} - {readme} <= linked
+def _linked(page):
+    return {(page.parent / link.partition("#")[0]).resolve() for link in _links(page)}
+
+
+def test_every_page_is_linked_from_the_page_of_tasks():
+    """And with it in the contents of the site; the readme leads there."""
+    assert TASKS in _linked(ROOT / "README.md")
+    assert {page.resolve() for page in FILES} - {TASKS} <= _linked(TASKS)
+
+
+def test_every_task_has_its_page():
+    """A line each, under a heading: the site makes its table of contents of them."""
+    _, *sections = TASKS.read_text(encoding="utf-8").split("\n## ")
+    assert len(sections) > 2
+    for section in sections:
+        rows = [line for line in section.splitlines() if line.startswith("|")][2:]
+        assert rows
+        for row in rows:
+            assert len(_LINK.findall(row)) == 1, row
+
+
+@pytest.mark.parametrize("page", FILES, ids=lambda page: page.name)
+def test_headings_have_one_anchor_each(page):
+    """The repository and the site number those of the same name, each in its own way."""
+    anchors = [_anchor(h) for h in re.findall(r"^#+ (.+)$", prose(page), re.MULTILINE)]
+    for other in FILES:
+        for link in _links(other):
+            path, _, anchor = link.partition("#")
+            if (other.parent / path if path else other).resolve() == page:
+                assert anchors.count(anchor) <= 1, f"{other.name}: {link}"
 
 
 @pytest.mark.parametrize("page", sorted((ROOT / "docs").glob("*.md")), ids=lambda page: page.name)
