@@ -194,7 +194,7 @@ def cases() -> dict[str, Case]:
             lambda x: _deviating(_joint("platform_joint_5", x)), _one("joint", 4, "platform"),
         ),
         Case(
-            "zero of a length", "mm", 6e-5, 1e3,
+            "zero of a length", "mm", 8e-5, 1e3,
             lambda x: _deviating({"strut_length_6": x}), _one("length_zero", 5),
         ),
         Case(

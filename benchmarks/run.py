@@ -34,6 +34,7 @@ NAMES = (
     "tolerances",
     "calls",
     "imported",
+    "own_machine",
 )
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from constraints.arrays import Array
 from estimation.diagnostics.attribution import Attribution, attribute
+from estimation.diagnostics.cause import THERE
 from estimation.diagnostics.cause_test import CauseResult, DelayTest
 from estimation.diagnostics.causes import causes
 from estimation.diagnostics.channel_test import GAIN_DRIFT, LACK_OF_FIT, NOISE
@@ -68,7 +69,12 @@ def verdict(experiments: Sequence[ExperimentDiagnosis], *of_the_estimate: Findin
     if serious:
         return Verdict(Status.DOUBTFUL, f"doubtful: {'; '.join(serious)}", findings)
     summary = "accepted: nothing speaks against the model"
-    untested = dict.fromkeys(f.assumption for f in findings if f.outcome is Outcome.NOT_TESTED)
+    # What the model has is no assumption that stays open.
+    untested = dict.fromkeys(
+        f.assumption
+        for f in findings
+        if f.outcome is Outcome.NOT_TESTED and not f.sentence.endswith(THERE)
+    )
     if untested:
         summary += f"; not tested: {', '.join(untested)}"
     minor = [f.contradiction for f in findings if f.failed]

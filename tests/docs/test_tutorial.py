@@ -1,4 +1,4 @@
-"""The tutorial: its commands run one after the other, and its numbers are what comes out."""
+"""The pages that are walked: their commands run in turn, and their numbers are what comes out."""
 
 import shlex
 
@@ -6,39 +6,54 @@ import pytest
 
 from expdesign.cli.app import app
 from expdesign.cli.errors import run
+from expdesign.configuration.robot import load_robot_description
 from tests.blank_figures import blank_figures
 from tests.docs.pages import ROOT
 from tests.docs.tutorial import agree, missing_line, stated_numbers, steps, value_of
 
 PAGE = ROOT / "docs" / "tutorial.md"
+OWN_MACHINE = ROOT / "docs" / "own-machine.md"
 FOLDER = "runs/tutorial"
 
 
+@pytest.fixture
+def walked(tmp_path, monkeypatch, capsys):
+    """Walk a page in an empty folder, and hold its outputs and numbers against what comes out."""
+
+    def walk(page, folder):
+        monkeypatch.chdir(tmp_path)
+        monkeypatch.setenv("COLUMNS", "200")
+        said = ""
+        for step in steps(page):
+            if step.kind == "file":
+                (tmp_path / step.name).write_text(step.text, encoding="utf-8")
+            elif step.kind == "script":
+                exec(compile(step.text, page.name, "exec"), {})
+            elif step.kind == "command":
+                program, *arguments = shlex.split(step.text)
+                assert program == "expdesign"
+                with blank_figures(filled=True):
+                    status = run(app, arguments)
+                said = "".join(capsys.readouterr())
+                assert status == 0, (step.text, said)
+            else:
+                assert missing_line(step.text, said) is None, said
+        for stated in stated_numbers(page):
+            value = value_of(stated, tmp_path / folder)
+            assert agree(stated.shown, value), (stated, value)
+        return tmp_path
+
+    return walk
+
+
 @pytest.mark.slow
-def test_the_tutorial_is_what_happens(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("COLUMNS", "200")
-    said = ""
-    for step in steps(PAGE):
-        if step.kind == "file":
-            (tmp_path / step.name).write_text(step.text, encoding="utf-8")
-        elif step.kind == "command":
-            program, *arguments = shlex.split(step.text)
-            assert program == "expdesign"
-            with blank_figures(filled=True):
-                status = run(app, arguments)
-            said = "".join(capsys.readouterr())
-            assert status == 0, (step.text, said)
-        else:
-            assert missing_line(step.text, said) is None, said
-    for stated in stated_numbers(PAGE):
-        value = value_of(stated, tmp_path / FOLDER)
-        assert agree(stated.shown, value), (stated, value)
-    figures = {path.stem for path in (tmp_path / FOLDER / "figures").glob("*.svg")}
+def test_the_tutorial_is_what_happens(walked):
+    folder = walked(PAGE, FOLDER)
+    figures = {path.stem for path in (folder / FOLDER / "figures").glob("*.svg")}
     assert {"path", "limits_used", "precision"} <= figures
-    assert (tmp_path / FOLDER / "report.html").is_file()
-    assert (tmp_path / "runs/comparison/report.html").is_file()
-    assert (tmp_path / FOLDER / "exports/README.txt").is_file()
+    assert (folder / FOLDER / "report.html").is_file()
+    assert (folder / "runs/comparison/report.html").is_file()
+    assert (folder / FOLDER / "exports/README.txt").is_file()
 
 
 def test_the_tutorial_has_every_step():
@@ -57,6 +72,16 @@ def test_the_tutorial_has_every_step():
     ]
     assert commands == way
     assert len(stated_numbers(PAGE)) > 30
+
+
+@pytest.mark.slow
+def test_from_a_drawing_to_an_identified_robot(walked):
+    folder = walked(OWN_MACHINE, "runs/press-measured")
+    commands = [step for step in steps(OWN_MACHINE) if step.kind == "command"]
+    assert len(commands) < 20
+    assert (folder / "runs/press/exports/first-scale-0.3.csv").is_file()
+    found = load_robot_description(folder / "runs/press-measured/identified-robot.yaml")
+    assert found.description.identification.verdict == "accepted"
 
 
 def test_a_wrong_number_is_seen():

@@ -1,9 +1,9 @@
 """A page whose commands are run: its steps in their order, and the numbers that it states.
 
 A YAML block whose first line is a comment with a file name is a file, a `bash` block holds
-commands, a `text` block an excerpt of what the commands before it said: its lines in their order,
-`…` for what is left out. A number in the prose or a table is followed by a comment that tells where
-it stands:
+commands, a `python` block is a script, a `text` block an excerpt of what the commands before it
+said: its lines in their order, `…` for what is left out. A number in the prose or a table is
+followed by a comment that tells where it stands:
 
     16.4<!-- estimates.csv ml p10 value --> kg
     0.10<!-- noise.json length_std 5 * 1000 --> mm
@@ -30,7 +30,7 @@ LEFT_OUT = "…"
 
 @dataclass(frozen=True)
 class Step:
-    """A fence of the page: `kind` is `file`, `command` or `output`."""
+    """A fence of the page: `kind` is `file`, `command`, `script` or `output`."""
 
     kind: str
     text: str
@@ -57,6 +57,8 @@ def steps(page):
                 found.append(Step("file", block.text, first.removeprefix("# ")))
         elif block.language == "bash":
             found += [Step("command", line) for line in block.text.splitlines()]
+        elif block.language == "python":
+            found.append(Step("script", block.text))
         else:
             assert block.language == "text", f"{page.name}: what is a {block.language} block?"
             found.append(Step("output", block.text))
