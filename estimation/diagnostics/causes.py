@@ -84,8 +84,8 @@ def parameter_cause(part: Linearisation, names: tuple[str, ...], *, held_out: bo
         level=CAUSES,
         assumption=assumption,
         noun="another value of",
-        absent="nothing of the residuals lies along the regressor's columns (p = {p:.2g})",
-        untested="no column of the regressor is left to test",
+        absent="no parameter needs another value in one of the struts (p = {p:.2g})",
+        untested="every parameter is estimated and acts in one strut only",
     )
 
 
@@ -269,7 +269,7 @@ def _delay(suspects: Suspects) -> Cause:
             + "; a delay from the data sheet goes into `data.delay`",
         ),
         noun="a delay of the forces",
-        absent="the forces lag by {value:.3g} ± {std:.1g} ms",
+        absent="no delay of the forces is seen ({value:.3g} ± {std:.1g} ms)",
         untested="the forces do not change in time"
         if moved
         else "pointwise kinematics give no derivative of the forces in time",

@@ -76,10 +76,10 @@ def verdict(experiments: Sequence[ExperimentDiagnosis], *of_the_estimate: Findin
         if f.outcome is Outcome.NOT_TESTED and not f.sentence.endswith(THERE)
     )
     if untested:
-        summary += f"; not tested: {', '.join(untested)}"
+        summary += f"; assumed, not tested: {', '.join(untested)}"
     minor = [f.contradiction for f in findings if f.failed]
     if minor:
-        summary += f"; of little consequence: {'; '.join(minor)}"
+        summary += f"; seen, of little consequence: {'; '.join(minor)}"
     return Verdict(Status.ACCEPTED, summary, findings)
 
 

@@ -118,6 +118,7 @@ def _not_told_apart(
     diagnosis: ExperimentDiagnosis, effects: Sequence[Effect], found: Finding
 ) -> Finding:
     """Name what explains the same about as well, in sentence and verdict: all of it."""
+    several = len(effects) > 1
     causes = {cause.kind: cause for cause in diagnosis.attribution.causes}
     named = []
     for effect in effects:
@@ -125,14 +126,14 @@ def _not_told_apart(
         for rival in effect.rivals:
             places.setdefault(rival.kind, []).append(_place(rival))
         if places:
-            others = listed([_named(kind, each, causes) for kind, each in places.items()])
-            named.append(f"{_named(effect.kind, [_place(effect)], causes)}: {others}")
+            others = " or ".join(_named(kind, each, causes) for kind, each in places.items())
+            place = f"instead of {_named(effect.kind, [_place(effect)], causes)} " * several
+            named.append(f"{place}it may as well be {others}")
     if not named:
         return found
     return replace(
         found,
-        sentence=f"{found.sentence}; not told apart from others that explain it about as well "
-        f"({'; '.join(named)})",
+        sentence="; ".join((found.sentence, *named)),
         contradiction=f"{found.contradiction}, or something like it",
     )
 

@@ -34,7 +34,8 @@ _RESIDUALS_WHITE = Assumption(
 _NOISE_LEVEL = Assumption(
     "the forces are as noisy as assumed",
     "the force residuals do not have the size of the noise",
-    "the model or the covariance of the noise is wrong; the bias test tells which",
+    "where nothing else speaks against the model, the noise was stated too small: take the "
+    "covariance that `expdesign noise` finds",
 )
 _MOTION = Assumption(
     "the Fourier series is the motion",
@@ -127,13 +128,13 @@ def _bias(diagnosis: ExperimentDiagnosis) -> Finding:
     """Which actuators have a bias, and what explains it."""
     test, left = diagnosis.tests.lack_of_fit, diagnosis.tests.lack_of_fit_with_effects
     if test.refused:
-        return _EXPLAINED.untested(f"no bias test: {test.refused}")
+        return _EXPLAINED.untested(test.refused)
     p = _family_p(test.p_values)
     worst = int(np.nanargmin(test.p_values))
     if not np.any(test.failed):
         sentence = (
-            f"no actuator has a bias (largest F = {test.statistic[worst]:.3f} in actuator "
-            f"{worst + 1}, p = {test.p_values[worst]:.2g})"
+            f"nothing is left of the forces but noise (F = 1 is noise; largest F = "
+            f"{test.statistic[worst]:.3f} in actuator {worst + 1}, p = {test.p_values[worst]:.2g})"
         )
         return _EXPLAINED.holds(sentence, p, test.level)
     where = channels("actuator", test.failed)
@@ -151,8 +152,9 @@ def _bias(diagnosis: ExperimentDiagnosis) -> Finding:
         rest = channels("actuator", left.failed)
         advice = f"{found} explains a part; there is more in {rest}: {_EXPLAINED.advice}"
     else:
-        advice = f"{found} explains it: see below"
-    return _EXPLAINED.fails(f"a bias in {where} (F = {values})", p, test.level, where, advice)
+        advice = f"{found} explains it"
+    sentence = f"more is left of the forces of {where} than noise (F = {values}; 1 is noise)"
+    return _EXPLAINED.fails(sentence, p, test.level, where, advice)
 
 
 def _gain_drift(tests: ExperimentTests) -> Finding:
@@ -186,7 +188,10 @@ def _motion(tests: ExperimentTests, left: str) -> list[Finding]:
         return [_MOTION.untested(reason + "regressor", "use `differentiation: fourier`")]
     findings = [_size(_MOTION, test, "length", left)]
     if tests.harmonics_left_out:
-        sentence = f"forces show {tests.harmonics_left_out} harmonics more than the lengths"
+        sentence = (
+            f"the forces show {tests.harmonics_left_out} harmonics of the motion that the lengths "
+            "do not"
+        )
         findings.append(_WHOLE_MOTION.found(sentence))
     return [
         *findings,
@@ -240,13 +245,13 @@ def _noise_white(tests: _OfNoise) -> Finding:
     largest = max(float(np.max(np.abs(test.autocorrelation))) for test in done.values())
     where = listed([channels(kind, test.failed) for kind, test in done.items()])
     absent = f"largest autocorrelation between periods {largest:.3f}"
-    seen = f"{where}; up to" if where else "hardly from sample to sample: up to"
-    present = f"the noise is correlated in time ({seen} {largest:.2f})"
+    seen = where or "over many samples, hardly from one to the next"
+    present = f"the noise is correlated in time ({seen}; up to {largest:.2f})"
     if not white.counted:
         return _NOISE_WHITE.judged(where, absent, present, p, level)
     # What matters is what the correlation does to the parameters.
-    ratio = f"standard deviations up to {white.std_ratio:.2g} times what these weights would have"
-    ratio += f" in white noise ({white.std_ratio_of})"
+    ratio = f"it makes standard deviations up to {white.std_ratio:.2g} times those of white noise"
+    ratio += f" ({white.std_ratio_of})"
     if white.std_ratio_p < level and white.std_ratio > _NOTICEABLE_RATIO:
         where = where or white.std_ratio_of
         p = min(p, white.std_ratio_p)
@@ -303,7 +308,10 @@ def _periods(tests: _OfNoise) -> Finding:
         for j in np.flatnonzero(test.failed):
             changes[f"{kind} {j + 1}"] = f"by {factor * test.extent[j]:.2g} {unit}"
     listed = ", ".join(f"{channel} {change}" for channel, change in changes.items())
-    absent, present = "the means of the periods do not differ", f"period means change: {listed}"
+    absent, present = (
+        "the means of the periods do not differ",
+        f"the means of periods change: {listed}",
+    )
     return _ALIKE.judged(", ".join(changes), absent, present, p, force.level)
 
 

@@ -20,8 +20,8 @@ _UNITS = {"force": (1.0, "N"), "length": (1e3, "mm")}
 
 
 _SEEN_ELSEWHERE = (
-    "an estimate looks for it in its residuals; state it in `noise.force_spectrum.hum` and design "
-    "again: a design keeps its multiples away from it"
+    "the estimate looks for it in what the model leaves; or state it in "
+    "`noise.force_spectrum.hum` and design again: the motion then keeps away from it"
 )
 
 
@@ -41,13 +41,16 @@ def hum_finding(searches: Mapping[str, HumSearch | None], refused: str = "") -> 
     hidden = sorted({frequency for search in done.values() for frequency in search.hidden})
     unseen = ""
     if hidden:
-        unseen = f"; not seen, because the motion has it as a multiple: {_listed(hidden)} Hz"
+        unseen = (
+            f"; at {_listed(hidden)} Hz, a multiple of the motion's frequency, none can be seen "
+            "between periods"
+        )
     p = min(1.0, len(done) * min(search.p for search in done.values()))
     found = [_words(kind, line) for kind, search in done.items() for line in search.lines]
     if not found:
         absent = f"no sinusoid at 50 or 60 Hz and their multiples (p = {p:.2g}){unseen}"
         if set(MAINS) & set(hidden):
-            return _NO_HUM.untested(f"where one is seen, {absent}", _SEEN_ELSEWHERE)
+            return _NO_HUM.untested(absent, _SEEN_ELSEWHERE)
         return _NO_HUM.holds(absent, p, HUM)
     where = f"{_listed({line.frequency for s in done.values() for line in s.lines})} Hz"
     return _NO_HUM.fails(f"a hum: {'; '.join(found)}{unseen}", p, HUM, where)

@@ -276,7 +276,8 @@ def _warnings(
             found.append(f"{where}{dropped} rows of incomplete periods were left out")
         noise = record.experiment.noise
         found += [
-            f"{where}too few periods to tell noise from model error, and none is given: {source}"
+            f"{where}too few periods to see the noise, and none is given: {source}. Record three "
+            "periods or more"
             for own, source in (
                 (noise.forces, "Σ comes from the residuals and includes the model's error"),
                 (noise.lengths, "Δ comes from what the fitted motion leaves of the lengths"),
@@ -286,9 +287,9 @@ def _warnings(
         found += [where + warning for warning in record.warnings]
         if record.harmonics_of_forces != record.harmonics:
             found.append(
-                f"{where}forces and lengths together show {record.harmonics_of_forces} harmonics, "
-                f"the lengths alone {record.harmonics}: LS and GM take these, so that their "
-                "intervals do not count the motion beyond; ML does"
+                f"{where}the forces show {record.harmonics_of_forces} harmonics of the motion, the "
+                f"lengths alone {record.harmonics}: LS and GM know only these, and their intervals "
+                "are too narrow. Take ML, which counts all"
             )
         if record.experiment.fit is None:
             found.append(
@@ -299,7 +300,8 @@ def _warnings(
         if not result.converged:
             found.append(f"{name}: {result.status}")
         found += [
-            f"{name}: {knowledge.names[k]} stands at a bound; its std ignores that"
+            f"{name}: {knowledge.names[k]} stands at its bound (`estimate.bounds`), which its "
+            "standard deviation does not count"
             for k in np.flatnonzero(knowledge.at_bound(result.values))
         ]
     return found

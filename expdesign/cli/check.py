@@ -117,7 +117,8 @@ def _machine(
 
     from constraints import limit_definitions
     from expdesign.cli.machine import print_machine
-    from expdesign.cli.output import results
+    from expdesign.cli.output import say
+    from expdesign.cli.terminal import working
     from expdesign.recheck.reach import reach
     from expdesign.robot import LimitModel
     from expdesign.stages.outcome import short
@@ -125,11 +126,12 @@ def _machine(
     from results.saving import machine_drawing
 
     refuse_unwritable(folder)
-    at_home, reaches = LimitModel.boundless(robot).at_home(), reach(robot)
-    files = machine_drawing(robot, folder, configuration.run.report.figures)
+    with working("check"):
+        at_home, reaches = LimitModel.boundless(robot).at_home(), reach(robot)
+        files = machine_drawing(robot, folder, configuration.run.report.figures)
     if not quiet:
         print_machine(robot, at_home, reaches)
-        results().print(f"drawn: {', '.join(short(file) for file in files)}", soft_wrap=True)
+        say(f"drawn: {', '.join(short(file) for file in files)}")
     units = {key: definition.unit for key, definition in limit_definitions().items()}
     return {
         "machine": {

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from expdesign.cli.output import JsonOption, note, results, write_json
+from expdesign.cli.output import JsonOption, note, say, write_json
 
 
 def compare(
@@ -65,7 +65,7 @@ def compare(
             }
         )
     else:
-        results().print(f"comparison: {short(place / 'report.html')}", soft_wrap=True)
+        say(f"comparison: {short(place / 'report.html')}")
 
 
 def precision_share(text: str) -> float:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from expdesign.cli.options import Option, flag, with_options
-from expdesign.cli.output import JsonOption, note, results, write_json
+from expdesign.cli.output import JsonOption, note, results, say, write_json
 
 if TYPE_CHECKING:
     from expdesign.configuration import ExportSection, RunConfiguration
@@ -108,7 +108,7 @@ def export(
         shown.tables(outcome)
         table, *beside = outcome.files
         with_it = f", with {', '.join(path.name for path in beside)} beside it" if beside else ""
-        results().print(f"written to {short(table)}{with_it}")
+        say(f"written to {short(table)}{with_it}")
 
 
 def _list(*, as_json: bool) -> None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from expdesign.cli.options import Option, flag, with_options
-from expdesign.cli.output import JsonOption, messages, note, results, write_json
+from expdesign.cli.output import JsonOption, messages, note, say, write_json
 
 if TYPE_CHECKING:
     from expdesign.configuration.document import Placed
@@ -215,7 +215,7 @@ def _show(files: WrittenFiles) -> None:
     from expdesign.stages.outcome import short
 
     robot, run = short(files.robot), short(files.run)
-    results().print(f"written to {robot} and {run}")
+    say(f"written to {robot} and {run}")
     if files.assumed:
         note(f"assumed, for you to look up (`# ?` in {robot}): {', '.join(files.assumed)}")
     note(f"next: expdesign check {run}")

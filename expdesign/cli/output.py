@@ -37,7 +37,15 @@ def results() -> Console:
 
 def messages() -> Console:
     """Return the console for progress, warnings and errors, on standard error."""
-    return Console(stderr=True, highlight=False, markup=False, soft_wrap=True)
+    console = Console(stderr=True, highlight=False, markup=False)
+    console.soft_wrap = not console.is_terminal
+    return console
+
+
+def say(text: str) -> None:
+    """Write words to standard output: broken between them on a terminal, elsewhere not at all."""
+    console = results()
+    console.print(text, soft_wrap=not console.is_terminal)
 
 
 def write_json(data: Any) -> None:

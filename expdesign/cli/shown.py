@@ -11,11 +11,11 @@ import numpy as np
 from rich import box
 from rich.table import Table
 
-from expdesign.cli.output import note, results
+from expdesign.cli.output import note, results, say
 from expdesign.stages.outcome import Outcome, short
 
 if TYPE_CHECKING:
-    from estimation.diagnostics.finding import Finding
+    from estimation.diagnostics.finding import Finding, Verdict
 
 
 def design(outcome: Outcome) -> None:
@@ -31,11 +31,10 @@ def design(outcome: Outcome) -> None:
     value = f"{criterion.title} = {result.criterion_value:.7g}"
     if not criterion.invariant:
         value += f" ({scaling}), log det F = {result.log_det_information:.7g}"
-    results().print(
+    say(
         f"{result.configuration.run.name}: {result.status} in {result.seconds:.0f} s. {value} over "
         f"{result.samples} samples of one period of {result.trajectory.period:.4f} s, from start "
-        f"{result.search.best.index}.",
-        soft_wrap=True,
+        f"{result.search.best.index}."
     )
     known = limit_definitions()
     rows = [
@@ -61,22 +60,21 @@ def experiment(outcome: Outcome) -> None:
     truth, repetitions = outcome.result.truth, outcome.summary["repetitions"]
     section = truth.experiment
     times = "" if repetitions == 1 else f", {repetitions} times"
-    console = results()
-    console.print(
+    say(
         f"{truth.name}: {section.periods} periods of {truth.design.period:.4f} s measured at "
         f"{section.sampling:g} Hz{times}: {section.samples} samples, "
         f"{section.samples_per_period:.6g} per period."
     )
     if truth.table is not None:
-        console.print(
+        say(
             f"executed: {truth.table.file} ({truth.table.format}), measured from "
             f"{truth.table.window[0]:.4f} s after its start; struts within "
             f"{1e6 * truth.table.position_error:.2g} µm of the design"
         )
     if truth.machine is not None:
-        console.print(f"measured: {truth.machine.name} of experiment.truth, not the run's robot")
+        say(f"measured: {truth.machine.name} of experiment.truth, not the run's robot")
     named = ", ".join(truth.disturbances.active) or "none"
-    console.print(f"noise with full covariances, {truth.memory}; disturbances: {named}")
+    say(f"noise as the robot states it, {truth.memory}; disturbances: {named}")
     _place(outcome)
 
 
@@ -90,7 +88,7 @@ def noise(outcome: Outcome) -> None:
     )
     if found.at_rest:
         parts = f"at rest, compared in {record.periods:.6g} parts of {record.period:.4g} s"
-    console.print(f"{record.rows} rows, {parts}", soft_wrap=True)
+    say(f"{record.rows} rows, {parts}")
     for title, covariance, factor, unit in (
         ("forces", found.force_covariance, 1.0, "N"),
         ("lengths", found.length_covariance, 1e3, "mm"),
@@ -107,13 +105,16 @@ def noise(outcome: Outcome) -> None:
     console.print(f"\n{outcome.record.block}", markup=False, highlight=False, soft_wrap=True)
     _place(outcome)
     if not record.averaged:
-        note("periods are no whole number of samples: the scatter is that about a Fourier series")
+        note(
+            "a period is no whole number of samples: the noise is what a Fourier series of the "
+            "motion leaves, not what differs between periods"
+        )
 
 
 def montecarlo(outcome: Outcome) -> None:
     """Print bias, spread and coverage of each estimator over all parameters."""
     console, study = results(), outcome.result
-    console.print(
+    say(
         f"{study.configuration.run.name}: {len(study.repetitions)} repetitions of "
         f"{study.truth.experiment.periods} periods at {study.truth.experiment.sampling:g} Hz; "
         f"{len(study.identified)} of {len(study.free)} parameters are identified"
@@ -146,11 +147,10 @@ def estimate(outcome: Outcome) -> None:
         harmonics = "pointwise" if record.harmonics is None else f"{record.harmonics} harmonics"
         if record.harmonics_of_forces != record.harmonics:
             harmonics += f" ({record.harmonics_of_forces} with the forces)"
-        console.print(
+        say(
             f"{short(Path(record.source)) if record.source else 'data'}: {data.rows} rows, "
             f"{data.periods:.6g} periods of {data.period:.6g} s (from the {data.source.value}), "
-            f"{harmonics}, noise {record.experiment.noise.source}",
-            soft_wrap=True,
+            f"{harmonics}, noise {record.experiment.noise.source}"
         )
     by_place = {(row.estimator, row.parameter): row for row in result.rows}
     rows = []
@@ -162,10 +162,9 @@ def estimate(outcome: Outcome) -> None:
     heads = ("parameter", *(name.upper() for name in result.estimates), "a priori", "unit")
     console.print(_table(title, heads, rows, ("parameter", "unit")))
     for combination in result.combinations[result.best.estimator]:
-        console.print(combination.text, soft_wrap=True)
+        say(combination.text)
     if diagnosis is not None:
-        console.print(diagnosis.verdict.summary, soft_wrap=True)
-        _findings(diagnosis.verdict.failed)
+        _verdict(diagnosis.verdict)
     _place(outcome)
 
 
@@ -203,9 +202,8 @@ def validate(outcome: Outcome) -> None:
     console.print(_table(title, sizes, errors, ("motion", "kept")))
     for motion in record.summary.motions:
         if motion.tolerance_words:
-            console.print(f"{motion.name}: {motion.tolerance_words}", soft_wrap=True)
-        console.print(f"{motion.name}: {motion.diagnostics.verdict.summary}", soft_wrap=True)
-        _findings(motion.diagnostics.verdict.failed)
+            say(f"{motion.name}: {motion.tolerance_words}")
+        _verdict(motion.diagnostics.verdict, f"{motion.name}: ")
     _place(outcome)
 
 
@@ -215,13 +213,13 @@ def study(outcome: Outcome) -> None:
     rows = [(one.statement, one.value, one.paper, words[one.holds]) for one in outcome.result]
     heads = ("what", "found", "paper", "holds")
     results().print(_table("On the digital twin (simulated)", heads, rows, heads))
-    results().print(f"{outcome.message}; written to {short(outcome.folder)}")
+    say(f"{outcome.message}; written to {short(outcome.folder)}")
 
 
 def export(outcome: Outcome) -> None:
     """Print how exact each table is when it is read back, and where they are."""
     tables(outcome)
-    results().print(f"written to {short(outcome.result[0].path.parent)}")
+    say(f"written to {short(outcome.result[0].path.parent)}")
 
 
 def tables(outcome: Outcome) -> None:
@@ -230,7 +228,7 @@ def tables(outcome: Outcome) -> None:
 
     for made in outcome.result:
         check, off = made.check, made.check.deviation
-        results().print(
+        say(
             f"{made.path.name}: {check.rows} rows in {check.duration:.3f} s, read back: struts "
             f"within {1e6 * off.position:.3g} µm and {1e3 * off.velocity:.3g} mm/s of the design, "
             f"{limits_in_words(check.limits)}"
@@ -239,11 +237,11 @@ def tables(outcome: Outcome) -> None:
 
 def report(outcome: Outcome) -> None:
     """Print where the report is."""
-    results().print(f"report: {short(outcome.result)}", soft_wrap=True)
+    say(f"report: {short(outcome.result)}")
 
 
 def _place(outcome: Outcome) -> None:
-    results().print(f"written to {short(outcome.folder)}", soft_wrap=True)
+    say(f"written to {short(outcome.folder)}")
 
 
 def _table(
@@ -263,11 +261,24 @@ def _table(
     return table
 
 
+def _verdict(verdict: Verdict, begin: str = "") -> None:
+    """Print a verdict, and below it what was found against the model: once, with what to do."""
+    words, serious = verdict.summary, [each for each in verdict.failed if each.serious]
+    if serious:
+        count = "1 finding speaks" if len(serious) == 1 else f"{len(serious)} findings speak"
+        words = f"{verdict.status.value}: {count} against the model"
+    say(f"{begin}{words}")
+    _findings(verdict.failed)
+
+
 def _findings(findings: Iterable[Finding], *, outcomes: bool = False) -> None:
     for finding in findings:
         outcome = f"{finding.assumption}: {finding.outcome.value}. " if outcomes else ""
-        advice = f"; {finding.advice}" if finding.advice else ""
-        results().print(f"- {outcome}{finding.sentence}{advice}", soft_wrap=True)
+        if outcomes and finding.failed:
+            # That an assumption which denies something fails would have to be decoded.
+            outcome = f"{finding.contradiction}. "
+        advice = f". What to do: {finding.advice}" if finding.advice else ""
+        say(f"- {outcome}{finding.sentence}{advice}")
 
 
 def _concise(value: float, std: float) -> str:

@@ -146,7 +146,13 @@ class SearchDisplay:
     def shown(self) -> Iterator[None]:
         """Show the display."""
         if self._console.is_terminal:
-            with Live(get_renderable=self._picture, console=self._console, refresh_per_second=4):
+            shown = Live(
+                get_renderable=self._picture,
+                console=self._console,
+                transient=True,
+                refresh_per_second=4,
+            )
+            with shown:
                 yield
         else:
             self._line("design: building the problem …")

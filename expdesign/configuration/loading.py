@@ -93,7 +93,10 @@ def load_run(source: ConfigurationLike) -> RunConfiguration:
         raise InputError(problems)
     forces_known = robot.noise is not None and robot.noise.force_covariance is not None
     users = () if forces_known else [stage for stage in run.stages if stage in _NOISE_USED_BY]
-    missing_noise = [f"no noise of the forces is given; needed by: {', '.join(users)}"]
+    missing_noise = [
+        f"no noise of the forces is given (`noise` in robot or run), and {' and '.join(users)} "
+        f"{'needs' if len(users) == 1 else 'need'} it"
+    ]
     of_the_twin = (*folded_hum(run), *_other_warnings(truth, robot))
     return RunConfiguration(
         run=_completed(run, robot, truth, document.folder),

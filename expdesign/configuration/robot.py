@@ -256,8 +256,8 @@ def resolve_robot(
         if length is None:
             length = geo.rms_radius(platform_joints)
             warnings.append(
-                "limits.characteristic_length is not given: rotations are scaled by "
-                f"{length:.4g} m, the rms radius of the platform joints"
+                "limits.characteristic_length is not given: condition numbers count a rotation of "
+                f"1 rad as {length:.4g} m, the rms radius of the platform joints"
             )
         alpha_axes, joint_axes, thread_axes, found = _axes(source, platform_joints, length)
         sums = geo.asymmetric_sums(platform_joints) if rigid_platform.SYMMETRIC in terms else {}
@@ -280,9 +280,9 @@ def resolve_robot(
         warnings += description.identification.warnings
     if sums:
         warnings.append(
-            "the platform is declared symmetric, but sums over its joints do not vanish: "
-            f"{', '.join(f'{name} = {value}' for name, value in sums.items())}; "
-            "with `platform: general` the model is exact"
+            "the platform is declared symmetric, but its joints are not: `platform: general` has "
+            "the five parameters that count it. The sums over the joints would be zero: "
+            f"{', '.join(f'{name} = {value}' for name, value in sums.items())}"
         )
     written = description.model_copy(
         update={

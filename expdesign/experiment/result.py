@@ -47,8 +47,9 @@ def imprecise(robot: Robot, precision: PredictedPrecision) -> tuple[str, ...]:
     if not weak:
         return ()
     return (
-        "not identifiable with this experiment (predicted standard deviation above "
-        f"{100 * IDENTIFIABLE:g} % of the parameter): {', '.join(weak)}",
+        f"not identifiable with this experiment: {', '.join(weak)}. In brackets the predicted "
+        f"standard deviation, which is to be below {100 * IDENTIFIABLE:g} % of the value: measure "
+        "more periods, or state what is known (`estimate.fixed`, `estimate.prior`)",
     )
 
 

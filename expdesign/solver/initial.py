@@ -62,8 +62,8 @@ def random_start(
         if share > 0:
             return np.append((_INSIDE * share * table).ravel(), at)
     raise InfeasibleLimitsError(
-        f"no motion keeps the limits: one of {_LARGEST_SHARE / 2**_BISECTIONS:.1g} of the "
-        f"coordinates' reach about home breaks {_broken(problem, table, lower[-1], width)}"
+        "no motion keeps the limits: even a minute one about home breaks "
+        f"{_broken(problem, table, lower[-1], width)}"
     )
 
 

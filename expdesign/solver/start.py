@@ -45,13 +45,13 @@ class StartResult:
         return sum(stage.iterations for stage in self.stages)
 
 
-GIVEN_UP = "given up: behind the motions that are kept at the same stage"
+GIVEN_UP = "given up: far behind what the best motions had reached at this stage"
 """How a hop or a new start ended that was not worth going on."""
 
 STATUS_TEXTS = {
     "Solve_Succeeded": "converged",
-    "Solved_To_Acceptable_Level": "converged to an acceptable level: the objective stood still",
-    "Maximum_Iterations_Exceeded": "stopped at the most iterations allowed, with its best iterate",
+    "Solved_To_Acceptable_Level": "converged: the objective stood still",
+    "Maximum_Iterations_Exceeded": "stopped after design.max_iterations; its best motion counts",
     "Maximum_CpuTime_Exceeded": "stopped at the time allowed",
     "User_Requested_Stop": "stopped before its end (Ctrl-C, or design.max_seconds)",
     "Infeasible_Problem_Detected": "no point nearby keeps the limits",

@@ -49,7 +49,7 @@ def _design(work: Workspace) -> DesignResult:
             return design(configuration, Monitor(stop, report))
     except SingularInformationError as error:
         raise StageFailed(
-            f"the limits do not let these parameters be excited: {error.combinations}. Leave "
+            f"no motion within the limits shows these parameters: {error.combinations}. Leave "
             f"{', '.join(error.unexcited)} out of design.parameters, or widen speed, acceleration "
             "or workspace.",
             error.details,
@@ -65,6 +65,7 @@ def _what_is_wrong(result: DesignResult, folder: str) -> str:
         row = f"{check.row}: " if check.row else ""
         parts.append(
             f"{check.key} ({row}{quantity_text(check.value, check.unit)} at {check.time:.4g} s, "
-            f"bound {quantity_text(check.bound, check.unit)}, {check.violation:.2g} of its range)"
+            f"bound {quantity_text(check.bound, check.unit)}: {100 * check.violation:.2g} % of its "
+            "range too far)"
         )
     return f"the design breaks {'; '.join(parts)}. It is saved, and marked, in {folder}"

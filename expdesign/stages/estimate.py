@@ -34,7 +34,7 @@ def perform(work: Workspace) -> Outcome:
         result = identification.estimate(configuration, recordings, designs)
     except LinAlgError as error:
         raise StageFailed(
-            f"the data cannot be estimated from ({error}): is a channel constant?"
+            f"no parameters follow from these data: is a channel constant? ({error})"
         ) from error
     diagnosis = None
     if result.intervals_cover:

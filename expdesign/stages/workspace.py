@@ -103,7 +103,8 @@ class Workspace:
                 f"the design was made for the robot {design.robot}, and {robot} executes it"
             )
         if design.status in {"interrupted", "limits broken"}:
-            found.append(f"the status of the design is '{design.status}'")
+            ended = "breaks a limit" if design.status == "limits broken" else "was interrupted"
+            found.append(f"the design that is executed {ended}")
         for warning in found:
             self.progress.warn(warning)
         return found

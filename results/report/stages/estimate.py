@@ -110,7 +110,7 @@ def _blocks(
     blocks += budget_blocks(record)
     weak = [combination.text for combination in summary.best_estimator.combinations]
     if weak:
-        text = "Combinations of parameters that the data do not tell apart: " + "; ".join(weak)
+        text = "What counts only together with others: " + "; ".join(weak)
         blocks.append(TextBlock(text, Level.CAUTION))
     blocks += folder.figures(*ESTIMATE_FIGURES)
     if len(summary.estimators) > 1:
@@ -198,7 +198,7 @@ def _facts(record: EstimateRecord, truth: Mapping[str, float] | None) -> tuple[F
         Fact(
             "parameters identified",
             f"{sum(bool(row.identified) for row in rows)} of {len(rows)}",
-            f"σ below half of their scale, {NAMES.get(best, best)}",
+            f"σ below half of the value, {NAMES.get(best, best)}",
         )
     ]
     if relative:
