@@ -20,6 +20,7 @@ from expdesign.mechanism.rotation import ANGLES
 from expdesign.robotfile.machine import Machine, Question
 from expdesign.robotfile.machine_format import rows
 from expdesign.robotfile.mechanism_graph import Body, Groups, Joint, Rotations, Step
+from expdesign.robotfile.moved_bodies import StrutParts, moved_bodies
 
 _ALLOWED = (
     "six struts, each with one sliding joint between a cardan or ball joint on the base and one on "
@@ -112,6 +113,11 @@ def hexapod(
     limits = _limits(slides, lower, feet, heads, questions)
     closed = _closed(feet, heads, questions)
     mass = _mass(platform_group, groups, bodies, questions)
+    struts = [
+        _parts(slide, end, (foot, head), (below, above), groups)
+        for slide, end, foot, head in zip(slides, lower, feet, heads, strict=True)
+    ]
+    moved = moved_bodies(bodies, groups, struts, (platform_group, place), questions)
     angles = Rotation.from_matrix(place.rotation).as_euler(ANGLES) + 0.0
     return Machine(
         name=name,
@@ -122,6 +128,7 @@ def hexapod(
         alpha_axes=_alpha_axes(feet),
         limits=limits,
         moved_mass=mass,
+        bodies=moved,
         questions=tuple(questions),
     )
 
@@ -172,6 +179,40 @@ def _meeting(slide: Joint, path: tuple[Step, ...], where: str, on_hub: bool) -> 
     return meeting, missed
 
 
+def _parts(
+    slide: Joint,
+    end: int,
+    ends: tuple[_End, _End],
+    paths: tuple[dict[int, tuple[Step, ...]], dict[int, tuple[Step, ...]]],
+    groups: Groups,
+) -> StrutParts:
+    """Return what a strut is made of; `end` is which of the slide's bodies is at the base."""
+    (foot, head), (below, above) = ends, paths
+    stator, slider = (groups.of(slide.bodies[k]) for k in (end, 1 - end))
+    rings, lugs = (
+        [groups.of(step.joint.bodies[1 if step.forward else 0]) for step in path[:-1]]
+        for path in (below[stator], above[slider])
+    )
+    along, _ = _direction(slide, end, foot, head)
+    first = foot.first_axis
+    if first is None or np.linalg.norm(np.cross(first, along)) < _PARALLEL:
+        first = foot.hub * [1.0, 1.0, 0.0]
+    if np.linalg.norm(np.cross(first, along)) < _PARALLEL:
+        first = np.eye(3)[int(np.argmin(np.abs(along)))]
+    first = first / np.linalg.norm(first)
+    return StrutParts(tuple(rings), stator, (slider, *lugs), foot.leg, head.leg, first, along)
+
+
+def _direction(slide: Joint, end: int, foot: _End, head: _End) -> tuple[Array, int]:
+    """Return the slide's axis from the base to the platform, and 1 where it extends the strut.
+
+    -1 where it shortens it. One that is written without length extends along the axis.
+    """
+    axis = slide.axes[0] * (1 if end == 0 else -1)
+    backwards = axis @ (head.leg - foot.leg) < -_OPEN * np.linalg.norm(head.hub - foot.hub)
+    return (-axis, -1) if backwards else (axis, 1)
+
+
 def _limits(
     slides: list[Joint],
     lower: list[int],
@@ -184,16 +225,14 @@ def _limits(
     for slide, end, foot, head in zip(slides, lower, feet, heads, strict=True):
         along = head.leg - foot.leg
         apart = max(float(np.linalg.norm(v)) for v in (along, head.hub - foot.hub))
-        axis = slide.axes[0] * (1 if end == 0 else -1)
+        axis, outward = _direction(slide, end, foot, head)
         if np.linalg.norm(np.cross(axis, along)) > _ASIDE * apart:
             message = "it does not slide along the line between the strut's joints"
             raise slide.source.refusal(message, _ALLOWED)
         if slide.travel is None:
             continue
-        # A strut that is written without length extends along the axis.
-        ends = axis @ along + np.array(slide.travel)
-        if axis @ along < 0:
-            ends = -ends[::-1]
+        travel = np.array(slide.travel) * outward
+        ends = axis @ along + np.sort(travel)
         if ends[1] > 0:
             lengths.append((max(float(ends[0]), 0.0), float(ends[1])))
     limits: dict[str, object] = {}

@@ -12,6 +12,7 @@ from typing import Literal
 import numpy as np
 
 from constraints.arrays import Array
+from expdesign.mechanism.bodies import RigidBody, together
 from expdesign.robotfile.xml_document import Element
 
 Kind = Literal["fixed", "rotation", "slide", "free"]
@@ -40,6 +41,8 @@ class Placement:
 
 
 WORLD = Placement(np.eye(3), np.zeros(3))
+NOTHING = together(())
+"""A body without mass."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +54,8 @@ class Body:
     """In the world."""
     mass: float | None = None
     """kg; None: not stated."""
+    rigid: RigidBody | None = None
+    """In the world; None: not stated in full."""
 
 
 @dataclass(frozen=True)

@@ -102,7 +102,7 @@ class Attributes:
             x = _unit(element, values[:3], key)
             y = _unit(element, values[3:] - x * (x @ values[3:]), key)
             return np.column_stack([x, y, np.cross(x, y)])
-        return _turned_to(_unit(element, element.numbers(text, key, 3), key))
+        return turned_to(_unit(element, element.numbers(text, key, 3), key))
 
     def angle(self, value: float) -> float:
         """Return an angle of the model in rad."""
@@ -123,7 +123,7 @@ def _unit(element: Element, vector: Array, what: str) -> Array:
     return np.asarray(vector / length)
 
 
-def _turned_to(z: Array) -> Array:
+def turned_to(z: Array) -> Array:
     """Return the least rotation that takes the z axis to a unit vector."""
     axis = np.cross([0.0, 0.0, 1.0], z)
     sine = float(np.linalg.norm(axis))

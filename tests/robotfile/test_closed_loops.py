@@ -10,6 +10,9 @@ from scipy.spatial.transform import Rotation
 from expdesign.configuration import InputError
 from expdesign.robot import load_robot
 from expdesign.robotfile.importing import read_machine
+from expdesign.robotfile.mjcf_attributes import Attributes
+from expdesign.robotfile.mjcf_inertia import rigid_body
+from expdesign.robotfile.xml_document import read_xml
 from tests.multibody.machine import Bodies, Geometry
 from tests.multibody.machine import mjcf as machine_of_the_forces
 from tests.robotfile import simulated as bench
@@ -96,6 +99,96 @@ def test_the_bodies_that_forces_are_tested_with(tmp_path):
     assert machine.home is None
     assert machine.moved_mass == Bodies().platform.mass
     assert {"home", "limits.strut_length"} <= asked(machine)
+
+
+def test_bodies_are_those_that_forces_are_tested_with(tmp_path):
+    geometry = Geometry.of(load_robot("palida"))
+    machine = read(tmp_path, machine_of_the_forces(geometry, Bodies()))
+    made = machine.bodies.parameters(np.array(machine.platform_joints))
+    expected = Bodies().parameters(geometry.platform_joints)[:10]
+    np.testing.assert_allclose([made[f"p{k}"] for k in range(1, 11)], expected, rtol=1e-9)
+    assert "bodies" not in asked(machine)
+
+
+def test_struts_that_differ_have_their_mean_and_a_question(tmp_path):
+    geometry = Geometry.of(load_robot("palida"))
+    text = machine_of_the_forces(geometry, Bodies())
+    machine = read(tmp_path, text.replace('mass="9.0"', 'mass="9.6"', 1))
+    (stator,) = machine.bodies.stator
+    assert stator.mass == pytest.approx(9.1)
+    assert "bodies" in asked(machine)
+
+
+SHAPES = (
+    'type="box" size="0.1 0.2 0.3"',
+    'type="sphere" size="0.2"',
+    'type="cylinder" size="0.1 0.3"',
+    'type="capsule" size="0.1 0.3"',
+    'type="ellipsoid" size="0.1 0.2 0.3"',
+    'type="capsule" fromto="0.1 0 0 0.3 0.2 -0.4" size="0.05"',
+    'type="cylinder" fromto="0.1 0 0 0.1 0 -0.4" size="0.05"',
+)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        *(f'<geom mass="2" pos="0.1 0.2 0.3" euler="10 20 30" {shape}/>' for shape in SHAPES[:5]),
+        *(f'<geom mass="2" {shape}/><geom mass="1" size="0.2"/>' for shape in SHAPES[5:]),
+        f'<frame pos="0.1 0 0.2" euler="40 0 0"><geom mass="3" {SHAPES[0]}/></frame>',
+        '<inertial mass="2" pos="0.1 0 0" euler="10 20 30" diaginertia="0.1 0.2 0.25"/>',
+        '<inertial mass="2" pos="0.1 0 0" fullinertia="0.1 0.2 0.25 0.01 -0.02 0.03"/>',
+    ],
+)
+def test_masses_and_inertias_are_those_of_mujoco(content, tmp_path):
+    place = 'pos="0.3 -0.1 0.2" axisangle="1 2 3 50"'
+    text = f"<mujoco><worldbody><body name='b' {place}>{content}</body></worldbody></mujoco>"
+    model = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    file = tmp_path / "model.xml"
+    file.write_text(text)
+    root = read_xml(file, "mujoco")
+    attributes = Attributes.of(root)
+    element = root.first("worldbody").first("body")
+    body = rigid_body(element, attributes.place(element), attributes, None)
+    axes = data.ximat[1].reshape(3, 3)
+    assert body.mass == pytest.approx(model.body_mass[1])
+    np.testing.assert_allclose(body.moment / body.mass, data.xipos[1], atol=1e-12)
+    expected = axes @ np.diag(model.body_inertia[1]) @ axes.T
+    np.testing.assert_allclose(body.about_centre, expected, atol=1e-9)
+
+
+def test_links_of_gazebo_are_bodies(tmp_path):
+    """The stator's inertia is in a frame of its own, upside down; the plate's has products."""
+    own = (
+        "<inertial><pose>0 0 0.1 3.14159265358979312 0 0</pose><mass>2</mass>"
+        "<inertia><ixx>0.02</ixx><iyy>0.024</iyy><izz>0.005</izz></inertia></inertial>"
+    )
+    slider = (
+        "<inertial><pose>0 0 -0.05 0 0 0</pose><mass>1</mass>"
+        "<inertia><ixx>0.01</ixx><iyy>0.01</iyy><izz>0.001</izz></inertia></inertial>"
+    )
+    text = re.sub(r'(<link name="lower\d"><pose>[^<]*</pose>)', rf"\1{own}", bench.sdf())
+    upper = r'(<link name="upper\d"><pose relative_to="lower\d">[^<]*</pose>)'
+    text = re.sub(upper, rf"\1{slider}", text)
+    plate = "<inertia><ixx>0.2</ixx><iyy>0.2</iyy><izz>0.3</izz><ixy>0.01</ixy></inertia>"
+    mass = f"<mass>{bench.PLATE}</mass>"
+    text = text.replace(mass, mass + plate)
+    machine = read(tmp_path, text, ".sdf")
+    (stator,), (platform,) = machine.bodies.stator, machine.bodies.platform
+    np.testing.assert_allclose(stator.centre, [0, 0, 0.1], atol=1e-12)
+    np.testing.assert_allclose(stator.inertia, [0.02, 0.024, 0.005, 0, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(platform.inertia, [0.2, 0.2, 0.3, 0.01, 0, 0], atol=1e-12)
+    # The sliders are written at the middle of struts of six lengths.
+    (slider,) = machine.bodies.slider
+    middle = -np.mean(bench.LENGTHS) / 2 - 0.05
+    assert slider.centre[2] == pytest.approx(middle)
+    assert not machine.bodies.ring
+    broken = read(tmp_path, text.replace("<izz>0.3<", "<izz>0.9<"), ".sdf")
+    assert not broken.bodies.platform
+    assert "bodies" in asked(broken)
 
 
 def test_a_cardan_joint_may_be_two_hinges_of_two_bodies_whose_axes_meet(tmp_path):

@@ -17,8 +17,9 @@ from expdesign.configuration.robot import EARTH_GRAVITY
 from expdesign.robotfile.closed_loops import hexapod
 from expdesign.robotfile.machine import Machine, Question
 from expdesign.robotfile.machine_format import MachineFormat
-from expdesign.robotfile.mechanism_graph import WORLD, Body, Joint, Kind, Placement
+from expdesign.robotfile.mechanism_graph import NOTHING, WORLD, Body, Joint, Kind, Placement
 from expdesign.robotfile.mjcf_attributes import Attributes
+from expdesign.robotfile.mjcf_inertia import rigid_body
 from expdesign.robotfile.xml_document import Element, read_xml
 
 _NOT_FOLLOWED = ("include", "replicate", "attach", "composite", "flexcomp", "model")
@@ -63,7 +64,7 @@ class _Model:
         _refuse_what_is_not_followed(root)
         self.root = root
         self.attributes = Attributes.of(root)
-        self.bodies: list[Body] = [Body("world", WORLD, 0.0)]
+        self.bodies: list[Body] = [Body("world", WORLD, 0.0, NOTHING)]
         self.joints: list[Joint] = []
         self._numbers = {"world": 0}
         self._sites: dict[str, tuple[int, Array]] = {}
@@ -106,13 +107,15 @@ class _Model:
         carrier = parent
         for k, joint in enumerate(joints[:-1]):
             link = len(self.bodies)
-            self.bodies.append(Body(f"{name}, between joints {k + 1} and {k + 2}", place, 0.0))
+            between = f"{name}, between joints {k + 1} and {k + 2}"
+            self.bodies.append(Body(between, place, 0.0, NOTHING))
             self.joints.append(replace(joint, bodies=(carrier, link)))
             carrier = link
         number = len(self.bodies)
         if title is not None:
             self._numbers[title] = number
-        self.bodies.append(Body(name, place, self._mass(element, inherited)))
+        rigid = rigid_body(element, place, self.attributes, inherited)
+        self.bodies.append(Body(name, place, self._mass(element, inherited), rigid))
         if joints:
             self.joints.append(replace(joints[-1], bodies=(carrier, number)))
         elif not free:

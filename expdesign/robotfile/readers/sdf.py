@@ -15,11 +15,12 @@ from scipy.spatial.transform import Rotation
 
 from constraints.arrays import Array
 from expdesign.configuration.problem import InputError, shown
+from expdesign.mechanism.bodies import RigidBody
 from expdesign.mechanism.rotation import FIXED_AXES
 from expdesign.robotfile.closed_loops import hexapod
 from expdesign.robotfile.machine import Machine
 from expdesign.robotfile.machine_format import MachineFormat
-from expdesign.robotfile.mechanism_graph import WORLD, Body, Joint, Kind, Placement
+from expdesign.robotfile.mechanism_graph import NOTHING, WORLD, Body, Joint, Kind, Placement
 from expdesign.robotfile.xml_document import Element, read_xml
 
 _KINDS: dict[str, Kind] = {
@@ -46,9 +47,12 @@ def _read(name: str, files: tuple[Path, ...]) -> Machine:
     frames = _Frames(model, _version(root))
     links = model.all("link")
     numbers = {link.attributes.get("name", ""): i for i, link in enumerate(links)}
-    bodies = [Body(key, frames.place(key), _mass(links[i])) for key, i in numbers.items()]
+    bodies = [
+        Body(key, frames.place(key), _mass(links[i]), _rigid(links[i], frames.place(key)))
+        for key, i in numbers.items()
+    ]
     numbers[_WORLD_NAME] = len(bodies)
-    bodies.append(Body(_WORLD_NAME, WORLD, 0.0))
+    bodies.append(Body(_WORLD_NAME, WORLD, 0.0, NOTHING))
     joints = [_joint(element, frames, numbers) for element in model.all("joint")]
     held = any(joint.kind == "fixed" and numbers[_WORLD_NAME] in joint.bodies for joint in joints)
     base = numbers[_WORLD_NAME] if held else None
@@ -211,6 +215,24 @@ def _mass(link: Element) -> float | None:
     inertial = link.first("inertial")
     given = None if inertial is None else inertial.first("mass")
     return None if given is None else float(link.numbers(given.text, "<mass>", 1)[0])
+
+
+def _rigid(link: Element, place: Placement) -> RigidBody | None:
+    """Return a link in the world; None without its mass or moments of inertia."""
+    mass, inertial = _mass(link), link.first("inertial")
+    inertia = None if inertial is None else inertial.first("inertia")
+    if mass is None or inertial is None or inertia is None:
+        return None
+    matrix = np.zeros((3, 3))
+    for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)):
+        tag = f"i{'xyz'[i]}{'xyz'[j]}"
+        given = inertia.first(tag)
+        if given is None and i == j:
+            return None
+        value = 0.0 if given is None else float(inertia.numbers(given.text, f"<{tag}>", 1)[0])
+        matrix[i, j] = matrix[j, i] = value
+    within = place.then(_pose(inertial)[0])
+    return RigidBody.of(mass, np.zeros(3), matrix).placed(within.rotation, within.origin)
 
 
 def _claims(_path: Path) -> bool:
