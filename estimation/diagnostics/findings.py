@@ -140,7 +140,8 @@ def _bias(diagnosis: ExperimentDiagnosis) -> Finding:
     where = channels("actuator", test.failed)
     values = ", ".join(f"{value:.3f}" for value in test.statistic[test.failed])
     words = nouns_of(diagnosis.attribution)
-    found = " with ".join(dict.fromkeys(words[e.kind] for e in diagnosis.attribution.effects))
+    effects = tuple(dict.fromkeys(words[e.kind] for e in diagnosis.attribution.effects))
+    found, verb = listed(effects), "explains" if len(effects) == 1 else "explain"
     if diagnosis.pointwise:
         advice = (
             "the residuals contain the noise of pointwise differentiation: use "
@@ -150,9 +151,9 @@ def _bias(diagnosis: ExperimentDiagnosis) -> Finding:
         advice = f"no effect that was looked for explains it: {_EXPLAINED.advice}"
     elif np.any(left.failed):
         rest = channels("actuator", left.failed)
-        advice = f"{found} explains a part; there is more in {rest}: {_EXPLAINED.advice}"
+        advice = f"{found} {verb} a part; there is more in {rest}: {_EXPLAINED.advice}"
     else:
-        advice = f"{found} explains it"
+        advice = f"{found} {verb} it"
     sentence = f"more is left of the forces of {where} than noise (F = {values}; 1 is noise)"
     return _EXPLAINED.fails(sentence, p, test.level, where, advice)
 

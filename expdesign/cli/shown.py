@@ -158,7 +158,7 @@ def estimate(outcome: Outcome) -> None:
         found = [by_place[name, parameter] for name in result.estimates]
         values = (_concise(row.value, row.std) for row in found)
         rows.append((parameter, *values, f"{found[0].a_priori:.5g}", found[0].unit))
-    title = "Estimates, in brackets the standard deviation of the last digits"
+    title = "Estimates (standard deviations of the last digits)"
     heads = ("parameter", *(name.upper() for name in result.estimates), "a priori", "unit")
     console.print(_table(title, heads, rows, ("parameter", "unit")))
     for combination in result.combinations[result.best.estimator]:
