@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,6 +13,7 @@ from estimation.diagnostics.attribution import Attribution, attribute
 from estimation.diagnostics.cause import THERE
 from estimation.diagnostics.cause_test import CauseResult, DelayTest
 from estimation.diagnostics.causes import causes
+from estimation.diagnostics.channel_assignment import assignment_findings
 from estimation.diagnostics.channel_test import GAIN_DRIFT, LACK_OF_FIT, NOISE
 from estimation.diagnostics.finding import Finding, Outcome, Status, Verdict
 from estimation.diagnostics.findings import experiment_findings
@@ -40,13 +41,11 @@ from estimation.diagnostics.residual_law import (
     linear_laws,
 )
 from estimation.diagnostics.residuals import dependence, force_residuals, variance_comparison
+from estimation.diagnostics.shown_noise import shown_noise, with_memory
 from estimation.diagnostics.suspects import Suspects
 from estimation.estimators.experiment import Experiment
 from estimation.estimators.knowledge import Knowledge
 from estimation.estimators.result import ParameterEstimate
-from estimation.processing import NoiseEstimate, NoiseModel
-from estimation.processing.noise import ENOUGH_FREEDOM
-from estimation.processing.record import Channels
 from expdesign.progress import tell, told
 from expdesign.robot import Robot
 from expdesign.runfolder import copied
@@ -108,7 +107,7 @@ def diagnose(
         The forces of the experiments were not used for the estimate: Cov(p̂) is part of what the
         residuals may be.
     """
-    weighted, experiments = experiments, [_with_memory(each) for each in experiments]
+    weighted, experiments = experiments, [with_memory(each) for each in experiments]
     free = knowledge.free & (np.diag(estimate.covariance) > 0) if held_out else knowledge.free
     own_motion = estimate.estimator == "ml" and not held_out
     motions = [
@@ -127,10 +126,9 @@ def diagnose(
     systems = joint_systems(parts, noises, known, held_out=held_out)
     # Causes are looked for with the noise that the recording shows: a covariance that was given too
     # small has its own test, and is none of them.
-    shown = [_shown_noise(experiment) for experiment in experiments]
-    searched = systems
-    if any(one is not other for one, other in zip(shown, noises, strict=True)):
-        searched = joint_systems(parts, shown, known, held_out=held_out)
+    shown = [shown_noise(experiment) for experiment in experiments]
+    changed = any(one is not other for one, other in zip(shown, noises, strict=True))
+    searched = joint_systems(parts, shown, known, held_out=held_out) if changed else systems
     # What residuals may be is told behind the filters that make their noise white.
     white = [part.filtered(e.noise) for part, e in zip(parts, experiments, strict=True)]
     if held_out:
@@ -215,50 +213,29 @@ def diagnose(
                 attribution=attribution,
             )
         )
-    # A prediction tells nothing new of the parameters that it is made with.
-    own = () if held_out else (plausibility(robot, knowledge, estimate),)
-    return Diagnosis(estimate.estimator, tuple(results), verdict(results, *own))
+    judged = (
+        verdict(results)
+        if held_out
+        else _of_the_estimate(robot, experiments, knowledge, estimate, results)
+    )
+    return Diagnosis(estimate.estimator, tuple(results), judged)
 
 
-def _with_memory(experiment: Experiment) -> Experiment:
-    """Return an experiment with the memory that its noise shows, though it was weighted as white.
-
-    Who takes noise with a memory for white does not make a fault of the model of it.
-    """
-
-    def seen(weighted: NoiseEstimate, channels: Channels) -> NoiseEstimate:
-        shown = channels.shown_noise
-        known = weighted.source == "estimated" and weighted.lines is not None
-        if not known or weighted.filter is not None or shown is None or shown.filter is None:
-            return weighted
-        return shown
-
-    noise = _chosen(experiment, seen)
-    return experiment if noise is experiment.noise else replace(experiment, noise=noise)
-
-
-def _shown_noise(experiment: Experiment) -> NoiseModel:
-    """Return the noise that a recording shows, where it shows enough; else what was given."""
-
-    def shown(given: NoiseEstimate, channels: Channels) -> NoiseEstimate:
-        repeated = channels.scatter
-        if given.source != "given" or repeated is None or repeated.freedom < ENOUGH_FREEDOM:
-            return given
-        found = repeated if experiment.pointwise is not None else channels.shown_noise
-        return given if found is None else found
-
-    return _chosen(experiment, shown)
-
-
-def _chosen(
-    experiment: Experiment, choose: Callable[[NoiseEstimate, Channels], NoiseEstimate]
-) -> NoiseModel:
-    """Return the noise chosen for forces and lengths: the experiment's own where both stay."""
-    noise, record = experiment.noise, experiment.record
-    forces, lengths = choose(noise.forces, record.forces), choose(noise.lengths, record.lengths)
-    if forces is noise.forces and lengths is noise.lengths:
-        return noise
-    return NoiseModel(forces, lengths)
+def _of_the_estimate(
+    robot: Robot,
+    experiments: Sequence[Experiment],
+    knowledge: Knowledge,
+    estimate: ParameterEstimate,
+    results: Sequence[ExperimentDiagnosis],
+) -> Verdict:
+    """Judge the parameters, too, and the channels where anything fails."""
+    own = plausibility(robot, knowledge, estimate)
+    judged = verdict(results, own)
+    if judged.status is Status.ACCEPTED:
+        return judged
+    attributions = [result.attribution for result in results]
+    channels = assignment_findings(robot, experiments, knowledge, attributions)
+    return verdict(results, *channels, own)
 
 
 def _known(

@@ -150,7 +150,10 @@ def _named(kind: str, places: Sequence[str], causes: Mapping[str, Cause]) -> str
 def nouns_of(attribution: Attribution) -> dict[str, str]:
     """Return what effects are called, by their kind."""
     nouns = {PERIODIC: _PERIODIC_FORCE}
-    return nouns | {cause.kind: cause.noun for cause in attribution.causes}
+    return nouns | {
+        cause.kind: f"{cause.noun} a parameter" if cause.kind == "column" else cause.noun
+        for cause in attribution.causes
+    }
 
 
 def _effect_p(effects: Sequence[Effect], kind: str) -> float:

@@ -20,8 +20,9 @@ from expdesign.robot import Robot
 ORDER = 10.0
 """Factor between an estimate and what was expected from which it is not plausible."""
 MATTERS = 0.1
-"""Share of what the robot's mass and length make, below which a difference is no reason for doubt:
-nobody knows the small parameters of a body to an order of magnitude."""
+"""Share of what the robot's mass and length make, and of the largest of its kind, below which a
+difference is no reason for doubt: nobody knows small parameters of bodies to an order of magnitude,
+and every fault of a model shows in them first."""
 SIGMAS = 3.0
 
 _OF_BODIES = {"kg": 0, "kg m": 1, "kg m^2": 2}
@@ -53,11 +54,12 @@ def plausibility(robot: Robot, knowledge: Knowledge, estimate: ParameterEstimate
 
     What noise and tolerances may make, 3 σ, is left out. Not plausible are
 
-    - less or more than any machine has: a negative mass, moment of inertia or friction;
+    - less or more than any machine has: a negative mass or friction, or a negative moment of
+      inertia where that matters;
     - masses, first moments and moments of inertia that no bodies of positive density have
       together: a pseudo-inertia (`Lump`) that is not positive semidefinite;
     - parameters of bodies that differ from the a-priori value by a factor of ten, or in sign, where
-      the difference matters beside the robot's mass and length;
+      the difference matters beside the robot's mass and length, and the largest of its kind;
     - parameters of bodies that all differ by one factor, which is ten or that of a unit.
 
     Friction and springs may be of any size.
@@ -110,7 +112,12 @@ def _single(
     mass, length = abs(robot.description.parameters.get(MASS, 0.0)), robot.characteristic_length
     for k in np.flatnonzero(judged).tolist():
         parameter, std = parameters[k], float(estimate.std[k])
-        size = mass * length ** _OF_BODIES.get(parameter.unit, 0)
+        alike = [
+            abs(value)
+            for other, value in zip(parameters, robot.parameters, strict=True)
+            if other.unit == parameter.unit
+        ]
+        size = max(mass * length ** _OF_BODIES.get(parameter.unit, 0), *alike)
         freedom = float(estimate.freedom[k])
         found = [
             _Doubt(parameter.name, sentence, float(stats.t.sf(gap / std, freedom)))
@@ -128,14 +135,16 @@ def _gaps(
     """Yield by how much an estimate is beyond what is plausible, with words for it."""
     unit = "" if parameter.unit == "1" else f" {parameter.unit}"
     found = f"{parameter.name} = {value:.3g} ± {std:.1g}{unit}"
+    # A small moment of inertia takes what the model lacks: only where it matters it is none.
+    slack = MATTERS * size if _OF_BODIES.get(parameter.unit, 0) else 0.0
     if np.isfinite(parameter.lower):
         yield (
-            parameter.lower - value,
+            parameter.lower - value - slack,
             f"{found} is negative" if parameter.lower == 0 else f"{found} is too small",
         )
     if np.isfinite(parameter.upper):
         yield (
-            value - parameter.upper,
+            value - parameter.upper - slack,
             f"{found} is positive" if parameter.upper == 0 else f"{found} is too large",
         )
     if parameter.unit not in _OF_BODIES or expected == 0:

@@ -1,0 +1,343 @@
+"""Whether channels are what they are taken for: signs of forces, order, zeros of lengths.
+
+A sign or an order that is wrong is no small deviation: the columns of causes, derivatives at the
+estimate, see cogging, drives and delays in it. Here the model is fitted anew to the recording as it
+would be with each other assignment, coarsely: poses by forward kinematics, a Fourier series of the
+motion's own harmonics, exact signs of friction, Gauss–Markov. The sums of squares are compared.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import combinations, product
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg as sla
+
+from constraints.arrays import Array
+from estimation.diagnostics.attribution import Attribution
+from estimation.diagnostics.finding import Assumption, Finding, listed
+from estimation.diagnostics.projection import Places
+from estimation.estimators.experiment import Experiment
+from estimation.estimators.knowledge import Knowledge
+from estimation.measurement_model import HarmonicMotion
+from estimation.processing.record import Channels
+from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
+from expdesign.mechanism.terms.rigid_platform import MASS
+from expdesign.robot import Robot
+from expdesign.trajectory import PhaseBasis
+
+_SHARE = 0.75
+"""Of what the model leaves beyond the noise that another assignment must explain."""
+_LEAST = 40.0
+"""Of the sum of squares, in variances, that it must explain: 1e-10 of chance."""
+_ALIKE = 0.02
+"""Share of that within which the simpler one of two assignments is named."""
+_ROWS, _SINGLE_ROWS = 600, 2000
+"""Rows that are looked at: means over periods, or single samples."""
+_DETERMINED = 1e-12
+_ZEROS = ("length_zero", "joint")
+"""Causes that are the zero of a length, or nearly."""
+_NEWTON_STEPS = 8
+_OUT_OF_REACH = 1e3
+"""Of a coordinate, m or rad."""
+_REACHED = 1e-6
+"""Of a length, m."""
+_SETTLED = 1e-3
+_SAME = np.arange(ACTUATORS)
+_ALIKE_SIGNS = np.ones(ACTUATORS)
+_STEP = 1e-4
+"""Of a length, m, for its slope."""
+_STEPS = 5
+_FURTHEST = 0.2
+"""Of the mean length of the struts: where zeros are looked for."""
+
+_Words = tuple[str, str, str]
+"""Place, sentence and advice."""
+
+_ASSIGNED = Assumption(
+    "the channels are those of the struts, with their signs and zeros",
+    "a channel is not what it is taken for",
+    "check the cabling and the files of the controller",
+)
+
+
+@dataclass(frozen=True)
+class Assignment:
+    """Another reading of the channels that explains the recording."""
+
+    place: str
+    """The channels, in words."""
+    sentence: str
+    advice: str
+    explained: float
+    """By how much the sum of squares falls, in variances, of the rows that were looked at."""
+
+    @property
+    def finding(self) -> Finding:
+        """What is told of it."""
+        return replace(
+            _ASSIGNED.found(f"{self.sentence}: that explains what is left of the forces"),
+            contradiction=f"{_ASSIGNED.contradiction} ({self.place})",
+            advice=self.advice,
+        )
+
+
+def assignment_findings(
+    robot: Robot,
+    experiments: Sequence[Experiment],
+    knowledge: Knowledge,
+    attributions: Sequence[Attribution],
+) -> tuple[Finding, ...]:
+    """Return what is found of the channels of experiments, each with what its residuals told."""
+    found = []
+    pairs = zip(experiments, attributions, strict=True)
+    for number, (experiment, attribution) in enumerate(pairs, 1):
+        other = other_assignment(robot, experiment, knowledge, _most_of_a_cause(attribution))
+        if other is not None:
+            several = len(experiments) > 1
+            found.append(other.finding.of_experiment(number) if several else other.finding)
+    return tuple(found)
+
+
+def _most_of_a_cause(attribution: Attribution) -> float:
+    """Return χ² of the cause that explains most, but of what is a zero itself."""
+    seen = [
+        float(np.nanmax(test.statistic))
+        for kind, test in attribution.first.families.items()
+        if test.tested and kind not in _ZEROS
+    ]
+    return max(seen, default=0.0)
+
+
+def other_assignment(
+    robot: Robot, experiment: Experiment, knowledge: Knowledge, rival: float = 0.0
+) -> Assignment | None:
+    """Return the assignment of the channels that explains much more than the one taken, or None.
+
+    It explains no less than a rival in the whole recording, χ². None after pointwise kinematics.
+    """
+    if experiment.fit is None:
+        return None
+    recording = _Recording(robot, experiment, knowledge)
+    columns = recording.columns(recording.lengths)
+    if columns is None:
+        return None
+    own = recording.fit(columns)
+    wanted = max(_LEAST, _SHARE * (own.squares - own.freedom), rival * recording.share)
+    found = [one for one in recording.alternatives(columns, own) if one.explained >= wanted]
+    if not found:
+        return None
+    most = max(one.explained for one in found)
+    return next(one for one in found if one.explained >= (1 - _ALIKE) * most)
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """What the model leaves of the forces with one assignment."""
+
+    squares: float
+    """In variances."""
+    freedom: int
+    rest: Array
+    """(6 R,), whitened."""
+    mass: float
+    """Of the platform, kg; positive where it is not estimated."""
+
+
+class _Recording:
+    """Rows of one experiment, and the model along what its lengths would be."""
+
+    def __init__(self, robot: Robot, experiment: Experiment, knowledge: Knowledge) -> None:
+        record = experiment.record
+        if experiment.fit is None:
+            raise ValueError("pointwise kinematics have no series")
+        self.robot, self.motion = robot, experiment.fit.motion
+        count = len(robot.parameter_names)
+        self.free, self.start = knowledge.free[:count], knowledge.start[:count]
+        self.lengths_at, self.lengths, _ = _thinned(record.lengths)
+        self.forces_at, forces, counts = _thinned(record.forces)
+        self.share = len(forces) / len(record.forces.values)
+        lower = np.linalg.cholesky(experiment.noise.forces.covariance)
+        self._inverse = sla.solve_triangular(lower, np.eye(ACTUATORS), lower=True)
+        self._weights = np.sqrt(counts)
+        self.forces = self._whitened(forces)
+
+    def _whitened(self, rows: Array) -> Array:
+        """Return forces (R, 6), or columns (R, 6, k), with unit variance, in one axis of rows."""
+        mixed = np.tensordot(rows, self._inverse, (1, 1))
+        mixed = mixed if rows.ndim < 3 else mixed.transpose(0, 2, 1)  # noqa: PLR2004 - columns
+        scaled = (mixed.T * self._weights).T
+        return scaled.reshape(scaled.shape[0] * ACTUATORS, *scaled.shape[2:])
+
+    @cached_property
+    def _basis(self) -> Array:
+        basis = PhaseBasis.at(self.motion.omega * self.lengths_at, self.motion.harmonics)
+        return np.asarray(np.linalg.pinv(basis.value), np.float64)
+
+    def columns(self, lengths: Array) -> Array | None:
+        """Return A along lengths (R', 6), (R, 6, m); None where they are no motion of the machine.
+
+        Plain Newton steps, from the motion as it was taken and from home: what they do not reach
+        is another machine.
+        """
+        own = self.motion.at(self.lengths_at).state()[:, :COORDINATES]
+        starts = (own, np.broadcast_to(self.robot.home, own.shape))
+        found = (self._poses(lengths, start) for start in starts)
+        poses = next((each for each in found if each is not None), None)
+        if poses is None:
+            return None
+        motion = HarmonicMotion((self._basis @ poses).T, self.motion.omega)
+        pose, rate, acceleration = np.split(motion.at(self.forces_at).state(), 3, axis=1)
+        columns = self.robot.regressor(pose, rate, acceleration)
+        return columns if np.all(np.isfinite(columns)) else None
+
+    def _poses(self, lengths: Array, poses: Array) -> Array | None:
+        """Return the poses (R', 6) of lengths from the poses given, None where Newton fails."""
+        off = np.full_like(lengths, np.inf)
+        for _ in range(_NEWTON_STEPS):
+            found, jacobian = self.robot.lengths_and_jacobian(poses)
+            off = lengths - found
+            try:
+                poses = poses + np.linalg.solve(jacobian, off[:, :, None])[:, :, 0]
+            except np.linalg.LinAlgError:
+                return None
+            if not np.all(np.abs(poses) < _OUT_OF_REACH):
+                return None
+        return poses if np.max(np.abs(off)) < _REACHED else None
+
+    def fit(self, columns: Array, strut_of: Places = _SAME, signs: Array = _ALIKE_SIGNS) -> _Fit:
+        """Fit forces of which channel c has a sign and is that of a strut, (6,) each."""
+        rows = self._whitened(columns[:, strut_of] * signs[:, None])
+        forces = self.forces - rows[:, ~self.free] @ self.start[~self.free]
+        rows = rows[:, self.free]
+        sizes = np.linalg.norm(rows, axis=0)
+        sizes = np.where(sizes > 0, sizes, 1.0)
+        values, vectors = np.linalg.eigh(rows.T @ rows / np.multiply.outer(sizes, sizes))
+        kept = values > _DETERMINED * values[-1]
+        root = vectors[:, kept] / np.sqrt(values[kept]) / sizes[:, None]
+        found = root @ (root.T @ (rows.T @ forces))
+        rest = forces - rows @ found
+        names = [n for n, free in zip(self.robot.parameter_names, self.free, strict=True) if free]
+        mass = float(found[names.index(MASS)]) if MASS in names else 1.0
+        freedom = rest.size - int(np.count_nonzero(kept))
+        return _Fit(float(rest @ rest), freedom, rest, mass)
+
+    def alternatives(self, columns: Array, own: _Fit) -> Iterator[Assignment]:
+        """Yield what the channels might be instead, the simplest first."""
+
+        def told(fit: _Fit, words: _Words) -> Assignment:
+            return Assignment(*words, explained=own.squares - fit.squares)
+
+        for signs in _signs():
+            fit = self.fit(columns, signs=signs)
+            # All signs the other way fit as well, with negative masses.
+            if fit.mass > 0:
+                yield told(fit, _other_signs(signs))
+        for strut in range(ACTUATORS):
+            zero = self._zero(strut, own)
+            if zero is not None:
+                yield told(zero[0], _other_zero(strut, zero[1]))
+        for strut_of in _orders():
+            forces, lengths, struts = _other_order(strut_of)
+            yield told(self.fit(columns, strut_of), forces)
+            other = self.columns(self.lengths[:, np.argsort(strut_of)])
+            if other is not None:
+                yield told(self.fit(other), lengths)
+                yield told(self.fit(other, strut_of), struts)
+
+    def _zero(self, strut: int, own: _Fit) -> tuple[_Fit, float] | None:
+        """Return the fit with the best zero of a length, and what is added to it, m."""
+        unit = np.eye(ACTUATORS)[strut]
+        furthest = _FURTHEST * float(np.mean(self.lengths[:, strut]))
+        best, offset = own, 0.0
+        for _ in range(_STEPS):
+            beside = self.columns(self.lengths + (offset + _STEP) * unit)
+            if beside is None:
+                break
+            slope = (self.fit(beside).rest - best.rest) / _STEP
+            step = -float(slope @ best.rest) / float(slope @ slope)
+            trial = float(np.clip(offset + step, -furthest, furthest))
+            there = self.columns(self.lengths + trial * unit)
+            fit = None if there is None else self.fit(there)
+            if fit is None or fit.squares > (1 - _SETTLED) * best.squares:
+                break
+            best, offset = fit, trial
+        return None if best is own else (best, offset)
+
+
+def _thinned(channels: Channels) -> tuple[Array, Array, Array]:
+    """Return times, values and counts of at most so many rows of a record's channels."""
+    most = _ROWS if channels.alike else _SINGLE_ROWS
+    rows = np.unique(np.linspace(0, len(channels.values) - 1, most).astype(np.intp))
+    return channels.times[rows], channels.values[rows], channels.counts[rows]
+
+
+def _signs() -> Iterator[Array]:
+    """Yield signs of the forces that are not all alike, those with the fewest changes first."""
+    every = (np.array(signs) for signs in product((1, -1), repeat=ACTUATORS))
+    changed = [signs for signs in every if 0 < np.count_nonzero(signs < 0) < ACTUATORS]
+    yield from sorted(changed, key=lambda signs: int(np.count_nonzero(signs < 0)))
+
+
+def _orders() -> Iterator[Places]:
+    """Yield the strut of each channel: two swapped, counted from another one or backwards."""
+    numbers = np.arange(ACTUATORS)
+    for i, j in combinations(range(ACTUATORS), 2):
+        order = numbers.copy()
+        order[[i, j]] = j, i
+        yield order
+    for first in range(ACTUATORS):
+        if first:
+            yield (numbers + first) % ACTUATORS
+        yield (first - numbers) % ACTUATORS
+
+
+def _other_signs(signs: Array) -> _Words:
+    """Return place, sentence and advice for forces that count the other way."""
+    channels = [f"Q{j + 1}" for j in np.flatnonzero(signs < 0)]
+    place, have = listed(channels), "have" if len(channels) > 1 else "has"
+    return (
+        place,
+        f"{place} {have} the other sign",
+        f"`data.sign: {{Q: {_written(signs)}}}` if that is how the drives count",
+    )
+
+
+def _other_zero(strut: int, offset: float) -> _Words:
+    """Return place, sentence and advice for a length with another zero; `offset` mends it, m."""
+    shown = ", ".join(f"{1e3 * offset:.3g} mm" if j == strut else "0" for j in range(ACTUATORS))
+    return (
+        f"q{strut + 1}",
+        f"the zero of q{strut + 1} is off by {-1e3 * offset:.3g} mm",
+        f"reference strut {strut + 1} again (home offset), or `data.offset: {{q: [{shown}]}}`; a "
+        "joint that is that far along the strut from where the robot file says does the same",
+    )
+
+
+def _other_order(strut_of: Places) -> tuple[_Words, ...]:
+    """Return place, sentence and advice for forces, lengths, and both in another order."""
+    moved = [f"{j + 1}" for j in np.flatnonzero(strut_of != np.arange(ACTUATORS))]
+    swapped = f"{listed(moved)} are in another order"
+    if len(moved) == 2:  # noqa: PLR2004 - two change places
+        swapped = f"{moved[0]} and {moved[1]} are swapped"
+    forces, lengths = (listed([f"{group}{number}" for number in moved]) for group in "Qq")
+    written = _written(strut_of + 1)
+    mend = "or the columns of the file or the cables the other way"
+    return (
+        (forces, f"the forces {swapped}", f"`data.order: {{Q: {written}}}`, {mend}"),
+        (lengths, f"the lengths {swapped}", f"`data.order: {{q: {written}}}`, {mend}"),
+        (
+            f"{lengths}, {forces}",
+            f"lengths and forces {swapped}",
+            f"`data.order: {written}`, or the robot file's joints in the order of the channels",
+        ),
+    )
+
+
+def _written(values: NDArray[Any]) -> str:
+    return f"[{', '.join(str(value) for value in values.tolist())}]"

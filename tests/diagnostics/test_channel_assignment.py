@@ -1,0 +1,92 @@
+"""Channels that are not what they are taken for are the first finding, with what mends them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from estimation.diagnostics.channel_assignment import other_assignment
+from estimation.diagnostics.diagnosis import diagnose
+from estimation.diagnostics.finding import Status
+from estimation.identification.estimate import estimate
+from tests.estimation.cases import ROBOT, measured, run, trajectory
+
+MOTION = trajectory()
+QUIET = 0.05
+CHANNELS = "the channels are those of the struts, with their signs and zeros"
+
+
+def judged(data):
+    """Return the verdict on what Gauss–Markov makes of a recording."""
+    found = estimate(run({"estimators": ["gm"]}), data)
+    return diagnose(found.robot, found.experiments, found.knowledge, found.best).verdict
+
+
+def recording(seed, quiet):
+    return measured(MOTION, seed, force_scale=quiet, length_scale=quiet)
+
+
+def swapped(i, j):
+    order = np.arange(6)
+    order[[i, j]] = j, i
+    return order
+
+
+def counted_otherwise(data, *, order=None, lengths=None, sign=None, offset=None):
+    order = slice(None) if order is None else order
+    lengths = order if lengths is None else lengths
+    forces = data.forces * (np.ones(6) if sign is None else sign)
+    moved = data.lengths + (np.zeros(6) if offset is None else offset)
+    return replace(data, lengths=moved[:, lengths], forces=forces[:, order])
+
+
+@pytest.mark.parametrize(
+    ("change", "place", "advice"),
+    [
+        ({"sign": [1, -1, -1, 1, 1, 1]}, "Q2 and Q3", "`data.sign: {Q: [1, -1, -1, 1, 1, 1]}`"),
+        ({"order": swapped(2, 3), "lengths": slice(None)}, "Q3 and Q4", "{Q: [1, 2, 4, 3, 5, 6]}"),
+        ({"order": slice(None), "lengths": swapped(0, 5)}, "q1 and q6", "{q: [6, 2, 3, 4, 5, 1]}"),
+        ({"order": swapped(2, 3)}, "q3 and q4, Q3 and Q4", "`data.order: [1, 2, 4, 3, 5, 6]`"),
+    ],
+)
+def test_signs_and_order(change, place, advice):
+    data = counted_otherwise(recording(1, 0.2), **change)
+    found = estimate(run({"estimators": ["ls"]}), data)
+    other = other_assignment(found.robot, found.experiments[0], found.knowledge)
+    assert other.place == place
+    assert advice in other.advice
+
+
+def test_it_is_the_first_finding():
+    verdict = judged(counted_otherwise(recording(1, 1.0), sign=[1, 1, -1, 1, 1, 1]))
+    assert verdict.status is Status.DOUBTFUL
+    assert verdict.summary.startswith("doubtful: a channel is not what it is taken for (Q3); ")
+    assert verdict.findings[0].assumption == CHANNELS
+
+
+def test_a_wrong_zero_of_a_length():
+    """4 mm where the noise is small: the value that mends it is told to a few tenths."""
+    strut, off = 4, -4e-3
+    verdict = judged(counted_otherwise(recording(2, QUIET), offset=off * np.eye(6)[strut]))
+    first = verdict.findings[0]
+    assert (first.assumption, first.failed) == (CHANNELS, True)
+    assert f"(q{strut + 1})" in first.contradiction
+    written = first.advice.split("`data.offset: {q: [")[1].split("]")[0].split(", ")
+    assert float(written[strut].removesuffix(" mm")) == pytest.approx(-1e3 * off, abs=0.4)
+    assert all(value == "0" for j, value in enumerate(written) if j != strut)
+
+
+@pytest.mark.parametrize("departure", ["gain", "cable", "delay"])
+def test_other_faults_are_not_taken_for_channels(departure):
+    data = recording(3, QUIET)
+    if departure == "gain":
+        data = replace(data, forces=data.forces * [1, 1, 1.1, 1, 1, 1])
+    elif departure == "cable":
+        data = replace(data, forces=data.forces + 300 * (data.lengths - 0.67) * np.eye(6)[2])
+    else:
+        states = [MOTION.sample(data.time - late) for late in (0.0, 5e-3)]
+        now, late = (ROBOT.actuator_forces(s.pose, s.rate, s.acceleration) for s in states)
+        data = replace(data, forces=data.forces + late - now)
+    verdict = judged(data)
+    assert verdict.status is Status.DOUBTFUL
+    assert all(finding.assumption != CHANNELS for finding in verdict.findings)
