@@ -56,7 +56,8 @@ def steps(page):
             if first.startswith("# ") and first.endswith(".yaml"):
                 found.append(Step("file", block.text, first.removeprefix("# ")))
         elif block.language == "bash":
-            found += [Step("command", line) for line in block.text.splitlines()]
+            lines = block.text.replace("\\\n", "").splitlines()
+            found += [Step("command", line) for line in lines]
         elif block.language == "python":
             found.append(Step("script", block.text))
         else:
