@@ -18,7 +18,7 @@ import casadi as ca
 from expdesign.mechanism.geometry import GeometrySymbols
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
 from expdesign.mechanism.rotation import angular_acceleration, angular_velocity, rotation_matrix
-from expdesign.mechanism.strut import StrutKinematics
+from expdesign.mechanism.strut import StrutKinematics, torque_wrench
 from expdesign.mechanism.term import Instant, Term, parameters_of
 from expdesign.mechanism.thread import ThreadTurn
 
@@ -128,8 +128,10 @@ class HexapodGraph:
         # G⁻ᵀ takes wrenches to the actuators. ca.inv on SX is a QR factorisation: as accurate as
         # the Jacobian's condition allows.
         self._transposed, self._carried = transposed, ca.inv(transposed)
-        # (6, m) each: wrenches on the platform, and forces along the struts
-        self._wrench, self._along = self._columns(terms, instant)
+        self._struts, self._arms = struts, arms
+        # (6, m) wrenches on the platform and (12, m) torques about the cardan axes, (6, m) wrenches
+        # that both make together, and (6, m) forces along the struts
+        self._direct, self._torques, self._wrench, self._along = self._columns(terms, instant)
         # (6, m), A with `signs` in place of the sign functions
         self.regressor = ca.cse(ca.densify(self._carried @ self._wrench + self._along))
 
@@ -155,9 +157,16 @@ class HexapodGraph:
         angles = pitch * _column(threads, "angle")
         return [angles, rates, ca.jtimes(rates, moving, changing)], wrenches
 
-    def _columns(self, terms: tuple[Term, ...], instant: Instant) -> tuple[ca.SX, ca.SX]:
+    def _borne(self, torques: ca.SX) -> ca.SX:
+        """Return the wrenches (6, k) of torques (12, k) about the cardan axes of all struts."""
+        wrench = ca.SX.zeros(ACTUATORS, torques.shape[1])
+        for j, strut in enumerate(self._struts):
+            wrench += torque_wrench(strut, self._arms[:, j], torques[2 * j : 2 * j + 2, :])
+        return wrench
+
+    def _columns(self, terms: tuple[Term, ...], instant: Instant) -> list[ca.SX]:
         """Return what the columns of A are made of."""
-        wrenches, forces = ca.SX(ACTUATORS, 0), ca.SX(ACTUATORS, 0)
+        found = [ca.SX(count * ACTUATORS, 0) for count in (1, 2, 1, 1)]
         load = ca.SX.zeros(ACTUATORS)
         values = iter(ca.vertsplit(self.constants))
         for term in terms:
@@ -165,18 +174,21 @@ class HexapodGraph:
             signs = {rate: instant.signs[rate] for rate in term.rates}
             columns = term.columns(replace(instant, signs=signs, constants=own, load=load))
             none = ca.SX(ACTUATORS, len(term.parameters))
-            wrench = none if columns.wrench is None else columns.wrench
+            direct = none if columns.wrench is None else columns.wrench
+            torques = ca.vertcat(none, none) if columns.torques is None else columns.torques
             along = none if columns.along is None else columns.along
             if columns.between is not None and self.turning:
-                wrench = wrench + self._stretching @ columns.between
+                direct = direct + self._stretching @ columns.between
             elif columns.between is not None:
                 along = columns.between if columns.along is None else along + columns.between
+            wrench = direct if columns.torques is None else direct + self._borne(torques)
             if not term.rates:
-                first = wrenches.shape[1]
+                first = found[0].shape[1]
                 own_nominal = self.nominal[first : first + none.shape[1]]
                 load += (self._carried @ wrench + along) @ own_nominal
-            wrenches, forces = ca.horzcat(wrenches, wrench), ca.horzcat(forces, along)
-        return wrenches, forces
+            own_parts = (direct, torques, wrench, along)
+            found = [ca.horzcat(*pair) for pair in zip(found, own_parts, strict=True)]
+        return found
 
     @property
     def state(self) -> ca.SX:
@@ -211,15 +223,16 @@ class HexapodGraph:
         return ca.cse(self._with_signs(self.regressor, friction))
 
     def force_with(self, friction: Friction) -> ca.SX:
-        """Return A p (6, 1), solved for p: a third fewer instructions than A and then its product.
+        """Return A p (6, 1), p being `parameters`, in two thirds of the instructions of A.
 
-        The parameters are `parameters`.
+        Torques and wrenches are summed up before they are carried to the actuators.
         """
-        wrench, along = (
+        direct, torques, along = (
             self._with_signs(part, friction) @ self.parameters
-            for part in (self._wrench, self._along)
+            for part in (self._direct, self._torques, self._along)
         )
-        return ca.cse(ca.densify(ca.solve(self._transposed, wrench) + along))
+        forces = ca.solve(self._transposed, direct + self._borne(torques)) + along
+        return ca.cse(ca.densify(forces))
 
     def force_slope(self, friction: Friction, by: ca.SX) -> ca.SX:
         """Return ∂(A p)/∂by, (6, n), of numbers that A depends on, such as the state.

@@ -124,6 +124,8 @@ class Columns:
 
     wrench: ca.SX | None = None
     """Force and moment about the TCP, base frame: the graph carries them to the actuators."""
+    torques: ca.SX | None = None
+    """(12, k) about the cardan axes α and β of each strut, which the graph carries to a wrench."""
     along: ca.SX | None = None
     """Forces of the actuators themselves."""
     between: ca.SX | None = None

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import casadi as ca
 
-from expdesign.mechanism.strut import torque_wrench
 from expdesign.mechanism.term import ALPHA_RATE, BETA_RATE, Columns, Instant, Parameter, Term
 
 _MEANING = "dry friction about the cardan axes, the same in all struts"
@@ -12,11 +11,8 @@ _MEANING = "dry friction about the cardan axes, the same in all struts"
 
 def _columns(instant: Instant) -> Columns:
     alpha, beta = instant.signs[ALPHA_RATE], instant.signs[BETA_RATE]
-    wrench = ca.SX.zeros(6, 2)
-    for j, strut in enumerate(instant.struts):
-        torques = ca.diag(ca.vertcat(alpha[j], beta[j]))
-        wrench += torque_wrench(strut, instant.arms[:, j], torques)
-    return Columns(wrench)
+    pairs = zip(ca.vertsplit(alpha), ca.vertsplit(beta), strict=True)
+    return Columns(torques=ca.vertcat(*(ca.diag(ca.vertcat(*pair)) for pair in pairs)))
 
 
 TERM = Term(

@@ -9,7 +9,7 @@ import numpy as np
 
 from constraints.arrays import Array
 from expdesign.mechanism.hexapod import ACTUATORS
-from expdesign.mechanism.strut import StrutKinematics, torque_wrench
+from expdesign.mechanism.strut import StrutKinematics
 from expdesign.mechanism.term import FIRST_MOMENT_SCALE, Columns, Instant, Lump, Parameter, Term
 from expdesign.mechanism.terms.rigid_platform import MASS
 
@@ -20,13 +20,9 @@ _HARMLESS = ". By so little it is the rounding of a published table: harmless fo
 
 
 def _columns(instant: Instant) -> Columns:
-    wrench = ca.SX.zeros(6, len(TERM.parameters))
-    between = []
-    for j, strut in enumerate(instant.struts):
-        forces = generalized_force_regressor(strut, instant.gravity)
-        wrench += torque_wrench(strut, instant.arms[:, j], forces[:2, :])
-        between.append(forces[2, :])
-    return Columns(wrench, between=ca.vertcat(*between))
+    forces = [generalized_force_regressor(strut, instant.gravity) for strut in instant.struts]
+    torques, between = (ca.vertcat(*(each[rows, :] for each in forces)) for rows in ([0, 1], [2]))
+    return Columns(torques=torques, between=between)
 
 
 def generalized_force_regressor(strut: StrutKinematics, gravity: ca.SX) -> ca.SX:
