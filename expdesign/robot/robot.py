@@ -143,8 +143,13 @@ class Robot:
         return cardan_frames(about.base_joints, about.alpha_axes, joints)
 
     @cached_property
+    def _kinematic_terms(self) -> tuple[Term, ...]:
+        return kinematic_terms(self.terms)
+
+    @property
     def _lengths(self) -> BatchFunction:
-        return _length_kernel(kinematic_terms(self.terms))
+        # Not kept: a kernel that has been called is bound to the memory of its process.
+        return _length_kernel(self._kinematic_terms)
 
     @cached_property
     def geometry_vector(self) -> Array:
@@ -219,7 +224,7 @@ class Robot:
         self, pose: ArrayLike, rate: ArrayLike, acceleration: ArrayLike
     ) -> StrutMotion:
         """Return the motion of all struts at λ, λ̇, λ̈, (6,) or (N, 6) each: m, rad, s."""
-        kernel = _motion_kernel(kinematic_terms(self.terms))
+        kernel = _motion_kernel(self._kinematic_terms)
         one = _one_instant(pose, rate, acceleration)
         if one is not None:
             return StrutMotion(*kernel.at(one, self.geometry_vector))

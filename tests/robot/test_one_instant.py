@@ -108,9 +108,13 @@ def test_robots_go_to_other_processes_after_a_call():
     robot = load_robot("palida")
     pose, rate, acceleration = motion(robot)
     one = pose[0], rate[0], acceleration[0]
-    forces = robot.actuator_forces(*one)
+    forces, lengths = robot.actuator_forces(*one), robot.inverse_kinematics(pose[0])
+    struts, regressor = robot.strut_motion(*one), robot.regressor(*one)
     for other in (pickle.loads(pickle.dumps(robot)), copy.deepcopy(robot)):
         np.testing.assert_array_equal(other.actuator_forces(*one), forces)
+        np.testing.assert_array_equal(other.inverse_kinematics(pose[0]), lengths)
+        np.testing.assert_array_equal(other.strut_motion(*one).length, struts.length)
+        np.testing.assert_array_equal(other.regressor(*one), regressor)
 
 
 def test_entries_that_are_zero_by_structure():
