@@ -103,8 +103,11 @@ def measurement_of(
     InputError
         Its content cannot be used: every defect with column and row.
     """
-    description = robot.description if isinstance(robot, Robot) else robot
-    home = description.struts_at(description.home).lengths
+    machine = robot if isinstance(robot, Robot) else Robot(robot)
+    description, home = machine.description, None
+    if section.length_offsets == "home":
+        # Those of the actuators: on a thread they are not the distances of the joints.
+        home = machine.inverse_kinematics(machine.home)
     table, notes = in_si(table, section, home)
     table = _within(table, section)
     refuse_few_rows(table, len(description.parameter_names))

@@ -61,7 +61,7 @@ def in_si(
             factor *= section.force_constants[_strut(channel, section)]
         if factor != 1:
             values[channel] = values[channel] * factor
-    if section.force_constants is not None and not currents:
+    if section.force_constants is not None and not currents and not problems:
         message = "data.force_constants are given, but no channel is a current"
         allowed = "data.units: {Q: A} if the file holds currents, or no data.force_constants"
         problems.append(table.header_problem(message, FORCE_CHANNELS[0], allowed))

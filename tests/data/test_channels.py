@@ -5,6 +5,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from estimation.data.reading import read_measurement
+from expdesign.configuration import DataSection, load_run
+from expdesign.robot import Robot
 from tests.data.recordings import CHANNELS, write_csv
 
 SHARED = settings(max_examples=20, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -60,6 +63,21 @@ def test_what_an_export_says_may_stand_in_data(tmp_path, rec, read, palida):
         frame[f"Q{axis}"] = sign[strut] * rec.Q[:, strut]
     frame.to_csv(path, index=False)
     _close(read(path, order=order, sign=sign, offset="home"), rec)
+
+
+def test_home_on_a_thread_is_that_of_the_actuators(tmp_path, rec, palida):
+    """As exports have it: on a thread a length at home is not the distance of the joints."""
+    description = palida.description.model_dump(mode="json", by_alias=True)
+    screws = {"drive": {"screw": {"lead": 5e-3}}, "platform_cardan_axes": [[1, 0, 0]] * 6}
+    robot = load_run({"name": "n", "robot": {**description, **screws}}).robot
+    machine = Robot(robot)
+    home = machine.inverse_kinematics(machine.home)
+    assert np.max(np.abs(home - robot.struts_at(robot.home).lengths)) > 1e-4
+    path, frame = tmp_path / "m.csv", rec.frame
+    for strut in range(6):
+        frame[f"q{strut + 1}"] = rec.q[:, strut] - home[strut]
+    frame.to_csv(path, index=False)
+    _close(read_measurement(path, DataSection(offset="home"), robot), rec)
 
 
 def test_defects_are_told_by_the_file_s_own_column(tmp_path, rec, refused):

@@ -88,6 +88,15 @@ def test_force_constants_without_a_current_are_refused(tmp_path, rec, refused):
     assert "data.units: {Q: A}" in problem.allowed
 
 
+def test_a_unit_that_is_not_known_is_the_only_defect(tmp_path, rec, refused):
+    """What its channel holds is not known then: nothing is said of missing currents."""
+    path = tmp_path / "m.csv"
+    rec.frame.rename(columns={f"Q{j}": f"Q{j} [counts]" for j in range(1, 7)}).to_csv(
+        path, index=False
+    )
+    assert all("is not known" in problem.message for problem in refused(path, force_constants=90))
+
+
 @pytest.mark.parametrize(
     ("header", "units", "message"),
     [
