@@ -71,6 +71,8 @@ def _drive(value: object) -> object:
         raise refusal(f"{shown(value)} is no drive", _ALLOWED)
     if len(value) != 1:
         raise refusal(f"there are {len(value)} kinds of drive where one is needed", _ALLOWED)
+    if None in value.values():
+        raise refusal(f"nothing is told of the {next(iter(value))}", _ALLOWED)
     return value
 
 

@@ -76,6 +76,7 @@ def test_what_is_resolved_is_read_again(palida, drive, tmp_path):
         ("screw", "drive"),
         ({}, "drive"),
         ({**SCREW, "gear": {"lead": 1}}, "drive"),
+        ({"screw": None}, "drive"),
         ({"belt": {"lead": 1}}, "drive.belt"),
         ({"screw": {"inertia": 1}}, "drive.screw.lead"),
         ({"screw": {"lead": 0}}, "drive.screw.lead"),
