@@ -10,6 +10,7 @@ from pydantic import BeforeValidator, model_serializer, model_validator
 from scipy.spatial.transform import Rotation
 
 from constraints.arrays import Array
+from expdesign.configuration.geometry import VANISHING
 from expdesign.configuration.problem import refusal, shown
 from expdesign.configuration.section import Section
 from expdesign.configuration.values.quantity import Angle, Inertia, Mass, Positive
@@ -31,7 +32,6 @@ _ROUNDED = 1e-3
 """Share of its largest moment by which the inertia of a rounded data sheet may be of no body."""
 _ASIDE = 0.01
 """Share of a part's moments that is told when the model does not have it."""
-_VANISHING = 1e-6
 
 
 def _inertia(value: object) -> object:
@@ -64,10 +64,11 @@ class Body(Section):
 
     @model_validator(mode="after")
     def _possible(self) -> Body:
-        moments = np.linalg.eigvalsh(self._own.about_centre)
-        largest = float(np.max(np.abs(self._own.inertia)))
+        given = self.about == "centre"
+        moments = np.linalg.eigvalsh(self._matrix if given else self._own.about_centre)
+        largest = float(np.max(np.abs(self.inertia)))
         if moments[0] < -_ROUNDED * largest or moments[2] > sum(moments[:2]) + _ROUNDED * largest:
-            about = "; about the origin: with about: origin" if self.about == "centre" else ""
+            about = "; about the origin: with about: origin" if given else ""
             allowed = "moments of which none is more than the two others together"
             raise refusal(
                 "no body has this inertia about its centre: its principal moments are "
@@ -78,11 +79,15 @@ class Body(Section):
         return self
 
     @property
-    def _own(self) -> RigidBody:
+    def _matrix(self) -> Array:
         matrix = np.zeros((3, 3))
         for (i, j), value in zip(_ENTRIES, self.inertia, strict=True):
             matrix[i, j] = matrix[j, i] = value
-        centre = np.array(self.centre)
+        return matrix
+
+    @property
+    def _own(self) -> RigidBody:
+        matrix, centre = self._matrix, np.array(self.centre)
         if self.about == "origin":
             return RigidBody(self.mass, self.mass * centre, matrix)
         return RigidBody.of(self.mass, centre, matrix)
@@ -176,7 +181,7 @@ class Bodies(Section):
             return {}
         moments = max(made["p6"], made["p7"], made["p8"])
         sizes = {"s": np.sqrt(made[MASS] * moments), "I": moments}
-        return {n: made[n] for n in LATERAL if abs(made[n]) > _VANISHING * sizes[n[0]]}
+        return {n: made[n] for n in LATERAL if abs(made[n]) > VANISHING * sizes[n[0]]}
 
 
 def bodies_in_words(

@@ -22,7 +22,8 @@ _SAME_POINT = 1e-9
 _ON_AXIS = 1e-9
 _ALONG = 1e-6
 _UNIT = 1e-14
-_VANISHING = 1e-4
+VANISHING = 1e-4
+"""Share by which sums are not symmetric of joints rounded to a hundredth of a millimetre."""
 
 Report = Callable[..., Problem]
 
@@ -214,5 +215,5 @@ def asymmetric_sums(platform_joints: Array) -> dict[str, str]:
     return {
         name: f"{np.sum(values):.3g} {'m²' if '·' in name else 'm'}"
         for name, values in terms.items()
-        if abs(np.sum(values)) > _VANISHING * len(values) * radius ** (2 if "·" in name else 1)
+        if abs(np.sum(values)) > VANISHING * len(values) * radius ** (2 if "·" in name else 1)
     }

@@ -186,6 +186,10 @@ def test_what_the_model_does_not_have_is_told(palida, bodies, part):
         ({"platform": {"centre": [0, 0, 0]}}, "bodies.platform[1].mass"),
         ({"platform": {**PLATFORM, "mass": 0}}, "bodies.platform[1].mass"),
         ({"platform": {**PLATFORM, "inertia": [1, 1, 3]}}, "bodies.platform[1].inertia"),
+        (
+            {"platform": {"mass": 1, "centre": [1, 0, 0], "inertia": [1e-4, 1e-4, 1e-3]}},
+            "bodies.platform[1].inertia",
+        ),
         ({"platform": {**PLATFORM, "inertia": [1, 1]}}, "bodies.platform[1].inertia"),
         ({"platform": {**PLATFORM, "inertia": [1, 1, 1, 2, 0, 0]}}, "bodies.platform[1].inertia"),
         ({"platform": {**PLATFORM, "inertia": ["1 kg"] * 3}}, "bodies.platform[1].inertia[1]"),
@@ -197,3 +201,24 @@ def test_what_is_no_body_is_refused_where_it_stands(palida, bodies, key):
     with pytest.raises(InputError) as caught:
         _robot(palida, bodies, parameters=palida["parameters"])
     assert f"robot.{key}" in [problem.key for problem in caught.value.problems]
+
+
+@pytest.mark.parametrize("about", ["centre", "origin"])
+def test_a_mass_in_a_point_is_a_body(palida, about):
+    x, y, z = 0.31, -0.17, 0.73
+    squares = [y * y + z * z, x * x + z * z, x * x + y * y, -x * y, -x * z, -y * z]
+    squares = [3.1 * value for value in squares]
+    inertia = squares if about == "origin" else [0, 0, 0]
+    mass = {"mass": 3.1, "centre": [x, y, z], "inertia": inertia, "about": about}
+    robot = _robot(palida, {**STRUT, "payload": mass}, platform="general")
+    made = robot.description.bodies.part("payload")
+    assert made.inertia[np.triu_indices(3)] == pytest.approx(
+        np.array([squares[k] for k in (0, 3, 4, 1, 5, 2)]), rel=1e-12
+    )
+
+
+def test_rounded_joints_and_centres_are_symmetric_enough(palida):
+    joints = np.round(palida["platform_joints"], 5) + 1e-5 * np.eye(6, 3)
+    bodies = {**STRUT, "platform": {**PLATFORM, "centre": [1e-6, 0, 0.106]}}
+    robot = _robot(palida, bodies, platform_joints=joints.tolist())
+    assert not [text for text in robot.warnings if "symmetric" in text]
