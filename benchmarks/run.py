@@ -33,6 +33,7 @@ NAMES = (
     "multibody",
     "tolerances",
     "calls",
+    "screws",
     "imported",
     "own_machine",
 )
