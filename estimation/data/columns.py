@@ -147,7 +147,8 @@ def _missing(
         else next((text for text in texts if text.lower().startswith("t")), None)
     )
     message = f"there is no column {shown(name)} for {channel}"
-    allowed = _one_of(channel, texts)
+    taken = f"data.columns: {{{channel}: …}} with a column that no other channel has: none is left"
+    allowed = _one_of(channel, texts) if texts else taken
     return replace(place, message=message, key=name, allowed=allowed, nearest=meant)
 
 

@@ -24,6 +24,8 @@ from expdesign.configuration.values.quantity import LENGTH
 _UNITS = ("m", "mm", "cm", "in", "ft", "µm", "dm", "km")
 """Units that are tried when the lengths do not fit, the likeliest first."""
 
+_ZERO_AT_HOME = "; it would fit if the channel read zero at home: data.offset: home"
+
 _NEAR_HOME = 0.25
 """Share of the stroke within which a motion about home has its middle."""
 
@@ -147,14 +149,24 @@ def _hint(
     signs = np.array(section.channel_signs("q"))
     offsets = home if section.length_offsets == "home" else np.array(section.length_offsets)
     positions = signs * (middle - offsets)
-    in_file = positions / unit_factor(LENGTH_CHANNELS[strut], table, section)
-    for unit in _UNITS:
-        if allowed.fits(offsets + signs * in_file * LENGTH.parse(f"1 {unit}"))[strut]:
+    in_file = positions / [unit_factor(each, table, section) for each in LENGTH_CHANNELS]
+    units = {u: allowed.fits(offsets + signs * in_file * LENGTH.parse(f"1 {u}")) for u in _UNITS}
+    from_home = not np.any(offsets)
+    stroke = allowed.upper - allowed.lower
+    if (
+        from_home
+        and abs(np.mean(positions)) < _NEAR_HOME * np.min(stroke)
+        and np.all(allowed.fits(home + signs * positions))
+        and not any(map(np.all, units.values()))
+    ):
+        # One cause for all six goes before units that fit single struts by chance.
+        return _ZERO_AT_HOME
+    for unit, fits in units.items():
+        if fits[strut]:
             return f"; it would fit if the file were in {unit}: data.units: {{q: {unit}}}"
     if allowed.fits(offsets - signs * positions)[strut]:
         hint = f"data.sign: {{q: {-signs[strut]}}}"
         return f"; it would fit if the channel counted the other way: {hint}"
-    near = np.abs(positions) < _NEAR_HOME * (allowed.upper - allowed.lower)
-    if not np.any(offsets) and near[strut]:
-        return "; it would fit if the channel read zero at home: data.offset: home"
+    if from_home and np.abs(positions)[strut] < _NEAR_HOME * stroke[strut]:
+        return _ZERO_AT_HOME
     return ""

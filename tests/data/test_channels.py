@@ -90,11 +90,16 @@ def test_defects_are_told_by_the_file_s_own_column(tmp_path, rec, refused):
     assert "'lost'" in problem.message
 
 
+_ELSEWHERE = 1e-3 * np.array([70, -56, 11, -24, 60, -68])
+
+
 @pytest.mark.parametrize(
     ("change", "section", "hint"),
     [
         (lambda q, _: -q, {}, "data.sign: {q: -1}"),
         (lambda q, home: q - home, {}, "data.offset: home"),
+        # In the middle of a motion struts are elsewhere: in cm or feet one of them would fit alone.
+        (lambda q, home: q - home + _ELSEWHERE, {}, "data.offset: home"),
         (lambda q, home: 1e3 * (q - home), {"offset": "home"}, "data.units: {q: mm}"),
     ],
 )

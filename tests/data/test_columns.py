@@ -68,6 +68,11 @@ def test_a_missing_column_names_the_nearest_and_what_is_there():
     assert "'Weg_3'" in problem.allowed
 
 
+def test_a_missing_column_of_a_file_without_another_one_says_so():
+    (problem,) = _problems(_columns(*CHANNELS[:-1]), {"Q6": "Weg6"})
+    assert "none is left" in problem.allowed
+
+
 def test_the_nearest_column_is_one_that_is_free():
     """A length must not be offered the force of the same strut."""
     (problem,) = _problems(_columns(*(c for c in CHANNELS if c != "q3"), "q_3"), {})
