@@ -304,7 +304,8 @@ def _other_signs(signs: Array) -> _Words:
     return (
         place,
         f"{place} {have} the other sign",
-        f"`data.sign: {{Q: {_written(signs)}}}` if that is how the drives count",
+        f"`data.sign: {{Q: {_written(signs)}}}`, times the signs that stand there, if that is how "
+        "the drives count",
     )
 
 
@@ -314,8 +315,9 @@ def _other_zero(strut: int, offset: float) -> _Words:
     return (
         f"q{strut + 1}",
         f"the zero of q{strut + 1} is off by {-1e3 * offset:.3g} mm",
-        f"reference strut {strut + 1} again (home offset), or `data.offset: {{q: [{shown}]}}`; a "
-        "joint that is that far along the strut from where the robot file says does the same",
+        f"reference strut {strut + 1} again (home offset), or `data.offset: {{q: [{shown}]}}`, "
+        "added to an offset that stands there; a joint that is that far along the strut from where "
+        "the robot file says does the same",
     )
 
 

@@ -74,8 +74,8 @@ class ForceScale:
         if self.factor < 0:
             words.append(
                 "the sign of all forces is wrong (forces are positive when they extend the strut: "
-                "`data.sign: -1`, or a negative `data.force_constants`), or gravity and the z axis "
-                "point the other way"
+                "`data.sign: {Q: -1}`, or a negative `data.force_constants`), or gravity and the z "
+                "axis point the other way"
             )
         unit = _unit_of(size)
         if unit is not None:

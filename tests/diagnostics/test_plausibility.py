@@ -54,7 +54,7 @@ def judged(robot, values, std, section=None):
     ("constant", "causes"),
     [
         (1 / 85, ("`data.units: {Q: A}` with `data.force_constants` of about 8",)),
-        (-1.0, ("the sign of all forces is wrong",)),
+        (-1.0, ("the sign of all forces is wrong", "`data.sign: {Q: -1}`")),
         (1e3, ("`data.units: {Q: mN}`",)),
         (1 / 4.448, ("`data.units: {Q: lbf}`",)),
         (4.448, ("the forces are in newtons",)),
