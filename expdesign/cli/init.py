@@ -37,7 +37,7 @@ _OPTIONS = {
     "platform_half_angle": Option(
         "ANGLE", "Between a platform joint and the middle of its pair; struts 2 and 3 meet there."
     ),
-    "home_height": Option("L", "Height of the TCP over the base at home; below zero: it hangs."),
+    "home_height": Option("L", "Height of the TCP over the base at home; negative: it hangs."),
     "platform_z": Option("L", "Height of the platform joints over the TCP; 0 by default."),
     "base_joints": Option(
         "'X,Y,Z; …'", "Six base joints, base frame, in place of a circle.", _points

@@ -31,8 +31,12 @@ def findings_table(key: str, findings: Sequence[Finding], what: str) -> ReportTa
 
 
 def against(verdict: Verdict) -> str:
-    """Return what speaks against the model, as the diagnostics put it; empty when nothing does."""
-    return "; ".join(failures([finding for finding in verdict.findings if finding.serious]))
+    """Return what speaks against the model, and where; empty when nothing does.
+
+    How large it is, and what to do, stands with the finding.
+    """
+    serious = [finding for finding in verdict.failed if finding.serious]
+    return "; ".join(finding.contradiction or finding.sentence for finding in serious)
 
 
 def failures(findings: Sequence[Finding]) -> tuple[str, ...]:

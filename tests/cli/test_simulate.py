@@ -267,7 +267,7 @@ def test_doubts_about_the_design_are_told(expdesign, run_file, tmp_path):
     status, _, messages = expdesign("simulate", run_file(), "--out", folder)
     assert status == 0
     assert "made for the robot rubin" in messages
-    assert "limits broken" in messages
+    assert "breaks a limit" in messages
 
 
 def test_a_robot_that_was_identified_is_the_machine_of_its_design(expdesign, tmp_path):

@@ -120,7 +120,7 @@ def _blocks(
         disturbed = isinstance(test, Differences) and test.differ
         sentence = f"{information_sentence(test)}."
         blocks.append(TextBlock(sentence, Level.CAUTION if disturbed else Level.NEUTRAL))
-    if isinstance(test, Differences):
+    if isinstance(test, Differences) and (test.freedom or test.differ):
         caption = "ML − GM against the covariance that errors of the same data give this difference"
         blocks.append(differences_table("hausman", caption, summary.parameters, test, folded=True))
     if summary.diagnostics is not None:
