@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from constraints.arrays import Array
 from estimation.diagnostics.attribution import Attribution, attribute
+from estimation.diagnostics.begin_finding import begin_findings
 from estimation.diagnostics.cause import THERE
 from estimation.diagnostics.cause_test import CauseResult, DelayTest
 from estimation.diagnostics.causes import causes
@@ -229,13 +230,13 @@ def _of_the_estimate(
     results: Sequence[ExperimentDiagnosis],
 ) -> Verdict:
     """Judge the parameters, too, and the channels where anything fails."""
-    own = plausibility(robot, knowledge, estimate)
-    judged = verdict(results, own)
+    own = *begin_findings(experiments), plausibility(robot, knowledge, estimate)
+    judged = verdict(results, *own)
     if judged.status is Status.ACCEPTED:
         return judged
     attributions = [result.attribution for result in results]
     channels = assignment_findings(robot, experiments, knowledge, attributions)
-    return verdict(results, *channels, own)
+    return verdict(results, *channels, *own)
 
 
 def _known(

@@ -10,6 +10,7 @@ from constraints.arrays import Array
 from estimation.data.measurement import Measurement
 from estimation.measurement_model import HarmonicMotion
 from estimation.processing import Record
+from estimation.processing.begin_of_motion import moves_from
 from estimation.processing.period import (
     PeriodError,
     PeriodSource,
@@ -172,6 +173,13 @@ def clock_error(
 
 
 def _refused(data: Measurement, message: str) -> UnsuitableDataError:
+    begin = moves_from(data)
+    if begin is not None:
+        return UnsuitableDataError(
+            f"{message}; the struts do not move before {begin:.4g} s",
+            file=Path(data.source) if data.source else None,
+            allowed=f"data.start: {begin:.4g} s, which leaves the rows at rest out",
+        )
     return UnsuitableDataError(
         message,
         file=Path(data.source) if data.source else None,

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from constraints.arrays import Array, Mask
 from estimation.data.measurement import Measurement
+from estimation.processing.begin_of_motion import moves_from
 from estimation.processing.noise import (
     FEWEST_PERIODS,
     NoiseEstimate,
@@ -107,6 +108,8 @@ class Record:
     origin: float = 0.0
     """What was taken off the recording's times, s: whole periods, so that phases are those of the
     recording. Far from the origin phases and ω could not be told from each other."""
+    moves_from: float | None = None
+    """When the struts begin to move, s, in the recording's time; None: with the first row."""
 
     @property
     def samples(self) -> int:
@@ -197,6 +200,7 @@ def make_record(
         )
     return Record(
         omega=omega,
+        moves_from=moves_from(data),
         source=source,
         forces=Channels(times - data.force_delay, *collected(data.forces[used])),
         lengths=Channels(times - data.length_delay, *collected(data.lengths[used])),

@@ -1,0 +1,62 @@
+"""Rows at rest before the motion: `data.start` is named, not the period."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from estimation.identification.period_choice import UnsuitableDataError, choose_omega
+from estimation.processing.begin_of_motion import moves_from
+from tests.estimation.cases import ROBOT, STEP, measured, run, trajectory
+
+MOTION = trajectory()
+DATA = measured(MOTION)
+
+
+def after_rest(rows, data=DATA):
+    """Return a recording that begins so many rows before the motion."""
+    still = data.lengths[0] + 1e-4 * np.random.default_rng(1).standard_normal((rows, 6))
+    forces = np.repeat(data.forces[:1], rows, axis=0)
+    time = np.arange(rows + len(data)) * STEP
+    lengths = np.vstack([still, data.lengths])
+    return replace(data, time=time, lengths=lengths, forces=np.vstack([forces, data.forces]))
+
+
+@pytest.mark.parametrize("rows", [40, 130, 700])
+def test_the_begin_of_the_motion(rows):
+    assert moves_from(after_rest(rows)) == pytest.approx(rows * STEP, abs=4 * STEP)
+
+
+def test_a_motion_from_its_first_row_on_has_none():
+    assert moves_from(DATA) is None
+    for begin in range(0, 200, 9):
+        part = slice(begin, None)
+        own = {name: getattr(DATA, name)[part] for name in ("time", "lengths", "forces")}
+        assert moves_from(replace(DATA, **own)) is None
+
+
+@pytest.mark.parametrize("power", [2, 3, 5])
+def test_a_smooth_begin_is_motion(power):
+    """From rest with a jump of the acceleration, of the jerk, and smoother still."""
+    share = np.minimum(np.arange(len(DATA)) / 400, 1.0) ** power
+    lengths = ROBOT.inverse_kinematics(ROBOT.home) + share[:, None] * np.linspace(0.03, 0.1, 6)
+    assert moves_from(replace(DATA, lengths=lengths)) is None
+
+
+def test_a_rest_in_every_period_is_part_of_it():
+    still = np.repeat(DATA.lengths[:1], 80, axis=0)
+    periods = [part for one in np.split(DATA.lengths, 5) for part in (still, one)]
+    lengths = np.vstack(periods)
+    time = np.arange(len(lengths)) * STEP
+    assert moves_from(replace(DATA, time=time, lengths=lengths, forces=0 * lengths)) is None
+
+
+def test_a_period_that_is_refused_names_the_start():
+    """Rest for longer than the motion: the lengths do not repeat."""
+    data = after_rest(700)
+    short = replace(
+        data, time=data.time[:1050], lengths=data.lengths[:1050], forces=data.forces[:1050]
+    )
+    with pytest.raises(UnsuitableDataError) as caught:
+        choose_omega(run(), short, None)
+    assert "data.start: 3.5" in caught.value.problems[0].allowed
