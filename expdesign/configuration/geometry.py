@@ -166,6 +166,31 @@ def _at_struts(
     return [problem((key, int(j)), message.format(j + 1), allowed) for j in np.flatnonzero(where)]
 
 
+_UPWARDS = 0.5
+"""Share of gravity along z from which it points up; a base on a wall is below it."""
+
+
+def gravity_warnings(gravity: Array, struts: Array) -> list[str]:
+    """Return in words that gravity points up in the base frame, whose z axis does.
+
+    A platform that hangs is below its base: gravity points along −z there, too.
+
+    Parameters
+    ----------
+    gravity : (3,)
+        Base frame, m/s².
+    struts : (6, 3)
+        From base to platform joints at home, base frame, m.
+    """
+    if gravity[2] <= _UPWARDS * float(np.linalg.norm(gravity)):
+        return []
+    does = "hangs from" if float(np.mean(struts @ gravity)) > 0 else "stands on"
+    return [
+        f"gravity points along +z of the base frame ({gravity[2]:g} m/s²), where z is up: by it "
+        f"the platform {does} its base. Right only where the frame is upside down"
+    ]
+
+
 def shared_pairs(*joints: Array) -> tuple[tuple[int, int], ...]:
     """Return the pairs of struts i < j, from zero, whose joints coincide within 1e-9 m.
 

@@ -265,6 +265,7 @@ def resolve_robot(
     if problems:
         raise InputError(problems)
 
+    warnings += _of_gravity(description)
     warnings += parameter_warnings(terms, description.parameters)
     if drive.geared is not None and description.parameters[drive_inertia.MASS] == 0:
         warnings.append(
@@ -315,6 +316,13 @@ def resolve_robot(
         source=document.file,
         warnings=tuple(warnings),
     )
+
+
+def _of_gravity(description: RobotDescription) -> list[str]:
+    base, platform = np.array(description.base_joints), np.array(description.platform_joints)
+    with np.errstate(all="ignore"):
+        joints = geo.geometry_at(np.array(description.home), base, platform).joints
+        return geo.gravity_warnings(np.array(description.gravity), joints - base)
 
 
 def _axes(
