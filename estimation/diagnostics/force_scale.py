@@ -88,7 +88,8 @@ class ForceScale:
         if size <= 1 / _FAR:
             words.append(
                 "currents were taken for newtons (`data.units: {Q: A}` with `data.force_constants` "
-                f"of about {1 / size:.2g} N/A), or the force constants are wrong by that factor"
+                f"of about {float(f'{1 / size:.2g}'):g} N/A), or the force constants that are "
+                "given are too small by that factor"
             )
         elif size >= _FAR and unit is None:
             words.append(

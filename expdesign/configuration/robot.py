@@ -38,6 +38,7 @@ from expdesign.configuration.parameters import (
 from expdesign.configuration.problem import InputError, Problem
 from expdesign.configuration.section import LATER, Section, validate
 from expdesign.configuration.tolerances import Tolerances, merged_tolerances, too_large
+from expdesign.configuration.unit_slips import unit_slips
 from expdesign.configuration.values.quantity import Acceleration
 from expdesign.configuration.values.scalars import (
     Direction,
@@ -53,7 +54,7 @@ from expdesign.configuration.values.scalars import (
 from expdesign.library import robot_files
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.term import Term
-from expdesign.mechanism.terms import drive_inertia, rigid_platform
+from expdesign.mechanism.terms import rigid_platform
 
 PlatformKind = Literal["symmetric", "general"]
 
@@ -267,12 +268,9 @@ def resolve_robot(
 
     warnings += _of_gravity(description)
     warnings += parameter_warnings(terms, description.parameters)
-    if drive.geared is not None and description.parameters[drive_inertia.MASS] == 0:
-        warnings.append(
-            "the drive has no inertia: without `inertia` beside its lead, or the parameter "
-            f"{drive_inertia.MASS}, the forces of a design are too small. A motor behind a screw "
-            "is often heavier along a strut than the platform"
-        )
+    base_joints, home = np.array(description.base_joints), np.array(description.home)
+    longest = float(np.max(geo.geometry_at(home, base_joints, platform_joints).lengths))
+    warnings += unit_slips(resolved_limits, drive, description.parameters, longest)
     if description.bodies is not None:
         made = description.bodies.parameters(platform_joints)
         general = description.platform == "general"

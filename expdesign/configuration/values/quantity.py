@@ -144,7 +144,10 @@ class Dimension:
         if dimensions != _dimensionality(self.unit):
             kind = _of_dimensions(dimensions)
             wrong = f"is {kind.name}" if kind else "has the wrong unit"
-            raise refusal(f"{shown(text)} {wrong}, not {self.name}", self.allowed)
+            allowed = self.allowed
+            if self is FORCE and kind is TORQUE:
+                allowed += "; a motor's torque, behind a screw or gear, is that times 2 pi / lead"
+            raise refusal(f"{shown(text)} {wrong}, not {self.name}", allowed)
         return float(Fraction(number) * scale)
 
 
