@@ -15,6 +15,8 @@ from expdesign.configuration import RunConfiguration
 from expdesign.trajectory import FourierTrajectory
 
 _TWO = 2 - 1e-9
+_SAME = 1 - 1e-9
+"""Correlation from sample to sample from which two channels have no noise of their own."""
 
 
 def repeated_record(
@@ -44,6 +46,11 @@ def repeated_record(
     if len(dead):
         where = f"actuator{'s' * (len(dead) > 1)} {', '.join(map(str, dead))}"
         raise _refused(data, f"the forces do not change at all ({where}): are they connected?")
+    same = np.triu(np.abs(np.corrcoef(np.diff(data.forces, axis=0).T)) > _SAME, 1)
+    if np.any(same):
+        first, second = np.argwhere(same)[0] + 1
+        message = f"the forces of actuators {first} and {second} are the same recording"
+        raise _refused(data, f"{message}: look at `data.columns` and the cables")
     if all(resolution_only(column) for column in data.lengths.T):
         return _at_rest(data)
     try:

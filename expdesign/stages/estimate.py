@@ -61,7 +61,13 @@ def analyse_noise(work: Workspace) -> Outcome:
     samples = repeated_record(
         work.configuration, recording, trajectory, certain=bool(work.sources.designs)
     )
-    record = noise_analysis.analyse_noise(samples, str(file))
+    try:
+        record = noise_analysis.analyse_noise(samples, str(file))
+    except LinAlgError as error:
+        raise StageFailed(
+            "no noise follows from these data: are channels sums of others, or is one constant? "
+            f"({error})"
+        ) from error
     return Outcome(
         result=samples,
         record=record,

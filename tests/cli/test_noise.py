@@ -219,6 +219,19 @@ def test_what_shows_no_noise(folder, expdesign):
     assert "forces do not change at all (actuator 5)" in error
 
 
+def test_channels_without_noise_of_their_own(folder, expdesign):
+    """A column that is named twice, also with another force constant, and a sum of others."""
+    data = measured(STILL, periods=10)
+    copied, summed = data.forces.copy(), data.forces.copy()
+    copied[:, 5] = 3 - 2 * copied[:, 1]
+    summed[:, 5] = summed[:, 1] + summed[:, 2]
+    for forces, expected, where in ((copied, 2, "2 and 6"), (summed, 1, "")):
+        write_data(folder, replace(data, forces=forces))
+        status, _, error = expdesign(*arguments(folder))
+        assert status == expected, error
+        assert where in error
+
+
 def test_check_says_how_to_come_to_it(folder, expdesign):
     robot = parse(resolved_yaml(load_run({"name": "n", "robot": "palida"})))["robot"]
     del robot["noise"]
