@@ -211,9 +211,13 @@ def choose_harmonics(
         """Fit with that many, or with more where the residuals of so few are too large."""
         try:
             return fitted(count, start)
-        except NoMotionFoundError:
+        except NoMotionFoundError as error:
             if count >= most:
-                raise
+                raise NoMotionFoundError(
+                    f"{error}, nor with fewer: the lengths may not be those of this machine "
+                    "(joints, half-angles and home of the robot file; order, sign and offset under "
+                    "`data`), or repeat with another period"
+                ) from error
             return begun(min(2 * count, most))
 
     fit = begun(first)

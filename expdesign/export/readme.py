@@ -33,14 +33,15 @@ def readme(record: ExportsRecord) -> str:
     parts = [
         _heading(f"Controller tables of {motion.name} for {motion.robot}", "="),
         _paragraph(
-            f"{_which(record)} hold the same motion of {motion.duration:.4f} s: from rest at home "
+            f"{_which(record)} the same motion of {motion.duration:.4f} s: from rest at home "
             f"onto the periodic excitation, {motion.periods} periods of {motion.period:.6f} "
             f"s, and back to rest at home. Home is {_pose(motion.home)}."
         ),
         _heading("What to record", "-"),
         _paragraph(
             f"The measurement window lasts from {first:.6f} s to {last:.6f} s after the start of "
-            f"the table: the {motion.periods} periods. Record the six strut lengths and the "
+            f"the table: the {motion.periods} periods. "
+            f"{_of_scaled(record)}Record the six strut lengths and the "
             f"six actuator forces (or motor currents) at {motion.sampling:g} Hz, every sample "
             "with its time from the start of the table or triggered by it, with forces and "
             "lengths of the same instants. Keep the raw, unfiltered values. The way to the window "
@@ -78,7 +79,16 @@ def _unlimited(motion: MotionEntry) -> str:
 
 def _which(record: ExportsRecord) -> str:
     scaled = [name for name, file in record.files.items() if file.scale != 1]
-    return f"All files but {', '.join(scaled)}" if scaled else "All files"
+    if len(scaled) == len(record.files):
+        return "All files hold, smaller and slower,"
+    return f"All files but {', '.join(scaled)} hold" if scaled else "All files hold"
+
+
+def _of_scaled(record: ExportsRecord) -> str:
+    """Say that tables for a first run have windows of their own, where there are any."""
+    if all(file.scale == 1 for file in record.files.values()):
+        return ""
+    return "A table for a first run has a window of its own, told with it below. "
 
 
 def _scaled(file: FileEntry, motion: MotionEntry) -> list[str]:

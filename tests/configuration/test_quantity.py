@@ -116,6 +116,15 @@ def test_refused(dimension, value, says):
     assert caught.value.context["allowed"]
 
 
+def test_a_torque_in_place_of_a_force_is_told_what_makes_it_one():
+    with pytest.raises(PydanticCustomError) as torque:
+        FORCE.parse("1.27 N m")
+    with pytest.raises(PydanticCustomError) as length:
+        FORCE.parse("1.27 m")
+    assert "2 pi / lead" in torque.value.context["allowed"]
+    assert "lead" not in length.value.context["allowed"]
+
+
 @given(st.one_of(st.text(), st.floats(), st.integers(), st.booleans(), st.none(), st.binary()))
 def test_anything_gives_a_finite_number_or_is_refused(value):
     for dimension in (LENGTH, ANGLE, FREQUENCY, NUMBER):
