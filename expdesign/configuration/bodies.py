@@ -203,6 +203,8 @@ def bodies_in_words(
     units = {name: parameter.unit for name, parameter in known_parameters().items()}
     told = ", ".join(f"{name} = {value:.4g} {units[name]}" for name, value in made.items())
     others = [name for name, value in made.items() if parameters[name] != value]
+    if len(others) == len(made):
+        return f"the bodies do not count: `parameters` has its own {', '.join(others)}"
     instead = "; `parameters` has others for " + ", ".join(others) if others else ""
     return f"the bodies make {told}{instead}"
 
