@@ -51,9 +51,10 @@ def causes(
         _delay(suspects),
         *hum_causes(suspects),
     ]
-    # What is wrong with a prediction is most often a parameter.
+    # What is wrong with a prediction is most often a parameter, and so it is where some are fixed.
+    stated = held_out or not np.all(suspects.part.free)
     weights = np.ones(1 + len(others))
-    weights[0] = len(others) if held_out else 1.0
+    weights[0] = len(others) if stated else 1.0
     levels = (CAUSES / experiments * weights / np.sum(weights)).tolist()
     return tuple(
         replace(cause, level=level) for cause, level in zip((own, *others), levels, strict=True)
