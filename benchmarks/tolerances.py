@@ -1,8 +1,8 @@
 """PaLiDA, the design of n = 5: coverage with the truth drawn anew from the tolerances each time.
 
-Ten periods of fewer samples than at 1 kHz, with as much less noise; a delay, which moves the jumps of
-dry friction by whole samples, at 1 kHz itself. What every repetition draws is θ, all of it at once,
-and the noise.
+Ten periods of fewer samples than at 1 kHz, with as much less noise; a delay, which moves the jumps
+of dry friction by whole samples, at 1 kHz itself. What every repetition draws is θ, all of it at
+once, and the noise.
 """
 
 from __future__ import annotations
