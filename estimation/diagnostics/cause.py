@@ -62,6 +62,8 @@ class Cause:
     """How an effect is named that has a place; a format of both."""
     contains: str = ""
     """Kind of the effects that are this one with a part of it zero: no rivals of it."""
+    modelled: bool = False
+    """Whether the model has a term for it: then nothing is assumed that could fail."""
 
     @property
     def candidates(self) -> int:

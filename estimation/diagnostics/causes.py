@@ -25,6 +25,7 @@ from estimation.diagnostics.hum_cause import hum_causes
 from estimation.diagnostics.linearisation import Linearisation
 from estimation.diagnostics.signature import Signature
 from estimation.diagnostics.suspects import Suspects
+from expdesign.mechanism.catalogue import TERMS
 from expdesign.mechanism.hexapod import ACTUATORS, numbered
 
 _DELAYS = (-3.0, -1.0, 0.1, 1.0, 3.0)
@@ -57,7 +58,8 @@ def causes(
     weights[0] = len(others) if stated else 1.0
     levels = (CAUSES / experiments * weights / np.sum(weights)).tolist()
     return tuple(
-        replace(cause, level=level) for cause, level in zip((own, *others), levels, strict=True)
+        replace(cause, level=level, modelled=cause.kind in TERMS and not suspects.lacks(cause.kind))
+        for cause, level in zip((own, *others), levels, strict=True)
     )
 
 

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from constraints.arrays import Array
 from estimation.diagnostics.attribution import Attribution, attribute
 from estimation.diagnostics.begin_finding import begin_findings
-from estimation.diagnostics.cause import THERE
 from estimation.diagnostics.cause_test import CauseResult, DelayTest
 from estimation.diagnostics.causes import causes
 from estimation.diagnostics.channel_assignment import assignment_findings
@@ -69,12 +68,7 @@ def verdict(experiments: Sequence[ExperimentDiagnosis], *of_the_estimate: Findin
     if serious:
         return Verdict(Status.DOUBTFUL, f"doubtful: {'; '.join(serious)}", findings)
     summary = "accepted: nothing speaks against the model"
-    # What the model has is no assumption that stays open.
-    untested = dict.fromkeys(
-        f.assumption
-        for f in findings
-        if f.outcome is Outcome.NOT_TESTED and not f.sentence.endswith(THERE)
-    )
+    untested = dict.fromkeys(f.assumption for f in findings if f.outcome is Outcome.NOT_TESTED)
     if untested:
         summary += f"; assumed, not tested: {', '.join(untested)}"
     minor = [f.contradiction for f in findings if f.failed]

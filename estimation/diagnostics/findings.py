@@ -110,7 +110,11 @@ def experiment_findings(diagnosis: ExperimentDiagnosis) -> list[Finding]:
     return [
         _bias(diagnosis),
         position_periodic_finding(diagnosis),
-        *(cause_finding(diagnosis, cause) for cause in diagnosis.attribution.causes),
+        *(
+            cause_finding(diagnosis, cause)
+            for cause in diagnosis.attribution.causes
+            if not cause.modelled
+        ),
         _gain_drift(tests),
         _white(_RESIDUALS_WHITE, white, "actuator", "mean residual", left),
         _size(_NOISE_LEVEL, tests.chi_square.forces_with_effects, "force", left),

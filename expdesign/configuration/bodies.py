@@ -17,6 +17,7 @@ from expdesign.configuration.values.quantity import Angle, Inertia, Mass, Positi
 from expdesign.configuration.values.scalars import Point, exactly, one_of
 from expdesign.mechanism.bodies import (
     RigidBody,
+    inertia_of,
     platform_parameters,
     strut_parameters,
     together,
@@ -26,7 +27,6 @@ from expdesign.mechanism.rotation import ANGLES
 from expdesign.mechanism.terms.rigid_platform import LATERAL, MASS
 
 _DIAGONAL, _WHOLE = 3, 6
-_ENTRIES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 _NONE = (0.0,) * _WHOLE
 _ROUNDED = 1e-3
 """Share of its largest moment by which the inertia of a rounded data sheet may be of no body."""
@@ -80,10 +80,7 @@ class Body(Section):
 
     @property
     def _matrix(self) -> Array:
-        matrix = np.zeros((3, 3))
-        for (i, j), value in zip(_ENTRIES, self.inertia, strict=True):
-            matrix[i, j] = matrix[j, i] = value
-        return matrix
+        return inertia_of(self.inertia)
 
     @property
     def _own(self) -> RigidBody:

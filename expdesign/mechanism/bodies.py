@@ -16,6 +16,17 @@ import numpy as np
 from constraints.arrays import Array
 from expdesign.mechanism.hexapod import ACTUATORS
 
+ENTRIES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+"""Where the six moments Ixx, Iyy, Izz, Ixy, Ixz, Iyz of a body stand in its inertia."""
+
+
+def inertia_of(moments: Iterable[float]) -> Array:
+    """Return the inertia, (3, 3), of its six entries; products as matrix entries."""
+    matrix = np.zeros((3, 3))
+    for (i, j), value in zip(ENTRIES, moments, strict=True):
+        matrix[i, j] = matrix[j, i] = value
+    return matrix
+
 
 @dataclass(frozen=True, eq=False)
 class RigidBody:

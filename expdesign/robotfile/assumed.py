@@ -18,15 +18,22 @@ from expdesign.configuration import geometry as geo
 from expdesign.configuration.bodies import Bodies, Body
 from expdesign.configuration.document import Placed, document_from_mapping
 from expdesign.configuration.joint_ring import JointRing
-from expdesign.configuration.limits import CHARACTERISTIC_LENGTH, LIFTED, Limits, resolve_limits
+from expdesign.configuration.limits import (
+    CHARACTERISTIC_LENGTH,
+    LIFTED,
+    Limits,
+    resolve_limits,
+    shared_rows,
+)
 from expdesign.configuration.problem import InputError
 from expdesign.configuration.robot import EARTH_GRAVITY, RobotDescription, resolve_robot
 from expdesign.configuration.section import Section, validate
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.terms import rigid_platform, struts
 from expdesign.robot import LimitModel, Robot
-from expdesign.robotfile.bodies import assumed_bodies, assumed_friction
+from expdesign.robotfile.assumed_bodies import assumed_bodies, assumed_friction
 from expdesign.robotfile.machine import Machine, Points
+from expdesign.robotfile.quantities import rounded
 
 MASS = "moved_mass"
 """What is assumed of the mass, among the keys of `Complete.assumed`."""
@@ -117,9 +124,9 @@ def completed(machine: Machine) -> Complete:
         moved_mass=mass,
         limits=limits,
         force_std=machine.force_std
-        or (_rounded(_FORCE_STD * _size(limits, "actuator_force")),) * ACTUATORS,
+        or (rounded(_FORCE_STD * _size(limits, "actuator_force"), 1),) * ACTUATORS,
         length_std=machine.length_std
-        or (_rounded(_LENGTH_STD * float(np.mean(lengths))),) * ACTUATORS,
+        or (rounded(_LENGTH_STD * float(np.mean(lengths)), 1),) * ACTUATORS,
     )
     keys = ("base_joints", "platform_joints", "home", "force_std", "length_std", MASS)
     assumed = {key for key in keys if told[key] is None}
@@ -158,7 +165,7 @@ def _height(machine: Machine, base: Array, platform: Array) -> float:
         across = float(np.mean(np.hypot(*(platform - base)[:, :2].T)))
         if middle > across:
             height = math.sqrt(middle**2 - across**2)
-    return _rounded(height + gap, 3) if height + gap else height
+    return rounded(height + gap, 3) if height + gap else height
 
 
 def _bounds(limits: Mapping[str, Any], key: str) -> Limit:
@@ -175,8 +182,8 @@ def _size(limits: Mapping[str, Any], key: str) -> float:
 
 def _frequency(limits: Mapping[str, Any], lengths: Array) -> tuple[float, float]:
     amplitude = _stroke(limits, float(np.mean(lengths))) / 4
-    fastest = _rounded(_size(limits, "strut_speed") / (2 * math.pi * amplitude))
-    return _rounded(fastest / _SLOWEST, 2), fastest
+    fastest = rounded(_size(limits, "strut_speed") / (2 * math.pi * amplitude), 1)
+    return rounded(fastest / _SLOWEST, 2), fastest
 
 
 def _weight(mass: float, machine: Machine) -> float:
@@ -249,7 +256,7 @@ def _length(machine: Machine) -> float:
     if radius == 0:
         message, allowed = "all joints are at the TCP", "points around it"
         raise InputError(message, key="platform_joints", allowed=allowed)
-    return _rounded(radius, 2) if given is None else given
+    return rounded(radius, 2) if given is None else given
 
 
 def _mass(machine: Machine, lengths: Array, limits: Mapping[str, Any], general: bool) -> float:
@@ -263,7 +270,7 @@ def _mass(machine: Machine, lengths: Array, limits: Mapping[str, Any], general: 
     if at_home == 0:
         return _MASS
     mass = _MASS * _size(limits, "actuator_force") / _FORCE / at_home
-    return max(_rounded(mass, 1), _LEAST_MASS)
+    return max(rounded(mass, 1), _LEAST_MASS)
 
 
 def _stroke(limits: Mapping[str, Any], strut: float) -> float:
@@ -282,12 +289,12 @@ def _limits(told: Mapping[str, Any], values: Mapping[str, Array], robot: Robot) 
     ways, turns = (limit_definitions()[key].components for key in ("position", "rotation"))
     found: dict[str, Any] = {
         "strut_length": [
-            _rounded(float(np.min(lengths)) - stroke / 2, 3),
-            _rounded(float(np.max(lengths)) + stroke / 2, 3),
+            rounded(float(np.min(lengths)) - stroke / 2, 3),
+            rounded(float(np.max(lengths)) + stroke / 2, 3),
         ],
-        "strut_speed": _rounded(_SPEED * stroke),
-        "strut_acceleration": _rounded(_ACCELERATION * stroke),
-        "position": _about(ways, centre, _rounded(_POSITION * stroke, 2)),
+        "strut_speed": rounded(_SPEED * stroke, 1),
+        "strut_acceleration": rounded(_ACCELERATION * stroke, 1),
+        "position": _about(ways, centre, rounded(_POSITION * stroke, 2)),
         "rotation": {
             name: [-_degrees(_ROTATION - angle), _degrees(angle + _ROTATION)]
             for name, angle in zip(turns, values["rotation"].tolist(), strict=True)
@@ -296,14 +303,14 @@ def _limits(told: Mapping[str, Any], values: Mapping[str, Array], robot: Robot) 
         "alpha": _spread(values["alpha"]),
         "beta": _spread(values["beta"]),
         "platform_joint_angle": _degrees(float(np.max(values["platform_joint_angle"])) + _JOINT),
-        "jacobian_condition": _rounded(_CONDITION * float(values["jacobian_condition"][0]), 2),
+        "jacobian_condition": rounded(_CONDITION * float(values["jacobian_condition"][0]), 2),
         CHARACTERISTIC_LENGTH: robot.characteristic_length,
     }
     force = _FORCE * float(np.max(np.abs(values["actuator_force"])))
-    found["actuator_force"] = _rounded(force, 2) if force > 0 else 1.0
+    found["actuator_force"] = rounded(force, 2) if force > 0 else 1.0
     clearance = _CLEARANCE * _gap(values["strut_clearance"], robot)
     if clearance > 0:
-        found["strut_clearance"] = _rounded(clearance)
+        found["strut_clearance"] = rounded(clearance, 1)
     return found
 
 
@@ -319,14 +326,13 @@ def _merged(assumed: Mapping[str, Any], told: Mapping[str, Any]) -> tuple[dict[s
 
 def _gap(distances: Array, robot: Robot) -> float:
     """Return the smallest distance of struts that share no joint, m."""
-    shared = set(robot.description.shared_joint_pairs)
-    pairs = [(i, j) for i in range(ACTUATORS) for j in range(i + 1, ACTUATORS)]
-    return min(d for d, pair in zip(distances.tolist(), pairs, strict=True) if pair not in shared)
+    clearance = limit_definitions()["strut_clearance"]
+    return float(np.min(distances[~shared_rows(clearance, robot.description.shared_joint_pairs)]))
 
 
 def _about(names: Sequence[str], middle: Array, way: float) -> dict[str, list[float]]:
     pairs = zip(names, middle.tolist(), strict=True)
-    return {name: [_plain(value - way), _plain(value + way)] for name, value in pairs}
+    return {name: [rounded(value - way), rounded(value + way)] for name, value in pairs}
 
 
 def _spread(angles: Array) -> list[float]:
@@ -337,12 +343,3 @@ def _spread(angles: Array) -> list[float]:
 def _degrees(angle: float) -> float:
     """Return an angle up to a whole number of degrees, rad."""
     return math.radians(math.ceil(round(math.degrees(angle), 6)))
-
-
-def _plain(value: float) -> float:
-    """Return a value without the noise of its last digits."""
-    return float(f"{value:.12g}")
-
-
-def _rounded(value: float, digits: int = 1) -> float:
-    return float(f"{value:.{digits}g}")

@@ -10,12 +10,11 @@ from collections.abc import Callable, Iterator, Mapping
 import numpy as np
 
 from constraints.arrays import Array
-from expdesign.mechanism.bodies import RigidBody, together
+from expdesign.mechanism.bodies import RigidBody, inertia_of, together
 from expdesign.robotfile.mechanism_graph import WORLD, Placement
 from expdesign.robotfile.mjcf_attributes import Attributes, turned_to
 from expdesign.robotfile.xml_document import Element
 
-_FULL = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 _ALONG_Z = ("capsule", "cylinder")
 
 
@@ -37,7 +36,7 @@ def rigid_body(
     if inertial is not None:
         own = _inertial(inertial, attributes)
     else:
-        found = [_geom(*one, attributes, inherited) for one in _geoms(element, WORLD, attributes)]
+        found = [_geom(*one, attributes, inherited) for one in geoms(element, WORLD, attributes)]
         known = [body for body in found if body is not None]
         own = together(known) if len(known) == len(found) else None
     return None if own is None else own.placed(place.rotation, place.origin)
@@ -46,11 +45,8 @@ def rigid_body(
 def _inertial(inertial: Element, attributes: Attributes) -> RigidBody | None:
     given = inertial.attributes
     mass = float(inertial.numbers(given.get("mass", ""), "mass", 1)[0])
-    matrix = np.zeros((3, 3))
     if "fullinertia" in given:
-        moments = inertial.numbers(given["fullinertia"], "fullinertia", 6)
-        for (i, j), value in zip(_FULL, moments.tolist(), strict=True):
-            matrix[i, j] = matrix[j, i] = value
+        matrix = inertia_of(inertial.numbers(given["fullinertia"], "fullinertia", 6))
     elif "diaginertia" in given:
         matrix = np.diag(inertial.numbers(given["diaginertia"], "diaginertia", 3))
     else:
@@ -59,13 +55,14 @@ def _inertial(inertial: Element, attributes: Attributes) -> RigidBody | None:
     return RigidBody.of(mass, np.zeros(3), matrix).placed(place.rotation, place.origin)
 
 
-def _geoms(
+def geoms(
     element: Element, place: Placement, attributes: Attributes
 ) -> Iterator[tuple[Element, Placement]]:
+    """Yield the geoms of a body, those in its frames too, with where these stand."""
     for geom in element.all("geom"):
         yield geom, place
     for frame in element.all("frame"):
-        yield from _geoms(frame, place.then(attributes.place(frame)), attributes)
+        yield from geoms(frame, place.then(attributes.place(frame)), attributes)
 
 
 def _geom(

@@ -10,10 +10,11 @@ from pydantic import ValidationError
 
 from constraints.arrays import Array
 from expdesign.configuration.bodies import Bodies, Body
-from expdesign.mechanism.bodies import RigidBody, together
+from expdesign.mechanism.bodies import ENTRIES, RigidBody, together
 from expdesign.robotfile.machine import Question
 from expdesign.robotfile.mechanism_graph import Body as Link
 from expdesign.robotfile.mechanism_graph import Groups, Placement
+from expdesign.robotfile.quantities import rounded
 
 _ALIKE = 0.01
 """Difference of struts that is told, as a share."""
@@ -134,13 +135,12 @@ def _written(part: str, body: RigidBody, questions: list[Question]) -> tuple[Bod
     if body.mass <= 0:
         return ()
     centre, inertia = body.moment / body.mass, body.about_centre
-    places = np.array([0, 1, 2, 0, 0, 1]), np.array([0, 1, 2, 1, 2, 2])
     size = max(float(np.max(np.abs(body.inertia))), _ROUNDING)
     try:
         found = Body(
-            mass=_plain(body.mass),
+            mass=rounded(body.mass),
             centre=tuple(_clean(centre, np.sqrt(size / body.mass))),
-            inertia=tuple(_clean(inertia[places], size)),
+            inertia=tuple(_clean(inertia[tuple(np.transpose(ENTRIES))], size)),
         )
     except ValidationError:
         text = f"No body has the mass and the inertia of the {part} in the model: left out."
@@ -150,8 +150,4 @@ def _written(part: str, body: RigidBody, questions: list[Question]) -> tuple[Bod
 
 
 def _clean(values: Array, size: float) -> list[float]:
-    return [_plain(v) if abs(v) > _ROUNDING * size else 0.0 for v in values.tolist()]
-
-
-def _plain(value: float) -> float:
-    return float(f"{value:.12g}")
+    return [rounded(v) if abs(v) > _ROUNDING * size else 0.0 for v in values.tolist()]

@@ -36,6 +36,11 @@ def _shortest(number: float) -> str:
     return text.removesuffix(".0")
 
 
+def rounded(value: float, digits: int = 12) -> float:
+    """Return a number to so many digits: the default takes the noise of the last ones away."""
+    return float(f"{value:.{digits}g}")
+
+
 def flow(value: Any, unit: str) -> str:
     """Return numbers, or lists and mappings of them, on one line."""
     if isinstance(value, Mapping):

@@ -12,7 +12,7 @@ from constraints.arrays import Array
 from estimation.identification.record import EstimateRecord
 from expdesign.experiment import DesignRecord
 from expdesign.mechanism.hexapod import COORDINATES
-from expdesign.recheck.reached import reached
+from expdesign.recheck.reached import REACHED, reached
 from expdesign.robot import LimitModel, Robot
 from results.report.content import ViewBlock
 from results.report.folder import RunFolder
@@ -41,8 +41,9 @@ def robot_view(folder: RunFolder) -> ViewBlock | None:
         return None
     caption = (
         f"{motion.what} over one period, struts coloured by the actuator force {motion.model}; "
-        "positive extends. In magenta: struts, and the platform, that use 99 % of a limit or more "
-        "at the moment shown; the bar below the slider tells when. Drag to rotate, scroll to zoom."
+        "positive extends. In magenta: struts, and the platform, that use "
+        f"{100 * REACHED:g} % of a limit or more at the moment shown; the bar below the slider "
+        "tells when. Drag to rotate, scroll to zoom."
     )
     robot, time, pose = folder.configuration.robot, motion.time, motion.states[:, :COORDINATES]
     period = float(time[-1] - time[0]) * time.size / (time.size - 1)

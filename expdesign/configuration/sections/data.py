@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
@@ -102,7 +102,13 @@ def _both_or_each(value: object) -> str:
     return "(inline)" if isinstance(value, dict | Section) else "(name)"
 
 
-_BOTH_OR_EACH = Discriminator(_both_or_each)
+_Both = TypeVar("_Both")
+_Each = TypeVar("_Each")
+_BothOrEach = Annotated[
+    Annotated[_Both, Tag("(name)")] | Annotated[_Each, Tag("(inline)")],
+    Discriminator(_both_or_each),
+]
+"""One for lengths and forces, or each of them its own."""
 
 
 class DataSection(Section):
@@ -120,32 +126,11 @@ class DataSection(Section):
         None
     )
     """Force per ampere of the actuators, N/A, for files that hold currents."""
-    order: Annotated[
-        Annotated[
-            Annotated[Order, Tag("(name)")] | Annotated[OrderOfChannels, Tag("(inline)")],
-            _BOTH_OR_EACH,
-        ]
-        | None,
-        LATER,
-    ] = None
+    order: Annotated[_BothOrEach[Order, OrderOfChannels] | None, LATER] = None
     """Number of the strut on each channel."""
-    sign: Annotated[
-        Annotated[
-            Annotated[Signs, Tag("(name)")] | Annotated[SignsOfChannels, Tag("(inline)")],
-            _BOTH_OR_EACH,
-        ]
-        | None,
-        LATER,
-    ] = None
+    sign: Annotated[_BothOrEach[Signs, SignsOfChannels] | None, LATER] = None
     """Of the struts by their number: length or force = sign · channel + offset."""
-    offset: Annotated[
-        Annotated[
-            Annotated[Offsets, Tag("(name)")] | Annotated[OffsetsOfChannels, Tag("(inline)")],
-            _BOTH_OR_EACH,
-        ]
-        | None,
-        LATER,
-    ] = None
+    offset: Annotated[_BothOrEach[Offsets, OffsetsOfChannels] | None, LATER] = None
     """Length, m, at which the channel of a strut reads zero; of forces, N, by their group only."""
     start: Duration | None = None
     """Time of the trigger, s: rows before it are left out."""

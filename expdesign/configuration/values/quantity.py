@@ -83,12 +83,14 @@ class Dimension:
     """A kind of physical quantity.
 
     `name` has its article, for messages ("a length"); `unit` is that of a plain number; `example`
-    is a text that is accepted.
+    is a text that is accepted; `hints` are what to say of quantities that are given instead, by
+    their unit.
     """
 
     name: str
     unit: str
     example: str
+    hints: tuple[tuple[str, str], ...] = ()
 
     @property
     def allowed(self) -> str:
@@ -144,9 +146,8 @@ class Dimension:
         if dimensions != _dimensionality(self.unit):
             kind = _of_dimensions(dimensions)
             wrong = f"is {kind.name}" if kind else "has the wrong unit"
-            allowed = self.allowed
-            if self is FORCE and kind is TORQUE:
-                allowed += "; a motor's torque, behind a screw or gear, is that times 2 pi / lead"
+            meant = dict(self.hints).get(kind.unit) if kind else None
+            allowed = f"{self.allowed}; {meant}" if meant else self.allowed
             raise refusal(f"{shown(text)} {wrong}, not {self.name}", allowed)
         return float(Fraction(number) * scale)
 
@@ -159,7 +160,12 @@ ACCELERATION = Dimension("an acceleration", "m/s^2", "30 m/s^2")
 JERK = Dimension("a jerk", "m/s^3", "1500 m/s^3")
 ANGULAR_SPEED = Dimension("an angular speed", "rad/s", "30 deg/s")
 ANGULAR_ACCELERATION = Dimension("an angular acceleration", "rad/s^2", "30 deg/s^2")
-FORCE = Dimension("a force", "N", "0.2 kN")
+FORCE = Dimension(
+    "a force",
+    "N",
+    "0.2 kN",
+    (("N m", "a motor's torque, behind a screw or gear, is that times 2 pi / lead"),),
+)
 TORQUE = Dimension("a torque", "N m", "0.4 N m")
 FREQUENCY = Dimension("a frequency", "Hz", "0.2 Hz")
 DURATION = Dimension("a duration", "s", "1 ms")

@@ -243,8 +243,7 @@ class _Hexapod:
         return tuple(np.concatenate([pose[:3] * self.unit, angles + 0.0]).tolist())
 
     def _compare_homes(self, base: Array, platform: Array, home: tuple[float, ...]) -> None:
-        turned = Rotation.from_euler(ANGLES, home[3:]).apply(platform)
-        lengths = np.linalg.norm(np.array(home[:3]) + turned - base, axis=1)
+        lengths = geometry_at(np.array(home), base, platform).lengths
         told = self._of_joints("HOME")
         if any(entry is None for entry in told):
             return

@@ -5,7 +5,6 @@ Bodies stand where the model is written (qpos0). Source: MuJoCo's XML reference.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,7 +18,7 @@ from expdesign.robotfile.machine import Machine, Question
 from expdesign.robotfile.machine_format import MachineFormat
 from expdesign.robotfile.mechanism_graph import NOTHING, WORLD, Body, Joint, Kind, Placement
 from expdesign.robotfile.mjcf_attributes import Attributes
-from expdesign.robotfile.mjcf_inertia import rigid_body
+from expdesign.robotfile.mjcf_inertia import geoms, rigid_body
 from expdesign.robotfile.xml_document import Element, read_xml
 
 _NOT_FOLLOWED = ("include", "replicate", "attach", "composite", "flexcomp", "model")
@@ -164,7 +163,7 @@ class _Model:
         if inertial is not None:
             return float(inertial.numbers(inertial.attributes.get("mass", ""), "mass", 1)[0])
         total = 0.0
-        for geom in _within_frames(element, "geom"):
+        for geom, _ in geoms(element, WORLD, self.attributes):
             given = self.attributes.given(geom, inherited)
             if "mass" not in given:
                 return None
@@ -229,12 +228,6 @@ def _largest(element: Element, given: dict[str, str], key: str) -> float | None:
         return None
     low, high = element.numbers(given[key], key, 2)
     return float(min(-low, high)) if low < 0 < high else None
-
-
-def _within_frames(element: Element, tag: str) -> Iterator[Element]:
-    yield from element.all(tag)
-    for frame in element.all("frame"):
-        yield from _within_frames(frame, tag)
 
 
 def _refuse_what_is_not_followed(root: Element) -> None:

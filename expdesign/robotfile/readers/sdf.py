@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from constraints.arrays import Array
 from expdesign.configuration.problem import InputError, shown
-from expdesign.mechanism.bodies import RigidBody
+from expdesign.mechanism.bodies import ENTRIES, RigidBody, inertia_of
 from expdesign.mechanism.rotation import FIXED_AXES
 from expdesign.robotfile.closed_loops import hexapod
 from expdesign.robotfile.machine import Machine
@@ -223,16 +223,17 @@ def _rigid(link: Element, place: Placement) -> RigidBody | None:
     inertia = None if inertial is None else inertial.first("inertia")
     if mass is None or inertial is None or inertia is None:
         return None
-    matrix = np.zeros((3, 3))
-    for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)):
+    moments = []
+    for i, j in ENTRIES:
         tag = f"i{'xyz'[i]}{'xyz'[j]}"
         given = inertia.first(tag)
         if given is None and i == j:
             return None
         value = 0.0 if given is None else float(inertia.numbers(given.text, f"<{tag}>", 1)[0])
-        matrix[i, j] = matrix[j, i] = value
+        moments.append(value)
     within = place.then(_pose(inertial)[0])
-    return RigidBody.of(mass, np.zeros(3), matrix).placed(within.rotation, within.origin)
+    body = RigidBody.of(mass, np.zeros(3), inertia_of(moments))
+    return body.placed(within.rotation, within.origin)
 
 
 def _claims(_path: Path) -> bool:

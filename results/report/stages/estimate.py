@@ -198,7 +198,7 @@ def _facts(record: EstimateRecord, truth: Mapping[str, float] | None) -> tuple[F
         Fact(
             "parameters identified",
             f"{sum(bool(row.identified) for row in rows)} of {len(rows)}",
-            f"σ below half of the value, {NAMES.get(best, best)}",
+            f"σ below half of the a-priori size, {NAMES.get(best, best)}",
         )
     ]
     if relative:

@@ -10,7 +10,9 @@ import numpy as np
 
 from constraints.arrays import Array
 from expdesign.configuration.bodies import Body
+from expdesign.configuration.geometry import rms_radius
 from expdesign.mechanism.hexapod import numbered
+from expdesign.robotfile.quantities import rounded
 
 _STATOR, _SLIDER = 0.08, 0.04
 """Masses as shares of the moved mass."""
@@ -43,7 +45,7 @@ def assumed_bodies(mass: float, strut: float, joints: Array) -> dict[str, Body]:
     rod = _ROD * strut
     across, along = rod**2 / 12, (_SLENDER * rod) ** 2 / 2
     centre = np.mean(joints, axis=0)
-    radius = float(np.sqrt(np.mean(np.sum((joints - centre) ** 2, axis=1))))
+    radius = rms_radius(joints - centre)
     disc = radius**2 * np.array([1 / 4 + _THICK**2 / 12] * 2 + [1 / 2])
     # About a diameter the ring has as much as both rods about their axis.
     ring = (_STATOR + _SLIDER) / _SLIDER * along * np.array([1, 1, 2])
@@ -90,4 +92,4 @@ def _body(mass: float, centre: Array, per_mass: Array) -> Body:
 
 
 def _rounded(value: float) -> float:
-    return float(f"{value:.{_DIGITS}g}") if abs(value) > _NOTHING else 0.0
+    return rounded(value, _DIGITS) if abs(value) > _NOTHING else 0.0
