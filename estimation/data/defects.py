@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from constraints.arrays import Array
-from estimation.data.table import MOST_PROBLEMS, RawTable, refuse
+from estimation.data.table import MOST_PROBLEMS, RawTable, refuse, refuse_rows
 from estimation.data.units import unit_factor
 from expdesign.configuration import (
     LENGTH_CHANNELS,
@@ -44,20 +44,22 @@ def refuse_few_rows(table: RawTable, parameters: int) -> None:
 
 def refuse_cells(table: RawTable, channels: Sequence[str], decimal: str) -> None:
     """Refuse cells of these channels that are no finite numbers."""
-    bad = sorted(
-        (int(row), place)
-        for place, channel in enumerate(channels)
-        for row in np.flatnonzero(~np.isfinite(table.values[channel]))
-    )
-    # Only those that are shown are made: a column without numbers has as many as rows.
-    problems = [_cell(table, channels[place], row, decimal) for row, place in bad[:MOST_PROBLEMS]]
-    problems += [Problem("")] * (len(bad) - len(problems))
-    refuse(problems, table.file, "cells are no finite numbers")
+    found, count = list[tuple[int, int]](), 0
+    for place, channel in enumerate(channels):
+        rows = np.flatnonzero(~np.isfinite(table.values[channel]))
+        found += [(int(row), place) for row in rows[:MOST_PROBLEMS]]
+        count += len(rows)
+    problems = [
+        _cell(table, channels[place], row, decimal) for row, place in sorted(found)[:MOST_PROBLEMS]
+    ]
+    refuse(problems, table.file, "cells are no finite numbers", count)
 
 
 def _cell(table: RawTable, channel: str, row: int, decimal: str) -> Problem:
     text = table.texts.get((channel, row))
     if text is None:
+        if table.row_noun == "line":  # one of very many, whose texts are not kept
+            return table.problem("the cell is no finite number", channel, row)
         found = table.values[channel][row]
         return table.problem("NaN" if np.isnan(found) else "an infinite value", channel, row)
     if not text:
@@ -73,17 +75,17 @@ def refuse_periods(table: RawTable) -> None:
     values = table.values.get("period")
     if values is None:
         return
-    fractions = {
-        row: f"{values[row]:g} is no number of a period"
-        for row in np.flatnonzero(values != np.round(values))
-    }
-    falls = {
-        row: f"period {values[row]:.0f} after period {values[row - 1]:.0f}"
-        for row in np.flatnonzero(np.diff(values) < 0) + 1
-    }
-    for messages in (fractions, falls):
-        problems = [table.problem(text, "period", int(row)) for row, text in messages.items()]
-        refuse(problems, table.file, "rows are like that")
+    name = "rows are like that"
+
+    def fraction(row: int) -> Problem:
+        return table.problem(f"{values[row]:g} is no number of a period", "period", row)
+
+    def fall(row: int) -> Problem:
+        message = f"period {values[row]:.0f} after period {values[row - 1]:.0f}"
+        return table.problem(message, "period", row)
+
+    refuse_rows(np.flatnonzero(values != np.round(values)), fraction, table.file, name)
+    refuse_rows(np.flatnonzero(np.diff(values) < 0) + 1, fall, table.file, name)
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,10 +137,11 @@ def refuse_implausible_lengths(
         raise InputError(problems)
     stroke = allowed.upper - allowed.lower
     wild = (lengths <= np.maximum(allowed.lower - stroke, 0)) | (lengths > allowed.upper + stroke)
-    for row, strut in np.argwhere(wild).tolist():
+    places = np.argwhere(wild)
+    for row, strut in places[:MOST_PROBLEMS].tolist():
         message = f"{lengths[row, strut]:.4g} m long, far out of this robot's range"
         problems.append(allowed.problem(table, strut, row, message))
-    refuse(problems, table.file, "lengths are like that")
+    refuse(problems, table.file, "lengths are like that", len(places))
 
 
 def _hint(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
@@ -92,10 +92,20 @@ class RawTable:
         )
 
 
-def refuse(problems: Sequence[Problem], file: Path, what: str) -> None:
-    """Raise when there are problems: the first ones, and how many more `what` there are."""
+def refuse(problems: Sequence[Problem], file: Path, what: str, count: int | None = None) -> None:
+    """Raise when there are problems: the first ones, and how many more `what` there are.
+
+    `count` is their number where only the first ones were made.
+    """
     if not problems:
         return
-    more = len(problems) - MOST_PROBLEMS
+    more = (len(problems) if count is None else count) - MOST_PROBLEMS
     rest = [Problem(f"{more} more {what}", file)] if more > 0 else []
     raise InputError([*problems[:MOST_PROBLEMS], *rest])
+
+
+def refuse_rows(
+    rows: NDArray[np.intp], problem: Callable[[int], Problem], file: Path, what: str
+) -> None:
+    """Raise when there are rows with a problem, as `refuse`; only the first ones are made."""
+    refuse([problem(int(row)) for row in rows[:MOST_PROBLEMS]], file, what, len(rows))

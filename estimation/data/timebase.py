@@ -10,13 +10,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from constraints.arrays import Array
-from estimation.data.table import RawTable, refuse
-from expdesign.configuration import DataSection, InputError
+from estimation.data.table import MOST_PROBLEMS, RawTable, refuse, refuse_rows
+from expdesign.configuration import DataSection, InputError, Problem
 
 _LARGE = 1.5
 """Interval, in steps, from which on samples may be missing."""
+
+_AT_ONCE = 50_000
+"""Intervals that are looked at together."""
 
 _NEIGHBOURS = 10
 """Samples on either side of an interval that tell whether the stamps stay late."""
@@ -77,12 +81,14 @@ def lost_samples(table: RawTable, base: TimeBase) -> tuple[str, ...]:
 def refuse_time(table: RawTable) -> None:
     """Refuse time that does not increase."""
     time = table.values["t"]
-    problems = []
-    for row in (np.flatnonzero(np.diff(time) <= 0) + 1).tolist():
+
+    def problem(row: int) -> Problem:
         what = "the same time as" if time[row] == time[row - 1] else "time goes back from"
         message = f"{what} {table.row_name(row - 1)}: {_times(time, row)}"
-        problems.append(table.problem(message, "t", row))
-    refuse(problems, table.file, "rows are not later than the one before")
+        return table.problem(message, "t", row)
+
+    rows = np.flatnonzero(np.diff(time) <= 0) + 1
+    refuse_rows(rows, problem, table.file, "rows are not later than the one before")
 
 
 def _times(time: Array, row: int) -> str:
@@ -101,11 +107,11 @@ def refuse_many_gaps(table: RawTable, found: Sequence[tuple[int, int]]) -> None:
         f"up to {100 * _MOST_LOST:g} % of missing samples, here {share}: take a part without them "
         "(data.start, data.end), or record again"
     )
-    for row, missing in found:
+    for row, missing in found[:MOST_PROBLEMS]:
         count = f"{missing} sample{'' if missing == 1 else 's'}"
         message = f"a gap of {count} after {table.row_name(row - 1)}: {_times(time, row)}"
         problems.append(table.problem(message, "t", row, allowed))
-    refuse(problems, table.file, "gaps")
+    refuse(problems, table.file, "gaps", len(found))
 
 
 def refuse_uneven(table: RawTable, grid: TimeBase, tolerance: float) -> None:
@@ -157,10 +163,20 @@ def gaps(stamps: Array) -> list[tuple[int, int]]:
     lag = min(max(len(stamps) // 8, 1), _NEIGHBOURS)
     step = float(np.median(stamps[lag:] - stamps[:-lag])) / lag
     late = stamps - stamps[0] - step * np.arange(len(stamps))
+    rows = np.flatnonzero(intervals > _LARGE * step) + 1
     found = []
-    for row in np.flatnonzero(intervals > _LARGE * step) + 1:
-        before = np.median(late[max(0, row - _NEIGHBOURS) : row])
-        after = np.median(late[row : row + _NEIGHBOURS])
-        if after - before > _LATE * step:
-            found.append((int(row), max(1, round(intervals[row - 1] / step) - 1)))
+    for some in np.split(rows, range(_AT_ONCE, len(rows), _AT_ONCE)):
+        before = _median_of(late, some, range(-_NEIGHBOURS, 0))
+        after = _median_of(late, some, range(_NEIGHBOURS))
+        found += [
+            (row, max(1, round(intervals[row - 1] / step) - 1))
+            for row in some[after - before > _LATE * step].tolist()
+        ]
     return found
+
+
+def _median_of(values: Array, rows: NDArray[np.intp], places: range) -> Array:
+    """Return the median of the values at places beside each row, of those that there are."""
+    index = rows[:, None] + np.array(places)
+    there = (index >= 0) & (index < len(values))
+    return np.nanmedian(np.where(there, values[index % len(values)], np.nan), axis=1)

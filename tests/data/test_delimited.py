@@ -2,13 +2,13 @@
 
 import io
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from estimation.data import text_lines
 from estimation.data.readers import delimited
 from expdesign.configuration import DataSection
 from tests.data.recordings import CHANNELS, recording, write_csv
@@ -110,18 +110,20 @@ def test_numbers_keep_all_their_digits(tmp_path, read, rec):
     _same(read(path), rec)
 
 
-def _slow(lines, positions, delimiter):
-    return delimited._slow(
-        lines, positions, delimiter, ".", width=len(positions), path=Path("m.csv")
-    )[0]
+def _form(delimiter=",", **positions):
+    return delimited._Form(positions, len(positions), delimiter, ".")
+
+
+def _slow(lines, form):
+    return delimited._slow(lines, form, 2, 0, {})[0]
 
 
 def test_slow_and_fast_way_agree(rec):
     rows = [line.split(",") for line in _text(rec).splitlines()[1:]]
-    positions = {channel: k for k, channel in enumerate(CHANNELS)}
+    form = _form(**{channel: k for k, channel in enumerate(CHANNELS)})
     lines = [",".join(row) for row in rows]
-    fast = delimited._fast(lines, positions, ",", ".")
-    slow = _slow(lines, positions, ",")
+    fast = delimited._fast(lines, form)
+    slow = _slow(lines, form)
     assert all(np.array_equal(fast[channel], slow[channel]) for channel in CHANNELS)
 
 
@@ -130,9 +132,8 @@ def test_slow_and_fast_way_agree(rec):
     [("1", 1.0), (" +1.5e-3 ", 1.5e-3), (".5", 0.5), ("2.", 2.0), ("-7E2", -700.0)],
 )
 def test_numbers(text, number):
-    positions = {"t": 0}
-    assert _slow([text], positions, ",")["t"] == number
-    assert delimited._fast([text], positions, ",", ".")["t"] == number
+    assert _slow([text], _form(t=0))["t"] == number
+    assert delimited._fast([text], _form(t=0))["t"] == number
 
 
 @pytest.mark.parametrize(
@@ -140,9 +141,9 @@ def test_numbers(text, number):
     ["", "nan", "inf", "-inf", "1e999", "1_0", "0x1F", "1d3", "1,5", "١", "true", "NA", "−1"],
 )
 def test_no_numbers(text):
-    positions = {"t": 0}
-    assert delimited._fast([text, "1"], positions, ";", ".") is None
-    assert np.isnan(_slow([text or '""', "1"], positions, ";")["t"][0])
+    form = _form(";", t=0)
+    assert delimited._fast([text, "1"], form) is None
+    assert np.isnan(_slow([text or '""', "1"], form)["t"][0])
 
 
 def test_a_delimiter_that_is_not_there_is_told(tmp_path, rec, refused):
@@ -191,3 +192,84 @@ def test_the_section_of_a_resolved_run_reads_the_same(tmp_path, rec, read):
     path.write_text(_text(rec, "\t"))
     stated = DataSection().model_dump(mode="json")
     _same(read(path, **stated), rec)
+
+
+@pytest.fixture
+def small_blocks(monkeypatch):
+    """Let a block have few lines."""
+    monkeypatch.setattr(text_lines, "BLOCK", 500)
+
+
+def _cells(text, changes):
+    lines = [line.split(",") for line in text.splitlines()]
+    for (line, column), cell in changes.items():
+        lines[line - 1][column] = cell
+    return "\n".join(map(",".join, lines)) + "\n"
+
+
+def test_blocks_change_nothing(tmp_path, rec, small_blocks):
+    """Whatever stands in some of them: quotes, a cell over two lines, an end of DOS."""
+    text = _text(rec)
+    path = tmp_path / "m.csv"
+    path.write_text(text)
+    plain = delimited.read(path, DataSection())
+    quoted = {(line, 1): f'"{text.splitlines()[line - 1].split(",")[1]}\n"' for line in (9, 31)}
+    path.write_bytes(_cells(text, quoted).replace("\n", "\r\n").encode())
+    found = delimited.read(path, DataSection())
+    assert len(plain) == len(found)
+    assert all(
+        np.array_equal(plain.values[c], found.values[c]) for c in CHANNELS if c in found.values
+    )
+    assert [found.row_number(row) for row in (6, 7, 8, 29, 30)] == [8, 9, 11, 32, 34]
+
+
+def test_bad_cells_of_any_block_are_told(tmp_path, rec, small_blocks, refused):
+    text = _cells(_text(rec), {(5, 3): "oops", (40, 0): "", (60, 12): "nan"})
+    path = tmp_path / "m.csv"
+    path.write_text(text)
+    found = [(p.line, p.message) for p in refused(path)]
+    assert [line for line, _ in found] == [5, 40, 60]
+    assert "oops" in found[0][1]
+
+
+def test_lines_with_other_columns_are_counted_over_all_blocks(tmp_path, rec, small_blocks, refused):
+    lines = _text(rec).splitlines()
+    for number in range(5, 45, 5):
+        lines[number - 1] += ",1"
+    path = tmp_path / "m.csv"
+    path.write_text("\n".join(lines))
+    *first, more = refused(path)
+    assert [p.line for p in first] == [5, 10, 15, 20, 25]
+    assert "3 more" in more.message
+
+
+def test_blank_lines_count_only_before_text(tmp_path, rec, small_blocks, refused):
+    path = tmp_path / "m.csv"
+    path.write_text(_text(rec) + "\n" * 3000)
+    assert len(delimited.read(path, DataSection())) == len(rec.t)
+    lines = _text(rec).splitlines()
+    path.write_text("\n".join([*lines[:20], *[""] * 3000, *lines[20:]]))
+    *first, more = refused(path)
+    assert [p.line for p in first] == [21, 22, 23, 24, 25]
+    assert "2995 more" in more.message
+
+
+def test_a_line_without_end_is_refused(tmp_path, rec, monkeypatch, refused):
+    monkeypatch.setattr(text_lines, "BLOCK", 500)
+    monkeypatch.setattr(text_lines, "LONGEST_LINE", 1000)
+    lines = _text(rec).splitlines()
+    lines[6] += " " * 1000
+    path = tmp_path / "m.csv"
+    path.write_text("\n".join(lines))
+    (problem,) = refused(path)
+    assert problem.line == 7
+
+
+def test_of_very_many_texts_the_first_are_told(tmp_path, rec, monkeypatch, refused):
+    monkeypatch.setattr(delimited, "_MOST_TEXTS", 2)
+    path = tmp_path / "m.csv"
+    path.write_text(_cells(_text(rec), {(line, 2): f"no{line}" for line in range(3, 33)}))
+    *first, more = refused(path)
+    assert [("no" in p.message.split()[0]) for p in first[:2]] == [True, True]
+    assert [p.line for p in first] == [3, 4, 5, 6, 7]
+    assert "25 more" in more.message

@@ -110,7 +110,7 @@ def test_no_permission(tmp_path, rec, refused, monkeypatch):
     def denied(*_):
         raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr(type(path), "read_bytes", denied)
+    monkeypatch.setattr(type(path), "open", denied)
     assert refused(path)[0].message == "there is no permission to read it"
 
 
