@@ -13,7 +13,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help venv test lint format run paper bench docs lock wheel clean
+.PHONY: help venv test lint format run paper bench soak docs lock wheel clean
 
 help: ## Show this list
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-8s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -59,6 +59,9 @@ paper: venv ## Repeat the paper's three studies and compare: runs/paper/report.h
 
 bench: venv ## Run the benchmarks
 	$(BIN)/python benchmarks/run.py $(ARGS)
+
+soak: venv ## Try to break it, for an hour (ARGS="inputs --seed 7" for a section)
+	$(BIN)/python tests/soak/run.py $(ARGS)
 
 # The site has an environment of its own: CI does without, the tests check the links.
 SITE := build/docs
