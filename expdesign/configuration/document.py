@@ -7,6 +7,8 @@ bound, and the line of every key remembered.
 
 from __future__ import annotations
 
+import re
+import stat
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -32,6 +34,7 @@ LARGEST_MAPPING = 100_000
 """Values of a mapping that a program hands over."""
 
 _DEEPEST = 40
+_QUOTED = re.compile(r"(['\"]).{2,}\1", re.DOTALL)
 _HALF_PAIR = "the text holds half of a surrogate pair"
 _TAG = "tag:yaml.org,2002:"
 _TEXT_TAGS = (f"{_TAG}str", f"{_TAG}timestamp", f"{_TAG}value")
@@ -159,12 +162,14 @@ def read_yaml(path: Path) -> Document:
     node = _compose(path, text)
     if node is None:
         raise InputError("the file is empty", path)
+    if not isinstance(node, MappingNode):
+        # Any file may be named here: what is no mapping is not ours to show.
+        held = "a list" if isinstance(node, SequenceNode) else "one value"
+        raise InputError(f"the file holds {held}", path, 1, allowed="a mapping of keys")
     converter = _Converter(path)
     data = converter.convert(node, (), ())
-    if converter.problems:
-        raise InputError(converter.problems)
-    if not isinstance(data, dict):
-        raise InputError(f"the file holds {shown(data)}", path, 1, allowed="a mapping of keys")
+    if converter.problems or not isinstance(data, dict):
+        raise InputError(converter.problems or "the file holds no mapping", path)
     return Document(data, path, converter.lines)
 
 
@@ -174,6 +179,9 @@ def read_text(path: Path, largest: int, allowed: str) -> str:
     `allowed` is what the file should hold, for messages.
     """
     try:
+        if stat.S_ISFIFO(path.stat().st_mode):
+            # Opening one waits for whoever may write to it.
+            raise InputError("this is a pipe, not a file", path, allowed=allowed)
         with path.open("rb") as stream:
             raw = stream.read(largest + 1)
     except FileNotFoundError:
@@ -200,7 +208,9 @@ def read_text(path: Path, largest: int, allowed: str) -> str:
 def _compose(path: Path, text: str) -> Node | None:
     """Return the nodes of a text, which nobody changes: a robot is often read again."""
     try:
-        node: Node | None = YAML(typ="safe", pure=True).compose(text)
+        reader = YAML(typ="safe", pure=True)
+        reader.composer.warn_double_anchors = False  # YAML allows them
+        node: Node | None = reader.compose(text)
     except RecursionError:
         raise InputError("the values are nested too deeply", path) from None
     except _READER_FAILURES as error:
@@ -209,8 +219,10 @@ def _compose(path: Path, text: str) -> Node | None:
         if isinstance(error, MarkedYAMLError):
             mark = error.problem_mark or error.context_mark
             line = None if mark is None else mark.line + 1
-            message = f"not valid YAML: {error.problem or error.context}"
-        raise InputError(_printable(message), path, line) from None
+            # Without the texts that it quotes: the file may be any.
+            told = _QUOTED.sub("", str(error.problem or error.context))
+            message = f"not valid YAML: {_printable(told).strip()}"
+        raise InputError(message, path, line) from None
     return node
 
 

@@ -13,6 +13,9 @@ from pydantic_core import PydanticCustomError
 
 _LONGEST_SHOWN = 60
 
+MOST_TOLD = 20
+"""Problems of an input that are told one by one."""
+
 Key = tuple[str | int, ...]
 """Path to a value: keys of mappings and (from zero) positions in lists."""
 
@@ -24,7 +27,7 @@ def key_path(key: Key) -> str:
         if isinstance(part, int):
             text += f"[{part + 1}]"
         else:
-            name = part if part.isprintable() else ascii(part)
+            name = _cut(part if part.isprintable() else ascii(part))
             text += f".{name}" if text else name
     return text
 
@@ -45,6 +48,8 @@ class Problem:
     """What would be accepted."""
     nearest: str | None = None
     """The valid name that was probably meant."""
+    more: int = 0
+    """How many problems it stands for that are not told one by one."""
 
     @property
     def place(self) -> str:
@@ -62,10 +67,17 @@ class Problem:
         return text
 
 
-class InputError(Exception):
-    """Bad input: everything that is wrong with it, at least one problem.
+def untold(count: int) -> list[Problem]:
+    """Return what stands for problems that are not told one by one; nothing for none."""
+    words = f"and {count} more problem{'' if count == 1 else 's'}"
+    return [Problem(words, more=count)] if count > 0 else []
 
-    Of one problem the words are enough, with what `Problem` takes beside them.
+
+class InputError(Exception):
+    """Bad input: what is wrong with it, at least one problem.
+
+    Of one problem the words are enough, with what `Problem` takes beside them. Of very many the
+    first `MOST_TOLD` are told, and how many more there are.
     """
 
     def __init__(
@@ -82,8 +94,10 @@ class InputError(Exception):
         found = (problems,) if isinstance(problems, Problem) else tuple(problems)
         if not found:
             raise ValueError("an InputError needs a problem")
-        self.problems: tuple[Problem, ...] = found
-        super().__init__("\n".join(str(problem) for problem in found))
+        told = [problem for problem in found if not problem.more]
+        rest = sum(problem.more for problem in found) + len(told[MOST_TOLD:])
+        self.problems: tuple[Problem, ...] = (*told[:MOST_TOLD], *untold(rest))
+        super().__init__("\n".join(str(problem) for problem in self.problems))
 
     def __reduce__(self) -> tuple[type[InputError], tuple[tuple[Problem, ...]]]:
         return type(self), (self.problems,)
@@ -160,7 +174,10 @@ def shown(value: object) -> str:
         text = ascii(value) if not isinstance(value, str) or not value.isprintable() else None
     except ValueError:  # an integer with more digits than Python converts
         return "a number of very many digits"
-    text = f"'{value}'" if text is None else text
+    return _cut(f"'{value}'" if text is None else text)
+
+
+def _cut(text: str) -> str:
     return text if len(text) <= _LONGEST_SHOWN else f"{text[: _LONGEST_SHOWN - 1]}…"
 
 

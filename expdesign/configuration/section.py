@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic_core import ErrorDetails
 
 from expdesign.configuration.document import Document
-from expdesign.configuration.problem import Key, Problem, nearest, shown
+from expdesign.configuration.problem import MOST_TOLD, Key, Problem, nearest, shown, untold
 
 
 class Section(BaseModel):
@@ -62,15 +62,15 @@ def validate(
     instance : model or None
         None when there are problems.
     problems : list of Problem
-        Everything that is wrong, in the order of the model's keys.
+        What is wrong, in the order of the model's keys.
     """
     try:
         return model.model_validate(data), []
     except ValidationError as error:
-        return None, [
-            _problem(model, details, document, prefix)
-            for details in error.errors(include_url=False)
-        ]
+        # To look for what was meant takes time: only for those that are told.
+        found = error.errors(include_url=False)
+        problems = [_problem(model, details, document, prefix) for details in found[:MOST_TOLD]]
+        return None, problems + untold(len(found) - MOST_TOLD)
 
 
 def _problem(

@@ -13,7 +13,7 @@ from pydantic_core import ErrorDetails, PydanticCustomError
 
 from expdesign.configuration import InputError, Problem, shown
 from expdesign.configuration.document import read_text
-from expdesign.configuration.problem import format_number, key_path
+from expdesign.configuration.problem import MOST_TOLD, format_number, key_path, untold
 from expdesign.runfolder.atomic import write_json
 from expdesign.runfolder.described import checker, described
 
@@ -162,7 +162,7 @@ def read_mapping(path: Path, allowed: str = "a JSON file that expdesign wrote") 
         # A number of very many digits, or brackets without end.
         raise InputError("not JSON that can be read", path, allowed=allowed) from error
     if not isinstance(data, dict):
-        raise InputError(f"holds {shown(data)}", path, 1, allowed=allowed)
+        raise InputError("the file holds no mapping", path, 1, allowed=allowed)
     return data
 
 
@@ -182,10 +182,12 @@ def known_format(path: Path, found: object, newest: int) -> int:
 
 
 def _problems(path: Path, error: ValidationError) -> Iterator[Problem]:
-    for details in error.errors(include_url=False):
+    found = error.errors(include_url=False)
+    for details in found[:MOST_TOLD]:
         missing = details["type"] == "missing"
         message = "the key is missing" if missing else wrong_value(details)
         yield Problem(message, path, key=key_path(details["loc"]))
+    yield from untold(len(found) - MOST_TOLD)
 
 
 def wrong_value(details: ErrorDetails) -> str:

@@ -1,7 +1,10 @@
+import os
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from expdesign.configuration import load_run
 from expdesign.configuration.document import LARGEST_FILE, read_yaml
 from expdesign.configuration.problem import InputError
 
@@ -71,8 +74,8 @@ def test_byte_order_mark_is_no_part_of_the_first_key(read):
         ("# only a comment\n", "empty", None),
         ("a: 1\nb: 2\na: 3\n", "stands twice; it is also in line 1", 3),
         ("a:\n  b: 1\n  b: 2\n", "stands twice", 3),
-        ("- 1\n- 2\n", "holds a list of 2", 1),
-        ("just text\n", "holds 'just text'", 1),
+        ("- 1\n- 2\n", "holds a list", 1),
+        ("just text\n", "holds one value", 1),
         ("a: [1, 2\n", "not valid YAML", 2),
         ("a: 1\n\tb: 2\n", "not valid YAML", 2),
         ("a: *unknown\n", "not valid YAML: found undefined alias", 1),
@@ -162,3 +165,58 @@ def _read_or_refuse(tmp_path_factory, content):
     except InputError:
         return
     assert isinstance(document.data, dict)
+
+
+SECRET = "do-not-show-this"
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        f"root:{SECRET}:0:0:root:/root:/bin/sh\ndaemon:x:1:1::/:/bin/sh\n",
+        f"- {SECRET}: {SECRET}\n- {SECRET}: 1\n",
+        f"!!python/{SECRET} [1]\n",
+        f"*{SECRET}\n",
+        f"[&{SECRET} a, &{SECRET} b, *{SECRET}x]\n",
+        f"{SECRET}\n\t{SECRET}: '{SECRET}\n",
+        f'"{SECRET}\n',
+        f"%{SECRET}\n",
+        f"2024-01-01 {SECRET} key = {SECRET}\n",
+    ],
+)
+def test_what_stands_in_a_file_that_is_no_mapping_is_not_shown(content, refused):
+    """Any file may be named as a robot: its words are not ours to tell."""
+    for problem in refused(content):
+        assert SECRET not in str(problem)
+
+
+def test_of_very_many_problems_the_first_are_told(tmp_path):
+    file = tmp_path / "run.yaml"
+    file.write_text("name: many\nrobot: palida\n" + "".join(f"expert{n}: 1\n" for n in range(900)))
+    with pytest.raises(InputError) as caught:
+        load_run(file)
+    *told, rest = caught.value.problems
+    assert [problem.key for problem in told] == [f"expert{n}" for n in range(len(told))]
+    assert 10 <= len(told) <= 30
+    assert rest.more == 900 - len(told)
+    assert str(rest.more) in str(rest)
+    # Those of the robot come to it, and are counted with them.
+    again = InputError([*told, rest, *told])
+    assert again.problems[: len(told)] == tuple(told)
+    assert again.problems[-1].more == 900
+
+
+def test_a_key_is_told_short(tmp_path):
+    file = tmp_path / "run.yaml"
+    file.write_text("name: a\nrobot: palida\ndesign: {" + "k" * 100_000 + ": 1}\n")
+    with pytest.raises(InputError) as caught:
+        load_run(file)
+    assert len(str(caught.value)) < 1000
+
+
+def test_a_pipe_is_refused_and_not_waited_for(tmp_path):
+    pipe = tmp_path / "run.yaml"
+    os.mkfifo(pipe)
+    with pytest.raises(InputError) as caught:
+        read_yaml(pipe)
+    assert caught.value.problems[0].file == pipe
