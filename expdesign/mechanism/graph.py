@@ -37,7 +37,7 @@ class Friction(Enum):
 class HexapodGraph:
     """Symbols and expressions of one instant, columns but the regressor. SI units and radians."""
 
-    def __init__(self, terms: tuple[Term, ...]) -> None:
+    def __init__(self, terms: tuple[Term, ...], *, open_inverse: bool = False) -> None:
         self.pose, self.rate, self.acceleration = (
             ca.SX.sym(name, COORDINATES) for name in ("pose", "rate", "acceleration")
         )
@@ -127,13 +127,17 @@ class HexapodGraph:
         )
         # G⁻ᵀ takes wrenches to the actuators. ca.inv on SX is a QR factorisation: as accurate as
         # the Jacobian's condition allows.
-        self._transposed, self._carried = transposed, ca.inv(transposed)
+        # (6, 6), Gᵀ, and its inverse: an input where it is found by another way
+        self.transposed = transposed
+        self.carried = (
+            ca.SX.sym("carried", ACTUATORS, ACTUATORS) if open_inverse else ca.inv(transposed)
+        )
         self._struts, self._arms = struts, arms
         # (6, m) wrenches on the platform and (12, m) torques about the cardan axes, (6, m) wrenches
         # that both make together, and (6, m) forces along the struts
         self._direct, self._torques, self._wrench, self._along = self._columns(terms, instant)
         # (6, m), A with `signs` in place of the sign functions
-        self.regressor = ca.cse(ca.densify(self._carried @ self._wrench + self._along))
+        self.regressor = ca.cse(ca.densify(self.carried @ self._wrench + self._along))
 
     def _turns(
         self, struts: list[StrutKinematics], arms: ca.SX, rotation: ca.SX, twist: ca.SX
@@ -185,7 +189,7 @@ class HexapodGraph:
             if not term.rates:
                 first = found[0].shape[1]
                 own_nominal = self.nominal[first : first + none.shape[1]]
-                load += (self._carried @ wrench + along) @ own_nominal
+                load += (self.carried @ wrench + along) @ own_nominal
             own_parts = (direct, torques, wrench, along)
             found = [ca.horzcat(*pair) for pair in zip(found, own_parts, strict=True)]
         return found
@@ -231,7 +235,7 @@ class HexapodGraph:
             self._with_signs(part, friction) @ self.parameters
             for part in (self._direct, self._torques, self._along)
         )
-        forces = ca.solve(self._transposed, direct + self._borne(torques)) + along
+        forces = ca.solve(self.transposed, direct + self._borne(torques)) + along
         return ca.cse(ca.densify(forces))
 
     def force_slope(self, friction: Friction, by: ca.SX) -> ca.SX:
@@ -245,8 +249,8 @@ class HexapodGraph:
             for part in (self._wrench, self._along)
         )
         borne = ca.SX.sym("borne", ACTUATORS)
-        slope = self._carried @ ca.jacobian(wrench - self._transposed @ borne, by)
-        slope = ca.substitute(slope, borne, self._carried @ wrench)
+        slope = self.carried @ ca.jacobian(wrench - self.transposed @ borne, by)
+        slope = ca.substitute(slope, borne, self.carried @ wrench)
         return ca.cse(ca.densify(slope + ca.jacobian(along, by)))
 
     def _with_signs(self, columns: ca.SX, friction: Friction) -> ca.SX:
@@ -286,9 +290,12 @@ class HexapodGraph:
 
 
 @cache
-def hexapod_graph(terms: tuple[Term, ...] = ()) -> HexapodGraph:
-    """Build the graph of these terms, without any that of the kinematics alone; cached."""
-    return HexapodGraph(terms)
+def hexapod_graph(terms: tuple[Term, ...] = (), *, open_inverse: bool = False) -> HexapodGraph:
+    """Build the graph of these terms, without any that of the kinematics alone; cached.
+
+    With an open inverse G⁻ᵀ is an input of the graph, `carried`, instead of an expression.
+    """
+    return HexapodGraph(terms, open_inverse=open_inverse)
 
 
 def _column(struts: Sequence[StrutKinematics | ThreadTurn], name: str) -> ca.SX:

@@ -54,6 +54,19 @@ class LimitCheck:
     ]
     time: Annotated[OpenNumber, described("s", "when, from the start of the period")]
     origin: Annotated[str, described("", "where the bound was given")]
+    proved: Annotated[
+        OpenNumber,
+        described("1", "the same of every instant: proved to be no more; empty: only sampled"),
+    ] = np.nan
+    cells: Annotated[int, described("1", "cells of time that it was proved over")] = 0
+    open_time: Annotated[
+        OpenNumber, described("s", "how much of the motion is in cells that were left open")
+    ] = 0.0
+
+    @property
+    def certified(self) -> bool:
+        """Whether the limit is proved to be kept at every instant, within `TOLERANCE`."""
+        return bool(self.proved <= TOLERANCE)
 
     @property
     def kept(self) -> bool:

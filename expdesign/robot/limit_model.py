@@ -7,6 +7,7 @@ two share the graph and nothing else.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from itertools import pairwise
@@ -17,7 +18,7 @@ import numpy as np
 from constraints import Limit, LimitDefinition, limit_definitions
 from constraints.arrays import Array, Mask
 from expdesign.configuration.limits import row_labels
-from expdesign.mechanism.graph import Friction, hexapod_graph
+from expdesign.mechanism.graph import Friction, HexapodGraph, hexapod_graph
 from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.mechanism.term import Term
 from expdesign.robot.batch import BatchFunction
@@ -30,6 +31,30 @@ JERK = "strut_jerk"
 def states_at_rest(poses: Array) -> Array:
     """Return states, (N, 18), of poses (N, 6) without speed and acceleration."""
     return np.concatenate([poses, np.zeros((len(poses), 2 * COORDINATES))], axis=1)
+
+
+def limited_quantities(
+    graph: HexapodGraph, definitions: tuple[LimitDefinition, ...], friction: Friction
+) -> tuple[ca.SX, Mapping[str, ca.SX]]:
+    """Return the state, (18, 1) or (24, 1), and what the limits read of the graph.
+
+    Raises
+    ------
+    ValueError
+        A limit needs what the mechanism has not.
+    """
+    state, quantities = graph.state, dict(graph.quantities(friction))
+    if any(JERK in definition.requires for definition in definitions):
+        third = ca.SX.sym("pose_jerk", COORDINATES)
+        moving = ca.vertcat(graph.rate, graph.acceleration, third)
+        quantities[JERK] = ca.jtimes(quantities["strut_acceleration"], state, moving)
+        state = ca.vertcat(state, third)
+    for definition in definitions:
+        missing = set(definition.requires) - set(quantities)
+        if missing:
+            what = ", ".join(sorted(missing))
+            raise ValueError(f"limit '{definition.key}' needs {what}: the mechanism has no such")
+    return state, quantities
 
 
 @cache
@@ -46,18 +71,8 @@ def _kernel(
     one all rows of the optimiser in one.
     """
     graph = hexapod_graph(terms)
-    state, *fixed = graph.inputs(friction)
-    quantities = dict(graph.quantities(friction))
-    if any(JERK in definition.requires for definition in definitions):
-        third = ca.SX.sym("pose_jerk", COORDINATES)
-        moving = ca.vertcat(graph.rate, graph.acceleration, third)
-        quantities[JERK] = ca.jtimes(quantities["strut_acceleration"], state, moving)
-        state = ca.vertcat(state, third)
-    for definition in definitions:
-        missing = set(definition.requires) - set(quantities)
-        if missing:
-            what = ", ".join(sorted(missing))
-            raise ValueError(f"limit '{definition.key}' needs {what}: the mechanism has no such")
+    _, *fixed = graph.inputs(friction)
+    state, quantities = limited_quantities(graph, definitions, friction)
     if friction is Friction.EXACT:
         natural = [ca.densify(one.natural(quantities)) for one in definitions]
         return BatchFunction("limits", [state], fixed[:-1], natural)

@@ -1,0 +1,224 @@
+"""Functions of Taylor models: reciprocal, root, sine, arc tangent, signs, the larger of two.
+
+A function g of a model is a polynomial that is close to it, found with the computer's numbers as
+they come, and a proof of how close: of the reciprocal and the root by putting the polynomial into
+their equation, of the others by the remainder of their Taylor series.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from constraints.arrays import Array, Mask
+from expdesign.enclosure.taylor_model import EPS, TERMS, TINY, TaylorModel
+
+_POWERS = TERMS + 2
+"""Powers of a series in the model itself: its range within a cell is small."""
+
+
+def reciprocal(a: TaylorModel) -> TaylorModel:
+    """Return 1/a; unknown in cells where a may be zero.
+
+    With y close to 1/a and e = 1 − a y: 1/a = y/(1 − e).
+    """
+    c = a.coefficients
+    count = 1 if len(c) == 1 else TERMS
+    y = np.zeros((count, c.shape[1]))
+    y[0] = 1 / c[0]
+    for k in range(1, count):
+        for j in range(1, min(k, len(c) - 1) + 1):
+            y[k] -= c[j] * y[k - j]
+        y[k] *= y[0]
+    close = TaylorModel(_finite(y), np.zeros(1))
+    error = (TaylorModel.number(1.0) - a * close).size
+    bound = np.where(error < 1, close.sizes[0] * error / (1 - error), np.inf)
+    return _with_radius(close, bound)
+
+
+def divided(a: TaylorModel, b: TaylorModel) -> TaylorModel:
+    """Return a/b; unknown in cells where b may be zero."""
+    return a * reciprocal(b)
+
+
+def root(a: TaylorModel) -> TaylorModel:
+    """Return √a, of what is not negative; near zero only what it lies between.
+
+    With y close to √a: √a − y = (a − y²)/(√a + y).
+    """
+    c = a.coefficients
+    low, high = a.bounds()
+    positive = low > 0
+    count = 1 if len(c) == 1 else TERMS
+    y = np.zeros((count, c.shape[1]))
+    y[0] = np.sqrt(np.where(c[0] > 0, c[0], 1.0))
+    for k in range(1, count):
+        y[k] = c[k] if k < len(c) else 0.0
+        for j in range(1, k):
+            y[k] -= y[j] * y[k - j]
+        y[k] /= 2 * y[0]
+    close = TaylorModel(_finite(y), np.zeros(1))
+    error = (a - close.squared()).size
+    least = close.bounds()[0] + np.sqrt(np.maximum(low, 0)) * (1 - 2 * EPS)
+    good = positive & (least > 0)
+    bound = np.where(good, error / np.where(good, least, 1.0), np.inf)
+    found = _with_radius(close, bound)
+    if np.all(np.isfinite(found.radius)):
+        return found
+    largest = np.sqrt(np.maximum(high, 0)) * (1 + 4 * EPS) + TINY
+    between = TaylorModel.within(np.zeros_like(largest), np.where(high >= 0, largest, np.inf))
+    return chosen(np.isfinite(found.radius), found, between)
+
+
+def sine(a: TaylorModel) -> TaylorModel:
+    """Return sin a, a in rad."""
+    middle = a.coefficients[0]
+    sin, cos = np.sin(middle), np.cos(middle)
+    return _series(a, [sin, cos, -sin, -cos], np.ones(1))
+
+
+def cosine(a: TaylorModel) -> TaylorModel:
+    """Return cos a, a in rad."""
+    middle = a.coefficients[0]
+    sin, cos = np.sin(middle), np.cos(middle)
+    return _series(a, [cos, -sin, -cos, sin], np.ones(1))
+
+
+def exponential(a: TaylorModel) -> TaylorModel:
+    """Return eᵃ."""
+    value = np.exp(a.coefficients[0])
+    return _series(a, [value], np.exp(a.bounds()[1]) * (1 + 8 * EPS))
+
+
+def arc_tangent(y: TaylorModel, x: TaylorModel) -> TaylorModel:
+    """Return the angle of the point (x, y), rad; any angle where that may jump by a turn.
+
+    Turned back by the angle at the middle of the cell it is small, and its series is short.
+    """
+    angle = np.arctan2(y.coefficients[0], x.coefficients[0])
+    c, s = (TaylorModel(part[None, :], EPS * np.ones(1)) for part in (np.cos(angle), np.sin(angle)))
+    along, across = x * c + y * s, y * c - x * s
+    tangent = across * reciprocal(along)
+    square = tangent.squared()
+    # q (1 − q²/3 + q⁴/5 − …): alternating, so that the next term bounds the rest where |q| < 1.
+    last = _POWERS // 2
+    total = TaylorModel.number((-1.0) ** last / (2 * last + 1))
+    for k in range(last - 1, -1, -1):
+        total = total * square + _rounded(np.full(1, (-1.0) ** k / (2 * k + 1)))
+    total = total * tangent
+    largest = tangent.size
+    radius = total.radius + np.where(
+        largest < 1, largest ** (2 * last + 3) / (2 * last + 3), np.inf
+    )
+    small = TaylorModel(total.coefficients, radius)
+    found = small + _rounded(angle, 8 * EPS * (1 + np.abs(angle)))
+    low, high = found.bounds()
+    good = (low > -np.pi) & (high < np.pi) & (along.bounds()[0] > 0)
+    if np.all(good):
+        return found
+    turn = np.full(good.shape, np.nextafter(np.pi, 4))
+    return chosen(good, found, TaylorModel.within(-turn, turn))
+
+
+def arc_sine(a: TaylorModel) -> TaylorModel:
+    """Return the angle between −π/2 and π/2 whose sine is a."""
+    return arc_tangent(a, root(TaylorModel.number(1.0) - a.squared()))
+
+
+def arc_cosine(a: TaylorModel) -> TaylorModel:
+    """Return the angle between 0 and π whose cosine is a."""
+    return arc_tangent(root(TaylorModel.number(1.0) - a.squared()), a)
+
+
+def power(a: TaylorModel, exponent: int) -> TaylorModel:
+    """Return aⁿ of a whole number n."""
+    if exponent < 0:
+        return reciprocal(power(a, -exponent))
+    found = TaylorModel.number(1.0)
+    for _ in range(exponent):
+        found = found * a
+    return found
+
+
+def sign(a: TaylorModel) -> TaylorModel:
+    """Return the sign; anything from −1 to 1 in cells where a may be zero."""
+    low, high = a.bounds()
+    known = np.where(low > 0, 1.0, np.where(high < 0, -1.0, 0.0))
+    return TaylorModel(known[None, :], np.where(known == 0, 1.0, 0.0))
+
+
+def absolute(a: TaylorModel) -> TaylorModel:
+    """Return the size."""
+    low, high = a.bounds()
+    flipped = chosen(high <= 0, -a, a)
+    known = (low >= 0) | (high <= 0)
+    if np.all(known):
+        return flipped
+    return chosen(known, flipped, TaylorModel.within(np.zeros_like(high), np.maximum(-low, high)))
+
+
+def larger(a: TaylorModel, b: TaylorModel) -> TaylorModel:
+    """Return the larger of two."""
+    difference = a - b
+    low, high = difference.bounds()
+    found = chosen(low >= 0, a, b)
+    known = (low >= 0) | (high <= 0)
+    if np.all(known):
+        return found
+    # (a + b)/2 + |a − b|/2, with 0 ≤ |a − b| ≤ most.
+    most = np.maximum(-low, high)
+    quarter = TaylorModel((most / 4)[None, :], most / 4 * (1 + 4 * EPS))
+    return chosen(known, found, (a + b).scaled(0.5) + quarter)
+
+
+def smaller(a: TaylorModel, b: TaylorModel) -> TaylorModel:
+    """Return the smaller of two."""
+    return -larger(-a, -b)
+
+
+def chosen(which: Mask, a: TaylorModel, b: TaylorModel) -> TaylorModel:
+    """Return a in the cells of a mask (N,), b in the others."""
+    if np.all(which):
+        return a
+    if not np.any(which):
+        return b
+    cells = len(which)
+    coefficients = np.zeros((max(len(a.coefficients), len(b.coefficients)), cells))
+    coefficients[: len(a.coefficients)] = np.where(which, a.coefficients, 0.0)
+    coefficients[: len(b.coefficients)] += np.where(which, 0.0, b.coefficients)
+    return TaylorModel(coefficients, np.where(which, a.radius, b.radius))
+
+
+def _series(a: TaylorModel, derivatives: list[Array], largest: Array) -> TaylorModel:
+    """Return g(a) by the Taylor series of g about the middle of each cell.
+
+    `derivatives` are g, g′, g″, … there, which come again in this order; none is larger than
+    `largest` in the cell.
+    """
+    distance = TaylorModel(a.coefficients.copy(), a.radius)
+    distance.coefficients[0] = 0.0
+    count = len(derivatives)
+    total = _rounded(derivatives[_POWERS % count] / math.factorial(_POWERS))
+    for k in range(_POWERS - 1, -1, -1):
+        total = total * distance + _rounded(derivatives[k % count] / math.factorial(k))
+    beyond = distance.size ** (_POWERS + 1) / math.factorial(_POWERS + 1)
+    return _with_radius(total, total.radius + largest * beyond * (1 + 16 * EPS))
+
+
+def _rounded(values: Array, radius: Array | None = None) -> TaylorModel:
+    """Return the model of numbers (N,) that were computed, wrong by a few units of the last digit.
+
+    Sine, cosine and exponential of NumPy are within four of them.
+    """
+    own = 8 * EPS * np.abs(values) + TINY
+    return TaylorModel(values[None, :], own if radius is None else radius)
+
+
+def _with_radius(model: TaylorModel, radius: Array) -> TaylorModel:
+    radius = np.where(np.isnan(radius), np.inf, radius) * (1 + 16 * EPS)
+    return TaylorModel(model.coefficients, radius)
+
+
+def _finite(coefficients: Array) -> Array:
+    return np.where(np.isfinite(coefficients), coefficients, 0.0)

@@ -1,0 +1,161 @@
+"""Every limited quantity of a robot over cells of time, enclosed: from the graph that all share."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from functools import cache
+
+import casadi as ca
+import numpy as np
+
+from constraints import LimitDefinition
+from constraints.arrays import Array
+from expdesign.enclosure.functions import sign
+from expdesign.enclosure.instructions import EnclosedFunction
+from expdesign.enclosure.matrices import TaylorMatrix
+from expdesign.enclosure.singular_values import condition_bound
+from expdesign.enclosure.taylor_model import TaylorModel
+from expdesign.mechanism.graph import Friction, hexapod_graph
+from expdesign.mechanism.hexapod import ACTUATORS
+from expdesign.mechanism.term import Term
+from expdesign.robot import LimitModel
+from expdesign.robot.limit_model import limited_quantities
+
+
+@dataclass(frozen=True, eq=False)
+class EnclosedRow:
+    """One row of a limit over N cells: what it lies between, whatever the open signs are."""
+
+    model: TaylorModel
+    """With the signs of dry friction that are known in a cell; those that are not count zero."""
+    jump: TaylorModel
+    """How far the signs that may change within a cell move the row up or down at most."""
+    middle: Array | None = None
+    """(N,) values in the middle of the cells, where the model tells no more than an upper bound."""
+
+    def bounds(self) -> tuple[Array, Array]:
+        """Return what the row is never below and never above, (N,) each."""
+        low, high = self.model.bounds()
+        most = np.maximum(self.jump.bounds()[1], 0.0)
+        return low - most, high + most
+
+
+class EnclosedLimits:
+    """The limits of a model over cells of time."""
+
+    def __init__(self, limits: LimitModel) -> None:
+        robot = limits.robot
+        self.limits = limits
+        self._graph = _enclosed_graph(tuple(one.definition for one in limits.limits), robot.terms)
+        numbers = (robot.machine, robot.parameters, np.array([robot.characteristic_length]))
+        self._fixed = [[TaylorModel.number(value) for value in part] for part in numbers]
+
+    @property
+    def state_size(self) -> int:
+        """How many models of the state it takes: 18, or 24 where a limit needs the pose's jerk."""
+        return self._graph.state_size
+
+    def __call__(
+        self, states: Sequence[TaylorModel], which: Collection[int]
+    ) -> dict[int, list[EnclosedRow]]:
+        """Return the rows of some of the limits, by their number, of models of the states."""
+        graph, cells = self._graph, max(model.radius.size for model in states)
+        inputs = [list(states[: self.state_size]), *self._fixed]
+        direct, carried = ([k for k in which if k in part] for part in (graph.direct, graph.borne))
+        wanted = [2 + graph.direct.index(k) for k in direct]
+        transposed, rates, *rows = graph.first(inputs, [0, 1, *wanted] if carried else wanted)
+        found = {k: self._natural(k, rows[graph.direct.index(k)], cells) for k in direct}
+        if carried:
+            inverse = TaylorMatrix.of(transposed, ACTUATORS, cells).inverse().models()
+            signs = [sign(rate) for rate in rates]
+            places = [graph.borne.index(k) for k in carried]
+            parts = graph.second(
+                [*inputs, inverse], [out for p in places for out in (2 * p, 2 * p + 1)]
+            )
+            for k, place in zip(carried, places, strict=True):
+                values, slopes = parts[2 * place], parts[2 * place + 1]
+                found[k] = [
+                    _with_signs(value, [(signs[s], slopes[n]) for n, s in graph.signed[place][row]])
+                    for row, value in enumerate(values)
+                ]
+        return found
+
+    def _natural(self, k: int, entries: list[TaylorModel], cells: int) -> list[EnclosedRow]:
+        nothing = TaylorModel.number(0.0)
+        numerical = self.limits.limits[k].definition.numerical
+        if numerical is None:
+            return [EnclosedRow(model, nothing) for model in entries]
+        matrix = TaylorMatrix.of(entries, ACTUATORS, cells)
+        middle = numerical(matrix.coefficients[0].swapaxes(1, 2).reshape(cells, -1))[:, 0]
+        return [EnclosedRow(condition_bound(matrix), nothing, middle)]
+
+
+def _with_signs(
+    value: TaylorModel, terms: Sequence[tuple[TaylorModel, TaylorModel]]
+) -> EnclosedRow:
+    """Add s J of every sign s and its slope J; of the signs that may change only how much."""
+    jump = TaylorModel.number(0.0)
+    for s, slope in terms:
+        known, free = s.coefficients[0], s.radius
+        if np.any(known):
+            value = value + TaylorModel(slope.coefficients * known, slope.radius * np.abs(known))
+        if np.any(free):
+            low, high = slope.bounds()
+            most = np.maximum(-low, high) * free
+            jump = jump + TaylorModel(most[None, :], np.zeros(1))
+    return EnclosedRow(value, jump)
+
+
+@dataclass(frozen=True, eq=False)
+class _EnclosedGraph:
+    first: EnclosedFunction
+    """State … → Gᵀ, the rates that signs are of, and the rows of the limits in `direct`."""
+    second: EnclosedFunction
+    """The same and G⁻ᵀ → rows without dry friction and their slopes to its signs, of `borne`."""
+    direct: list[int]
+    borne: list[int]
+    signed: list[list[list[tuple[int, int]]]]
+    """Of each limit in `borne` and each of its rows, (place among the slopes, sign)."""
+    state_size: int
+
+
+@cache
+def _enclosed_graph(
+    definitions: tuple[LimitDefinition, ...], terms: tuple[Term, ...]
+) -> _EnclosedGraph:
+    graph = hexapod_graph(terms, open_inverse=True)
+    state, quantities = limited_quantities(graph, definitions, Friction.HELD)
+    fixed = [graph.machine, graph.parameters, graph.length_scale]
+    rows = [ca.densify(one.natural(quantities)) for one in definitions]
+    loaded = [
+        bool(ca.depends_on(part, ca.vertcat(ca.vec(graph.carried), graph.signs))) for part in rows
+    ]
+    direct = [k for k, needs in enumerate(loaded) if not needs]
+    borne = [k for k, needs in enumerate(loaded) if needs]
+    slopes = [ca.cse(ca.jacobian(rows[k], graph.signs)) for k in borne]
+    for k, slope in zip(borne, slopes, strict=True):
+        if ca.depends_on(slope, graph.signs):
+            raise ValueError(f"limit '{definitions[k].key}' is not linear in the signs of friction")
+    none = ca.SX.zeros(graph.signs.shape)
+    without = [ca.substitute(rows[k], graph.signs, none) for k in borne]
+    signed = []
+    for slope in slopes:
+        own: list[list[tuple[int, int]]] = [[] for _ in range(slope.shape[0])]
+        for n, (row, column) in enumerate(zip(*slope.sparsity().get_triplet(), strict=True)):
+            own[row].append((n, column))
+        signed.append(own)
+    outputs = [ca.vec(graph.transposed), graph.sliding, *(rows[k] for k in direct)]
+    pairs = [
+        part
+        for value, slope in zip(without, slopes, strict=True)
+        for part in (value, ca.vertcat(ca.SX(0, 1), slope.nz[:]))
+    ]
+    return _EnclosedGraph(
+        EnclosedFunction([state, *fixed], outputs),
+        EnclosedFunction([state, *fixed, ca.vec(graph.carried)], pairs),
+        direct,
+        borne,
+        signed,
+        state.numel(),
+    )

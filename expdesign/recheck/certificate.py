@@ -1,0 +1,245 @@
+"""The certificate of a motion: how far each limit is used at every instant, proved.
+
+Every limit is enclosed over cells of time that cover the motion, and cells that are not decided are
+divided: branch and bound. What is found is an excess that the motion does have, what is proved is
+one that it has at no instant more than. The two are brought together until they are `CLOSE`, or
+within a hundredth of the margin.
+
+Where a rate changes its sign, dry friction jumps, and both signs count: cells are cut where rates
+change. Rates that change within the same cell of `INSTANT` count with every combination of signs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from constraints import Limit
+from constraints.arrays import Array, Mask
+from expdesign.enclosure.limit_rows import EnclosedLimits, EnclosedRow
+from expdesign.enclosure.taylor_model import EPS, TaylorModel
+from expdesign.progress import tell
+from expdesign.recheck.judge import TOLERANCE, LimitCheck
+from expdesign.robot import LimitModel
+from expdesign.runfolder import copied
+
+CLOSE = 5e-7
+"""Share of a limit's range by which what is proved is above what was found, or less."""
+_OF_MARGIN = 0.01
+INSTANT = 1e-10
+"""Share of the motion's duration below which cells are not divided."""
+CELLS = 512
+"""How many to begin with."""
+MOST_CELLS = 200_000
+"""How many are enclosed before the rest is left open."""
+_PARTS = 8
+_BLOCK = 1024
+
+
+class EnclosedMotion(Protocol):
+    """A motion of the pose that can be enclosed over cells of time."""
+
+    @property
+    def breaks(self) -> Array:
+        """(K,), s: when it begins and ends, and between them what no cell may reach across."""
+
+    def models(self, edges: Array) -> list[TaylorModel]:
+        """Return the models of pose, rate, acceleration and jerk, 24, over cells (N, 2), s."""
+
+
+def certify(
+    limits: LimitModel, motion: EnclosedMotion, *, cells: int = CELLS, most: int = MOST_CELLS
+) -> tuple[LimitCheck, ...]:
+    """Return the worst moment of every limit, and what is proved of it.
+
+    Parameters
+    ----------
+    cells : int
+        How many to begin with.
+    most : int
+        How many are enclosed before the rest is left open.
+    """
+    proof = _Proof(limits)
+    edges = _divided(motion.breaks, cells)
+    span = motion.breaks[-1] - motion.breaks[0]
+    undecided: Mask = np.ones((len(edges), len(limits.limits)), dtype=bool)
+    enclosed = 0
+    while len(edges) and enclosed < most:
+        tell(f"proving the limits: {len(edges)} cells of time")
+        enclosed += len(edges)
+        proof.open_excess[:] = -np.inf
+        blocks = [slice(start, start + _BLOCK) for start in range(0, len(edges), _BLOCK)]
+        with np.errstate(all="ignore"):  # what is not known is infinite, or not a number
+            looked = [
+                proof.look(motion, edges[block], undecided[block], INSTANT * span)
+                for block in blocks
+            ]
+        edges, undecided = (np.concatenate(part) for part in zip(*looked, strict=True))
+        if enclosed < most:
+            edges, undecided = _parts(edges), np.repeat(undecided, _PARTS, axis=0)
+    return proof.checks(edges, undecided)
+
+
+def _divided(breaks: Array, cells: int) -> Array:
+    """Return the edges of cells between the breaks, (N, 2), about equally long."""
+    steps = np.diff(breaks)
+    counts = np.maximum(1, np.ceil(cells * steps / np.sum(steps))).astype(int)
+    spans = zip(breaks[:-1], breaks[1:], counts, strict=True)
+    grids = [np.linspace(start, end, count + 1) for start, end, count in spans]
+    return np.concatenate([np.stack([grid[:-1], grid[1:]], axis=1) for grid in grids])
+
+
+def _parts(edges: Array) -> Array:
+    """Return the parts of cells, in their order: together they cover what the cells do."""
+    inner = edges[:, :1] + np.diff(edges, axis=1) * np.arange(1, _PARTS) / _PARTS
+    grid = np.concatenate([edges[:, :1], inner, edges[:, 1:]], axis=1)
+    return np.stack([grid[:, :-1], grid[:, 1:]], axis=2).reshape(-1, 2)
+
+
+@dataclass(frozen=True)
+class _Found:
+    """An excess that a motion has."""
+
+    row: int = 0
+    value: float = np.nan
+    violation: float = -np.inf
+    time: float = np.nan
+
+
+class _Side(NamedTuple):
+    """One bound of one row of a limit."""
+
+    limit: Limit
+    row: int
+    sign: float
+    """1: not above the bound; −1: not below."""
+
+    @property
+    def bound(self) -> float:
+        return float((self.limit.upper if self.sign > 0 else self.limit.lower)[self.row])
+
+    def excess(self, values: Array) -> Array:
+        """Return how far values are beyond the bound as a share of the range, rounded up."""
+        rounding = 8 * EPS * (np.abs(values) + abs(self.bound))
+        found = (self.sign * (values - self.bound) + rounding) / self.limit.range[self.row]
+        return np.nan_to_num(found, nan=np.inf, posinf=np.inf)
+
+
+class _Proof:
+    """What is known of every limit, as cell after cell is looked at.
+
+    Attributes
+    ----------
+    decided_excess, open_excess : (L,)
+        Largest excess that is possible in the cells that are decided, and in those that are not.
+    """
+
+    def __init__(self, limits: LimitModel) -> None:
+        self._model, self._enclosed = limits, EnclosedLimits(limits)
+        count = len(limits.limits)
+        self._best = [_Found() for _ in range(count)]
+        self._cells = np.zeros(count, dtype=int)
+        self._stuck = np.zeros(count)
+        self.decided_excess, self.open_excess = (np.full(count, -np.inf) for _ in range(2))
+
+    def look(
+        self, motion: EnclosedMotion, edges: Array, undecided: Mask, instant: float
+    ) -> tuple[Array, Mask]:
+        """Enclose limits over cells; return those cells that have to be divided, and for what."""
+        which = [int(k) for k in np.flatnonzero(undecided.any(axis=0))]
+        rows = self._enclosed(motion.models(edges), which)
+        width = np.diff(edges, axis=1)[:, 0]
+        smallest = width <= instant
+        possible = np.full(undecided.shape, -np.inf)
+        for k in which:
+            self._cells[k] += int(np.count_nonzero(undecided[:, k]))
+            possible[:, k] = self._possible(k, rows[k], edges, undecided[:, k], smallest)
+        found = np.array([best.violation for best in self._best])
+        close = np.maximum(CLOSE, _OF_MARGIN * np.abs(np.where(np.isfinite(found), found, 0.0)))
+        left = undecided & ~(possible <= found + close)
+        stuck = left & smallest[:, None]
+        self._stuck += np.sum(np.where(stuck & ~(possible <= TOLERANCE), width[:, None], 0), axis=0)
+        left &= ~smallest[:, None]
+        for kept, where in ((self.decided_excess, undecided & ~left), (self.open_excess, left)):
+            worst = np.max(np.where(where, possible, -np.inf), axis=0, initial=-np.inf)
+            np.maximum(kept, worst, out=kept)
+        again = left.any(axis=1)
+        return edges[again], left[again]
+
+    def checks(self, edges: Array, undecided: Mask) -> tuple[LimitCheck, ...]:
+        """Return what was found and proved, when these cells (N, 2) are left open, (N, L)."""
+        width = np.diff(edges, axis=1)
+        left = self._stuck + np.sum(np.where(undecided, width, 0.0), axis=0)
+        proved = np.maximum(self.decided_excess, self.open_excess)
+        checks = []
+        for k, (limit, best) in enumerate(zip(self._model.limits, self._best, strict=True)):
+            check = copied(
+                LimitCheck,
+                limit,
+                best,
+                title=limit.definition.title,
+                row=limit.labels[best.row],
+                bound=limit.nearest_bound(best.row, best.value),
+                proved=float(max(proved[k], best.violation)),
+                cells=int(self._cells[k]),
+                open_time=float(left[k]),
+            )
+            checks.append(check)
+        return tuple(checks)
+
+    def _possible(
+        self, k: int, rows: list[EnclosedRow], edges: Array, here: Mask, smallest: Mask
+    ) -> Array:
+        """Return what excess of a limit each cell may have, (N,); note the largest it has."""
+        worst = np.full(len(edges), -np.inf)
+        for side, row in _sides(self._model.limits[k], rows):
+            low, high = row.bounds()
+            excess = np.broadcast_to(side.excess(high if side.sign > 0 else low), worst.shape)
+            worst = np.maximum(worst, excess)
+            promising = here & (excess > self._best[k].violation)
+            if np.any(promising):
+                self._note(k, side, row, edges, promising, smallest)
+        return worst
+
+    def _note(
+        self, k: int, side: _Side, row: EnclosedRow, edges: Array, here: Mask, smallest: Mask
+    ) -> None:
+        """Take the largest excess that the motion certainly has in some of the cells."""
+        # Where a sign is open the row jumps somewhere: only within an instant it is said here.
+        known = here & (smallest | (row.jump.coefficients[0] == 0))
+        values, places = _extremes(row, side.sign, len(edges))
+        best = np.where(known & np.isfinite(values), values, -np.inf)
+        cell = int(np.argmax(best))
+        violation = side.limit.violation_of(side.row, value := side.sign * float(best[cell]))
+        if np.isfinite(value) and violation > self._best[k].violation:
+            start, end = edges[cell]
+            time = float((start + end) / 2 + places[cell] * (end - start) / 2)
+            self._best[k] = _Found(side.row, value, violation, time)
+
+
+def _sides(limit: Limit, rows: list[EnclosedRow]) -> Iterator[tuple[_Side, EnclosedRow]]:
+    """Yield every bound that there is, with the row that it bounds."""
+    for number, row in enumerate(rows):
+        for sign, bounds in ((1.0, limit.upper), (-1.0, limit.lower)):
+            if np.isfinite(bounds[number]):
+                yield _Side(limit, number, sign), row
+
+
+def _extremes(row: EnclosedRow, sign: float, cells: int) -> tuple[Array, Array]:
+    """Return values of sign × row that are reached in each cell, and where, τ, (N,) each."""
+    middle = np.zeros(cells)
+    if row.middle is not None:
+        return sign * row.middle, middle
+    model, c = row.model, row.model.coefficients
+    candidates = [middle, middle - 1, middle + 1]
+    if len(c) > 2:  # noqa: PLR2004 - a straight line has no vertex
+        with np.errstate(all="ignore"):
+            candidates.append(middle + np.nan_to_num(np.clip(-c[1] / (2 * c[2]), -1, 1)))
+    values = np.stack([sign * model.at(place) for place in candidates])
+    chosen = np.argmax(values, axis=0)
+    every = np.arange(cells)
+    best = values[chosen, every] - model.radius + row.jump.coefficients[0]
+    return best, np.stack(candidates)[chosen, every]
