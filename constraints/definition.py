@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
@@ -21,6 +21,10 @@ BoundKind = Literal["interval", "symmetric", "upper", "lower"]
 
 def _identity(bound: NDArray[np.float64]) -> NDArray[np.float64]:
     return bound
+
+
+def _by_none(limits: Mapping[str, Limit]) -> None:
+    del limits
 
 
 @dataclass(frozen=True)
@@ -66,6 +70,17 @@ class LimitDefinition:
     """How far a component may go from home, either way, that nobody bounds, in `unit`. The
     components are then coordinates of the pose, and ``none`` in place of a bound lifts it. None:
     what is not given does not limit."""
+    standing: float | None = None
+    """Size of the bound, in `unit`, that stands where nobody gives one, of a symmetric limit.
+    Nothing lifts it. None: what is not given does not limit."""
+    widest: float | None = None
+    """Largest size of a bound that may be given, in `unit`; None: any."""
+    held_by: Callable[[Mapping[str, Limit]], str | None] = field(default=_by_none)
+    """Limits by key → the key of one that holds the bound `standing` as well, or None: that has no
+    rows of its own then, for optimiser and judge alike."""
+
+    remedy: str = ""
+    """What to do, in a sentence, where a home pose breaks it; empty: nothing of its own."""
 
     def __post_init__(self) -> None:
         """Refuse rows that no optimiser could see."""
@@ -122,7 +137,8 @@ class Limit:
     definition: LimitDefinition
     lower: Array
     upper: Array
-    """(k,) Bounds on the natural expression, SI; ±inf where a row is not bounded on that side."""
+    """(k,) Bounds on the natural expression, SI, that motions are planned and judged with; ±inf
+    where a row is not bounded on that side."""
     labels: tuple[str, ...]
     """What each row stands for: ``"x"``, ``"strut 3"``, ``"struts 1-4"`` or ``""``."""
     origin: str
@@ -131,7 +147,12 @@ class Limit:
     line: int | None = None
     """That file and the line there; None for a mapping."""
     by_default: tuple[str, ...] = ()
-    """Labels of the rows that nobody has bounded: theirs are the bounds `about_home`."""
+    """Labels of the rows that nobody has bounded: theirs are the bounds `about_home` or
+    `standing`."""
+    reserve: float = 0.0
+    """Share of the stated range that is kept free: `lower` and `upper` are drawn in by it."""
+    before_reserve: tuple[Array, Array] | None = None
+    """The bounds as they are stated; None: `lower` and `upper`."""
 
     @classmethod
     def boundless(cls, definition: LimitDefinition, labels: tuple[str, ...]) -> Limit:
@@ -139,10 +160,41 @@ class Limit:
         endless = np.full(len(labels), np.inf)
         return cls(definition, -endless, endless, labels, "")
 
+    def with_reserve(self, share: float) -> Limit:
+        """Return the limit with this share of its stated range kept free at every bound.
+
+        Of a row with one bound the share is of the bound's size: of a bound of zero nothing.
+        Without a reserve it is the limit as it is stated, to the last bit.
+
+        Parameters
+        ----------
+        share : float
+            0 ≤ share < 0.5: two bounds with half of their range each would meet.
+        """
+        lower, upper = self.stated_bounds
+        if share == 0:
+            return replace(self, lower=lower, upper=upper, reserve=0.0, before_reserve=None)
+        both = np.isfinite(lower) & np.isfinite(upper)
+        width = np.subtract(upper, lower, out=np.zeros(lower.shape), where=both)
+        drawn = []
+        for bound, inwards in ((lower, 1.0), (upper, -1.0)):
+            size = np.where(both, width, np.where(np.isfinite(bound), np.abs(bound), 0.0))
+            side = np.asarray(bound + inwards * share * size)
+            side.setflags(write=False)
+            drawn.append(side)
+        return replace(
+            self, lower=drawn[0], upper=drawn[1], reserve=share, before_reserve=(lower, upper)
+        )
+
     @property
     def key(self) -> str:
         """The limit's name."""
         return self.definition.key
+
+    @property
+    def stated_bounds(self) -> tuple[Array, Array]:
+        """(k,) Lower and upper bounds as they are stated, without the reserve."""
+        return self.before_reserve or (self.lower, self.upper)
 
     @property
     def unit(self) -> str:
@@ -199,6 +251,11 @@ class Limit:
         """Return the bound of a row that a value breaks most, or comes closest to."""
         below, above = self.lower[row] - value, value - self.upper[row]
         return float(self.lower[row] if below > above else self.upper[row])
+
+    def nearest_stated(self, row: int, value: float) -> float:
+        """Return the same bound as it is stated, without the reserve."""
+        below, above = self.lower[row] - value, value - self.upper[row]
+        return float(self.stated_bounds[0 if below > above else 1][row])
 
 
 def _finite(transform: Callable[[Array], Array], bound: Array, absent: float) -> Array:

@@ -106,8 +106,10 @@ class LengthRange:
         limit = robot.limits.get("strut_length")
         if limit is None:
             return cls(home / 2, home * 2, "half to twice the lengths at home")
-        lower = np.where(np.isfinite(limit.lower) & (limit.lower > 0), limit.lower, home / 2)
-        return cls(lower, np.where(np.isfinite(limit.upper), limit.upper, home * 2), limit.origin)
+        # What is kept free is for motions as they are driven: a recording may go there.
+        low, high = limit.stated_bounds
+        lower = np.where(np.isfinite(low) & (low > 0), low, home / 2)
+        return cls(lower, np.where(np.isfinite(high), high, home * 2), limit.origin)
 
     def fits(self, middle: Array) -> NDArray[np.bool_]:
         """Tell for which struts a median length, (6,), m, is plausible."""

@@ -50,7 +50,13 @@ def check(
     """
     from expdesign.configuration import InputError, load_run, resolved_yaml
     from expdesign.configuration.bodies import bodies_in_words
-    from expdesign.configuration.open_rows import defaults_in_words, open_in_words, open_rows
+    from expdesign.configuration.open_rows import (
+        defaults_in_words,
+        held_in_words,
+        open_in_words,
+        open_rows,
+        reserve_in_words,
+    )
     from expdesign.robot import robot_from
     from expdesign.stages.run import refuse_study, run_folder
     from expdesign.stages.table import left_out, named, performed, stages_without_design
@@ -65,6 +71,7 @@ def check(
     done = performed(configuration)
     warnings = list(configuration.warnings)
     open_limits, defaults = open_rows(configuration.robot), defaults_in_words(configuration.robot)
+    held, reserve = held_in_words(configuration.robot), reserve_in_words(configuration.robot)
     if open_limits:
         warnings.append(f"{open_in_words(open_limits)}: a design may go there as far as it gets")
     warnings += _noise_not_stated(configuration.robot)
@@ -86,6 +93,8 @@ def check(
                 "shared_joints": pairs,
                 "limits_not_set": [str(one) for one in open_limits],
                 "limits_by_default": defaults,
+                "limits_held_by_others": held,
+                "reserve": {key: one.reserve for key, one in configuration.robot.limits.items()},
                 "bodies": made,
                 "warnings": warnings,
                 **found,
@@ -101,8 +110,8 @@ def check(
             note(f"{stage}: left out, {reason}")
     for first, second in pairs:
         note(f"struts {first} and {second} share a joint: left out of the strut clearance")
-    for default in defaults:
-        note(default)
+    for text in (*defaults, *held, *([reserve] if reserve else [])):
+        note(text)
     if made:
         note(made)
     for warning in warnings:

@@ -77,7 +77,8 @@ def _struts(robot: Robot, at_home: Mapping[str, Array]) -> Table:
 
 def _whole(robot: Robot, at_home: Mapping[str, Array]) -> Table:
     table = _table("Machine", ("", "at home", "of", _LIMIT), right=("at home",))
-    for key in _WHOLE:
+    always = [key for key in robot.description.limits if limit_definitions()[key].standing]
+    for key in (*_WHOLE, *always):
         limit, values = _limit(robot, key), at_home[key]
         definition = limit.definition
         rows = np.flatnonzero(~shared_rows(definition, robot.description.shared_joint_pairs))

@@ -37,18 +37,22 @@ def design(outcome: Outcome) -> None:
         f"{result.search.best.index}."
     )
     known = limit_definitions()
+    kept = any(check.reserve for check in result.check.limits)
     rows = [
         (
             check.key,
             check.row,
             quantity_text(check.value, check.unit, 5),
+            *([quantity_text(check.stated, check.unit, 5)] if kept else []),
+            *([f"{100 * check.reserve:.4g} %"] if kept else []),
             quantity_text(check.bound, check.unit, 5),
             f"{100 * known[check.key].share_used(check.value, check.bound, check.violation):.1f} %",
         )
         for check in result.check.limits
     ]
     title = "Limits over the whole period (unsmoothed model)"
-    heads, left = ("limit", "where", "worst", "bound", "used"), ("limit", "where")
+    reserved = ("stated", "reserve") if kept else ()
+    heads, left = ("limit", "where", "worst", *reserved, "bound", "used"), ("limit", "where")
     table = _table(title, heads, rows, left, no_wrap=True)
     table.box, table.pad_edge, table.show_edge = box.SIMPLE_HEAD, False, False
     results().print(table)

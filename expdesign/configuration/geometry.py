@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -11,6 +12,7 @@ import casadi as ca
 import numpy as np
 
 from constraints.arrays import Array, Mask
+from constraints.limits import attitude
 from expdesign.configuration.problem import Problem
 from expdesign.mechanism.graph import hexapod_graph
 from expdesign.mechanism.hexapod import ACTUATORS
@@ -128,7 +130,8 @@ def geometry_problems(
 ) -> list[Problem]:
     """Return what makes the home pose unusable.
 
-    That is: struts without length, first cardan axes along a strut, and a singular pose.
+    That is: struts without length, first cardan axes along a strut, a singular pose, and an
+    attitude near which the angles of the pose are singular.
     """
     if not np.all(np.isfinite(geometry.lengths)):
         return [problem(("base_joints",), "the coordinates are too large to be computed with")]
@@ -147,6 +150,14 @@ def geometry_problems(
         "strut {}: the first cardan axis is along the strut at home",
         "an axis that is not parallel to the strut",
     )
+    theta = math.asin(max(-1.0, min(float(geometry.rotation[0, 2]), 1.0)))
+    if abs(theta) > attitude.LARGEST:
+        message = (
+            f"the angles of the pose are singular at home, or nearly so: theta is there "
+            f"{math.degrees(theta):.4g} deg. {attitude.LIMIT.remedy}"
+        )
+        most = f"{math.degrees(attitude.LARGEST):.4g} deg"
+        problems.append(problem(("home",), message, f"theta within {most} of 0, or of 180 deg"))
     condition = geometry.condition(length)
     if condition > LARGEST_CONDITION:
         value = f"{condition:.3g}" if np.isfinite(condition) else "infinite"

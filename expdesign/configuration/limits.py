@@ -18,12 +18,17 @@ from constraints import Limit, LimitDefinition, limit_definitions
 from constraints.arrays import Mask
 from expdesign.configuration.document import Placed
 from expdesign.configuration.problem import key_path, nearest, refusal, shown
+from expdesign.configuration.reserve import RESERVE, Reserve, read_reserve
 from expdesign.configuration.section import LaterEntries
 from expdesign.configuration.values.quantity import dimension_of, quantity_text
 from expdesign.configuration.values.scalars import by_key, read_only
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATE_NAMES, numbered
 
 CHARACTERISTIC_LENGTH = "characteristic_length"
+LIMITED_BY_DEFAULT = 2
+"""The first format of run files whose limits with a default about home are at it if not given."""
+LIMITED_ALWAYS = 3
+"""The first format whose limits that nothing lifts stand if not given."""
 LIFTED = "none"
 """In place of a bound: nothing limits where there would be a default."""
 _PAIRS = tuple(itertools.combinations(range(ACTUATORS), 2))
@@ -38,6 +43,8 @@ def _as_written(name: str, value: object) -> object:
     """Refuse what is no limit; what is one stays as written until robot and run are merged."""
     if name == CHARACTERISTIC_LENGTH:
         _length(value)
+    elif name == RESERVE:
+        read_reserve(value)
     else:
         _bounds(name, value)
     return value
@@ -46,7 +53,7 @@ def _as_written(name: str, value: object) -> object:
 def resolve_limits(
     sources: Sequence[Placed[Mapping[str, Any]]], defaults: Mapping[str, Limit] | None = None
 ) -> tuple[dict[str, Limit], float | None]:
-    """Merge the limits of robot and run.
+    """Merge the limits of robot and run, as they are stated: without the reserve.
 
     Parameters
     ----------
@@ -58,7 +65,8 @@ def resolve_limits(
     Returns
     -------
     limits : dict of Limit
-        In the order of the catalogue.
+        In the order of the catalogue. Without those that stand by default, and that another one
+        holds as well.
     characteristic_length : float or None
         m; None when no source gives it.
     """
@@ -68,22 +76,36 @@ def resolve_limits(
         for name, value in source.value.items():
             if name == CHARACTERISTIC_LENGTH:
                 length = _length(value)
-            else:
+            elif name != RESERVE:
                 given[name] = _overriding(given.get(name), source, *_bounds(name, value))
     kept = {name: given[name] for name in limit_definitions() if name in given}
-    return {name: limit for name, limit in kept.items() if not np.all(limit.open_rows)}, length
+    kept = {name: limit for name, limit in kept.items() if not np.all(limit.open_rows)}
+    held = [
+        name
+        for name, limit in kept.items()
+        if limit.is_default and limit.definition.held_by(kept) is not None
+    ]
+    return {name: limit for name, limit in kept.items() if name not in held}, length
 
 
-def default_limits(home: Sequence[float]) -> dict[str, Limit]:
-    """Return the limits that stand where nobody gives any, about a home pose (6,), m and rad."""
+def default_limits(home: Sequence[float], file_format: int | None = None) -> dict[str, Limit]:
+    """Return the limits that stand where nobody gives any, about a home pose (6,), m and rad.
+
+    `file_format` is that of the run file that is read; None: of today.
+    """
     found = {}
     for key, definition in limit_definitions().items():
-        way, labels = definition.about_home, definition.components
-        if way is None:
+        way, bound, labels = definition.about_home, definition.standing, row_labels(definition)
+        if way is not None and (file_format is None or file_format >= LIMITED_BY_DEFAULT):
+            middle = np.array([home[COORDINATE_NAMES.index(name)] for name in labels])
+            origin = f"{quantity_text(way, definition.unit)} from home"
+        elif bound is not None and (file_format is None or file_format >= LIMITED_ALWAYS):
+            middle, way = np.zeros(len(labels)), bound
+            origin = quantity_text(way, definition.unit)
+        else:
             continue
-        middle = np.array([home[COORDINATE_NAMES.index(name)] for name in labels])
         lower, upper = read_only(middle - way), read_only(middle + way)
-        origin = f"{quantity_text(way, definition.unit)} from home, the default of limits.{key}"
+        origin = f"{origin}, the default of limits.{key}"
         found[key] = Limit(definition, lower, upper, labels, origin, by_default=labels)
     return found
 
@@ -124,15 +146,17 @@ def with_shared_joints(limit: Limit, pairs: Iterable[tuple[int, int]]) -> Limit:
     return replace(limit, lower=read_only(lower), upper=read_only(upper))
 
 
-def limits_as_written(limits: Mapping[str, Limit], length: float) -> dict[str, Any]:
-    """Return resolved limits as they can stand under ``limits:``, in SI units."""
+def limits_as_written(
+    limits: Mapping[str, Limit], length: float, reserve: Reserve | None = None
+) -> dict[str, Any]:
+    """Return resolved limits as they can stand under ``limits:``, in SI units: as stated."""
     written: dict[str, Any] = {}
     for name, definition in limit_definitions().items():
         limit, lifts = limits.get(name), definition.about_home is not None
         if limit is None:
             written |= {name: LIFTED} if lifts else {}
             continue
-        rows = list(zip(limit.lower.tolist(), limit.upper.tolist(), strict=True))
+        rows = list(zip(*(side.tolist() for side in limit.stated_bounds), strict=True))
         if definition.components:
             named = zip(definition.components, rows, strict=True)
             bounds = {c: list(row) if np.all(np.isfinite(row)) else LIFTED for c, row in named}
@@ -144,7 +168,8 @@ def limits_as_written(limits: Mapping[str, Limit], length: float) -> dict[str, A
         entries = [list(row) if kind == "interval" else row[kind != "lower"] for row in rows]
         alike = all(entry == entries[0] for entry in entries)
         written[name] = entries[0] if alike else entries
-    return written | {CHARACTERISTIC_LENGTH: length}
+    kept_free = {} if reserve is None else reserve.as_written(limits)
+    return written | kept_free | {CHARACTERISTIC_LENGTH: length}
 
 
 def _length(value: object) -> float:
@@ -161,7 +186,7 @@ def _bounds(name: str, value: object) -> tuple[LimitDefinition, tuple[Bounds | N
     """
     definitions = limit_definitions()
     if name not in definitions:
-        valid = [*definitions, CHARACTERISTIC_LENGTH]
+        valid = [*definitions, CHARACTERISTIC_LENGTH, RESERVE]
         raise refusal(f"unknown limit {shown(name)}", ", ".join(valid), nearest(name, valid))
     definition = definitions[name]
     if not definition.components:
@@ -235,6 +260,8 @@ def _components(definition: LimitDefinition, value: object) -> dict[str, Bounds]
 
 def _rows(definition: LimitDefinition, value: object) -> tuple[Bounds, ...]:
     """Read one entry for all rows, or, for a limit per actuator, six."""
+    if value == LIFTED and definition.standing is not None:
+        raise refusal(f"the limit on the {definition.title} is never lifted", _allowed(definition))
     items = list(value) if isinstance(value, list | tuple) else [value]
     nested = any(isinstance(item, list | tuple) for item in items)
     if definition.per_actuator and len(items) == ACTUATORS:
@@ -256,6 +283,7 @@ def _row(definition: LimitDefinition, value: object, where: str) -> Bounds:
     if bound < 0 or (bound == 0 and kind != "lower"):
         raise refusal(f"{where}the bound {_as_given(value)} is not positive", _allowed(definition))
     if kind == "symmetric":
+        _require_usable(definition, (-bound, bound), where)
         return -bound, bound
     if kind == "upper" and definition.unit == "rad" and bound > np.pi:
         raise refusal(f"{where}{shown(value)} is no angle between directions", "at most 180 deg")
@@ -289,6 +317,8 @@ def _number(definition: LimitDefinition, value: object, where: str) -> float:
 def _require_usable(definition: LimitDefinition, bounds: Bounds, where: str) -> None:
     """Refuse bounds beyond the range in which the limit's transform is monotone (β of 90°)."""
     finite = [bound for bound in bounds if np.isfinite(bound)]
+    if definition.widest is not None and max(map(abs, finite)) > definition.widest:
+        raise refusal(f"{where}{definition.title} cannot go so far", _allowed(definition))
     probes = np.linspace(min(finite), max(finite), _PROBES if len(finite) == _ENDS else 1)
     with np.errstate(all="ignore"):
         steps = np.diff(definition.transform(probes))
@@ -308,4 +338,6 @@ def _allowed(definition: LimitDefinition) -> str:
         "upper": f"one value{unit}, an upper bound",
         "lower": f"one value{unit}, a lower bound",
     }[definition.kind]
+    if definition.widest is not None:
+        one += f", {quantity_text(definition.widest, definition.unit)} at most"
     return f"{one}; or six of these, one per strut" if definition.per_actuator else one

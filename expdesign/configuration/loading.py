@@ -15,12 +15,7 @@ from expdesign.configuration.finding import absolute, find_file
 from expdesign.configuration.noise import NoiseDescription
 from expdesign.configuration.problem import InputError, Key, Problem
 from expdesign.configuration.robot import ResolvedRobot, RobotDescription, read_robot, resolve_robot
-from expdesign.configuration.run import (
-    LIMITED_BY_DEFAULT,
-    RUN_FORMAT,
-    RunConfiguration,
-    RunDescription,
-)
+from expdesign.configuration.run import RUN_FORMAT, RunConfiguration, RunDescription
 from expdesign.configuration.section import Section, validate
 from expdesign.configuration.sections.data import DataSection
 from expdesign.configuration.sections.experiment import ExperimentSection, ValidationMotion
@@ -81,7 +76,7 @@ def load_run(source: ConfigurationLike) -> RunConfiguration:
                 own_noise,
                 [] if tolerances is None else [Placed(tolerances, document, ("tolerances",))],
                 None if run is None else run.experiment.sampling,
-                earlier=_earlier(document),
+                file_format=_format(document),
             )
             if run is not None and run.experiment.truth is not None:
                 truth = _true_machine(run.experiment, robot_source, own_noise, document, problems)
@@ -121,13 +116,13 @@ def _document(source: str | PathLike[str] | Mapping[str, Any] | RunDescription) 
     return read_yaml(find_file(source, "run", run_files()))
 
 
-def _earlier(document: Document) -> bool:
-    """Tell whether a run was resolved when nothing was limited by default: it keeps that."""
+def _format(document: Document) -> int | None:
+    """Return the format of a run that was resolved, which keeps the limits that it had then."""
     number = document.data.get("format")
     if number is None:
         # Before files had a format; nobody writes both of these, one of which is empty.
-        return {"workers", "scheduler"} <= set(document.data)
-    return isinstance(number, int) and number < LIMITED_BY_DEFAULT
+        return 0 if {"workers", "scheduler"} <= set(document.data) else None
+    return number if isinstance(number, int) else None
 
 
 def _robot_source(
@@ -178,7 +173,7 @@ def _true_machine(
         Placed(bare, source.document, source.key),
         noise=[*noise, *run_noise],
         sampling=experiment.sampling,
-        earlier=_earlier(document),
+        file_format=_format(document),
     )
 
 
@@ -233,6 +228,6 @@ def smoothing_widths(robot: ResolvedRobot) -> tuple[float, ...]:
     limit = robot.limits.get("strut_speed")
     if limit is None:
         return _SMOOTHING_WITHOUT_LIMIT
-    fastest = float(np.max(np.abs([limit.lower, limit.upper])))
+    fastest = float(np.max(np.abs(limit.stated_bounds)))
     # Six digits: the numbers are printed, and copied by people.
     return tuple(float(f"{share * fastest:.6g}") for share in _SMOOTHING)

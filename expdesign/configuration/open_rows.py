@@ -32,10 +32,13 @@ class OpenRows:
 def open_rows(robot: ResolvedRobot) -> tuple[OpenRows, ...]:
     """Return what neither robot nor run limits, in the order of the catalogue.
 
-    A pair of struts that shares a joint has no clearance: it is not open.
+    A pair of struts that shares a joint has no clearance: it is not open. Nor is a limit that
+    always stands, of which another one may be the tighter.
     """
     found = []
     for key, definition in limit_definitions().items():
+        if definition.standing is not None:
+            continue
         labels = row_labels(definition)
         limit = robot.limits.get(key) or Limit.boundless(definition, labels)
         shared = shared_rows(definition, robot.shared_joint_pairs)
@@ -58,10 +61,46 @@ def open_in_words(found: Iterable[OpenRows | str]) -> str:
 
 def defaults_in_words(robot: ResolvedRobot) -> tuple[str, ...]:
     """Say of each limit with a default what nobody has bounded, and what bounds it."""
-    return tuple(
-        f"limits.{limit.key} is not given for {', '.join(limit.by_default)}: "
-        f"{quantity_text(limit.definition.about_home or 0.0, limit.unit)} from home either way by "
-        f"default; `{limit.key}: {LIFTED}` lifts it"
-        for limit in robot.limits.values()
-        if limit.by_default
+    found = []
+    for limit in robot.limits.values():
+        about, standing = limit.definition.about_home, limit.definition.standing
+        if limit.by_default and about is not None:
+            found.append(
+                f"limits.{limit.key} is not given for {', '.join(limit.by_default)}: "
+                f"{quantity_text(about, limit.unit)} from home either way by default; "
+                f"`{limit.key}: {LIFTED}` lifts it"
+            )
+        elif limit.by_default and standing is not None:
+            found.append(
+                f"limits.{limit.key} is not given: {quantity_text(standing, limit.unit)} either "
+                "way by default, which nothing lifts"
+            )
+    return tuple(found)
+
+
+def held_in_words(robot: ResolvedRobot) -> tuple[str, ...]:
+    """Say of each limit that always stands which other one holds it, where it has no rows."""
+    found = []
+    for key, definition in limit_definitions().items():
+        bound, other = definition.standing, definition.held_by(robot.limits)
+        if key not in robot.limits and bound is not None and other is not None:
+            found.append(
+                f"{definition.title} stays within {quantity_text(bound, definition.unit)} either "
+                f"way (limits.{key}): limits.{other} is tighter"
+            )
+    return tuple(found)
+
+
+def reserve_in_words(robot: ResolvedRobot) -> str:
+    """Say which shares of the limits' ranges are kept free; empty without a reserve."""
+    by_share: dict[float, list[str]] = {}
+    for limit in robot.limits.values():
+        by_share.setdefault(limit.reserve, []).append(limit.key)
+    kept = {share: keys for share, keys in sorted(by_share.items()) if share}
+    if not kept:
+        return ""
+    of = "; ".join(
+        f"{100 * share:.4g} % of {'every limit' if len(by_share) == 1 else ', '.join(keys)}"
+        for share, keys in kept.items()
     )
+    return f"limits.reserve keeps free {of}: motions are planned and judged with what is left"

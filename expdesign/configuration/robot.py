@@ -36,6 +36,7 @@ from expdesign.configuration.parameters import (
     parameter_warnings,
 )
 from expdesign.configuration.problem import InputError, Problem
+from expdesign.configuration.reserve import merged_reserve
 from expdesign.configuration.section import LATER, Section, validate
 from expdesign.configuration.tolerances import Tolerances, merged_tolerances, too_large
 from expdesign.configuration.unit_slips import unit_slips
@@ -157,7 +158,8 @@ class ResolvedRobot:
     tolerances: Tolerances | None
     """None when neither robot nor run state any."""
     limits: Mapping[str, Limit]
-    """By key, in the order of the limits' catalogue. A limit that is missing does not limit."""
+    """By key, in the order of the limits' catalogue, with their reserves. A limit that is missing
+    does not limit, or another one holds it as well."""
     characteristic_length: float
     """By which rotations are scaled in condition numbers, m."""
     source: Path | None = None
@@ -222,17 +224,17 @@ def resolve_robot(
     tolerances: Sequence[Placed[Tolerances]] = (),
     sampling: float | None = None,
     *,
-    earlier: bool = False,
+    file_format: int | None = None,
 ) -> ResolvedRobot:
     """Resolve a robot together with what a run overrides: limits, noise and tolerances.
 
-    `sampling` is that of the run's experiment, Hz, where there is one; `earlier` tells that the
-    robot was resolved when nothing was limited by default.
+    `sampling` is that of the run's experiment, Hz, where there is one; `file_format` is that
+    of a run file that was resolved before, whose limits by default are those of its time.
     """
     description, document = source.value, source.document
-    own_limits = Placed(description.limits, document, (*source.key, "limits"))
-    defaults = None if earlier else default_limits(description.home)
-    resolved_limits, length = resolve_limits([own_limits, *limits], defaults)
+    limits = [Placed(description.limits, document, (*source.key, "limits")), *limits]
+    resolved_limits, length = resolve_limits(limits, default_limits(description.home, file_format))
+    reserve = merged_reserve(limits)
     if description.noise is not None:
         noise = [Placed(description.noise, document, (*source.key, "noise")), *noise]
     merged_noise, resolved_noise, problems = resolve_noise(noise, sampling)
@@ -270,6 +272,7 @@ def resolve_robot(
     warnings += parameter_warnings(terms, description.parameters)
     base_joints, home = np.array(description.base_joints), np.array(description.home)
     longest = float(np.max(geo.geometry_at(home, base_joints, platform_joints).lengths))
+    warnings += reserve.warnings(resolved_limits)
     warnings += unit_slips(resolved_limits, drive, description.parameters, longest)
     if description.bodies is not None:
         made = description.bodies.parameters(platform_joints)
@@ -292,7 +295,7 @@ def resolve_robot(
             else tuple(map(tuple, thread_axes.tolist())),
             "noise": merged_noise,
             "tolerances": merged,
-            "limits": limits_as_written(resolved_limits, length),
+            "limits": limits_as_written(resolved_limits, length, reserve),
         }
     )
     arrays = {name: read_only(getattr(written, name)) for name in _ARRAYS}
@@ -309,7 +312,9 @@ def resolve_robot(
         parameters=description.parameters,
         noise=resolved_noise,
         tolerances=merged,
-        limits={key: with_shared_joints(limit, pairs) for key, limit in resolved_limits.items()},
+        limits=reserve.drawn_in(
+            {key: with_shared_joints(limit, pairs) for key, limit in resolved_limits.items()}
+        ),
         characteristic_length=length,
         source=document.file,
         warnings=tuple(warnings),

@@ -33,14 +33,12 @@ from expdesign.configuration.values.scalars import (
     whole,
 )
 
-RUN_FORMAT = 2
+RUN_FORMAT = 3
 """Number of the format of run files, one more whenever what stands in them changes its meaning.
 
 2: a limit with a default that is not given is at its default, where it was not limited before.
+3: so is `attitude`, which nothing lifts.
 """
-
-LIMITED_BY_DEFAULT = 2
-"""The first format whose files are limited by default."""
 
 _DEFAULT_WORKERS = 2
 _LARGEST_WORKERS = 1024

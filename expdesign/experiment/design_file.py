@@ -133,6 +133,8 @@ class WorstMoment:
     origin: str
     certified: bool
     method: str
+    stated: OpenNumber = np.nan
+    reserve: float = 0.0
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -186,7 +188,8 @@ class DesignFile(TrajectoryFile):
         described(
             "",
             "for each limit: worst value, bound, unit, row, strut, time, violation, origin, "
-            "certified, method",
+            "certified, method, stated (the bound before the reserve), reserve (share of the "
+            "range)",
         ),
     ]
     hum: Annotated[

@@ -13,7 +13,8 @@ that is quick, and rough by a tenth of the gains.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import nnls
@@ -23,6 +24,7 @@ from expdesign.configuration import RunConfiguration
 from expdesign.experiment.design import design_task
 from expdesign.problem.design_problem import DesignProblem
 from expdesign.recheck.judge import local_worst
+from expdesign.robot import LimitModel
 from expdesign.solver.continuation import finish_stage
 from expdesign.solver.jobs import DesignTask
 from expdesign.solver.stage import run_stage
@@ -54,6 +56,11 @@ class LimitSensitivity:
     unexplained: float
     """What the limits' gradients leave of the cost's, as a share of its norm; 0 at an exact
     optimum, 1 where no limit holds the motion back."""
+    reserved: dict[str, float] = field(default_factory=dict)
+    """By limit with a reserve: share of what the criterion would be at the stated bound that the
+    reserve of this limit alone takes, to first order."""
+    reserve: float = 0.0
+    """The same of all reserves together."""
 
 
 def limit_sensitivity(
@@ -76,13 +83,21 @@ def _sensitivity(task: DesignTask, x: Array, near: float) -> LimitSensitivity:
     problem = task.problem
     width, level = task.plan.widths[-1], problem.criterion.levels[-1]
     _, slope = problem.cost.gradient(x, width, level)
-    keys, slopes, room = _active_rows(problem, x, width, near)
-    multipliers, unexplained = balance(slope, slopes)
+    held = _active_rows(problem, x, width, near)
+    multipliers, unexplained = balance(slope, held.slopes)
+    reserves = [limit.key for limit in problem.limits.limits if limit.reserve]
     gains = dict.fromkeys((*problem.limits.keys, FREQUENCY), 0.0)
-    for key, multiplier, gives in zip(keys, multipliers, room, strict=True):
-        gains[key] += float(multiplier * gives)
+    costs = dict.fromkeys(reserves, 0.0)
+    parts = zip(held.keys, multipliers, held.wider, held.reserved, strict=True)
+    for key, multiplier, wider, reserved in parts:
+        gains[key] += float(multiplier * wider)
+        if key in costs:
+            costs[key] += float(multiplier * reserved)
     return LimitSensitivity(
-        {key: float(np.expm1(gain)) for key, gain in gains.items()}, unexplained
+        {key: float(np.expm1(gain)) for key, gain in gains.items()},
+        unexplained,
+        {key: float(-np.expm1(-cost)) for key, cost in costs.items()},
+        float(-np.expm1(-sum(costs.values()))),
     )
 
 
@@ -105,13 +120,19 @@ def balance(slope: Array, slopes: Array) -> tuple[Array, float]:
     return multipliers, float(left) / size
 
 
-def _active_rows(
-    problem: DesignProblem, x: Array, width: float, near: float
-) -> tuple[list[str], Array, Array]:
-    """Return key, gradient and room of every moment at which a limit holds the motion.
+class _ActiveRows(NamedTuple):
+    """Every moment at which a limit holds the motion, (r,) of them."""
 
-    The room is how far the row's bound moves, in the unit of its excess, when the limit is wider.
-    """
+    keys: list[str]
+    slopes: Array
+    """(r, z) gradients of the excess."""
+    wider: Array
+    reserved: Array
+    """How far the row's bound moves, in the unit of its excess: when the limit is wider, and when
+    its reserve is given back."""
+
+
+def _active_rows(problem: DesignProblem, x: Array, width: float, near: float) -> _ActiveRows:
     phases = 2 * np.pi * np.arange(_POINTS) / _POINTS
     excess = problem.smooth_violations(x, phases, width)
     mask = local_worst(excess, periodic=True) & (excess > -near)
@@ -123,28 +144,42 @@ def _active_rows(
     above = values - program.row_upper > program.row_lower - values
     keys = [problem.limits.keys[column] for column in columns]
     sign = np.where(above, 1.0, -1.0)
-    room_below, room_above = _room(problem)
-    room = np.where(above, room_above[columns], room_below[columns])
-    slopes = sign[:, None] * slopes
+    wider, reserved = (
+        np.where(above, up[columns], down[columns])
+        for down, up in (_wider(problem), _reserved(problem))
+    )
     bounds = _frequency_rows(problem, x, near)
-    return (
+    return _ActiveRows(
         [*keys, *[FREQUENCY] * len(bounds)],
-        np.concatenate([slopes, bounds]),
-        np.concatenate([room, np.full(len(bounds), WIDER)]),
+        np.concatenate([sign[:, None] * slopes, bounds]),
+        np.concatenate([wider, np.full(len(bounds), WIDER)]),
+        np.concatenate([reserved, np.zeros(len(bounds))]),
     )
 
 
-def _room(problem: DesignProblem) -> tuple[Array, Array]:
+def _wider(problem: DesignProblem) -> tuple[Array, Array]:
     """Return how far lower and upper smooth bounds move when each limit is wider, (R,) each."""
     limits = problem.limits
-    lower, upper = limits.smooth_bounds()
     # Both ends of a range share what it is widened by.
     share = np.where(limits.two_sided, WIDER / 2, WIDER)
-    wider_lower, wider_upper = limits.smooth_bounds(-_STEP * share)
+    below, above = _moved(limits, limits.smooth_bounds(-_STEP * share))
+    return below / _STEP / limits.scale, above / _STEP / limits.scale
+
+
+def _reserved(problem: DesignProblem) -> tuple[Array, Array]:
+    """Return how far they move when the limits are taken as they are stated, (R,) each."""
+    limits = problem.limits
+    stated = replace(limits, limits=tuple(limit.with_reserve(0.0) for limit in limits.limits))
+    below, above = _moved(limits, stated.smooth_bounds())
+    return below / limits.scale, above / limits.scale
+
+
+def _moved(limits: LimitModel, bounds: tuple[Array, Array]) -> tuple[Array, Array]:
+    """Return how far other smooth bounds, (R,) each, are outside the limits' own."""
+    lower, upper = limits.smooth_bounds()
     with np.errstate(invalid="ignore"):
-        moved = (lower - wider_lower, wider_upper - upper)
-    below, above = (np.nan_to_num(side / _STEP / limits.scale) for side in moved)
-    return below, above
+        below, above = lower - bounds[0], bounds[1] - upper
+    return np.nan_to_num(below), np.nan_to_num(above)
 
 
 def _frequency_rows(problem: DesignProblem, x: Array, near: float) -> Array:

@@ -91,6 +91,8 @@ class LimitEntry:
     violation: OpenNumber
     tolerance: float = LIMIT_SHARE
     kept: bool | None = None
+    stated: OpenNumber = np.nan
+    reserve: float = 0.0
 
 
 @dataclass(frozen=True)

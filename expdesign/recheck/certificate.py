@@ -183,6 +183,7 @@ class _Proof:
                 title=limit.definition.title,
                 row=limit.labels[best.row],
                 bound=limit.nearest_bound(best.row, best.value),
+                stated=limit.nearest_stated(best.row, best.value),
                 proved=float(max(proved[k], best.violation)),
                 cells=int(self._cells[k]),
                 open_time=float(left[k]),

@@ -62,6 +62,13 @@ class LimitCheck:
     open_time: Annotated[
         OpenNumber, described("s", "how much of the motion is in cells that were left open")
     ] = 0.0
+    stated: Annotated[
+        OpenNumber,
+        described("see unit", "the bound as it is stated: it is drawn in by the reserve"),
+    ] = np.nan
+    reserve: Annotated[
+        float, described("1", "share of the stated range that is kept free (limits.reserve)")
+    ] = 0.0
 
     @property
     def certified(self) -> bool:
@@ -149,6 +156,7 @@ def judge(
                 title=limit.definition.title,
                 row=limit.labels[worst.row],
                 bound=limit.nearest_bound(worst.row, worst.value),
+                stated=limit.nearest_stated(worst.row, worst.value),
             )
         )
     return tuple(checks)

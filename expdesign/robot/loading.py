@@ -35,14 +35,23 @@ def robot_from(description: ResolvedRobot) -> Robot:
     values = model.at_home()
     problems = []
     for limit in model.limits:
-        problems += _broken(limit, values[limit.key])
+        problems += _broken(limit, values[limit.key], description)
     if problems:
         raise InputError(problems)
     return robot
 
 
-def _broken(limit: Limit, values: Array) -> list[Problem]:
+def _broken(limit: Limit, values: Array, robot: ResolvedRobot) -> list[Problem]:
     """Return what is wrong with the rows of a limit at home: rows with the same bounds at once."""
+    # Of a limit that nobody has given it is the robot's home that does not fit.
+    file, line = (robot.source, None) if limit.is_default else (limit.file, limit.line)
+    remedy = "Let home lie elsewhere, or widen the limit"
+    if limit.reserve:
+        remedy = (
+            f"{100 * limit.reserve:.4g} % of its range are kept free (limits.reserve). Let home "
+            "lie elsewhere, widen the limit, or keep less free"
+        )
+    remedy += f". {limit.definition.remedy}" if limit.definition.remedy else ""
     groups: dict[tuple[float, float], list[int]] = {}
     for row, value in enumerate(values):
         if limit.violation_of(row, float(value)) > 0:
@@ -50,9 +59,9 @@ def _broken(limit: Limit, values: Array) -> list[Problem]:
     return [
         Problem(
             f"the home pose breaks this limit: {limit.definition.title}{_where(limit, rows)} is "
-            f"{_span(values[rows], limit.unit)} there. Let home lie elsewhere, or widen the limit",
-            file=limit.file,
-            line=limit.line,
+            f"{_span(values[rows], limit.unit)} there. {remedy}",
+            file=file,
+            line=line,
             key=f"limits.{limit.key}",
             allowed=_allowed(*bounds, limit.unit),
             nearest=_in_millimetres(*bounds, values[rows], limit.unit),

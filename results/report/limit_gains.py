@@ -14,7 +14,7 @@ from expdesign.experiment.sensitivity import FREQUENCY, LimitSensitivity, sensit
 from expdesign.information.fisher import SingularInformationError
 from expdesign.recheck.information import Evaluator
 from expdesign.solver.initial import InfeasibleLimitsError
-from results.notation import readable
+from results.notation import percent, readable
 from results.report.content import Fact
 from results.report.table import Column, ReportTable
 
@@ -22,6 +22,9 @@ EXPLAINED = 0.1
 """Largest share of the cost's gradient that the limits may leave for multipliers to be shown."""
 
 _REST = "unexplained"
+
+_NOTHING = 1e-4
+"""Share of the criterion up to which a reserve costs nothing."""
 
 _SAME = 1e-6
 """Relative difference up to which a number computed again is the same."""
@@ -64,6 +67,31 @@ def costliest_fact(sensitivity: LimitSensitivity, whose: str = "") -> Fact | Non
         return None
     gain = f"+{readable(100 * sensitivity.gains[key], 2)} %"
     return Fact("costliest limit", gain, f"{whose}10 % more {limit_title(key)}")
+
+
+def reserve_in_words(sensitivity: LimitSensitivity | None, reserves: Mapping[str, float]) -> str:
+    """Say what keeping reserves of limits, by key, costs; empty where none is kept."""
+    kept = {key: share for key, share in reserves.items() if share}
+    if not kept:
+        return ""
+    shares = sorted(set(kept.values()))
+    span = " to ".join(dict.fromkeys(percent(share) for share in (shares[0], shares[-1])))
+    which = "every limit" if len(kept) == len(reserves) else ", ".join(map(limit_title, kept))
+    text = f"A reserve of {span} of the range of {which} is kept free."
+    if sensitivity is None or sensitivity.unexplained > EXPLAINED:
+        return f"{text} What it costs is not known: the design is not near an optimum."
+    text += (
+        f" It costs about {percent(sensitivity.reserve, 2)} of the D-efficiency (of the "
+        "criterion's value for other criteria) that the stated bounds would allow, to first order "
+        "from the limits' multipliers"
+    )
+    costly = sorted(sensitivity.reserved, key=lambda key: -sensitivity.reserved[key])
+    parts = [
+        f"{limit_title(key)} {percent(sensitivity.reserved[key], 2)}"
+        for key in costly
+        if sensitivity.reserved[key] > _NOTHING
+    ]
+    return f"{text}: {', '.join(parts)}." if parts else f"{text}."
 
 
 def limit_title(key: str) -> str:

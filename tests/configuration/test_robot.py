@@ -143,7 +143,9 @@ def test_empty_limits_are_the_default_ones(robot_mapping, resolve):
     robot_mapping["limits"] = None
     assert list(resolve(robot_mapping).limits) == ["rotation"]
     robot_mapping["limits"] = {"rotation": "none"}
-    assert resolve(robot_mapping).limits == {}
+    assert list(resolve(robot_mapping).limits) == ["attitude"]
+    robot_mapping["limits"] = {"rotation": "none", "tilt": "20 deg"}
+    assert list(resolve(robot_mapping).limits) == ["tilt"]
 
 
 def test_five_joints(run_mapping, the_problem):

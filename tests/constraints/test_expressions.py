@@ -48,6 +48,7 @@ def test_what_there_is():
     assert set(limit_definitions()) >= {
         "actuator_force",
         "alpha",
+        "attitude",
         "beta",
         "jacobian_condition",
         "platform_joint_angle",
@@ -365,6 +366,20 @@ def test_condition_of_the_optimiser_has_derivatives_where_singular_values_coinci
         assert np.all(np.isfinite(slope(np.diag(spectrum)).full()))
 
 
+def test_theta_is_counted_from_the_nearest_of_zero_and_a_half_turn():
+    theta = np.radians([0, 30, -80, 89, 100, 170, 180, -170, -100])
+    zero, cosine, sine = 0 * theta, np.cos(theta), np.sin(theta)
+    about_y = np.array([[cosine, zero, sine], [zero, zero + 1, zero], [-sine, zero, cosine]])
+    about_y = about_y.transpose(2, 0, 1)
+    turned = np.array([[1, 0, 0], [0, 0.6, -0.8], [0, 0.8, 0.6]]) @ about_y
+    spun = turned @ np.array([[0.6, -0.8, 0], [0.8, 0.6, 0], [0, 0, 1]])
+    for rotation in (about_y, turned, spun):
+        found = _evaluate("attitude", "natural", rotation_matrix=rotation)[:, 0]
+        np.testing.assert_allclose(
+            np.degrees(found), [0, 30, -80, 89, 80, 10, 0, -10, -80], atol=1e-9
+        )
+
+
 # --- both forms of a limit ------------------------------------------------------------------------
 
 
@@ -407,6 +422,7 @@ def test_both_forms_agree_on_what_is_admitted(key, rng):
 @pytest.mark.parametrize(
     ("key", "low", "high"),
     [
+        ("attitude", -np.pi / 2, np.pi / 2),
         ("beta", -np.pi / 2, np.pi / 2),
         ("tilt", 0, np.pi),
         ("platform_joint_angle", 0, np.pi),

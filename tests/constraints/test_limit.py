@@ -86,6 +86,32 @@ def test_violation_is_the_distance_to_the_nearest_bound(low, width, value):
     assert (violation > 0) == (value < low or value > low + width)
 
 
+# --- reserve --------------------------------------------------------------------------------------
+
+
+def test_a_reserve_draws_the_bounds_in(mixed):
+    drawn = mixed.with_reserve(0.1)
+    np.testing.assert_allclose(drawn.lower, [-0.6, -INF, 0.22, -INF, 0, -INF])
+    np.testing.assert_allclose(drawn.upper, [2.6, 0.45, INF, INF, INF, 0])
+    assert drawn.reserve == 0.1
+    for found, stated in zip(drawn.stated_bounds, (mixed.lower, mixed.upper), strict=True):
+        np.testing.assert_array_equal(found, stated)
+    np.testing.assert_array_equal(drawn.open_rows, mixed.open_rows)
+    assert drawn.nearest_bound(0, 2.5) == pytest.approx(2.6)
+    assert drawn.nearest_stated(0, 2.5) == 3
+    assert drawn.nearest_stated(0, -0.5) == -1
+
+
+def test_a_reserve_is_of_the_stated_range(mixed):
+    twice = mixed.with_reserve(0.3).with_reserve(0.1)
+    np.testing.assert_array_equal(twice.lower, mixed.with_reserve(0.1).lower)
+    back = twice.with_reserve(0.0)
+    for found in (mixed.with_reserve(0.0), back):
+        assert found.reserve == 0
+        np.testing.assert_array_equal(found.lower, mixed.lower)
+        np.testing.assert_array_equal(found.upper, mixed.upper)
+
+
 # --- bounds of the smooth form --------------------------------------------------------------------
 
 

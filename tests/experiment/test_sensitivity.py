@@ -87,6 +87,26 @@ def test_gains_are_those_of_solving_again_with_wider_limits(run):
         assert gain == pytest.approx(found.gains[key], rel=0.1, abs=0.01), key
 
 
+@pytest.mark.slow
+def test_what_a_reserve_costs_is_what_solving_again_without_it_gains(run):
+    share = 0.01
+    reserved = load_run({**run.run.model_dump(by_alias=True), "limits": {"reserve": share}})
+    task = design_task(reserved)
+    problem = task.problem
+    stage = replace(finish_stage(problem, task.plan.widths, 400), radius=None)
+    x, record = run_stage(problem, stage, 0.95 * NEAR_AN_OPTIMUM, lambda *_: True)
+    found = limit_sensitivity(reserved, problem.variables.trajectory(x))
+    limits = tuple(limit.with_reserve(0.0) for limit in problem.limits.limits)
+    stated = replace(problem, limits=replace(problem.limits, limits=limits))
+    _, without = run_stage(stated, stage, x, lambda *_: True)
+    lost = -np.expm1(without.objective - record.objective)
+    assert lost > 0.02
+    assert found.reserve == pytest.approx(lost, rel=0.1)
+    assert set(found.reserved) == {limit.key for limit in problem.limits.limits}
+    assert sum(found.reserved.values()) == pytest.approx(found.reserve, rel=0.05)
+    assert limit_sensitivity(run, problem.variables.trajectory(x)).reserve == 0
+
+
 def _wider(limit, share):
     two_sided = np.isfinite(limit.lower) & np.isfinite(limit.upper)
     move = np.where(two_sided, share / 2, share) * limit.range

@@ -51,6 +51,7 @@ def everything(palida):
     """PaLiDA with all the limits that exist."""
     description = palida.description
     bounds = {
+        "attitude": (np.full(1, -1.2), np.full(1, 1.3)),
         "platform_joint_angle": (np.full(6, -np.inf), np.full(6, 0.6)),
         "rotation": (np.array([-0.5, -0.4, -np.inf]), np.array([0.5, np.inf, np.inf])),
     }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from expdesign.configuration.open_rows import held_in_words
 from expdesign.experiment import DesignRecord
 from expdesign.experiment.result import IDENTIFIABLE
 from expdesign.experiment.sensitivity import LimitSensitivity
@@ -27,6 +28,7 @@ from results.report.limit_gains import (
     costliest_fact,
     design_sensitivity,
     gains_table,
+    reserve_in_words,
 )
 from results.report.table import Column, ReportTable
 
@@ -47,6 +49,7 @@ def design_report(folder: RunFolder) -> StageReport:
     blocks: tuple[Block, ...] = (
         Facts((*_details(record), *([] if cost is None else [cost]))),
         limits_table(record),
+        *_reserve(record, sensitivity),
         *_gains(sensitivity),
         *folder.figures(*DESIGN_FIGURES[:5]),
         parameters_table(record),
@@ -63,21 +66,26 @@ def limits_table(record: DesignRecord) -> ReportTable:
     def unit(check: LimitCheck) -> DisplayUnit:
         return handy_unit(check.unit, [check.value, check.bound])
 
+    kept = any(check.reserve for check in record.checks)
+    reserved = (
+        Column("stated", of=lambda check: unit(check).factor * check.stated),
+        Column("reserve", "%", digits=3, of="reserve", factor=100),
+    )
     columns = (
         Column("limit", kind="text", of="title"),
         Column("where", kind="text", of=lambda check: check.row or "–"),
         Column("worst", of=lambda check: unit(check).factor * check.value),
         Column("bound", of=lambda check: unit(check).factor * check.bound),
+        *(reserved if kept else ()),
         Column("unit", kind="text", of=lambda check: unit(check).symbol or "–"),
         Column("used", "%", of="used", factor=100),
         Column("time", "s", of="time"),
     )
-    return ReportTable.of(
-        "limits",
-        "Worst moment of every limit over the whole period, unsmoothed model",
-        columns,
-        record.checks,
-    )
+    caption = "Worst moment of every limit over the whole period, unsmoothed model"
+    if kept:
+        caption += "; the bounds are the stated ones, drawn in by the reserve"
+    held = [f". {text}" for text in held_in_words(record.configuration.robot)]
+    return ReportTable.of("limits", f"{caption}{''.join(held)}", columns, record.checks)
 
 
 def parameters_table(record: DesignRecord) -> ReportTable:
@@ -188,6 +196,12 @@ def _details(record: DesignRecord) -> tuple[Fact, ...]:
         facts.append(Fact("log det F", readable(summary.log_det_information, 6), "SI units"))
     facts.append(Fact("search", duration(solver.seconds), f"{solver.iterations} iterations"))
     return tuple(facts)
+
+
+def _reserve(record: DesignRecord, sensitivity: LimitSensitivity | None) -> tuple[Block, ...]:
+    reserves = {limit.key: limit.reserve for limit in record.robot.limits}
+    text = reserve_in_words(sensitivity, reserves)
+    return (TextBlock(text),) if text else ()
 
 
 def _gains(sensitivity: LimitSensitivity | None) -> tuple[Block, ...]:
