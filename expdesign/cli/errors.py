@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -26,6 +27,10 @@ def run(app: typer.Typer, arguments: Sequence[str]) -> int:
     Problems are on standard error, with ``--json`` on standard output.
     """
     as_json = _JSON in arguments
+    if (option := _empty_text(arguments)) is not None:
+        from expdesign.configuration import Problem
+
+        return _bad_input([Problem("the text is empty", key=option)], as_json)
     try:
         # Typer itself writes its messages about usage, unless they are to be JSON.
         status = app(args=list(arguments), prog_name="expdesign", standalone_mode=not as_json)
@@ -51,10 +56,32 @@ def _status_of(error: BaseException, as_json: bool) -> int | None:
     if isinstance(error, ComputationError):
         return _failed(error.message, as_json, error.details)
     if isinstance(error, OSError):
-        named = "" if error.filename is None else f"{error.filename}: "
-        return _failed(f"{named}{error.strerror or error}", as_json)
+        return _of_system(error, as_json)
     if isinstance(error, KeyboardInterrupt | typer.Abort):
         return _failed("interrupted", as_json)
+    return None
+
+
+def _of_system(error: OSError, as_json: bool) -> int:
+    if error.errno == errno.ENAMETOOLONG:  # whoever named the file can help it
+        from expdesign.configuration import Problem, shown
+
+        return _bad_input([Problem(f"{shown(str(error.filename))}: the name is too long")], as_json)
+    named = "" if error.filename is None else f"{error.filename}: "
+    return _failed(f"{named}{error.strerror or error}", as_json)
+
+
+def _empty_text(arguments: Sequence[str]) -> str | None:
+    """Return the option, or nothing for an argument, of a text that is empty; None: there is none.
+
+    No command takes one, and as a path it would be the current folder.
+    """
+    for before, text in zip(["", *arguments], arguments, strict=False):
+        option, sign, value = text.partition("=")
+        if not text:
+            return before if before.startswith("--") else ""
+        if option.startswith("--") and sign and not value:
+            return option
     return None
 
 

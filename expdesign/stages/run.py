@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -16,6 +17,7 @@ from expdesign.configuration import (
     InputError,
     RunConfiguration,
     load_run,
+    shown,
 )
 from expdesign.library import run_files
 from expdesign.progress import tell, told_to
@@ -31,6 +33,9 @@ if TYPE_CHECKING:
     from expdesign.experiment import DesignResult
 
 Place = str | PathLike[str]
+
+_LONGEST_NAME, _LONGEST_PATH = 255, 3800
+"""Bytes of a folder's name, and of its whole path: what systems take, with room for the files."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,7 +150,20 @@ def _performed(name: str, work: Workspace) -> tuple[Outcome, tuple[Path, ...]]:
 
 def run_folder(configuration: RunConfiguration, out: Place | None) -> Path:
     """Return the run folder: what was asked for, or runs/<name> in the current folder."""
-    return (Path("runs") / configuration.run.name if out is None else Path(out)).absolute()
+    if out is not None and not os.fspath(out):
+        raise InputError("the text is empty", key="--out", allowed="the name of a folder")
+    folder = (Path("runs") / configuration.run.name if out is None else Path(out)).absolute()
+    refuse_long(folder)
+    return folder
+
+
+def refuse_long(folder: Path) -> None:
+    """Refuse a folder whose name, or whose files' names, no system takes."""
+    longest = max(len(os.fsencode(part)) for part in folder.parts)
+    if longest > _LONGEST_NAME or len(os.fsencode(folder)) > _LONGEST_PATH:
+        message = f"{shown(folder.name)}: the name is too long"
+        named = f"{_LONGEST_NAME} bytes in each name, {_LONGEST_PATH} in all"
+        raise InputError(message, key="--out", allowed=named)
 
 
 def refuse_run_file(place: Path) -> None:
@@ -163,13 +181,14 @@ def refuse_run_file(place: Path) -> None:
 
 def refuse_unwritable(folder: Path) -> None:
     """Find out before the work, not after it, that its result cannot be written."""
+    allowed = "a folder that is new, or may be written to"
+    refuse_long(folder)
     existing = next(path for path in (folder, *folder.parents) if path.exists())
     try:
         with TemporaryFile(dir=existing):
             pass
     except OSError as error:
         message = f"cannot write there: {error.strerror}"
-        allowed = "a folder that is new, or may be written to"
         raise InputError(message, folder, key="--out", allowed=allowed) from error
 
 
