@@ -202,11 +202,15 @@ def limits_in_words(checks: Iterable[LimitCheck]) -> str:
     """Say that every limit is kept; if not, by how much each is exceeded and what is allowed.
 
     A table is executed by interpolation between rounded numbers: it may exceed a limit by
-    `LIMIT_SHARE` of its range. A limit that it does exceed is never called kept.
+    `LIMIT_SHARE` of its range. A limit that it does exceed is never called kept. Limits with a
+    reserve are kept with it.
     """
+    checks = tuple(checks)
     exceeded = [f"{check}, exceeded by {_share(check)}" for check in checks if not check.kept]
     if not exceeded:
-        return "every limit kept"
+        reserves = sorted({check.reserve for check in checks if check.reserve})
+        span = " to ".join(f"{100 * r:.4g} %" for r in dict.fromkeys(reserves[:1] + reserves[-1:]))
+        return f"every limit kept, with a reserve of {span}" if span else "every limit kept"
     return f"{'; '.join(exceeded)} (tolerance of a table: {LIMIT_SHARE:g} of the range)"
 
 

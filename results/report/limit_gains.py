@@ -11,6 +11,7 @@ from expdesign.configuration import InputError
 from expdesign.experiment import DesignRecord
 from expdesign.experiment.design import design_task
 from expdesign.experiment.sensitivity import FREQUENCY, LimitSensitivity, sensitivity_at_design
+from expdesign.information.criteria import CRITERIA
 from expdesign.information.fisher import SingularInformationError
 from expdesign.recheck.information import Evaluator
 from expdesign.solver.initial import InfeasibleLimitsError
@@ -69,8 +70,13 @@ def costliest_fact(sensitivity: LimitSensitivity, whose: str = "") -> Fact | Non
     return Fact("costliest limit", gain, f"{whose}10 % more {limit_title(key)}")
 
 
-def reserve_in_words(sensitivity: LimitSensitivity | None, reserves: Mapping[str, float]) -> str:
-    """Say what keeping reserves of limits, by key, costs; empty where none is kept."""
+def reserve_in_words(
+    sensitivity: LimitSensitivity | None, reserves: Mapping[str, float], criterion: str
+) -> str:
+    """Say what keeping reserves of limits, by key, costs; empty where none is kept.
+
+    Of a design by log det F it is told in D-efficiency, otherwise in the criterion's value.
+    """
     kept = {key: share for key, share in reserves.items() if share}
     if not kept:
         return ""
@@ -81,9 +87,9 @@ def reserve_in_words(sensitivity: LimitSensitivity | None, reserves: Mapping[str
     if sensitivity is None or sensitivity.unexplained > EXPLAINED:
         return f"{text} What it costs is not known: the design is not near an optimum."
     text += (
-        f" It costs about {percent(sensitivity.reserve, 2)} of the D-efficiency (of the "
-        "criterion's value for other criteria) that the stated bounds would allow, to first order "
-        "from the limits' multipliers"
+        f" It costs about {percent(sensitivity.reserve, 2)} of "
+        f"{'the D-efficiency' if CRITERIA[criterion].invariant else 'what the criterion has'} "
+        "with the stated bounds, to first order from the limits' multipliers"
     )
     costly = sorted(sensitivity.reserved, key=lambda key: -sensitivity.reserved[key])
     parts = [

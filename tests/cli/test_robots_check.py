@@ -96,6 +96,30 @@ def test_check_tells_what_is_limited_by_default(expdesign, run_file):
     assert told(ROBOT) == ([], [])
 
 
+def test_check_tells_which_limit_holds_the_attitude(expdesign, run_file):
+    path = run_file()
+    assert "limits.attitude" in expdesign("check", path)[2]
+    told = json.loads(expdesign("check", "--json", path)[1])
+    (text,) = told["limits_held_by_others"]
+    assert "limits.tilt" in text
+    lifted = ROBOT.replace("tilt: 0.3490658503988659", "strut_clearance: 0.001")
+    path = run_file(robot=lifted.replace("strut_clearance: 0.015", ""))
+    told = json.loads(expdesign("check", "--json", path)[1])
+    assert told["limits_held_by_others"] == []
+    (text,) = told["limits_by_default"]
+    assert "limits.attitude" in text
+    assert not any("attitude" in one for one in told["limits_not_set"])
+
+
+def test_check_tells_the_reserve(expdesign, run_file):
+    path = run_file("limits: {reserve: {tilt: 4 %}}")
+    (note,) = [line for line in expdesign("check", path)[2].splitlines() if "reserve" in line]
+    assert note.startswith("note:")
+    assert "4 % of tilt" in note
+    told = json.loads(expdesign("check", "--json", path)[1])["reserve"]
+    assert {key: share for key, share in told.items() if share} == {"tilt": 0.04}
+
+
 def test_what_check_prints_can_be_checked(expdesign, tmp_path):
     _, out, _ = expdesign("check", "palida-quick")
     path = tmp_path / "resolved.yaml"
@@ -210,6 +234,10 @@ BAD_ROBOTS = {
     "singular": (
         ROBOT.replace("home: [0.0, 0.0, -0.654", "home: [0.0, 0.0, -0.104"),
         "robot.home: the robot is singular at home",
+    ),
+    "angles singular at home": (
+        ROBOT.replace("home: [0.0, 0.0, -0.654, 0.0, 0.0", "home: [0.0, 0.0, -0.654, 0.0, 90 deg"),
+        "robot.home: the angles of the pose are singular at home",
     ),
 }
 

@@ -1,5 +1,7 @@
 """A judged limit as a row of a table, and what follows from it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -57,3 +59,5 @@ def test_a_table_that_exceeds_a_limit_within_its_tolerance_says_so():
         assert part in words
     assert "kept" not in words
     assert limits_in_words([SPEED]) == "every limit kept"
+    reserved = [replace(SPEED, reserve=share) for share in (0.05, 0.0, 0.1)]
+    assert "5 % to 10 %" in limits_in_words(reserved)

@@ -4,13 +4,20 @@ import json
 import re
 from dataclasses import replace
 
+import pandas as pd
 import pytest
 
 from expdesign.experiment import DesignRecord
 from expdesign.experiment.sensitivity import FREQUENCY, LimitSensitivity
 from expdesign.stages.report import reported_stages
 from results.report.folder import RunFolder
-from results.report.limit_gains import EXPLAINED, costliest, design_sensitivity, gains_table
+from results.report.limit_gains import (
+    EXPLAINED,
+    costliest,
+    design_sensitivity,
+    gains_table,
+    reserve_in_words,
+)
 from results.report.stages import design
 from results.report.stages.design import design_report
 
@@ -76,6 +83,51 @@ def test_a_configuration_of_something_else_is_not_used(folder, pattern, other):
 def test_a_design_by_another_criterion_or_of_none_has_no_costs(folder, other):
     change(folder / "design.json", lambda document: document.update(other))
     assert design_sensitivity(DesignRecord.read(folder)) is None
+
+
+def test_what_a_reserve_costs_is_told_in_words():
+    reserves = {"tilt": 0.05, "strut_speed": 0.1, "alpha": 0.0}
+    found = LimitSensitivity({}, 0.01, {"tilt": 0.0, "strut_speed": 0.034}, 0.034)
+    text = reserve_in_words(found, reserves, "d")
+    for part in ("5 % to 10 %", "tilt of the platform", "3.4 %", "D-efficiency", "first order"):
+        assert part in text
+    assert "D-efficiency" not in reserve_in_words(found, reserves, "a")
+    assert "tilt of the platform 0" not in text
+    for unknown in (None, replace(found, unexplained=0.2)):
+        text = reserve_in_words(unknown, reserves, "d")
+        assert "5 % to 10 %" in text
+        assert "3.4 %" not in text
+    assert reserve_in_words(found, {"tilt": 0.0}, "d") == ""
+
+
+def test_a_report_states_bounds_and_reserve_where_there_is_one(folder):
+    def limits():
+        (table,) = [b for b in blocks(folder) if b.kind == "table" and b.key == "limits"]
+        return table
+
+    before = limits()
+    assert "stated" not in {column.title for column in before.columns}
+    assert "limits.tilt" in before.caption  # holds the attitude as well
+    run = folder / "run.yaml"
+    text = run.read_text(encoding="utf-8")
+    run.write_text(
+        re.sub(
+            r"( +)strut_speed: 2\.0", r"\1strut_speed: 2.5\n\1reserve: {strut_speed: 0.1}", text
+        ),
+        encoding="utf-8",
+    )
+    path = folder / "tables/limits.csv"
+    frame = pd.read_csv(path, dtype=str, keep_default_na=False)
+    frame.loc[frame["limit"] == "strut_speed", ["stated", "reserve"]] = "2.5", "0.1"
+    frame.to_csv(path, index=False)
+    after = limits()
+    names = [column.title for column in after.columns]
+    (row,) = [row for row in after.rows if row[0] == "strut speed"]
+    assert row[names.index("stated")] == pytest.approx(2.5)
+    assert row[names.index("reserve")] == pytest.approx(10)
+    told = [b.text for b in blocks(folder) if b.kind == "text" and "reserve" in b.text]
+    assert len(told) == 1
+    assert "strut speed" in told[0]
 
 
 def test_the_costliest_limit():

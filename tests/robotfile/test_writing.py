@@ -185,6 +185,10 @@ def test_questions_of_the_source_stand_where_they_belong(tmp_path):
         ({"force_std": (-1.0,) * 6}, "noise.force_std[1]"),
         ({"parameters": {"p11": 1.0}}, "parameters.p11"),
         ({"home": (0, 0, math.nan, 0, 0, 0)}, "home[3]"),
+        (
+            {"home": (0, 0, 0.3, 0, math.pi / 2, 0)},
+            "home",
+        ),  # a base on its side
     ],
 )
 def test_what_does_not_fit_together_is_told_and_nothing_is_written(tmp_path, known, key):

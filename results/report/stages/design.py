@@ -200,7 +200,7 @@ def _details(record: DesignRecord) -> tuple[Fact, ...]:
 
 def _reserve(record: DesignRecord, sensitivity: LimitSensitivity | None) -> tuple[Block, ...]:
     reserves = {limit.key: limit.reserve for limit in record.robot.limits}
-    text = reserve_in_words(sensitivity, reserves)
+    text = reserve_in_words(sensitivity, reserves, record.summary.criterion)
     return (TextBlock(text),) if text else ()
 
 
