@@ -34,7 +34,7 @@ def reciprocal(a: TaylorModel) -> TaylorModel:
     close = TaylorModel(_finite(y), np.zeros(1))
     error = (TaylorModel.number(1.0) - a * close).size
     bound = np.where(error < 1, close.sizes[0] * error / (1 - error), np.inf)
-    return _with_radius(close, bound)
+    return _with_radius(close, bound + TINY)
 
 
 def divided(a: TaylorModel, b: TaylorModel) -> TaylorModel:
@@ -63,7 +63,7 @@ def root(a: TaylorModel) -> TaylorModel:
     least = close.bounds()[0] + np.sqrt(np.maximum(low, 0)) * (1 - 2 * EPS)
     good = positive & (least > 0)
     bound = np.where(good, error / np.where(good, least, 1.0), np.inf)
-    found = _with_radius(close, bound)
+    found = _with_radius(close, bound + TINY)
     if np.all(np.isfinite(found.radius)):
         return found
     largest = np.sqrt(np.maximum(high, 0)) * (1 + 4 * EPS) + TINY
@@ -75,14 +75,14 @@ def sine(a: TaylorModel) -> TaylorModel:
     """Return sin a, a in rad."""
     middle = a.coefficients[0]
     sin, cos = np.sin(middle), np.cos(middle)
-    return _series(a, [sin, cos, -sin, -cos], np.ones(1))
+    return _series(a, [sin, cos, -sin, -cos], np.ones(1), 8 * EPS)
 
 
 def cosine(a: TaylorModel) -> TaylorModel:
     """Return cos a, a in rad."""
     middle = a.coefficients[0]
     sin, cos = np.sin(middle), np.cos(middle)
-    return _series(a, [cos, -sin, -cos, sin], np.ones(1))
+    return _series(a, [cos, -sin, -cos, sin], np.ones(1), 8 * EPS)
 
 
 def exponential(a: TaylorModel) -> TaylorModel:
@@ -97,13 +97,13 @@ def arc_tangent(y: TaylorModel, x: TaylorModel) -> TaylorModel:
     Turned back by the angle at the middle of the cell it is small, and its series is short.
     """
     angle = np.arctan2(y.coefficients[0], x.coefficients[0])
-    c, s = (TaylorModel(part[None, :], EPS * np.ones(1)) for part in (np.cos(angle), np.sin(angle)))
+    c, s = (_of_circle(part) for part in (np.cos(angle), np.sin(angle)))
     along, across = x * c + y * s, y * c - x * s
     tangent = across * reciprocal(along)
     square = tangent.squared()
     # q (1 − q²/3 + q⁴/5 − …): alternating, so that the next term bounds the rest where |q| < 1.
     last = _POWERS // 2
-    total = TaylorModel.number((-1.0) ** last / (2 * last + 1))
+    total = _rounded(np.full(1, (-1.0) ** last / (2 * last + 1)))
     for k in range(last - 1, -1, -1):
         total = total * square + _rounded(np.full(1, (-1.0) ** k / (2 * k + 1)))
     total = total * tangent
@@ -112,7 +112,8 @@ def arc_tangent(y: TaylorModel, x: TaylorModel) -> TaylorModel:
         largest < 1, largest ** (2 * last + 3) / (2 * last + 3), np.inf
     )
     small = TaylorModel(total.coefficients, radius)
-    found = small + _rounded(angle, 8 * EPS * (1 + np.abs(angle)))
+    # However well the angle was computed: it is by this number that the point was turned.
+    found = small + TaylorModel(angle[None, :], np.zeros(1))
     low, high = found.bounds()
     good = (low > -np.pi) & (high < np.pi) & (along.bounds()[0] > 0)
     if np.all(good):
@@ -190,29 +191,41 @@ def chosen(which: Mask, a: TaylorModel, b: TaylorModel) -> TaylorModel:
     return TaylorModel(coefficients, np.where(which, a.radius, b.radius))
 
 
-def _series(a: TaylorModel, derivatives: list[Array], largest: Array) -> TaylorModel:
+def _series(
+    a: TaylorModel, derivatives: list[Array], largest: Array, rounding: float = 0.0
+) -> TaylorModel:
     """Return g(a) by the Taylor series of g about the middle of each cell.
 
     `derivatives` are g, g′, g″, … there, which come again in this order; none is larger than
-    `largest` in the cell.
+    `largest` in the cell. They are wrong by `rounding` and a few units of the last digit.
     """
     distance = TaylorModel(a.coefficients.copy(), a.radius)
     distance.coefficients[0] = 0.0
     count = len(derivatives)
-    total = _rounded(derivatives[_POWERS % count] / math.factorial(_POWERS))
+    total = _rounded(
+        derivatives[_POWERS % count] / math.factorial(_POWERS), rounding / math.factorial(_POWERS)
+    )
     for k in range(_POWERS - 1, -1, -1):
-        total = total * distance + _rounded(derivatives[k % count] / math.factorial(k))
+        share = math.factorial(k)
+        total = total * distance + _rounded(derivatives[k % count] / share, rounding / share)
     beyond = distance.size ** (_POWERS + 1) / math.factorial(_POWERS + 1)
     return _with_radius(total, total.radius + largest * beyond * (1 + 16 * EPS))
 
 
-def _rounded(values: Array, radius: Array | None = None) -> TaylorModel:
+def _rounded(values: Array, more: Array | float = 0.0) -> TaylorModel:
     """Return the model of numbers (N,) that were computed, wrong by a few units of the last digit.
 
-    Sine, cosine and exponential of NumPy are within four of them.
+    The exponential of NumPy is within four of them. `more` is added to the radius.
     """
-    own = 8 * EPS * np.abs(values) + TINY
-    return TaylorModel(values[None, :], own if radius is None else radius)
+    return TaylorModel(values[None, :], 8 * EPS * np.abs(values) + TINY + more)
+
+
+def _of_circle(values: Array) -> TaylorModel:
+    """Return the model of sines or cosines (N,) that were computed.
+
+    Near their zeros nothing is asked of the last digit: NumPy's are within four units of that of 1.
+    """
+    return _rounded(values, 8 * EPS)
 
 
 def _with_radius(model: TaylorModel, radius: Array) -> TaylorModel:

@@ -11,8 +11,9 @@ import numpy as np
 
 from constraints import LimitDefinition
 from constraints.arrays import Array
+from constraints.limits import jacobian_condition
 from expdesign.enclosure.functions import sign
-from expdesign.enclosure.instructions import EnclosedFunction
+from expdesign.enclosure.instructions import EnclosedFunction, NoEnclosureError
 from expdesign.enclosure.matrices import TaylorMatrix
 from expdesign.enclosure.singular_values import condition_bound
 from expdesign.enclosure.taylor_model import TaylorModel
@@ -42,11 +43,23 @@ class EnclosedRow:
 
 
 class EnclosedLimits:
-    """The limits of a model over cells of time."""
+    """The limits of a model over cells of time.
+
+    Raises
+    ------
+    NoEnclosureError
+        A limit has an operation without enclosure, or is computed by numbers in a way that is not
+        known here: singular values are.
+    """
 
     def __init__(self, limits: LimitModel) -> None:
         robot = limits.robot
         self.limits = limits
+        for one in limits.limits:
+            if one.definition.numerical not in (None, jacobian_condition.LIMIT.numerical):
+                raise NoEnclosureError(
+                    f"no enclosure of what limit '{one.key}' computes by numbers"
+                )
         self._graph = _enclosed_graph(tuple(one.definition for one in limits.limits), robot.terms)
         numbers = (robot.machine, robot.parameters, np.array([robot.characteristic_length]))
         self._fixed = [[TaylorModel.number(value) for value in part] for part in numbers]

@@ -48,8 +48,8 @@ def fourier_models(trajectory: FourierTrajectory, edges: Array) -> list[TaylorMo
     phases = np.multiply.outer(middle, orders)
     basis = np.sin(phases), np.cos(phases)
     amplitude = np.abs(trajectory.sine) + np.abs(trajectory.cosine)
-    # (n, N), how wrong a sine may be whose phase was rounded
-    rounding = (16 + 4 * np.abs(phases.T)) * EPS
+    # (n, N), how wrong a sine may be whose phase was rounded, in a sum of 2 n of them
+    rounding = (16 + 2 * trajectory.harmonics + 4 * np.abs(phases.T)) * EPS
     signs = ((1, 0), (1, 1), (-1, 0), (-1, 1))
     found = []
     for derivative in range(DERIVATIVES):

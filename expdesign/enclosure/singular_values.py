@@ -5,19 +5,21 @@ its last diagonal entry s with the column b beside it and the rest C, μ is no l
 smallest eigenvalue where C > μ and s − μ − bᵀ(C − μ)⁻¹b ≥ 0 (Schur's complement), and the same of
 the largest with the signs turned. With the gaps d of the middle, bᵀ(C − μ)⁻¹b ≤ Σ bᵢ²/dᵢ/(1 − η),
 where η is by how much C − μ changes in the cell as a share of the smallest gap.
+
+Any V will do, only that the bounds are close for those vectors. Where VᵀV is off 1 by d in norm, an
+eigenvalue of S is that of MᵀM times a number between 1 − d and 1 + d (Ostrowski).
 """
 
 from __future__ import annotations
 
 import numpy as np
 
+from constraints.arrays import Array
 from expdesign.enclosure.functions import chosen, reciprocal, root
 from expdesign.enclosure.matrices import TaylorMatrix
-from expdesign.enclosure.taylor_model import TaylorModel
+from expdesign.enclosure.taylor_model import EPS, TaylorModel
 
 _SMALL = 0.5
-_TURNED = 1e-12
-"""Share by which turning with rounded singular vectors changes an eigenvalue at most."""
 
 
 def condition_bound(matrix: TaylorMatrix) -> TaylorModel:
@@ -30,14 +32,23 @@ def condition_bound(matrix: TaylorMatrix) -> TaylorModel:
     _, _, rows = np.linalg.svd(np.where(usable[:, None, None], middle, np.eye(middle.shape[1])))
     turn = TaylorMatrix(np.zeros_like(matrix.coefficients), np.zeros_like(matrix.radius))
     turn.coefficients[0] = rows.swapaxes(1, 2)
+    off = _off_orthogonal(rows)
     turned = matrix @ turn
     gram = turned.transposed @ turned
     with np.errstate(all="ignore"):
         largest = _extreme(gram, 0, 1.0)
         smallest = _extreme(gram, middle.shape[1] - 1, -1.0)
         ratio = root(largest * reciprocal(smallest))
-    grown = ratio.radius + _TURNED * ratio.sizes[0]
-    return TaylorModel(ratio.coefficients, np.where(usable, grown, np.inf))
+    # √((1 + d)/(1 − d)) ≤ 1 + 2 d for d up to a half
+    grown = ratio.radius + 2 * off * ratio.size
+    return TaylorModel(ratio.coefficients, np.where(usable & (off < _SMALL), grown, np.inf))
+
+
+def _off_orthogonal(matrices: Array) -> Array:
+    """Return how far V Vᵀ of square matrices V (N, n, n) is off 1 at most, in norm, (N,)."""
+    count = matrices.shape[1]
+    off = np.abs(matrices @ matrices.swapaxes(1, 2) - np.eye(count))
+    return np.max(np.sum(off, axis=2), axis=1) + 8 * count**2 * EPS
 
 
 def _extreme(gram: TaylorMatrix, place: int, sign: float) -> TaylorModel:
@@ -53,7 +64,7 @@ def _extreme(gram: TaylorMatrix, place: int, sign: float) -> TaylorModel:
     inside = gram.size.copy()
     inside[:, range(count), range(count)] -= np.abs(diagonal)
     block = np.abs(inside[:, others][:, :, others])
-    change = np.max(np.sum(block, axis=2), axis=1) * (1 + 1e-10)
+    change = np.max(np.sum(block, axis=2), axis=1) * (1 + 1e-10) + EPS * np.max(gaps, axis=1)
     moved = TaylorModel(own.coefficients.copy(), own.radius)
     moved.coefficients[0] = 0.0
     added = TaylorModel.number(0.0)
@@ -68,8 +79,9 @@ def _extreme(gram: TaylorMatrix, place: int, sign: float) -> TaylorModel:
     total = own + (added if sign > 0 else -added)
     isolated = total + TaylorModel((sign * np.where(good, beyond, 0.0))[None, :], np.zeros(1))
     # Gershgorin's discs, where the extreme one does not stand alone.
-    size = gram.size
-    sums = np.sum(size, axis=2) - size[:, range(count), range(count)]
+    beside = gram.size.copy()
+    beside[:, range(count), range(count)] = 0.0
+    sums = np.sum(beside, axis=2)
     discs = []
     for k in range(count):
         low, high = gram[k, k].bounds()

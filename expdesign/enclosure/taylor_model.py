@@ -92,7 +92,8 @@ class TaylorModel:
             return low - slope, high + slope
         with np.errstate(all="ignore"):
             # The vertex of c₁ τ + c₂ τ², where it lies within the cell.
-            vertex = np.where(slope < 2 * np.abs(c[2]), -(slope**2) / (4 * c[2]), 0.0)
+            # c₁² may vanish below the smallest number where c₁² / c₂ does not.
+            vertex = np.where(slope < 2 * np.abs(c[2]), -slope * (slope / (4 * c[2])), 0.0)
             most = np.maximum(c[2] + slope, np.where(c[2] < 0, vertex, -np.inf))
             least = np.minimum(c[2] - slope, np.where(c[2] > 0, vertex, np.inf))
             return low + least, high + most

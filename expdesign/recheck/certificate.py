@@ -143,7 +143,8 @@ class _Proof:
         self._best = [_Found() for _ in range(count)]
         self._cells = np.zeros(count, dtype=int)
         self._stuck = np.zeros(count)
-        self.decided_excess, self.open_excess = (np.full(count, -np.inf) for _ in range(2))
+        # Until a cell is looked at anything is possible.
+        self.decided_excess, self.open_excess = np.full(count, -np.inf), np.full(count, np.inf)
 
     def look(
         self, motion: EnclosedMotion, edges: Array, undecided: Mask, instant: float
