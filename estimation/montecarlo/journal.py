@@ -11,7 +11,7 @@ import os
 from pathlib import Path
 
 from estimation.montecarlo.repetition import Repetition
-from expdesign.runfolder.atomic import plain, write_text
+from expdesign.runfolder.atomic import naming, plain, write_text
 from expdesign.runfolder.described import checker
 from expdesign.runfolder.json_file import FORMAT, known_format
 
@@ -78,7 +78,7 @@ class Journal:
             write_text(self.path, self._header)
             self._valid = len(self._header)
         line = (json.dumps(plain(checker(Repetition).dump_python(repetition))) + "\n").encode()
-        with self.path.open("r+b") as stream:
+        with naming(self.path), self.path.open("r+b") as stream:
             stream.truncate(self._valid)
             stream.seek(self._valid)
             stream.write(line)

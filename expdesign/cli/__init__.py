@@ -1,19 +1,92 @@
 """The command line `expdesign`."""
 
+import contextlib
 import io
+import os
 import sys
+from typing import Any
+
+_FAILED = 1
+_SHOW_CURSOR = b"\x1b[?25h"
 
 
 def main() -> None:
     """Run the command line and end the process: the entry point of the console script.
 
-    Exit status 0: done and within limits. 1: failed, or the result breaks a limit. 2: bad input.
+    Exit status 0: done and within limits. 1: failed, interrupted, or the result breaks a limit.
+    2: bad input. SIGTERM and SIGHUP interrupt as Ctrl-C does.
     """
-    from expdesign.cli.app import app
-    from expdesign.cli.errors import run
+    from expdesign.interruption import ignore, ignored, raising
 
-    for stream in (sys.stdout, sys.stderr):
+    try:
+        with raising(_end_at_once):
+            status = _run()
+    except KeyboardInterrupt:
+        with ignored():
+            _say_interrupted()
+        status = _FAILED
+    ignore()
+    sys.exit(status)
+
+
+def _end_at_once() -> None:
+    _say_interrupted()
+    os._exit(_FAILED)
+
+
+def _say_interrupted() -> None:
+    """Say so with nothing that would have to be imported first."""
+    with contextlib.suppress(OSError):
+        if "--json" in sys.argv:
+            os.write(1, b'{\n  "status": 1,\n  "message": "interrupted"\n}\n')
+            return
+        if os.isatty(2):
+            os.write(2, _SHOW_CURSOR)  # a bar may have hidden it
+        os.write(2, b"failed: interrupted\n")
+
+
+def _run() -> int:
+    """Run the command line; return its exit status."""
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
         # A terminal without Greek letters shows codes in their place.
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
-    sys.exit(run(app, sys.argv[1:]))
+    sys.stderr = _undemanding(sys.stderr)
+
+    from expdesign.cli.app import app
+    from expdesign.cli.errors import run
+
+    status = run(app, sys.argv[1:])
+    try:
+        sys.stdout.flush()
+    except OSError as error:
+        sys.stderr.write(f"failed: standard output: {error.strerror}\n")
+        # What is left to be written would fail again when the process ends.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+        status = status or _FAILED
+    return status
+
+
+class _Undemanding(io.FileIO):
+    """Takes messages though nobody does: a run goes on when its terminal or its pipe is closed."""
+
+    def write(self, data: Any, /) -> int:
+        """Write, if possible."""
+        try:
+            return super().write(data)
+        except OSError:
+            return len(memoryview(data).cast("B"))
+
+
+def _undemanding(stream: Any) -> Any:
+    """Return a stream for the same messages that does not fail."""
+    raw = getattr(getattr(stream, "buffer", None), "raw", None)
+    if type(raw) is not io.FileIO or not isinstance(stream, io.TextIOWrapper):
+        return stream
+    return io.TextIOWrapper(
+        io.BufferedWriter(_Undemanding(raw.fileno(), "w", closefd=False)),
+        encoding=stream.encoding,
+        errors=stream.errors,
+        line_buffering=True,
+    )

@@ -16,6 +16,7 @@ import typer
 from expdesign.cli import commands
 from expdesign.cli.check import check
 from expdesign.cli.compare import compare
+from expdesign.cli.errors import ended_plainly
 from expdesign.cli.export import export
 from expdesign.cli.init import init
 from expdesign.cli.robots import robots
@@ -72,4 +73,4 @@ for _command in (
     compare,
     commands.run,
 ):
-    app.command()(_command)
+    app.command()(ended_plainly(_command))

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import errno
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, replace
+from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +13,7 @@ import typer
 from rich.text import Text
 
 from expdesign.cli.output import messages, write_json
+from expdesign.interruption import ignored
 
 if TYPE_CHECKING:
     from expdesign.configuration import Problem
@@ -19,6 +21,7 @@ if TYPE_CHECKING:
 FAILED = 1
 BAD_INPUT = 2
 _JSON = "--json"
+INTERRUPTED = "interrupted"
 
 
 def run(app: typer.Typer, arguments: Sequence[str]) -> int:
@@ -37,7 +40,8 @@ def run(app: typer.Typer, arguments: Sequence[str]) -> int:
     except SystemExit as stop:
         status = stop.code
     except (Exception, KeyboardInterrupt) as error:
-        status = _status_of(error, as_json)
+        with ignored():
+            status = _status_of(error, as_json)
         if status is None:
             raise
     if not isinstance(status, int):
@@ -45,8 +49,27 @@ def run(app: typer.Typer, arguments: Sequence[str]) -> int:
     return status if status in (0, FAILED, BAD_INPUT) else FAILED
 
 
+def ended_plainly(command: Callable[..., None]) -> Callable[..., None]:
+    """Let an interruption of a command be told as other failures are, not by Typer."""
+
+    @wraps(command)
+    def ended(*arguments: Any, **options: Any) -> None:
+        try:
+            command(*arguments, **options)
+        except KeyboardInterrupt as interruption:
+            raise InterruptedCommand from interruption
+
+    return ended
+
+
+class InterruptedCommand(Exception):  # noqa: N818 - no error but the end of a command
+    """A command was interrupted, and what it did besides is not kept."""
+
+
 def _status_of(error: BaseException, as_json: bool) -> int | None:
     """Tell of an error; None: it is a bug. What it knows is loaded now: --help needs none of it."""
+    if isinstance(error, KeyboardInterrupt | InterruptedCommand | typer.Abort):
+        return _failed(INTERRUPTED, as_json)
     from expdesign.configuration import ComputationError, InputError, Problem
 
     if isinstance(error, InputError):
@@ -57,8 +80,6 @@ def _status_of(error: BaseException, as_json: bool) -> int | None:
         return _failed(error.message, as_json, error.details)
     if isinstance(error, OSError):
         return _of_system(error, as_json)
-    if isinstance(error, KeyboardInterrupt | typer.Abort):
-        return _failed("interrupted", as_json)
     return None
 
 

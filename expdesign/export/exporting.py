@@ -28,6 +28,8 @@ from expdesign.export.text_table import write_lines
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES, POSE
 from expdesign.progress import tell
 from expdesign.robot import Robot
+from expdesign.runfolder.atomic import naming
+from expdesign.runfolder.leftovers import remove_leftovers, temporary_prefix
 from expdesign.runfolder.manifest import file_hash
 
 TOLERANCES = {
@@ -151,8 +153,9 @@ def export_table(
     if settings.form.whole:
         rows = replace(rows, record=whole_motion(settings.task, times))
     path.parent.mkdir(parents=True, exist_ok=True)
+    remove_leftovers(path.parent)
     # A folder beside it: some libraries go by the file's name.
-    with TemporaryDirectory(prefix=".export-", dir=path.parent) as folder:
+    with naming(path), TemporaryDirectory(prefix=temporary_prefix(), dir=path.parent) as folder:
         beside = Path(folder) / file_name(section)
         tell(f"writing {len(times)} rows")
         (write or settings.form.write)(beside, rows, settings)

@@ -7,28 +7,55 @@ import math
 import os
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
+from expdesign.runfolder.leftovers import remove_leftovers, temporary_prefix
+
 
 @contextmanager
 def written_beside(path: Path) -> Iterator[Path]:
-    """Give a temporary path in the folder of `path`; rename it to `path` when all went well."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-    os.close(handle)
-    beside = Path(name)
+    """Give a temporary path in the folder of `path`; rename it to `path` when all went well.
+
+    What a process that was killed has left there is removed.
+
+    Raises
+    ------
+    OSError
+        It cannot be written; `filename` is that of `path`.
+    """
+    with naming(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        remove_leftovers(path.parent)
+        handle, name = tempfile.mkstemp(prefix=temporary_prefix(), dir=path.parent)
+        os.close(handle)
+        beside = Path(name)
+        try:
+            yield beside
+            # mkstemp makes files that only the owner reads; results are ordinary files.
+            beside.chmod(0o666 & ~_umask())
+            beside.replace(path)
+        except BaseException:
+            with suppress(OSError):
+                beside.unlink()
+            raise
+
+
+@contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """Let an error of the system name the file that is being written, not what stands for it."""
     try:
-        yield beside
-        # mkstemp makes files that only the owner reads; results are ordinary files.
-        beside.chmod(0o666 & ~_umask())
-        beside.replace(path)
-    except BaseException:
-        beside.unlink(missing_ok=True)
-        raise
+        yield
+    except OSError as error:
+        name = error.filename
+        if error.errno is None:
+            raise
+        if name is not None and path.parent not in Path(os.fsdecode(name)).parents:
+            raise  # of another file, which was read meanwhile
+        raise OSError(error.errno, os.strerror(error.errno), str(path)) from error
 
 
 def write_text(path: Path, text: str) -> None:

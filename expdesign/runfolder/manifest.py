@@ -17,7 +17,7 @@ from expdesign.runfolder.json_file import JsonFile
 RUN_FILE = "run.yaml"
 """The configuration, which every stage leaves: no result of any of them, and not in `files`."""
 
-_PACKAGES = ("expdesign", "casadi", "numpy", "scipy", "pandas", "matplotlib", "pydantic", "joblib")
+_PACKAGES = ("expdesign", "casadi", "numpy", "scipy", "pandas", "matplotlib", "pydantic")
 
 
 @dataclass(frozen=True)

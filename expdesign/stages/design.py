@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
+
 from expdesign.configuration import quantity_text
 from expdesign.experiment import DesignRecord, DesignResult, design
 from expdesign.information.fisher import SingularInformationError
+from expdesign.interruption import interruptible
 from expdesign.stages.outcome import (
     ABANDONED,
     STOP_DESIGN,
     Outcome,
     StageFailed,
-    interruptible,
     short,
 )
 from expdesign.stages.workspace import Workspace
@@ -19,7 +22,13 @@ from expdesign.workers import Monitor
 
 def perform(work: Workspace) -> Outcome:
     """Design."""
-    result = _design(work)
+    progress = work.progress
+    with interruptible(progress.note, STOP_DESIGN, ABANDONED) as stop:
+        outcome = _outcome(_design(work, stop), work)
+    return replace(outcome, asked_to_stop=stop())
+
+
+def _outcome(result: DesignResult, work: Workspace) -> Outcome:
     return Outcome(
         result=result,
         record=DesignRecord.of(result),
@@ -39,14 +48,10 @@ def perform(work: Workspace) -> Outcome:
     )
 
 
-def _design(work: Workspace) -> DesignResult:
-    configuration, progress = work.configuration, work.progress
+def _design(work: Workspace, stop: Callable[[], bool]) -> DesignResult:
     try:
-        with (
-            progress.search(configuration) as report,
-            interruptible(progress.note, STOP_DESIGN, ABANDONED) as stop,
-        ):
-            return design(configuration, Monitor(stop, report))
+        with work.progress.search(work.configuration) as report:
+            return design(work.configuration, Monitor(stop, report))
     except SingularInformationError as error:
         raise StageFailed(
             f"no motion within the limits shows these parameters: {error.combinations}. Leave "

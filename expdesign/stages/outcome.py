@@ -1,14 +1,11 @@
-"""What a stage tells while it goes on, how Ctrl-C ends it, and what it makes or why it failed."""
+"""What a stage tells while it goes on, and what it makes or why it failed."""
 
 from __future__ import annotations
 
-import signal
-import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import FrameType
 from typing import TYPE_CHECKING, Any
 
 from expdesign.configuration import ComputationError, RunConfiguration
@@ -22,6 +19,7 @@ STOP_DESIGN = (
     "Ctrl-C again abandons the design …"
 )
 ABANDONED = "abandoned: nothing of this design is saved"
+SAVING = "stopping: what was found is saved first; Ctrl-C again abandons what is not yet saved …"
 
 
 class Progress:
@@ -52,44 +50,6 @@ class Progress:
     def count(self, what: str) -> Iterator[Callable[[int, int], None]]:
         """Show how many of `what` (a plural) are done; give what takes that number and all."""
         yield lambda done, total: tell(what, done, total)
-
-
-@contextmanager
-def interruptible(
-    note: Callable[[str], None], stopping: str, abandoned: str = ""
-) -> Iterator[Callable[[], bool]]:
-    """Take Ctrl-C as a request to stop, a second one as the end.
-
-    Parameters
-    ----------
-    note : callable
-        Takes the two texts.
-    stopping, abandoned : str
-        What is said after the first Ctrl-C and after the second.
-
-    Yields
-    ------
-    callable
-        Tells whether to stop. In a thread of its own, where signals do not arrive, it never does.
-    """
-    stop = threading.Event()
-
-    def ask(_number: int, _frame: FrameType | None) -> None:
-        if stop.is_set():
-            if abandoned:
-                note(abandoned)
-            raise KeyboardInterrupt
-        stop.set()
-        note(stopping)
-
-    if threading.current_thread() is not threading.main_thread():
-        yield stop.is_set
-        return
-    previous = signal.signal(signal.SIGINT, ask)
-    try:
-        yield stop.is_set
-    finally:
-        signal.signal(signal.SIGINT, previous)
 
 
 def short(path: Path) -> str:
@@ -128,6 +88,8 @@ class Outcome:
     """What speaks against the result, though it is one; an error with ``--strict``."""
     failure: str = ""
     """Why it is no success although files were written; empty when it is one."""
+    asked_to_stop: bool = False
+    """Whether an interruption came: a run ends after this stage, however complete that is."""
     record: Any = None
     """The result as its files hold it, for the report; None where there is no type for that."""
 

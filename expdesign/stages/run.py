@@ -19,9 +19,10 @@ from expdesign.configuration import (
     load_run,
     shown,
 )
+from expdesign.interruption import interruptible
 from expdesign.library import run_files
 from expdesign.progress import tell, told_to
-from expdesign.stages.outcome import Outcome, Progress, StageFailed, short
+from expdesign.stages.outcome import SAVING, Outcome, Progress, StageFailed, short
 from expdesign.stages.record import is_done, keep_configuration, stage_inputs, write_entry
 from expdesign.stages.table import STAGES, left_out, loaded, named, stages_without_design
 from expdesign.stages.workspace import Workspace
@@ -106,38 +107,50 @@ def do_stage(name: str, work: Workspace) -> Outcome:
         What it needs is not there or cannot be used, or the folder cannot be written to.
     StageFailed
         It failed or was interrupted, or its result breaks a limit.
+    KeyboardInterrupt
+        An interruption came, and it is complete or nothing of it is kept.
     """
     work.inputs[name] = stage_inputs(name, work)
     refuse_unwritable(work.folder)
     began = time.perf_counter()
     try:
         with work.progress.working(name) as listener, told_to(listener):
-            outcome, files = _performed(name, work)
+            tell("loading what it needs")
+            outcome: Outcome = loaded(STAGES[name].perform)(work)
+            # What took hours is not lost to a Ctrl-C in the seconds that saving it takes.
+            with interruptible(work.progress.note, SAVING) as asked:
+                outcome = _saved(outcome, name, work, began)
     except ComputationError as error:
         if work.folder.is_dir():
             failed = Outcome(name, work.folder, status="failed", message=error.message)
             write_entry(work, failed, time.perf_counter() - began)
         raise StageFailed(error.message, error.details) from error
+    for warning in outcome.warnings:
+        work.progress.warn(warning)
+    if outcome.failure:
+        raise StageFailed(outcome.failure, outcome.summary)
+    work.progress.finished(outcome)
+    if outcome.asked_to_stop or asked():
+        raise KeyboardInterrupt
+    return outcome
+
+
+def _saved(outcome: Outcome, name: str, work: Workspace, began: float) -> Outcome:
+    """Write what a stage has made and its entry in the manifest; return the whole outcome."""
+    files = _written(outcome, work)
     seconds = time.perf_counter() - began
     summary = {"folder": str(work.folder), "seconds": seconds, **outcome.summary}
     outcome = replace(outcome, stage=name, folder=work.folder, files=files, summary=summary)
     keep_configuration(work.configuration, work.folder)
     write_entry(work, outcome, seconds)
     work.made[name] = outcome
-    for warning in outcome.warnings:
-        work.progress.warn(warning)
-    if outcome.failure:
-        raise StageFailed(outcome.failure, outcome.summary)
-    work.progress.finished(outcome)
     return outcome
 
 
-def _performed(name: str, work: Workspace) -> tuple[Outcome, tuple[Path, ...]]:
-    """Do a stage and write what it has made; return the files, too."""
-    tell("loading what it needs")
-    outcome: Outcome = loaded(STAGES[name].perform)(work)
+def _written(outcome: Outcome, work: Workspace) -> tuple[Path, ...]:
+    """Write the record of a stage that has not written anything itself; return its files."""
     if outcome.record is None or outcome.files:
-        return outcome, outcome.files
+        return outcome.files
     tell("writing the results")
     files = outcome.record.write(work.folder)
     # The library that draws takes a second to load: what took hours is written by then.
@@ -145,7 +158,7 @@ def _performed(name: str, work: Workspace) -> tuple[Outcome, tuple[Path, ...]]:
 
     formats = work.configuration.run.report.figures
     tell("drawing figures")
-    return outcome, (*files, *record_figures(outcome.record, work.folder, formats))
+    return (*files, *record_figures(outcome.record, work.folder, formats))
 
 
 def run_folder(configuration: RunConfiguration, out: Place | None) -> Path:

@@ -11,7 +11,8 @@ from estimation.montecarlo.journal import NAME as JOURNAL
 from estimation.montecarlo.record import EstimatorKeys, MonteCarloFile, MonteCarloRecord
 from estimation.studies import run_study
 from estimation.studies.records import Claim
-from expdesign.stages.outcome import Outcome, StageFailed, interruptible, short
+from expdesign.interruption import interruptible
+from expdesign.stages.outcome import Outcome, StageFailed, short
 from expdesign.stages.record import clear_outdated
 from expdesign.stages.table import STAGES
 from expdesign.stages.workspace import Workspace
@@ -27,6 +28,7 @@ def montecarlo(work: Workspace) -> Outcome:
     warnings = work.warn_of(design)
     with _watched(work, "repetitions") as monitor:
         study = run_montecarlo(configuration, design.trajectory, folder / JOURNAL, monitor)
+    asked = monitor.stop_requested()
     if not study.repetitions:
         raise StageFailed("interrupted before the first repetition was done")
     record = MonteCarloRecord.of(study)
@@ -58,6 +60,7 @@ def montecarlo(work: Workspace) -> Outcome:
         "from there"
         if study.interrupted
         else "",
+        asked_to_stop=asked,
     )
 
 
@@ -78,6 +81,7 @@ def study(work: Workspace) -> Outcome:
         record=found,
         summary={"claims": [asdict(claim) for claim in claims]},
         message=_how_many_hold(claims),
+        asked_to_stop=monitor.stop_requested(),
     )
 
 

@@ -4,19 +4,14 @@ from __future__ import annotations
 
 import pickle
 import queue
-import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
-from itertools import takewhile
-from multiprocessing import Manager
 from typing import Any
-
-from joblib import Parallel, delayed, parallel_config
 
 from expdesign.configuration import ComputationError
 from expdesign.workers.job import Job, Monitor
+from expdesign.workers.process import Answer, WorkerProcess, given_back, taken
+from expdesign.workers.served import ERROR, EVENT
 
 _POLL = 0.1
 
@@ -35,6 +30,9 @@ def run_jobs(
 ) -> Iterator[Any]:
     """Run jobs in up to `workers` processes; yield their results in the jobs' order.
 
+    Processes stay for the next jobs, with what they have built. They end with this process,
+    whatever ends it.
+
     Parameters
     ----------
     build : callable
@@ -46,6 +44,13 @@ def run_jobs(
     after_stop : bool
         Whether jobs begin although a stop has been requested: those that save the results.
         Otherwise they are left out, and fewer results come.
+
+    Raises
+    ------
+    WorkerDiedError
+        A process ended without a result.
+    Exception
+        What a job has raised.
     """
     recipe = pickle.dumps(build)
     if min(workers, len(jobs)) > 1:
@@ -62,64 +67,99 @@ def run_jobs(
 def _in_processes(
     recipe: bytes, jobs: Sequence[Job], workers: int, monitor: Monitor, *, after_stop: bool
 ) -> Iterator[Any]:
-    with Manager() as manager:
-        events, stop, done = manager.Queue(), manager.Event(), threading.Event()
-        pump = threading.Thread(target=_pump, args=(events, stop, done, monitor), daemon=True)
-        pump.start()
+    team = _Team(recipe, jobs, monitor, after_stop=after_stop)
+    # A thread of its own: workers get their next job whatever is done with the results here.
+    direction = threading.Thread(target=team.direct, args=(workers,), daemon=True)
+    direction.start()
+    try:
+        yield from team.outcomes()
+    finally:
+        team.abandoned.set()
+        direction.join()
+
+
+class _Team:
+    """Workers that do jobs together, in a thread that hands these out and takes the answers."""
+
+    def __init__(
+        self, recipe: bytes, jobs: Sequence[Job], monitor: Monitor, *, after_stop: bool
+    ) -> None:
+        self._recipe, self._monitor, self._after_stop = recipe, monitor, after_stop
+        self._waiting = iter(enumerate(jobs))
+        self._stopping = False
+        self._busy: dict[WorkerProcess, int] = {}
+        self._free: list[WorkerProcess] = []
+        self._answers: queue.Queue[tuple[WorkerProcess, Answer]] = queue.Queue()
+        self._outcomes: queue.Queue[tuple[int, Any] | BaseException | None] = queue.Queue()
+        self.abandoned = threading.Event()
+        """Set when nobody waits for outcomes any more: workers that have a job are ended."""
+
+    def outcomes(self) -> Iterator[Any]:
+        """Yield the results in the jobs' order; raise what a job has raised."""
+        arrived: dict[int, Any] = {}
+        following = 0
+        while True:
+            try:
+                # Not without end: on some systems no signal gets through meanwhile.
+                outcome = self._outcomes.get(timeout=_POLL)
+            except queue.Empty:
+                continue
+            if outcome is None:
+                return
+            if isinstance(outcome, BaseException):
+                raise outcome
+            number, result = outcome
+            arrived[number] = result
+            while following in arrived:
+                yield arrived.pop(following)
+                following += 1
+
+    def direct(self, workers: int) -> None:
+        """Have all jobs done."""
         try:
-            with parallel_config("loky", n_jobs=workers, inner_max_num_threads=1):
-                run = Parallel(return_as="generator", pre_dispatch=workers)
-                # Taken one by one: a request to stop ends them, however many are left.
-                wanted = takewhile(lambda _: after_stop or not monitor.stop_requested(), jobs)
-                calls = (
-                    delayed(_in_worker)(recipe, job, events, stop, after_stop) for job in wanted
-                )
-                # Ctrl-C goes to every process of the terminal. Workers inherit that it is ignored,
-                # so that not even one that is still starting dies of it.
-                with _interrupts_ignored():
-                    outcomes = run(calls)
-                for began, result in outcomes:
-                    if began:
-                        yield result
-        except BrokenProcessPool as error:
+            self._free = taken(workers, self._answers)
+            while self._hand_out() and not self.abandoned.is_set():
+                self._take_answer()
+            self._outcomes.put(None)
+        except BaseException as error:  # noqa: BLE001 - it is raised where the results are taken
+            self._outcomes.put(error)
+        finally:
+            for worker in self._busy:
+                worker.end()
+            given_back(self._free)
+
+    def _hand_out(self) -> bool:
+        """Give jobs to those who have none; tell whether anybody has one."""
+        if not self._stopping and self._monitor.stop_requested():
+            self._stopping = True
+            for worker in self._busy:
+                worker.stop()
+        while self._free and (self._after_stop or not self._stopping):
+            # Taken one by one: a request to stop ends them, however many are left.
+            number, job = next(self._waiting, (None, None))
+            if number is None or job is None:
+                break
+            worker = self._free.pop()
+            self._busy[worker] = number
+            worker.begin(self._recipe, job, stopping=self._stopping)
+        return bool(self._busy)
+
+    def _take_answer(self) -> None:
+        try:
+            worker, answer = self._answers.get(timeout=_POLL)
+        except queue.Empty:
+            return
+        if answer is None:
             raise WorkerDiedError(
                 "a worker process died, perhaps for want of memory; fewer workers need less"
-            ) from error
-        finally:
-            done.set()
-            pump.join()
-
-
-@contextmanager
-def _interrupts_ignored() -> Iterator[None]:
-    # Only the main thread may set handlers; elsewhere the workers ignore Ctrl-C once they run.
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    previous = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, previous)
-
-
-def _pump(events: Any, stop: Any, done: threading.Event, monitor: Monitor) -> None:
-    """Carry events from the workers to the monitor, and its request to stop back."""
-    while True:
-        if monitor.stop_requested() and not stop.is_set():
-            stop.set()
-        try:
-            monitor.report(events.get(timeout=_POLL))
-        except queue.Empty:
-            if done.is_set():
-                return
-
-
-def _in_worker(
-    recipe: bytes, job: Job, events: Any, stop: Any, after_stop: bool
-) -> tuple[bool, Any]:
-    """Return whether the job was begun, and its result."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    if stop.is_set() and not after_stop:
-        return False, None
-    return True, job.run(recipe, Monitor(stop.is_set, events.put))
+            )
+        kind, content, *more = answer
+        if kind == EVENT:
+            self._monitor.report(content)
+            return
+        number = self._busy.pop(worker)
+        self._free.append(worker)
+        if kind == ERROR:
+            content.add_note(f"In a worker process:\n{''.join(more)}")
+            raise content
+        self._outcomes.put((number, content))

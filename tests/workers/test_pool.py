@@ -1,13 +1,19 @@
 """Jobs in this process and in others; their functions stand here so that workers find them."""
 
 import os
+import pickle
+import signal
+import subprocess
+import sys
 import time
+from pathlib import Path
 
 import pytest
 from threadpoolctl import threadpool_info
 
+from expdesign.interruption import ENDING
 from expdesign.solver.stage import SearchEvent
-from expdesign.workers import Job, run_jobs
+from expdesign.workers import Job, Monitor, WorkerDiedError, run_jobs
 
 WORKERS = (1, 2)
 
@@ -51,6 +57,21 @@ def patient(built, monitor, index):
             return "stopped"
         time.sleep(0.01)
     return "never asked"
+
+
+def hardy(built, monitor, index):
+    """Take every signal that a terminal or a system sends to all processes of a run."""
+    for number in ENDING:
+        os.kill(os.getpid(), number)
+    return index
+
+
+def killed(built, monitor, index):
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def unspeakable(built, monitor, index):
+    return lambda: index
 
 
 @pytest.mark.parametrize("workers", WORKERS)
@@ -97,3 +118,75 @@ def test_a_request_to_stop_reaches_the_jobs(workers):
 def test_after_a_request_to_stop_nothing_begins(workers):
     jobs = [Job(sleeper, (k, 0.0)) for k in range(3)]
     assert len(list(run_jobs(build, jobs, workers, Recorder(stop_after=0)))) <= workers
+
+
+def test_workers_stay_with_what_they_have_built():
+    jobs = [Job(sleeper, (k, 0.2)) for k in range(2)]
+    first, second = (list(run_jobs(build, jobs, 2, Recorder())) for _ in range(2))
+    assert {process for _, process, *_ in first} == {process for _, process, *_ in second}
+    assert all(process == built for _, process, built, _ in second)
+
+
+def test_signals_that_end_a_run_do_not_end_its_workers():
+    assert list(run_jobs(build, [Job(hardy, (k,)) for k in range(4)], 2, Recorder())) == [*range(4)]
+
+
+def test_a_worker_that_dies_is_told_and_the_next_jobs_have_others():
+    with pytest.raises(WorkerDiedError):
+        list(run_jobs(build, [Job(killed, (k,)) for k in range(2)], 2, Recorder()))
+    assert (
+        len(list(run_jobs(build, [Job(sleeper, (k, 0.0)) for k in range(2)], 2, Recorder()))) == 2
+    )
+
+
+def test_a_result_that_cannot_be_sent_is_an_error():
+    with pytest.raises((AttributeError, pickle.PicklingError, TypeError)):
+        list(run_jobs(build, [Job(unspeakable, (k,)) for k in range(2)], 2, Recorder()))
+
+
+def test_results_that_are_not_waited_for_end_the_jobs():
+    """The third job never ends by itself."""
+    jobs = [Job(sleeper, (0, 0.0)), Job(sleeper, (1, 0.0)), Job(patient, (2,))]
+    results = run_jobs(build, jobs, 2, Monitor())
+    assert next(results)[0] == 0
+    results.close()
+
+
+PROGRAM = """
+import sys
+from expdesign.workers import Job, Monitor, run_jobs
+from tests.workers.test_pool import build, patient
+
+class Begun:
+    begun = set()
+    def stop_requested(self):
+        return False
+    def report(self, event):
+        self.begun.add(event.start)
+        if len(self.begun) == 2:
+            print("begun", flush=True)
+
+list(run_jobs(build, [Job(patient, (k,)) for k in range(2)], 2, Begun()))
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
+def test_workers_end_with_their_run_whatever_ends_it(number, tmp_path):
+    process = subprocess.Popen(
+        [sys.executable, "-c", PROGRAM],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        env={
+            **os.environ,
+            "PYTHONPATH": os.pathsep.join([str(Path(__file__).parents[2]), *sys.path]),
+            "TMPDIR": str(tmp_path),
+        },
+    )
+    try:
+        assert process.stdout.readline() == b"begun\n"
+        process.send_signal(number)
+        # Every process of the run has these pipes: their end is the end of the last of them.
+        process.communicate(timeout=120)
+    finally:
+        process.kill()
+    assert list(tmp_path.iterdir()) == []
