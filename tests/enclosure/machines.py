@@ -1,0 +1,55 @@
+"""The robots that ship, and machines with what they have not."""
+
+from functools import cache
+
+import numpy as np
+
+from constraints import Limit
+from expdesign.configuration import load_run
+from expdesign.configuration.limits import row_labels
+from expdesign.configuration.robot import load_robot_description
+from expdesign.motion.limits import STRUT_JERK
+from expdesign.robot import LimitModel, load_robot, robot_from
+
+SHIPPED = ("dehaeze", "linuxcnc", "mathworks", "palida", "rubin")
+GENERAL, THREADED = "general platform", "on threads"
+ALL = (*SHIPPED, GENERAL, THREADED)
+
+
+@cache
+def robot(name):
+    """Return a robot that ships, or one of the two that are made of PaLiDA."""
+    if name in SHIPPED:
+        return load_robot(name)
+    mapping = load_robot_description("palida").description.model_dump(mode="json", by_alias=True)
+    rng = np.random.default_rng(12)
+    if name == GENERAL:
+        more = {"sx": 0.21, "sy": -0.13, "Ixy": 0.011, "Ixz": -0.023, "Iyz": 0.017}
+        mapping |= {"platform": "general", "parameters": mapping["parameters"] | more}
+    else:
+        axes = np.array([[1.0, 0.0, 0.0]] * 6) + 0.2 * rng.normal(size=(6, 3))
+        more = {f"{letter}{j}": value for letter, value in _MORE.items() for j in range(1, 7)}
+        mapping |= {
+            "terms": [
+                *("struts", "rigid_platform", "drive_inertia", "force_offset"),
+                {"cable": {"rest_length": 0.6}},
+                *("passive_friction", "actuator_friction"),
+                {"stribeck": {"velocity": 0.05}},
+                "load_friction",
+            ],
+            "drive": {"screw": {"lead": 0.02, "inertia": 2e-5}},
+            "platform_cardan_axes": axes.tolist(),
+            "parameters": mapping["parameters"] | more,
+        }
+    return robot_from(load_run({"name": "n", "robot": mapping}).robot)
+
+
+_MORE = {"o": 4.0, "k": 35.0, "s": 6.0, "mu": 0.04}
+
+
+@cache
+def everything(name):
+    """Return the model of all that can be limited of a robot, and of the struts' jerk."""
+    boundless = LimitModel.boundless(robot(name))
+    jerk = Limit.boundless(STRUT_JERK, row_labels(STRUT_JERK))
+    return LimitModel(boundless.robot, (*boundless.limits, jerk))
