@@ -1,4 +1,5 @@
 import json
+from dataclasses import astuple
 
 import numpy as np
 import pytest
@@ -126,7 +127,8 @@ def test_what_is_written_is_read(tiny_result, tmp_path):
     made.write(tmp_path / "first")
     found = DesignRecord.read(tmp_path / "first")
     found.write(tmp_path / "second")
-    assert found.checks == made.checks
+    # Of a motion that is only sampled nothing is proved: NaN, which is not equal to itself.
+    np.testing.assert_equal(*([astuple(check) for check in one.checks] for one in (found, made)))
     assert found.parameters == made.parameters
     assert found.summary.solver == made.summary.solver
     assert found.summary.predicted_std == made.summary.predicted_std
