@@ -52,6 +52,11 @@ class TaylorModel:
         return cls(np.full((1, 1), float(value)), np.zeros(1))
 
     @classmethod
+    def unknown(cls) -> TaylorModel:
+        """Return the model of what may be anything, in all cells."""
+        return cls(np.zeros((1, 1)), np.full(1, np.inf))
+
+    @classmethod
     def within(cls, low: Array, high: Array) -> TaylorModel:
         """Return the model of what lies between two numbers, (N,) each, in every cell."""
         middle = low + (high - low) / 2

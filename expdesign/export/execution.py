@@ -17,6 +17,7 @@ from expdesign.information.fisher import (
     log_det,
     parameter_covariance,
 )
+from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.motion.executable import ExecutableMotion
 from expdesign.progress import told
 from expdesign.robot import Robot
@@ -142,6 +143,16 @@ class ExecutedTable:
 
     def _at(self, values: Array, times: Array) -> Array:
         return np.stack([np.interp(times, self.rows.times, column) for column in values.T], axis=1)
+
+    @cached_property
+    def turns(self) -> Array:
+        """(6,), rad: what the pose has more than the table at the first row, in whole turns."""
+        found = np.zeros(COORDINATES)
+        if self.axes.space == "pose":
+            first = self.axes.coordinates(self.rows.position[:1])[0]
+            home = self.motion.sample(self.rows.times[:1]).pose[0]
+            found[3:] = 2 * np.pi * np.round((home - first)[3:] / (2 * np.pi))
+        return found
 
     @cached_property
     def _path(self) -> PPoly:

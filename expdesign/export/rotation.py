@@ -17,6 +17,7 @@ from expdesign.mechanism.rotation import (
     FIXED_AXES,
     angular_acceleration,
     angular_velocity,
+    rotation_matrix,
 )
 
 
@@ -28,6 +29,20 @@ def roll_pitch_yaw(angles: Array) -> Array:
 def from_roll_pitch_yaw(fixed: Array) -> Array:
     """Return φ, θ, ψ, (N, 3) rad, of rotations about fixed axes; without jumps of 360°."""
     return np.unwrap(Rotation.from_euler(FIXED_AXES, fixed).as_euler(ANGLES), axis=0)
+
+
+@cache
+def moving_angles() -> tuple[ca.SX, ca.SX]:
+    """Return roll, pitch and yaw, (3, 1), and what φ, θ, ψ are then, each within half a turn."""
+    fixed = ca.SX.sym("fixed", 3)
+    # Rz(C) Ry(B) Rx(A) is the transpose of Rx(−A) Ry(−B) Rz(−C).
+    rotation = rotation_matrix(-fixed).T
+    cosine = ca.hypot(rotation[0, 0], rotation[0, 1])
+    return fixed, ca.vertcat(
+        ca.atan2(-rotation[1, 2], rotation[2, 2]),
+        ca.atan2(rotation[0, 2], cosine),
+        ca.atan2(-rotation[0, 1], rotation[0, 0]),
+    )
 
 
 def quaternions(angles: Array) -> Array:

@@ -1,0 +1,333 @@
+"""Forward kinematics with a proof: the poses that given lengths of the struts belong to.
+
+In every cell of time a polynomial λ̂ is found that almost has the lengths q of the struts, and then
+it is proved what pose is near it. With an inverse X of the Jacobian in the middle of the cell and
+A = |1 − X ∂q/∂λ| over all poses within ρ of λ̂, Krawczyk's test |X (q(λ̂) − q)| + A ρ < ρ says
+that at each instant exactly one pose within ρ has these lengths, and it is within
+|X (q(λ̂) − q)| / (1 − A) of λ̂ (Neumaier, Interval methods for systems of equations, 1990, ch. 5).
+
+A hexapod may have up to forty poses with the same lengths. That the pose found is the one that the
+machine takes is proved, too: the first cell's is connected with home, and at every instant that two
+cells share, the pose of one of them is within the ρ of the other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from constraints.arrays import Array, Mask
+from expdesign.enclosure.kinematics import EnclosedKinematics
+from expdesign.enclosure.polynomials import PiecewisePolynomials
+from expdesign.enclosure.taylor_model import EPS, TERMS, TaylorModel
+from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
+from expdesign.robot import Robot
+
+WITHIN = 1e-9
+"""ρ at least, as a share of the characteristic length, and in rad."""
+_TIMES_APART = 4.0
+_LARGEST_CHANGE = 0.5
+"""Of A: cells in which the Jacobian changes more are divided."""
+ACCURATE = 3e-9
+"""How well poses are to be known, in the same measure: cells where they are not are divided."""
+_DIVISIONS = 10
+_BLOCK = 1024
+_UP = 1 + 2.0**-40
+
+
+@dataclass(frozen=True, eq=False)
+class StrutPath:
+    """A machine that starts at home and moves its struts as polynomials in time say.
+
+    Parameters
+    ----------
+    lengths : PiecewisePolynomials
+        Of the six struts, m; continuous.
+    guess : callable
+        Times (N,), s, → poses (N, 6) from which the poses are looked for.
+    """
+
+    robot: Robot
+    lengths: PiecewisePolynomials
+    guess: Callable[[Array], Array]
+
+    @cached_property
+    def poses(self) -> PiecewisePolynomials:
+        """The poses, as far as they are proved: see `enclosed_poses`."""
+        return enclosed_poses(self.robot, self.lengths, self.guess)
+
+    @property
+    def breaks(self) -> Array:
+        """(K,), s: between them one polynomial holds the poses, and one the lengths."""
+        return self.poses.times
+
+    def models(self, edges: Array) -> list[TaylorModel]:
+        """Return the models of pose, rate, acceleration and jerk, 24, over cells (N, 2), s.
+
+        Nothing is known of the jerk.
+        """
+        rough, lengths = self.poses.over(edges), self.lengths.over(edges)
+        speed, acceleration = (part.over(edges) for part in self._derivatives)
+        with np.errstate(all="ignore"):  # what is not known is infinite, or not a number
+            pose = _sharpened(self._kinematics, rough, lengths)
+            first, second = self._kinematics.motion(pose, speed, acceleration)
+        return [*pose, *first, *second, *[TaylorModel.unknown()] * COORDINATES]
+
+    @cached_property
+    def _derivatives(self) -> tuple[PiecewisePolynomials, PiecewisePolynomials]:
+        first = self.lengths.derivative
+        return first, first.derivative
+
+    @cached_property
+    def _kinematics(self) -> EnclosedKinematics:
+        return EnclosedKinematics(self.robot)
+
+
+def enclosed_poses(
+    robot: Robot, lengths: PiecewisePolynomials, guess: Callable[[Array], Array]
+) -> PiecewisePolynomials:
+    """Return the poses of a machine that starts at home and moves its struts by given lengths.
+
+    Parameters
+    ----------
+    lengths : PiecewisePolynomials
+        Of the six struts, m; continuous.
+    guess : callable
+        Times (N,), s, → poses (N, 6) from which the poses are looked for.
+
+    Returns
+    -------
+    PiecewisePolynomials
+        m and rad. Nothing is known of what could not be proved, nor of all that comes behind it.
+
+    Raises
+    ------
+    ForwardKinematicsError
+        No pose with the lengths was found.
+    """
+    kinematics = EnclosedKinematics(robot)
+    edges = np.stack([lengths.times[:-1], lengths.times[1:]], axis=1)
+    found: list[_Poses] = []
+    for division in range(_DIVISIONS + 1):
+        parts = [
+            _poses(kinematics, lengths, edges[start : start + _BLOCK], guess)
+            for start in range(0, len(edges), _BLOCK)
+        ]
+        poses = _Poses.joined(parts)
+        again = ~(poses.error <= ACCURATE) & (division < _DIVISIONS)
+        found.append(poses.among(~again))
+        edges = _halved(edges[again])
+        if not len(edges):
+            break
+    every = _Poses.joined(found)
+    every = every.among(np.argsort(every.edges[:, 0], kind="stable"))
+    return every.from_home(_known_from_home(kinematics, lengths, every))
+
+
+class _Poses:
+    """Poses in N cells, with what is proved of them.
+
+    Attributes
+    ----------
+    edges : (N, 2)
+    coefficients : (`TERMS`, 6, N)
+        Of λ̂.
+    error, within : (N,)
+        How far the pose is from λ̂ at most, and ρ, within which there is no other: as a share of
+        the characteristic length, and in rad. The error is infinite where nothing is proved.
+    """
+
+    def __init__(
+        self, edges: Array, coefficients: Array, error: Array, within: Array, scale: Array
+    ) -> None:
+        self.edges, self.coefficients, self.error = edges, coefficients, error
+        self.within, self.scale = within, scale
+
+    @classmethod
+    def joined(cls, parts: list[_Poses]) -> _Poses:
+        """Return the cells of all parts."""
+        return cls(
+            np.concatenate([part.edges for part in parts]),
+            np.concatenate([part.coefficients for part in parts], axis=2),
+            np.concatenate([part.error for part in parts]),
+            np.concatenate([part.within for part in parts]),
+            parts[0].scale,
+        )
+
+    def among(self, which: Mask | NDArray[np.intp]) -> _Poses:
+        """Return some of the cells."""
+        return _Poses(
+            self.edges[which],
+            self.coefficients[..., which],
+            self.error[which],
+            self.within[which],
+            self.scale,
+        )
+
+    def at(self, end: float) -> Array:
+        """Return λ̂ at the beginning (−1) or the end (1) of the cells, (N, 6)."""
+        powers = end ** np.arange(TERMS)
+        return np.asarray(np.tensordot(powers, self.coefficients, 1).T)
+
+    def apart(self, first: Array, second: Array) -> Array:
+        """Return how far poses (N, 6) are apart, (N,), rounded up."""
+        rounding = 4 * TERMS * EPS * (np.abs(first) + np.abs(second))
+        return np.asarray(np.max((np.abs(first - second) + rounding) / self.scale, axis=1)) * _UP
+
+    def from_home(self, known: Mask) -> PiecewisePolynomials:
+        """Return the poses as a path, of which some cells (N,) are known."""
+        error = np.zeros_like(self.coefficients)
+        error[0] = self.scale[:, None] * np.where(known, self.error, np.inf) * _UP
+        times = np.append(self.edges[:, 0], self.edges[-1, 1])
+        return PiecewisePolynomials(times, self.coefficients, error)
+
+
+def _known_from_home(
+    kinematics: EnclosedKinematics, lengths: PiecewisePolynomials, poses: _Poses
+) -> Mask:
+    """Return in which cells (N,) the pose is the one to which the machine moves from home."""
+    robot = kinematics.robot
+    home = robot.home[:, None] * np.ones((1, 1))
+    start = [TaylorModel(row[None, :], np.zeros(1)) for row in home]
+    first = lengths.over(poses.edges[:1])
+    # From the lengths at home straight to those at the beginning of the first cell.
+    ways = []
+    for model, at_home in zip(first, kinematics.lengths(start), strict=True):
+        begin = model.at(-np.ones(1))
+        slack = model.radius + 8 * EPS * model.size
+        least, most = at_home.bounds()
+        low, high = begin - slack - most, begin + slack - least
+        ways.append(TaylorModel.within(np.minimum(low, 0.0), np.maximum(high, 0.0)))
+    error, within = _proved(kinematics, start, ways)
+    errors = np.concatenate([error, poses.error])
+    withins = np.concatenate([within, poses.within])
+    ends = np.concatenate([home.T, poses.at(1.0)[:-1]])
+    gaps = poses.apart(poses.at(-1.0), ends)
+    # The pose of one of the two is where there is no pose but the other's.
+    joined = (gaps + errors[1:] < withins[:-1]) | (gaps + errors[:-1] < withins[1:])
+    joined[0] &= np.isfinite(error[0])
+    known: Mask = np.logical_and.accumulate(joined & np.isfinite(poses.error))
+    return known
+
+
+def _poses(
+    kinematics: EnclosedKinematics,
+    lengths: PiecewisePolynomials,
+    edges: Array,
+    guess: Callable[[Array], Array],
+) -> _Poses:
+    """Find the poses in cells (N, 2), and prove what can be."""
+    robot, cells = kinematics.robot, len(edges)
+    wanted = lengths.over(edges)
+    nodes = np.cos(np.pi * (np.arange(TERMS) + 0.5) / TERMS)
+    # (K, N, 6), lengths at the nodes of all cells
+    values = np.stack(
+        [np.stack([model.at(np.full(cells, node)) for model in wanted], axis=1) for node in nodes]
+    )
+    middle, half = edges.mean(axis=1), np.diff(edges, axis=1)[:, 0] / 2
+    times = (middle + nodes[:, None] * half).ravel()
+    solved = robot.forward_kinematics(values.reshape(-1, ACTUATORS), guess(times))
+    at_nodes = solved.reshape(TERMS, cells, COORDINATES)
+    inverse = np.linalg.inv(np.vander(nodes, TERMS, increasing=True))
+    coefficients = np.tensordot(inverse, at_nodes, 1).swapaxes(1, 2)
+    pose = [TaylorModel(coefficients[:, i].copy(), np.zeros(1)) for i in range(COORDINATES)]
+    with np.errstate(all="ignore"):
+        off = [a - b for a, b in zip(kinematics.lengths(pose), wanted, strict=True)]
+        error, within = _proved(kinematics, pose, off)
+    return _Poses(edges, coefficients, error, within, _scale(robot))
+
+
+def _sharpened(
+    kinematics: EnclosedKinematics, pose: list[TaylorModel], lengths: list[TaylorModel]
+) -> list[TaylorModel]:
+    """Return models of poses that are known already, closer to those with these lengths.
+
+    The shorter a cell, the less is left out of its polynomials: a part of a cell can tell more
+    than the cell does.
+    """
+    scale = _scale(kinematics.robot)
+    rough = [TaylorModel(model.coefficients, np.zeros(1)) for model in pose]
+    x, usable = _inverse_at_middle(kinematics, rough)
+    off = [a - b for a, b in zip(kinematics.lengths(rough), lengths, strict=True)]
+    lacking = np.stack([_whole(model) for model in off], axis=2)
+    steps = (x @ lacking[..., None])[..., 0]
+    steps = np.where(usable[:, None] & np.isfinite(steps), steps, 0.0)
+    moved = [
+        TaylorModel(_whole(model) - steps[:, :, i], np.zeros(1)) for i, model in enumerate(rough)
+    ]
+    # Both hold: what was known, which is this far from the new polynomials, and what is proved.
+    shift = np.abs(steps).sum(axis=0)
+    before = np.stack([model.radius + shift[:, i] for i, model in enumerate(pose)], axis=1)
+    before += 4 * EPS * np.stack([model.sizes[0] for model in moved], axis=1)
+    least = np.max(before / scale, axis=1) * _UP
+    off = [a - b for a, b in zip(kinematics.lengths(moved), lengths, strict=True)]
+    error, _ = _proved(kinematics, moved, off, np.where(np.isfinite(least), least, 0.0))
+    error = np.where(np.isfinite(least), np.minimum(error, least), np.inf) * _UP
+    return [
+        TaylorModel(model.coefficients, share * error)
+        for model, share in zip(moved, scale, strict=True)
+    ]
+
+
+def _inverse_at_middle(
+    kinematics: EnclosedKinematics, pose: list[TaylorModel]
+) -> tuple[Array, Mask]:
+    """Return about (∂q/∂λ)⁻¹ in the middle of the cells, (N, 6, 6), and where there is one."""
+    middle = np.stack([model.coefficients[0] for model in pose], axis=1)
+    jacobian = kinematics.robot.length_jacobian(middle)
+    usable: Mask = np.all(np.isfinite(jacobian), axis=(1, 2))
+    jacobian = np.where(usable[:, None, None], jacobian, np.eye(ACTUATORS))
+    usable &= np.linalg.det(jacobian) != 0
+    return np.linalg.inv(np.where(usable[:, None, None], jacobian, np.eye(ACTUATORS))), usable
+
+
+def _whole(model: TaylorModel) -> Array:
+    """Return all coefficients that there may be, (`TERMS`, N)."""
+    found = np.zeros((TERMS, model.coefficients.shape[1]))
+    found[: len(model.coefficients)] = model.coefficients
+    return found
+
+
+def _proved(
+    kinematics: EnclosedKinematics,
+    pose: list[TaylorModel],
+    off: list[TaylorModel],
+    least: Array | float = WITHIN,
+) -> tuple[Array, Array]:
+    """Return how far poses are from λ̂ whose lengths are `off` those of λ̂, and ρ, (N,) each.
+
+    ρ is `least` at least.
+    """
+    robot = kinematics.robot
+    cells, scale = pose[0].coefficients.shape[1], _scale(robot)
+    x, usable = _inverse_at_middle(kinematics, pose)
+    sizes = np.stack([np.broadcast_to(model.size, cells) for model in off], axis=1)
+    step = np.max((np.abs(x) @ sizes[:, :, None])[:, :, 0] / scale, axis=1) * _UP
+    within = np.maximum(least, _TIMES_APART * step)
+    near = [
+        TaylorModel(model.coefficients, model.radius + within * share * _UP)
+        for model, share in zip(pose, scale, strict=True)
+    ]
+    slope = kinematics.jacobian(near, cells)
+    product = x @ slope.coefficients
+    product[0] -= np.eye(ACTUATORS)
+    size = np.abs(slope.coefficients).sum(axis=0)
+    change = np.abs(product).sum(axis=0)
+    change += np.abs(x) @ (slope.radius + 16 * EPS * size) + EPS
+    share = np.max(change @ scale / scale, axis=1) * _UP
+    error = np.where(share < _LARGEST_CHANGE, step / (1 - share), np.inf) * _UP
+    return np.where(usable & (error < within), error, np.inf), within
+
+
+def _halved(edges: Array) -> Array:
+    grid = np.stack([edges[:, 0], edges.mean(axis=1), edges[:, 1]], axis=1)
+    return np.stack([grid[:, :-1], grid[:, 1:]], axis=2).reshape(-1, 2)
+
+
+def _scale(robot: Robot) -> Array:
+    """Return what counts as one of each coordinate, (6,): the characteristic length, and 1 rad."""
+    return np.repeat([robot.characteristic_length, 1.0], COORDINATES // 2)
