@@ -31,14 +31,13 @@ from estimation.validation.record import (
 from expdesign.configuration import InputError, RunConfiguration, ValidationMotion
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.progress import part, tell
-from expdesign.recheck.judge import recheck
+from expdesign.recheck.certificate import recheck
 from expdesign.robot import LimitModel, robot_from
 from expdesign.trajectory import FourierTrajectory
 
 FIRST_REPETITION = 100_001
 """Number of the first motion's draw of noise: beyond those of any repetition of the experiment."""
 
-_RECHECK_SAMPLES = 200
 _ESTIMATE_FIRST = (
     "mend first what the estimate names, which is doubtful itself, then estimate and validate "
     "again: this may be a trace of it"
@@ -128,7 +127,7 @@ def _predicted(
         trajectory = motion_of_run(configuration, motion, robot.home, f"validate[{number}]")
         changed = configuration.with_section("experiment", periods=motion.periods, lost=None)
         data = Twin.of(changed, trajectory).measurement(FIRST_REPETITION + number - 1)
-        check = recheck(LimitModel.of(robot), trajectory, _RECHECK_SAMPLES)
+        check = recheck(LimitModel.of(robot), trajectory)
         if not check.passed:
             worst = max(check.limits, key=lambda limit: limit.violation)
             warnings.append(

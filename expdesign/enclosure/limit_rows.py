@@ -10,18 +10,21 @@ import casadi as ca
 import numpy as np
 
 from constraints import LimitDefinition
-from constraints.arrays import Array
+from constraints.arrays import Array, Mask
 from constraints.limits import jacobian_condition
 from expdesign.enclosure.functions import sign
 from expdesign.enclosure.instructions import EnclosedFunction, NoEnclosureError
 from expdesign.enclosure.matrices import TaylorMatrix
 from expdesign.enclosure.singular_values import condition_bound
-from expdesign.enclosure.taylor_model import TaylorModel
+from expdesign.enclosure.taylor_model import EPS, TaylorModel
 from expdesign.mechanism.graph import Friction, hexapod_graph
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.term import Term
 from expdesign.robot import LimitModel
 from expdesign.robot.limit_model import limited_quantities
+
+STILL = 1e-9
+"""Rates, m/s or rad/s, below which dry friction may have either sign: it stands still."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,16 +33,17 @@ class EnclosedRow:
 
     model: TaylorModel
     """With the signs of dry friction that are known in a cell; those that are not count zero."""
-    jump: TaylorModel
-    """How far the signs that may change within a cell move the row up or down at most."""
+    jump: Array
+    """(N,) how far the signs that may change within a cell move it up or down at most."""
+    changing: Array
+    """(N,) how much of that comes from rates that move; of the others both signs count anyway."""
     middle: Array | None = None
     """(N,) values in the middle of the cells, where the model tells no more than an upper bound."""
 
     def bounds(self) -> tuple[Array, Array]:
         """Return what the row is never below and never above, (N,) each."""
         low, high = self.model.bounds()
-        most = np.maximum(self.jump.bounds()[1], 0.0)
-        return low - most, high + most
+        return low - self.jump * (1 + 4 * EPS), high + self.jump * (1 + 4 * EPS)
 
 
 class EnclosedLimits:
@@ -71,17 +75,24 @@ class EnclosedLimits:
 
     def __call__(
         self, states: Sequence[TaylorModel], which: Collection[int]
-    ) -> dict[int, list[EnclosedRow]]:
-        """Return the rows of some of the limits, by their number, of models of the states."""
+    ) -> tuple[dict[int, list[EnclosedRow]], Array]:
+        """Return the rows of some of the limits, by their number, of models of the states.
+
+        And where in each cell a rate turns whose sign dry friction has, τ, (N,): one of them, NaN
+        where none does for sure.
+        """
         graph, cells = self._graph, max(model.radius.size for model in states)
         inputs = [list(states[: self.state_size]), *self._fixed]
         direct, carried = ([k for k in which if k in part] for part in (graph.direct, graph.borne))
         wanted = [2 + graph.direct.index(k) for k in direct]
         transposed, rates, *rows = graph.first(inputs, [0, 1, *wanted] if carried else wanted)
         found = {k: self._natural(k, rows[graph.direct.index(k)], cells) for k in direct}
+        turns = np.full(cells, np.nan)
         if carried:
             inverse = TaylorMatrix.of(transposed, ACTUATORS, cells).inverse().models()
-            signs = [sign(rate) for rate in rates]
+            signs = [(sign(rate), rate.size > STILL) for rate in rates]
+            for rate in rates:
+                turns = np.where(np.isnan(turns), rate.root(), turns)
             places = [graph.borne.index(k) for k in carried]
             parts = graph.second(
                 [*inputs, inverse], [out for p in places for out in (2 * p, 2 * p + 1)]
@@ -89,35 +100,40 @@ class EnclosedLimits:
             for k, place in zip(carried, places, strict=True):
                 values, slopes = parts[2 * place], parts[2 * place + 1]
                 found[k] = [
-                    _with_signs(value, [(signs[s], slopes[n]) for n, s in graph.signed[place][row]])
+                    _with_signs(
+                        value, [(*signs[s], slopes[n]) for n, s in graph.signed[place][row]]
+                    )
                     for row, value in enumerate(values)
                 ]
-        return found
+        return found, turns
 
     def _natural(self, k: int, entries: list[TaylorModel], cells: int) -> list[EnclosedRow]:
-        nothing = TaylorModel.number(0.0)
+        nothing = np.zeros(1)
         numerical = self.limits.limits[k].definition.numerical
         if numerical is None:
-            return [EnclosedRow(model, nothing) for model in entries]
+            return [EnclosedRow(model, nothing, nothing) for model in entries]
         matrix = TaylorMatrix.of(entries, ACTUATORS, cells)
         middle = numerical(matrix.coefficients[0].swapaxes(1, 2).reshape(cells, -1))[:, 0]
-        return [EnclosedRow(condition_bound(matrix), nothing, middle)]
+        return [EnclosedRow(condition_bound(matrix), nothing, nothing, middle)]
 
 
 def _with_signs(
-    value: TaylorModel, terms: Sequence[tuple[TaylorModel, TaylorModel]]
+    value: TaylorModel, terms: Sequence[tuple[TaylorModel, Mask, TaylorModel]]
 ) -> EnclosedRow:
-    """Add s J of every sign s and its slope J; of the signs that may change only how much."""
-    jump = TaylorModel.number(0.0)
-    for s, slope in terms:
+    """Add s J of every sign s and its slope J; of the signs that may change only how much.
+
+    A term is a sign, whether its rate moves, (N,), and the slope.
+    """
+    jump, changing = np.zeros(1), np.zeros(1)
+    for s, moves, slope in terms:
         known, free = s.coefficients[0], s.radius
         if np.any(known):
             value = value + TaylorModel(slope.coefficients * known, slope.radius * np.abs(known))
         if np.any(free):
             low, high = slope.bounds()
-            most = np.maximum(-low, high) * free
-            jump = jump + TaylorModel(most[None, :], np.zeros(1))
-    return EnclosedRow(value, jump)
+            most = np.maximum(-low, high) * free * (1 + 8 * EPS)
+            jump, changing = jump + most, changing + np.where(moves, most, 0.0)
+    return EnclosedRow(value, jump * (1 + 64 * EPS), changing)
 
 
 @dataclass(frozen=True, eq=False)

@@ -25,6 +25,8 @@ EPS = 2.0**-52
 TINY = 1e-300
 """More than what a few operations can lose below the smallest normal number."""
 _UP = 1 + 2.0**-44
+_NEWTON_STEPS = 2
+_BISECTIONS = 50
 _ROUNDED = 4 * TERMS * EPS
 
 
@@ -102,6 +104,40 @@ class TaylorModel:
             most = np.maximum(c[2] + slope, np.where(c[2] < 0, vertex, -np.inf))
             least = np.minimum(c[2] - slope, np.where(c[2] > 0, vertex, np.inf))
             return low + least, high + most
+
+    def extremes(self) -> list[Array]:
+        """Return where in each cell the polynomial may be largest or smallest, τ, (N,) each.
+
+        The middle, both ends, and where the slope is zero: found by Newton's method from the
+        vertex of the first three powers, which is enough to find a good value, and proves nothing.
+        """
+        c = self.coefficients
+        places = [np.full(c.shape[1], tau) for tau in (0.0, -1.0, 1.0)]
+        if len(c) < 3:  # noqa: PLR2004 - a straight line has no vertex
+            return places
+        powers = np.arange(1, len(c))
+        first = TaylorModel(powers[:, None] * c[1:], self.radius)
+        second = TaylorModel((powers * (powers - 1))[1:, None] * c[2:], self.radius)
+        with np.errstate(all="ignore"):
+            place = np.clip(np.nan_to_num(-c[1] / (2 * c[2])), -1, 1)
+            for _ in range(_NEWTON_STEPS):
+                step = first.at(place) / second.at(place)
+                place = np.clip(place - np.nan_to_num(step), -1, 1)
+        return [*places, place]
+
+    def root(self) -> Array:
+        """Return where the polynomial changes its sign in each cell, τ, (N,); NaN where not sure.
+
+        Like `extremes` this is a good place, no proof.
+        """
+        low, high = np.full(self.coefficients.shape[1], -1.0), np.ones(self.coefficients.shape[1])
+        start = self.at(low)
+        changes = start * self.at(high) < 0
+        for _ in range(_BISECTIONS):
+            middle = (low + high) / 2
+            same = self.at(middle) * start > 0
+            low, high = np.where(same, middle, low), np.where(same, high, middle)
+        return np.where(changes, (low + high) / 2, np.nan)
 
     def at(self, instants: Array) -> Array:
         """Return the polynomial's values at τ, (N,); the function's are within the radius."""

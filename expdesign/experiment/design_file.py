@@ -135,6 +135,10 @@ class WorstMoment:
     method: str
     stated: OpenNumber = np.nan
     reserve: float = 0.0
+    # Earlier versions sampled, and proved nothing.
+    proved: OpenNumber = np.nan
+    cells: int = 0
+    open_time: OpenNumber = 0.0
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -188,8 +192,9 @@ class DesignFile(TrajectoryFile):
         described(
             "",
             "for each limit: worst value, bound, unit, row, strut, time, violation, origin, "
-            "certified, method, stated (the bound before the reserve), reserve (share of the "
-            "range)",
+            "certified (kept at every instant, proved), method, stated (the bound before the "
+            "reserve), reserve (share of the range), proved excess, cells of time that it took, "
+            "time that stayed open [s]",
         ),
     ]
     hum: Annotated[
@@ -222,7 +227,7 @@ class DesignFile(TrajectoryFile):
             predicted_std=PredictedStd(result.per_period, result.experiment, result.systematic),
             solver=SolverRecord.of(result),
             limits={
-                check.key: copied(WorstMoment, check, certified=False, method=result.check.method)
+                check.key: copied(WorstMoment, check, method=result.check.method)
                 for check in result.check.limits
             },
         )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
@@ -11,16 +10,12 @@ from constraints import Limit, plain_limit
 from constraints.arrays import Array
 from expdesign.configuration import InputError, RunConfiguration
 from expdesign.configuration.limits import row_labels
+from expdesign.enclosure.series import EnclosedSeries
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
-from expdesign.motion.executable import PERIODS, ExecutableMotion, Periods, Segment
-from expdesign.recheck.judge import (
-    LimitCheck,
-    Recheck,
-    grid_points,
-    judge,
-    states_at,
-    worst_of_each,
-)
+from expdesign.motion.enclosed_spline import EnclosedSpline
+from expdesign.motion.executable import ExecutableMotion, Periods, Segment
+from expdesign.recheck.certificate import EnclosedMotion, certify
+from expdesign.recheck.judge import LimitCheck, Recheck, states_at, worst_of_each
 from expdesign.robot import LimitModel, Robot, robot_from
 
 STRUT_JERK = plain_limit("strut_jerk", "strut jerk", "m/s^3", "symmetric")
@@ -54,7 +49,7 @@ def jerk_limit(configuration: RunConfiguration, robot: Robot, orbit: Periods) ->
     given = configuration.run.motion.jerk
     if given is not None:
         limit = _within(np.full(ACTUATORS, given), "motion.jerk")
-        (check,) = judge(LimitModel(robot, (limit,)), times, states, partial(moving_states, orbit))
+        (check,) = certify(LimitModel(robot, (limit,)), enclosed(orbit))
         if not check.kept:
             largest = f"{abs(check.value):.4g} m/s^3"
             raise InputError(
@@ -79,25 +74,29 @@ def _within(largest: Array, origin: str) -> Limit:
     return Limit(STRUT_JERK, -largest, largest, row_labels(STRUT_JERK), origin)
 
 
-def check_motion(configuration: RunConfiguration, motion: ExecutableMotion) -> Recheck:
-    """Judge every limit, and that on the struts' jerk, from rest to rest.
+def enclosed(segment: Segment) -> EnclosedMotion:
+    """Return what encloses a segment from its own start; of the periods the first."""
+    if isinstance(segment, Periods):
+        return EnclosedSeries(segment.trajectory)
+    return EnclosedSpline(segment)
 
-    Every segment has a grid of its own of at least 4000 points, both ends included; of the
-    periods, which repeat, the first is looked at. The worst moment of each limit is searched
-    between the points as for a design. Times are from the start of the motion.
+
+def check_motion(configuration: RunConfiguration, motion: ExecutableMotion) -> Recheck:
+    """Judge every limit, and that on the struts' jerk, from rest to rest, at every instant.
+
+    Of the periods, which repeat, one is looked at, as the trajectory has it. Times are from the
+    start of the motion.
     """
     robot = robot_from(configuration.robot)
     orbit = Periods(motion.trajectory, motion.periods)
     limits = LimitModel.of(robot, jerk_limit(configuration, robot, orbit))
-    points = grid_points(configuration.run.trajectory.samples)
     checks: list[LimitCheck] = []
-    # The jerk jumps at the junctions: each segment answers for its own ends.
     for start, segment in zip(motion.starts[:-1], motion.segments, strict=True):
-        between = partial(moving_states, segment)
-        once = motion.trajectory.period if segment.name == PERIODS else segment.duration
-        times = np.linspace(0.0, once, points)
-        found = judge(limits, times, between(times), between)
+        found = certify(limits, enclosed(segment))
+        if isinstance(segment, Periods):
+            period = segment.trajectory.period
+            found = tuple(
+                replace(check, time=(check.time - segment.phase) % period) for check in found
+            )
         checks += [replace(check, time=float(start) + check.time) for check in found]
-    return Recheck(
-        worst_of_each(checks), points * len(motion.segments), "the motion from rest to rest"
-    )
+    return Recheck(worst_of_each(checks), "the motion from rest to rest")

@@ -19,7 +19,8 @@ from expdesign.motion.ramp_problem import RampProblem
 from expdesign.motion.spline import FIXED, MotionState, SplineRamp, derivatives
 from expdesign.problem.variables import coordinate_reach
 from expdesign.progress import told
-from expdesign.recheck.judge import Motion, recheck
+from expdesign.recheck.certificate import recheck
+from expdesign.recheck.judge import Motion
 from expdesign.robot import LimitModel, robot_from
 from expdesign.trajectory import FourierTrajectory
 
@@ -172,7 +173,7 @@ def _refuse_broken_steps(
 def _refuse_broken_limits(
     configuration: RunConfiguration, limits: LimitModel, trajectory: FourierTrajectory
 ) -> None:
-    check = recheck(limits, trajectory, _SAMPLES)
+    check = recheck(limits, trajectory)
     if check.passed:
         return
     worst = max(check.limits, key=lambda item: item.violation)

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
 from constraints.arrays import Array, Mask
 from expdesign.configuration import ComputationError
 from expdesign.mechanism.hexapod import COORDINATES
-from expdesign.motion.limits import moving_states
+from expdesign.motion.limits import enclosed
 from expdesign.motion.ramp_problem import RampProblem, RampProgram
 from expdesign.motion.spline import SplineRamp
 from expdesign.problem.design_problem import hidden_by_smoothing
 from expdesign.progress import tell
-from expdesign.recheck.judge import LimitCheck, judge, local_worst
+from expdesign.recheck.certificate import certify
+from expdesign.recheck.judge import LimitCheck, local_worst
 from expdesign.solver.ipopt import COMMON_OPTIONS, solve_with_ipopt
 
 RESERVE = 2e-3
@@ -34,7 +34,6 @@ _ROUNDS_PER_DURATION = 3
 _STRETCH = 0.02
 _POINTS = 48
 _FINE = 1200
-_CHECKED = 4000
 _NEAR, _NEAR_PEAK = 0.25, 0.02
 _FEASIBLE = 1e-6
 _END_SHARE = 0.1
@@ -175,9 +174,9 @@ def _plain_ramp(
         x = np.append(scaled.pack(guess)[:-1], 1.0)
         ramp = replace(scaled.ramp(x, name), duration=duration)
         worst = worst_limit(scaled, ramp)
-        if worst.violation <= -RESERVE:
+        if worst.proved <= -RESERVE:
             return ramp
-        if worst.kept and kept is None:
+        if worst.certified and kept is None:
             kept = ramp
     return kept
 
@@ -209,8 +208,8 @@ def _settled(
         x, since = result.x, since + 1
         ramp = replace(problem.ramp(x, name), duration=steps * step)
         worst = worst_limit(problem, ramp)
-        attempt = RampAttempt(x, problem, worst.violation, worst.key)
-        if worst.kept:
+        attempt = RampAttempt(x, problem, worst.proved, worst.key)
+        if worst.certified:
             return ramp, attempt
         if not possible or since == _ROUNDS_PER_DURATION:
             steps, since = steps + max(1, int(np.ceil(stretch * steps))), 0
@@ -221,11 +220,8 @@ def _settled(
 
 
 def worst_limit(problem: RampProblem, ramp: SplineRamp) -> LimitCheck:
-    """Return the limit that a ramp breaks most, or comes closest to, by the unsmoothed model."""
-    times = np.linspace(0.0, ramp.duration, _CHECKED)
-    between = partial(moving_states, ramp)
-    checks = judge(problem.limits, times, between(times), between)
-    return max(checks, key=lambda check: check.violation)
+    """Return the limit that a ramp may break most, or comes closest to, at any instant."""
+    return max(certify(problem.limits, enclosed(ramp)), key=lambda check: check.proved)
 
 
 def _nodes(points: int) -> Array:

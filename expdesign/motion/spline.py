@@ -70,12 +70,18 @@ def reversed_in_time(state: MotionState) -> MotionState:
 def _bases(intervals: int) -> tuple[BSpline, ...]:
     """Return splines of degree 5, 4, 3 and 2 whose values are all their basis functions."""
     return tuple(
-        BSpline(_knots(intervals, degree), np.eye(intervals + degree), degree)
+        BSpline(knot_shares(intervals, degree), np.eye(intervals + degree), degree)
         for degree in range(DEGREE, DEGREE - 4, -1)
     )
 
 
-def _knots(intervals: int, degree: int) -> Array:
+def control_points(coefficients: Array, order: int) -> Array:
+    """Return the control points of a derivative to the share of the duration, (N − order, 6)."""
+    return _reduction(len(coefficients) - DEGREE, order) @ coefficients
+
+
+def knot_shares(intervals: int, degree: int) -> Array:
+    """Return the knots on [0, 1], clamped at both ends."""
     inner = np.linspace(0.0, 1.0, intervals + 1)
     return np.concatenate([np.zeros(degree), inner, np.ones(degree)])
 
@@ -86,7 +92,7 @@ def _reduction(intervals: int, order: int) -> Array:
     matrix = np.eye(intervals + DEGREE)
     for step in range(order):
         degree = DEGREE - step
-        knots, count = _knots(intervals, degree), intervals + degree
+        knots, count = knot_shares(intervals, degree), intervals + degree
         spans = knots[degree + 1 : degree + count] - knots[1:count]
         matrix = (degree / spans)[:, None] * np.diff(matrix, axis=0)
     return matrix

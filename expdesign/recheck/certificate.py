@@ -2,8 +2,7 @@
 
 Every limit is enclosed over cells of time that cover the motion, and cells that are not decided are
 divided: branch and bound. What is found is an excess that the motion does have, what is proved is
-one that it has at no instant more than. The two are brought together until they are `CLOSE`, or
-within a hundredth of the margin.
+one that it has at no instant more than. The two are brought together until they are `CLOSE`.
 
 Where a rate changes its sign, dry friction jumps, and both signs count: cells are cut where rates
 change. Rates that change within the same cell of `INSTANT` count with every combination of signs.
@@ -12,7 +11,7 @@ change. Rates that change within the same cell of `INSTANT` count with every com
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -20,15 +19,16 @@ import numpy as np
 from constraints import Limit
 from constraints.arrays import Array, Mask
 from expdesign.enclosure.limit_rows import EnclosedLimits, EnclosedRow
+from expdesign.enclosure.series import EnclosedSeries
 from expdesign.enclosure.taylor_model import EPS, TaylorModel
 from expdesign.progress import tell
-from expdesign.recheck.judge import TOLERANCE, LimitCheck
+from expdesign.recheck.judge import TOLERANCE, LimitCheck, Recheck
 from expdesign.robot import LimitModel
 from expdesign.runfolder import copied
+from expdesign.trajectory import FourierTrajectory
 
 CLOSE = 5e-7
 """Share of a limit's range by which what is proved is above what was found, or less."""
-_OF_MARGIN = 0.01
 INSTANT = 1e-10
 """Share of the motion's duration below which cells are not divided."""
 CELLS = 512
@@ -48,6 +48,13 @@ class EnclosedMotion(Protocol):
 
     def models(self, edges: Array) -> list[TaylorModel]:
         """Return the models of pose, rate, acceleration and jerk, 24, over cells (N, 2), s."""
+
+
+def recheck(limits: LimitModel, trajectory: FourierTrajectory) -> Recheck:
+    """Judge every limit over one period, at every instant."""
+    checks = certify(limits, EnclosedSeries(trajectory))
+    period = trajectory.period
+    return Recheck(tuple(replace(check, time=check.time % period) for check in checks))
 
 
 def certify(
@@ -77,9 +84,9 @@ def certify(
                 proof.look(motion, edges[block], undecided[block], INSTANT * span)
                 for block in blocks
             ]
-        edges, undecided = (np.concatenate(part) for part in zip(*looked, strict=True))
+        edges, undecided, turns = (np.concatenate(part) for part in zip(*looked, strict=True))
         if enclosed < most:
-            edges, undecided = _parts(edges), np.repeat(undecided, _PARTS, axis=0)
+            edges, undecided = _parts(edges, undecided, turns, INSTANT * span)
     return proof.checks(edges, undecided)
 
 
@@ -92,18 +99,31 @@ def _divided(breaks: Array, cells: int) -> Array:
     return np.concatenate([np.stack([grid[:-1], grid[1:]], axis=1) for grid in grids])
 
 
-def _parts(edges: Array) -> Array:
-    """Return the parts of cells, in their order: together they cover what the cells do."""
-    inner = edges[:, :1] + np.diff(edges, axis=1) * np.arange(1, _PARTS) / _PARTS
-    grid = np.concatenate([edges[:, :1], inner, edges[:, 1:]], axis=1)
-    return np.stack([grid[:, :-1], grid[:, 1:]], axis=2).reshape(-1, 2)
+def _parts(edges: Array, undecided: Mask, turns: Array, instant: float) -> tuple[Array, Mask]:
+    """Return the parts of cells, which together cover what the cells do, and what is open there.
+
+    Where a rate turns, the instant about it is cut out; other cells are divided evenly.
+    """
+    start, end = edges[:, 0], edges[:, 1]
+    cut = np.isfinite(turns)
+    before = np.clip(turns - 0.49 * instant, start, end)
+    after = np.clip(turns + 0.49 * instant, start, end)
+    around = np.stack([start, before, after, end], axis=1)[cut]
+    even = start[~cut, None] + (end - start)[~cut, None] * np.arange(_PARTS + 1) / _PARTS
+    even[:, -1] = end[~cut]
+    grids = [(around, undecided[cut]), (even, undecided[~cut])]
+    pieces = [np.stack([grid[:, :-1], grid[:, 1:]], axis=2).reshape(-1, 2) for grid, _ in grids]
+    marks = [np.repeat(mask, grid.shape[1] - 1, axis=0) for grid, mask in grids]
+    parts, mask = np.concatenate(pieces), np.concatenate(marks)
+    real = parts[:, 1] > parts[:, 0]
+    return parts[real], mask[real]
 
 
 @dataclass(frozen=True)
 class _Found:
     """An excess that a motion has."""
 
-    row: int = 0
+    row: int = -1
     value: float = np.nan
     violation: float = -np.inf
     time: float = np.nan
@@ -148,10 +168,13 @@ class _Proof:
 
     def look(
         self, motion: EnclosedMotion, edges: Array, undecided: Mask, instant: float
-    ) -> tuple[Array, Mask]:
-        """Enclose limits over cells; return those cells that have to be divided, and for what."""
+    ) -> tuple[Array, Mask, Array]:
+        """Enclose limits over cells; return those that have to be divided, for what, and where.
+
+        That is when a rate turns, s, (N,), or NaN.
+        """
         which = [int(k) for k in np.flatnonzero(undecided.any(axis=0))]
-        rows = self._enclosed(motion.models(edges), which)
+        rows, turns = self._enclosed(motion.models(edges), which)
         width = np.diff(edges, axis=1)[:, 0]
         smallest = width <= instant
         possible = np.full(undecided.shape, -np.inf)
@@ -159,8 +182,7 @@ class _Proof:
             self._cells[k] += int(np.count_nonzero(undecided[:, k]))
             possible[:, k] = self._possible(k, rows[k], edges, undecided[:, k], smallest)
         found = np.array([best.violation for best in self._best])
-        close = np.maximum(CLOSE, _OF_MARGIN * np.abs(np.where(np.isfinite(found), found, 0.0)))
-        left = undecided & ~(possible <= found + close)
+        left = undecided & ~(possible <= found + CLOSE)
         stuck = left & smallest[:, None]
         self._stuck += np.sum(np.where(stuck & ~(possible <= TOLERANCE), width[:, None], 0), axis=0)
         left &= ~smallest[:, None]
@@ -168,7 +190,8 @@ class _Proof:
             worst = np.max(np.where(where, possible, -np.inf), axis=0, initial=-np.inf)
             np.maximum(kept, worst, out=kept)
         again = left.any(axis=1)
-        return edges[again], left[again]
+        places = np.sum(edges, axis=1) / 2 + turns * width / 2
+        return edges[again], left[again], places[again]
 
     def checks(self, edges: Array, undecided: Mask) -> tuple[LimitCheck, ...]:
         """Return what was found and proved, when these cells (N, 2) are left open, (N, L)."""
@@ -176,15 +199,18 @@ class _Proof:
         left = self._stuck + np.sum(np.where(undecided, width, 0.0), axis=0)
         proved = np.maximum(self.decided_excess, self.open_excess)
         checks = []
+        # Where there was something to keep, and no value of it was found: it may be any.
+        unknown = np.isfinite(proved) | (proved > 0)
         for k, (limit, best) in enumerate(zip(self._model.limits, self._best, strict=True)):
             check = copied(
                 LimitCheck,
                 limit,
                 best,
+                violation=np.inf if best.row < 0 and unknown[k] else best.violation,
                 title=limit.definition.title,
-                row=limit.labels[best.row],
-                bound=limit.nearest_bound(best.row, best.value),
-                stated=limit.nearest_stated(best.row, best.value),
+                row=limit.labels[max(best.row, 0)],
+                bound=limit.nearest_bound(max(best.row, 0), best.value),
+                stated=limit.nearest_stated(max(best.row, 0), best.value),
                 proved=float(max(proved[k], best.violation)),
                 cells=int(self._cells[k]),
                 open_time=float(left[k]),
@@ -211,7 +237,7 @@ class _Proof:
     ) -> None:
         """Take the largest excess that the motion certainly has in some of the cells."""
         # Where a sign is open the row jumps somewhere: only within an instant it is said here.
-        known = here & (smallest | (row.jump.coefficients[0] == 0))
+        known = here & (smallest | (row.changing == 0))
         values, places = _extremes(row, side.sign, len(edges))
         best = np.where(known & np.isfinite(values), values, -np.inf)
         cell = int(np.argmax(best))
@@ -232,16 +258,12 @@ def _sides(limit: Limit, rows: list[EnclosedRow]) -> Iterator[tuple[_Side, Enclo
 
 def _extremes(row: EnclosedRow, sign: float, cells: int) -> tuple[Array, Array]:
     """Return values of sign × row that are reached in each cell, and where, τ, (N,) each."""
-    middle = np.zeros(cells)
     if row.middle is not None:
-        return sign * row.middle, middle
-    model, c = row.model, row.model.coefficients
-    candidates = [middle, middle - 1, middle + 1]
-    if len(c) > 2:  # noqa: PLR2004 - a straight line has no vertex
-        with np.errstate(all="ignore"):
-            candidates.append(middle + np.nan_to_num(np.clip(-c[1] / (2 * c[2]), -1, 1)))
+        return sign * row.middle, np.zeros(cells)
+    model = row.model
+    candidates = [np.broadcast_to(place, cells) for place in model.extremes()]
     values = np.stack([sign * model.at(place) for place in candidates])
     chosen = np.argmax(values, axis=0)
     every = np.arange(cells)
-    best = values[chosen, every] - model.radius + row.jump.coefficients[0]
+    best = values[chosen, every] - model.radius + row.jump
     return best, np.stack(candidates)[chosen, every]

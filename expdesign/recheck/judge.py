@@ -1,11 +1,10 @@
-"""The one judge of motions: the worst moment of every limit, and whether it is kept."""
+"""What a judge of motions says: the worst moment of every limit, and whether it is kept."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from functools import partial
-from typing import Annotated, NamedTuple, Protocol
+from typing import Annotated, Protocol
 
 import numpy as np
 
@@ -13,16 +12,13 @@ from constraints import limit_definitions
 from constraints.arrays import Array, Mask
 from expdesign.robot import LimitModel
 from expdesign.runfolder import OpenNumber, copied, described
-from expdesign.trajectory import FourierTrajectory, PoseSamples
+from expdesign.trajectory import PoseSamples
 
 TOLERANCE = 1e-6
 """Largest excess over a bound, as a share of the limit's range, that counts as kept."""
 
-_ZOOMS = 4
-_ZOOM_POINTS = 33
-_MOST_CANDIDATES = 48
 FINER = 20
-"""The grid has at least this many points for every sample of the design."""
+"""The fine grid has at least this many points for every sample of the design."""
 LEAST_POINTS = 4000
 
 
@@ -115,27 +111,16 @@ def states_at(motion: Motion, times: Array) -> Array:
     return np.concatenate(motion.sample(times), axis=1)
 
 
-def judge(
-    limits: LimitModel,
-    times: Array,
-    states: Array,
-    between: Callable[[Array], Array] | None = None,
-    *,
-    periodic: bool = False,
-) -> tuple[LimitCheck, ...]:
-    """Return the worst moment of every limit by the unsmoothed model.
+def judge(limits: LimitModel, times: Array, states: Array) -> tuple[LimitCheck, ...]:
+    """Return the worst of some instants of every limit, by the unsmoothed model; no proof.
 
     Parameters
     ----------
     times : (N,)
-        s; equidistant where `between` is given. Of a periodic motion one period without its end;
-        otherwise with both ends, and nothing beyond them is looked at.
+        s.
     states : (N, 18)
         Pose, rate and acceleration then; (N, 24) with the pose's third derivative where a limit
         needs it.
-    between : callable, optional
-        Returns the states at other times: every moment that could be a limit's worst is then
-        searched again on ever finer grids around it. Without it only `times` are judged.
     """
     values = limits.values(states)
     violations = limits.excess(values)
@@ -143,31 +128,39 @@ def judge(
     for limit, columns in zip(limits.limits, limits.columns, strict=True):
         part = violations[:, columns]
         moment, row = np.unravel_index(int(np.argmax(part)), part.shape)
-        value = values[moment, columns.start + row]
-        worst = _Moment(float(times[moment]), int(row), float(value), float(part[moment, row]))
-        if between is not None and np.isfinite(worst.violation):
-            alone = replace(limits, limits=(limit,))
-            worst = _refined(alone, part, worst, times, between, periodic=periodic)
-        checks.append(
-            copied(
-                LimitCheck,
-                limit,
-                worst,
-                title=limit.definition.title,
-                row=limit.labels[worst.row],
-                bound=limit.nearest_bound(worst.row, worst.value),
-                stated=limit.nearest_stated(worst.row, worst.value),
-            )
+        value = float(values[moment, columns.start + row])
+        check = copied(
+            LimitCheck,
+            limit,
+            title=limit.definition.title,
+            row=limit.labels[row],
+            value=value,
+            bound=limit.nearest_bound(int(row), value),
+            stated=limit.nearest_stated(int(row), value),
+            violation=float(part[moment, row]),
+            time=float(times[moment]),
         )
+        checks.append(check)
     return tuple(checks)
 
 
 def worst_of_each(checks: Iterable[LimitCheck]) -> tuple[LimitCheck, ...]:
-    """Return the worst check of every limit, of parts of a motion that were judged apart."""
+    """Return the worst check of every limit, of parts of a motion that were judged apart.
+
+    What is proved, and what it took, is that of all parts.
+    """
     worst: dict[str, LimitCheck] = {}
     for check in checks:
-        if check.key not in worst or check.violation > worst[check.key].violation:
+        known = worst.get(check.key)
+        if known is None:
             worst[check.key] = check
+            continue
+        worst[check.key] = replace(
+            max(known, check, key=lambda one: one.violation),
+            proved=float(np.maximum(known.proved, check.proved)),
+            cells=known.cells + check.cells,
+            open_time=known.open_time + check.open_time,
+        )
     return tuple(worst.values())
 
 
@@ -176,54 +169,6 @@ def local_worst(rows: Array, *, periodic: bool) -> Mask:
     ahead, behind = _neighbours(rows, periodic=periodic)
     peaks: Mask = (rows >= ahead) & (rows >= behind)
     return peaks
-
-
-class _Moment(NamedTuple):
-    time: float
-    row: int
-    value: float
-    violation: float
-
-
-def _refined(
-    limit: LimitModel,
-    part: Array,
-    worst: _Moment,
-    times: Array,
-    between: Callable[[Array], Array],
-    *,
-    periodic: bool,
-) -> _Moment:
-    """Return a limit's worst moment between the grid's points.
-
-    Every local maximum of every row that could rise above the worst grid value is searched
-    again: one that is as high as its slope to the neighbours allows.
-    """
-    ahead, behind = _neighbours(part, periodic=periodic)
-    with np.errstate(invalid="ignore"):
-        rise = np.maximum(np.abs(ahead - part), np.abs(behind - part))
-    possible = (part >= ahead) & (part >= behind) & np.isfinite(rise)
-    # A row that hardly moves is at its worst everywhere: its highest points stand for the rest.
-    points, rows = np.nonzero(possible & (part + rise >= worst.violation))
-    order = np.argsort(-(part + rise)[points, rows], kind="stable")[:_MOST_CANDIDATES]
-    points, rows = points[order], rows[order]
-    centers, width = times[points], times[1] - times[0]
-    every = np.arange(len(rows))
-    for _ in range(_ZOOMS if len(rows) else 0):
-        local = centers[:, None] + np.linspace(-width, width, _ZOOM_POINTS)
-        if not periodic:
-            local = np.clip(local, times[0], times[-1])
-        values = limit.values(between(local.ravel()))
-        found = limit.excess(values).reshape(*local.shape, -1)[every, :, rows]
-        values = values.reshape(*local.shape, -1)[every, :, rows]
-        steps = np.argmax(found, axis=1)
-        centers, highest = local[every, steps], found[every, steps]
-        width *= 2 / (_ZOOM_POINTS - 1)
-        k = int(np.argmax(highest))
-        if highest[k] > worst.violation:
-            value = float(values[k, steps[k]])
-            worst = _Moment(float(centers[k]), int(rows[k]), value, float(highest[k]))
-    return worst
 
 
 def _neighbours(rows: Array, *, periodic: bool) -> tuple[Array, Array]:
@@ -235,12 +180,11 @@ def _neighbours(rows: Array, *, periodic: bool) -> tuple[Array, Array]:
 
 @dataclass(frozen=True)
 class Recheck:
-    """All limits of one motion."""
+    """All limits of one motion, at every instant of it."""
 
     limits: tuple[LimitCheck, ...]
-    points: int
     span: str = "one period"
-    """What the grid covers, in words."""
+    """What was looked at, in words."""
 
     @property
     def worst(self) -> float:
@@ -248,35 +192,31 @@ class Recheck:
         return max((check.violation for check in self.limits), default=-np.inf)
 
     @property
+    def proved(self) -> float:
+        """Largest excess over a limit that is possible, as a share of its range."""
+        return max((check.proved for check in self.limits), default=-np.inf)
+
+    @property
     def passed(self) -> bool:
-        """True when every limit is kept within `TOLERANCE` of its range."""
+        """True when no limit was found broken by more than `TOLERANCE` of its range."""
         return self.worst <= TOLERANCE
+
+    @property
+    def certified(self) -> bool:
+        """True when every limit is proved to be kept at every instant, within `TOLERANCE`."""
+        return all(check.certified for check in self.limits)
 
     @property
     def method(self) -> str:
         """How the limits were checked, in words."""
-        return (
-            f"unsmoothed model on {self.points} points of {self.span}, every possible worst "
-            f"moment refined {(_ZOOM_POINTS - 1) // 2}-fold {_ZOOMS} times; sampled, no proof "
-            "between the points"
-        )
+        cells = max((check.cells for check in self.limits), default=0)
+        said = f"unsmoothed model enclosed over up to {cells} cells of time of {self.span}"
+        left = max((check.open_time for check in self.limits), default=0.0)
+        if self.certified or not self.passed:
+            return f"{said}: holds for every instant"
+        return f"{said}: not proved for every instant, {left:.3g} s stayed open"
 
 
 def grid_points(samples: int) -> int:
-    """Return the number of points on which a design of `samples` samples is checked."""
+    """Return the number of points of the fine grid on which a design of `samples` is finished."""
     return max(LEAST_POINTS, FINER * samples)
-
-
-def recheck(limits: LimitModel, trajectory: FourierTrajectory, samples: int) -> Recheck:
-    """Judge every limit on a grid at least 20 times finer than the design's samples.
-
-    Every moment that could be a limit's worst is then searched again on ever finer grids around
-    it, so that neither a maximum between the points nor a jump of dry friction is missed. Two
-    changes of a rate's sign within one step of the grid are not seen.
-    """
-    points = grid_points(samples)
-    times = trajectory.sample_times(points)
-    between = partial(states_at, trajectory)
-    checks = judge(limits, times, between(times), between, periodic=True)
-    period = trajectory.period
-    return Recheck(tuple(replace(check, time=check.time % period) for check in checks), points)

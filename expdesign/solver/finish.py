@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 
 from constraints.arrays import Array
 from expdesign.problem.design_problem import DesignProblem, hidden_by_smoothing
+from expdesign.recheck.certificate import recheck
 from expdesign.recheck.information import Evaluator
-from expdesign.recheck.judge import Recheck, grid_points, local_worst, recheck, states_at
+from expdesign.recheck.judge import Recheck, grid_points, local_worst, states_at
 from expdesign.solver.hum_distance import KnownHum
 from expdesign.solver.initial import largest
 from expdesign.solver.stage import Report, Stage, StageRecord, TracePoint, solve_rows
@@ -105,12 +106,12 @@ def finish(
         candidate = _checked(problem, x)
         merit = evaluator.merit(candidate.trajectory, problem.cost.samples)
         gain = evaluator.gain(merit, best_merit)
-        if candidate.check.passed and (not best.check.passed or gain > 0):
+        if candidate.check.certified and (not best.check.certified or gain > 0):
             best, best_merit, kept = candidate, merit, x
         if status == "User_Requested_Stop":
             break
         # A round that falls back shows rows and margins that the next one puts right (measured).
-        if best.check.passed and abs(evaluator.gain(merit, last_merit)) < _WORTHWHILE:
+        if best.check.certified and abs(evaluator.gain(merit, last_merit)) < _WORTHWHILE:
             break
         last_merit = merit
     if record.rounds == 0:
@@ -146,15 +147,15 @@ def _critical_rows(
 
 
 def _checked(problem: DesignProblem, x: Array) -> Finished:
-    """Shrink until the recheck, which looks between the grid's points as well, is passed."""
+    """Shrink until every limit is proved to be kept at every instant."""
     trajectory = problem.variables.trajectory(x)
     margin = GRID_MARGIN
     for _ in range(_CHECKS):
         shrunk = shrink_to_limits(problem, trajectory, margin)
-        check = recheck(problem.limits, shrunk.trajectory, problem.cost.samples)
-        if check.passed or not shrunk.kept:
+        check = recheck(problem.limits, shrunk.trajectory)
+        if check.certified or not shrunk.kept:
             break
-        margin += 2 * check.worst
+        margin += 2 * check.proved
     return Finished(shrunk.trajectory, check, shrunk.factor)
 
 

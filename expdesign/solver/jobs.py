@@ -73,10 +73,10 @@ class Candidate:
     """Index of the random start that it descends from."""
 
     @property
-    def rank(self) -> tuple[bool, float]:
-        """Larger is better: what passed the recheck by merit, the rest by its worst limit."""
-        passed = self.finished.check.passed
-        return passed, self.merit if passed else -self.finished.check.worst
+    def rank(self) -> tuple[bool, bool, float]:
+        """Larger is better: what is certified before what passed, both by merit, then the rest."""
+        check = self.finished.check
+        return check.certified, check.passed, self.merit if check.passed else -check.worst
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,8 @@ import numpy as np
 
 from constraints.arrays import Array
 from expdesign.problem.design_problem import DesignProblem
+from expdesign.recheck.certificate import recheck
 from expdesign.recheck.information import Evaluator
-from expdesign.recheck.judge import recheck
 from expdesign.solver.finish import Shrunk, shrink_to_limits
 from expdesign.solver.stage import Stage, StageRecord, TracePoint, Watch, run_stage
 
@@ -69,7 +69,7 @@ def status_text(status: str) -> str:
 def _why_useless(problem: DesignProblem, shrunk: Shrunk) -> str:
     if shrunk.kept:
         return "its motion does not excite every parameter"
-    check = recheck(problem.limits, shrunk.trajectory, problem.cost.samples)
+    check = recheck(problem.limits, shrunk.trajectory)
     worst = max(check.limits, key=lambda limit: limit.violation)
     return (
         f"by the unsmoothed model its motion breaks {worst.key}, even shrunk to {shrunk.factor:g} "

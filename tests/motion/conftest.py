@@ -9,7 +9,7 @@ import pytest
 from expdesign.configuration import load_run
 from expdesign.experiment.design import design_task
 from expdesign.motion.planning import executable_motion
-from expdesign.recheck.judge import recheck
+from expdesign.recheck.certificate import recheck
 from expdesign.solver.finish import GRID_MARGIN, shrink_to_limits
 from expdesign.solver.initial import random_start
 from expdesign.trajectory import FourierTrajectory
@@ -48,7 +48,7 @@ def _orbit(robot, harmonics):
     margin = GRID_MARGIN
     for _ in range(4):
         shrunk = shrink_to_limits(problem, motion, margin)
-        check = recheck(problem.limits, shrunk.trajectory, 100)
+        check = recheck(problem.limits, shrunk.trajectory)
         if check.passed:
             break
         margin += 2 * check.worst

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from expdesign.recheck.judge import recheck
+from expdesign.recheck.certificate import recheck
 from expdesign.solver.continuation import finish_stage
 from expdesign.solver.finish import controller_omega, finish
 from expdesign.solver.hum_distance import KnownHum
@@ -109,7 +109,7 @@ def test_the_finish_keeps_limits_and_frequency(task, on_coarse_grid):
     assert seen == list(range(1, len(seen) + 1))
     for finished in (none, done):
         assert finished.trajectory.omega == pytest.approx(omega, rel=1e-14)
-        again = recheck(fixed.limits, finished.trajectory, problem.cost.samples)
+        again = recheck(fixed.limits, finished.trajectory)
         assert again == finished.check
     assert done.check.passed
     assert done.record.rounds == 1

@@ -8,7 +8,7 @@ from expdesign.solver.jobs import CAPACITY, Candidate, Population
 candidates = st.builds(
     lambda merit, passed, worst, lineage: Candidate(
         merit,
-        SimpleNamespace(check=SimpleNamespace(passed=passed, worst=worst)),
+        SimpleNamespace(check=SimpleNamespace(passed=passed, certified=passed, worst=worst)),
         SimpleNamespace(),
         lineage,
     ),
@@ -56,7 +56,7 @@ def test_everyone_has_a_turn(sequence):
 
 
 def candidate(merit, lineage, *, passed=True, worst=0.0):
-    finished = SimpleNamespace(check=SimpleNamespace(passed=passed, worst=worst))
+    finished = SimpleNamespace(check=SimpleNamespace(passed=passed, certified=passed, worst=worst))
     return Candidate(merit, finished, SimpleNamespace(), lineage)
 
 
