@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from expdesign.configuration import load_run
-from expdesign.recheck.judge import recheck
+from expdesign.recheck.certificate import recheck
 from expdesign.recheck.reach import reach
 from expdesign.robot import LimitModel, load_robot, robot_from
 from expdesign.trajectory import FourierTrajectory
@@ -31,7 +31,7 @@ def swinging(robot, amplitude):
 )
 def test_it_is_judged_as_the_other_limits_are(theta, amplitude, largest, bound):
     robot = robot_of(theta)
-    (check,) = recheck(LimitModel.of(robot), swinging(robot, amplitude), 100).limits
+    (check,) = recheck(LimitModel.of(robot), swinging(robot, amplitude)).limits
     assert check.key == "attitude"
     assert np.degrees(abs(check.value)) == pytest.approx(abs(largest), abs=1e-4)
     assert np.degrees(abs(check.bound)) == pytest.approx(abs(bound))
@@ -42,7 +42,7 @@ def test_it_is_judged_as_the_other_limits_are(theta, amplitude, largest, bound):
 def test_whoever_keeps_a_tighter_limit_keeps_it():
     robot = robot_of(tilt="60 deg")
     for amplitude, kept in ((59, True), (61, False)):
-        (check,) = recheck(LimitModel.of(robot), swinging(robot, amplitude), 100).limits
+        (check,) = recheck(LimitModel.of(robot), swinging(robot, amplitude)).limits
         assert (check.key, check.kept) == ("tilt", kept)
 
 
