@@ -58,7 +58,8 @@ def check(
         reserve_in_words,
     )
     from expdesign.robot import robot_from
-    from expdesign.stages.run import refuse_study, run_folder
+    from expdesign.stages.folder import run_folder
+    from expdesign.stages.run import refuse_study
     from expdesign.stages.table import left_out, named, performed, stages_without_design
 
     if out is not None and not machine:
@@ -130,8 +131,8 @@ def _machine(
     from expdesign.cli.terminal import working
     from expdesign.recheck.reach import reach
     from expdesign.robot import LimitModel
+    from expdesign.stages.folder import refuse_unwritable
     from expdesign.stages.outcome import short
-    from expdesign.stages.run import refuse_unwritable
     from results.saving import machine_drawing
 
     refuse_unwritable(folder)

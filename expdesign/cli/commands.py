@@ -197,8 +197,8 @@ def report(
     """
     from expdesign.cli import shown
     from expdesign.cli.terminal import working
+    from expdesign.stages.folder import refuse_run_file, refuse_unwritable
     from expdesign.stages.report import written_report
-    from expdesign.stages.run import refuse_run_file, refuse_unwritable
 
     place = folder.absolute()
     if place.is_dir():
@@ -244,8 +244,9 @@ def _do(
     """Do one stage of a run, with what the options name in place of what the folder holds."""
     from expdesign.cli.terminal import Terminal
     from expdesign.configuration import load_run
+    from expdesign.stages.folder import run_folder
     from expdesign.stages.outcome import StageFailed
-    from expdesign.stages.run import do_stage, run_folder
+    from expdesign.stages.run import do_stage
     from expdesign.stages.workspace import Sources, Workspace
 
     configuration = load_run(run)

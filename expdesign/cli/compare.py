@@ -40,9 +40,9 @@ def compare(
     intervals, and whether they differ. Studies: achieved standard deviations.
     """
     from expdesign.cli.terminal import working
+    from expdesign.stages.folder import refuse_unwritable
     from expdesign.stages.outcome import short
     from expdesign.stages.report import reported_stages
-    from expdesign.stages.run import refuse_unwritable
     from results.report.comparison.comparison import write_comparison
 
     share = precision_share(precision)

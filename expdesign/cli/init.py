@@ -100,7 +100,7 @@ def init(
     from expdesign.robotfile.importing import read_machine
     from expdesign.robotfile.machine import Machine
     from expdesign.robotfile.writing import write_files
-    from expdesign.stages.run import refuse_unwritable
+    from expdesign.stages.folder import refuse_unwritable
 
     folder = Path.cwd() if out is None else out.absolute()
     refuse_unwritable(folder)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import platform
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
@@ -79,13 +79,18 @@ class Manifest(JsonFile):
             for key, stage in self.stages.items()
         }
 
-    def is_done(self, name: str, inputs: str, folder: Path) -> bool:
-        """Tell whether a stage was done from these inputs and its files are still as written."""
+    def is_done(
+        self, name: str, inputs: str, folder: Path, *, growing: Collection[str] = ()
+    ) -> bool:
+        """Tell whether a stage was done from these inputs and its files are still as written.
+
+        Those that are `growing` have to be there, whatever they hold.
+        """
         entry = self.stages.get(name)
         if entry is None or entry.inputs != inputs or entry.status != "done":
             return False
         return all(
-            (folder / file).is_file() and file_hash(folder / file) == digest
+            (folder / file).is_file() and (file in growing or file_hash(folder / file) == digest)
             for file, digest in entry.files.items()
         )
 

@@ -259,6 +259,11 @@ def describe_tables(folder: Path, tables: Iterable[Table[Any, Any]]) -> Path:
     return path
 
 
+def described_tables(folder: Path) -> set[str]:
+    """Return the tables that `columns.json` describes, as it names them."""
+    return set(_known_columns(folder)) - {FORMAT, _FORMATS}
+
+
 def _known_columns(folder: Path) -> dict[str, Any]:
     """Return what `columns.json` says, nothing when there is none or it cannot be used."""
     path = folder / COLUMNS_FILE

@@ -32,9 +32,9 @@ from expdesign.progress import part, tell
 from expdesign.robot import robot_from
 from expdesign.runfolder.atomic import write_text
 from expdesign.runfolder.manifest import package_versions, text_hash
+from expdesign.stages.folder import refuse_unwritable
 from expdesign.stages.outcome import Outcome, short
 from expdesign.stages.record import added_to, clear_outdated, keep_configuration, sections_text
-from expdesign.stages.run import refuse_unwritable
 from expdesign.stages.workspace import Workspace, trajectory_text
 from expdesign.trajectory import FourierTrajectory
 

@@ -5,20 +5,24 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
+from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any
 
 from expdesign.configuration import RunConfiguration, resolved_yaml
 from expdesign.configuration.section import unstated
 from expdesign.runfolder.atomic import write_text
+from expdesign.runfolder.leftovers import remove_leftovers
 from expdesign.runfolder.manifest import (
     RUN_FILE,
     Manifest,
+    StageEntry,
     entry,
     file_hash,
     package_versions,
     text_hash,
 )
+from expdesign.runfolder.table import COLUMNS_FILE, described_tables
 from expdesign.stages.outcome import Outcome
 from expdesign.stages.table import STAGES
 from expdesign.stages.workspace import Workspace
@@ -50,8 +54,36 @@ def is_done(name: str, work: Workspace) -> bool:
     """Tell whether a stage was done from the same inputs, with its files still as it wrote them."""
     if not (work.folder / (STAGES[name].result or STAGES[name].record)).is_file():
         return False
-    manifest = Manifest.known(work.folder)
-    return manifest is not None and manifest.is_done(name, work.inputs[name], work.folder)
+    manifest, inputs = Manifest.known(work.folder), work.inputs[name]
+    # `columns.json` is of all stages: one that was killed may have added its tables already.
+    growing = (COLUMNS_FILE,)
+    return (
+        manifest is not None
+        and manifest.is_done(name, inputs, work.folder, growing=growing)
+        and _described(name, manifest.stages[name], work.folder)
+    )
+
+
+def _described(name: str, made: StageEntry, folder: Path) -> bool:
+    """Tell whether `columns.json` describes all tables that a stage wrote, if it wrote that."""
+    if COLUMNS_FILE not in made.files:
+        return True
+    described = described_tables(folder)
+    return all(
+        any(fnmatch(file, table) for table in described)
+        for file in made.files
+        if any(fnmatch(file, table) for table in STAGES[name].writes if table.endswith(".csv"))
+    )
+
+
+def clear_leftovers(folder: Path) -> None:
+    """Remove what a run that was killed has left half written in a run folder."""
+    named = [(stage.record, stage.result, *stage.writes) for stage in STAGES.values()]
+    places = {str(Path(file).parent) for files in named for file in files}
+    for root in (folder, *folder.glob("designs/*")):
+        for place in places | {"designs", "montecarlo", "repetitions"}:
+            for each in [root] if place == "." else root.glob(place):
+                remove_leftovers(each)
 
 
 def write_entry(work: Workspace, outcome: Outcome, seconds: float) -> None:

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
-from tempfile import TemporaryFile
 from typing import TYPE_CHECKING
 
 from expdesign.configuration import (
@@ -17,13 +15,18 @@ from expdesign.configuration import (
     InputError,
     RunConfiguration,
     load_run,
-    shown,
 )
 from expdesign.interruption import interruptible
-from expdesign.library import run_files
 from expdesign.progress import tell, told_to
+from expdesign.stages.folder import Place, refuse_removed, refuse_unwritable, run_folder
 from expdesign.stages.outcome import SAVING, Outcome, Progress, StageFailed, short
-from expdesign.stages.record import is_done, keep_configuration, stage_inputs, write_entry
+from expdesign.stages.record import (
+    clear_leftovers,
+    is_done,
+    keep_configuration,
+    stage_inputs,
+    write_entry,
+)
 from expdesign.stages.table import STAGES, left_out, loaded, named, stages_without_design
 from expdesign.stages.workspace import Workspace
 from expdesign.trajectory import FourierTrajectory, TrajectoryFile
@@ -32,11 +35,6 @@ if TYPE_CHECKING:
     from estimation.data.measurement import Measurement
     from estimation.identification import EstimationResult
     from expdesign.experiment import DesignResult
-
-Place = str | PathLike[str]
-
-_LONGEST_NAME, _LONGEST_PATH = 255, 3800
-"""Bytes of a folder's name, and of its whole path: what systems take, with room for the files."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +76,7 @@ def run(
     refuse_study(configuration)
     if missing := stages_without_design(configuration, work.folder):
         raise InputError(missing)
+    clear_leftovers(work.folder)
     work.warn(configuration.warnings)
     for stage in named(configuration):
         if reason := left_out(stage, configuration):
@@ -92,6 +91,7 @@ def run(
     if work.made and work.folder.is_dir():
         # Stages that were kept were made from the same sections; others may have changed.
         keep_configuration(configuration, work.folder)
+    refuse_removed(work.folder, work.made.values())
     return RunResult(configuration, work.folder, work.made)
 
 
@@ -112,6 +112,7 @@ def do_stage(name: str, work: Workspace) -> Outcome:
     """
     work.inputs[name] = stage_inputs(name, work)
     refuse_unwritable(work.folder)
+    clear_leftovers(work.folder)
     began = time.perf_counter()
     try:
         with work.progress.working(name) as listener, told_to(listener):
@@ -159,50 +160,6 @@ def _written(outcome: Outcome, work: Workspace) -> tuple[Path, ...]:
     formats = work.configuration.run.report.figures
     tell("drawing figures")
     return (*files, *record_figures(outcome.record, work.folder, formats))
-
-
-def run_folder(configuration: RunConfiguration, out: Place | None) -> Path:
-    """Return the run folder: what was asked for, or runs/<name> in the current folder."""
-    if out is not None and not os.fspath(out):
-        raise InputError("the text is empty", key="--out", allowed="the name of a folder")
-    folder = (Path("runs") / configuration.run.name if out is None else Path(out)).absolute()
-    refuse_long(folder)
-    return folder
-
-
-def refuse_long(folder: Path) -> None:
-    """Refuse a folder whose name, or whose files' names, no system takes."""
-    longest = max(len(os.fsencode(part)) for part in folder.parts)
-    if longest > _LONGEST_NAME or len(os.fsencode(folder)) > _LONGEST_PATH:
-        message = f"{shown(folder.name)}: the name is too long"
-        named = f"{_LONGEST_NAME} bytes in each name, {_LONGEST_PATH} in all"
-        raise InputError(message, key="--out", allowed=named)
-
-
-def refuse_run_file(place: Path) -> None:
-    """Refuse a run, by its file or the name of one that ships, where its folder is wanted."""
-    if not (place.is_file() or str(place) in run_files()):
-        return
-    try:
-        folder = run_folder(load_run(str(place) if str(place) in run_files() else place), None)
-    except InputError:
-        return  # another file: that it is no folder is all there is to say
-    made = "" if folder.is_dir() else ", which is not there yet"
-    message = f"this is a run, not its folder, {short(folder)}{made}"
-    raise InputError(message, place, allowed=f"a run folder such as {short(folder)}")
-
-
-def refuse_unwritable(folder: Path) -> None:
-    """Find out before the work, not after it, that its result cannot be written."""
-    allowed = "a folder that is new, or may be written to"
-    refuse_long(folder)
-    existing = next(path for path in (folder, *folder.parents) if path.exists())
-    try:
-        with TemporaryFile(dir=existing):
-            pass
-    except OSError as error:
-        message = f"cannot write there: {error.strerror}"
-        raise InputError(message, folder, key="--out", allowed=allowed) from error
 
 
 def refuse_study(configuration: RunConfiguration) -> None:

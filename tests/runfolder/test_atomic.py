@@ -1,5 +1,7 @@
+import errno
 import json
 import os
+import re
 import stat
 
 import numpy as np
@@ -103,3 +105,20 @@ def test_json_and_csv_keep_all_digits(tmp_path):
     assert lines[0] == "value"
     assert [float(line) for line in lines[1:-1]] == values.tolist()
     assert lines[-1] == ""
+
+
+def test_an_error_of_the_system_names_the_file_and_leaves_nothing(tmp_path):
+    path = tmp_path / "table.csv"
+
+    def write(name):
+        with written_beside(path):
+            raise OSError(errno.ENOSPC, "full", name)
+
+    for name in (None, str(tmp_path / "what-stands-for-it")):
+        with pytest.raises(OSError, match=re.escape(str(path))) as caught:
+            write(name)
+        assert caught.value.errno == errno.ENOSPC
+    with pytest.raises(OSError, match="other") as caught:
+        write("/elsewhere/other.csv")
+    assert caught.value.filename == "/elsewhere/other.csv"
+    assert names(tmp_path) == []

@@ -1,0 +1,84 @@
+"""The run folder: where it is, and whether it can be written to and still holds what was made."""
+
+from __future__ import annotations
+
+import errno
+import os
+from collections.abc import Iterable
+from os import PathLike
+from pathlib import Path
+from tempfile import TemporaryFile
+
+from expdesign.configuration import InputError, RunConfiguration, load_run, shown
+from expdesign.library import run_files
+from expdesign.runfolder.manifest import Manifest
+from expdesign.stages.outcome import Outcome, StageFailed, short
+
+Place = str | PathLike[str]
+
+_ROOM = 2**20
+"""Bytes that there is to be room for before a stage begins: some stages write more, most less."""
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+
+_LONGEST_NAME, _LONGEST_PATH = 255, 3800
+"""Bytes of a folder's name, and of its whole path: what systems take, with room for the files."""
+
+
+def run_folder(configuration: RunConfiguration, out: Place | None) -> Path:
+    """Return the run folder: what was asked for, or runs/<name> in the current folder."""
+    if out is not None and not os.fspath(out):
+        raise InputError("the text is empty", key="--out", allowed="the name of a folder")
+    folder = (Path("runs") / configuration.run.name if out is None else Path(out)).absolute()
+    refuse_long(folder)
+    return folder
+
+
+def refuse_long(folder: Path) -> None:
+    """Refuse a folder whose name, or whose files' names, no system takes."""
+    longest = max(len(os.fsencode(part)) for part in folder.parts)
+    if longest > _LONGEST_NAME or len(os.fsencode(folder)) > _LONGEST_PATH:
+        message = f"{shown(folder.name)}: the name is too long"
+        named = f"{_LONGEST_NAME} bytes in each name, {_LONGEST_PATH} in all"
+        raise InputError(message, key="--out", allowed=named)
+
+
+def refuse_run_file(place: Path) -> None:
+    """Refuse a run, by its file or the name of one that ships, where its folder is wanted."""
+    if not (place.is_file() or str(place) in run_files()):
+        return
+    try:
+        folder = run_folder(load_run(str(place) if str(place) in run_files() else place), None)
+    except InputError:
+        return  # another file: that it is no folder is all there is to say
+    made = "" if folder.is_dir() else ", which is not there yet"
+    message = f"this is a run, not its folder, {short(folder)}{made}"
+    raise InputError(message, place, allowed=f"a run folder such as {short(folder)}")
+
+
+def refuse_unwritable(folder: Path) -> None:
+    """Find out before the work, not after it, that its result cannot be written."""
+    allowed = "a folder that is new, or may be written to"
+    refuse_long(folder)
+    existing = next(path for path in (folder, *folder.parents) if path.exists())
+    try:
+        with TemporaryFile(dir=existing) as file:
+            file.write(bytes(_ROOM))
+            file.flush()
+            os.fsync(file.fileno())
+    except OSError as error:
+        if error.errno in _FULL:
+            raise OSError(error.errno, os.strerror(error.errno), str(folder)) from error
+        message = f"cannot write there: {error.strerror}"
+        raise InputError(message, folder, key="--out", allowed=allowed) from error
+
+
+def refuse_removed(folder: Path, made: Iterable[Outcome]) -> None:
+    """Fail when a folder no longer holds what stages have written or kept there."""
+    manifest = Manifest.known(folder)
+    held = {} if manifest is None else manifest.stages
+    gone = [one.stage for one in made if (one.files or one.kept) and one.stage not in held]
+    if gone:
+        raise StageFailed(
+            f"{short(folder)} was removed or emptied while the run went on: what "
+            f"{', '.join(gone)} wrote is gone. The same command makes it again."
+        )
