@@ -1,7 +1,8 @@
 """What a format of recordings is, and reading with its library: every failure is bad input.
 
-SciPy's reader of MATLAB files, HDF5 and asammdf trust the sizes and addresses that stand in a
-file: one wrong byte may end the process that reads it. They read in a process of their own.
+SciPy's reader of MATLAB files, HDF5, asammdf and rosbags trust the sizes and addresses that stand
+in a file: one wrong byte may end the process that reads it, or take all its memory. They read in a
+process of their own.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ _SECONDS_PER_MEGABYTE = 1.0
 _MEGABYTE = 1_000_000
 _MEMORY = 8_000 * _MEGABYTE
 _MEMORY_PER_BYTE = 50
+_MOST_MEMORY = 16_000 * _MEGABYTE
 _COMMAND = f"from {__name__} import serve; serve()"
 
 
@@ -100,7 +102,7 @@ class FileFormat:
         return table
 
     def _load_apart(self, path: Path, section: DataSection) -> RawTable:
-        size = path.stat().st_size
+        size = _bytes_of(path)
         folders = os.pathsep.join(folder or str(Path.cwd()) for folder in sys.path)
         try:
             child = subprocess.run(
@@ -128,12 +130,17 @@ class FileFormat:
         return InputError(message, path)
 
 
+def _bytes_of(path: Path) -> int:
+    return sum(p.stat().st_size for p in (path.iterdir() if path.is_dir() else [path]))
+
+
 def serve() -> None:
     """Be the other process: read what standard input names, write a pickle to standard output."""
     answers = os.dup(1)
     os.dup2(2, 1)  # what a library prints is not part of the answer
     file_format, path, section = pickle.load(sys.stdin.buffer)
-    limit = _MEMORY + _MEMORY_PER_BYTE * path.stat().st_size  # a damaged size may ask for any
+    # A damaged size may ask for any.
+    limit = min(_MEMORY + _MEMORY_PER_BYTE * _bytes_of(path), _MOST_MEMORY)
     resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     try:

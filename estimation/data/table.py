@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from constraints.arrays import Array
 from estimation.data.columns import Column
 from expdesign.configuration import InputError, Problem
+from expdesign.configuration.sizes import SAMPLES
 
 RowNoun = Literal["line", "sample", "message"]
 HEADER_LINE = 1
@@ -90,6 +91,13 @@ class RawTable:
                 if first <= row < end
             },
         )
+
+
+def refuse_long(count: int, file: Path) -> None:
+    """Refuse a recording with more rows than are read."""
+    if excess := SAMPLES.excess(count, "the recording is too long"):
+        allowed = f"{excess.allowed}: a part of it, or a lower sampling"
+        raise InputError(excess.message, file, allowed=allowed)
 
 
 def refuse(problems: Sequence[Problem], file: Path, what: str, count: int | None = None) -> None:

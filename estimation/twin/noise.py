@@ -16,6 +16,7 @@ from scipy.fft import next_fast_len
 
 from constraints.arrays import Array, ComplexArray
 from expdesign.configuration import InputError, Problem, RunConfiguration
+from expdesign.configuration.sizes import SAMPLES
 from expdesign.noise.fourier_lines import multiplicity, series_of
 from expdesign.noise.hum import Hum
 from expdesign.noise.spectrum import NoiseSpectrum
@@ -30,7 +31,7 @@ _RESOLVED = 2e-3
 """By how much the variance on the lines may differ from that of the spectrum."""
 
 _LONGEST = 64
-"""Length of the series that is drawn, over that of the record."""
+"""Length of the series that is drawn, over that of the record; of the longest records less."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +72,7 @@ class NoiseSource:
         The DFT makes a periodic series of it: twice the record's length, no sample is beside
         another one's repetition. A narrow band needs more, to have lines in it.
         """
-        length, longest = 2 * self.count, _LONGEST * self.count
+        length, longest = 2 * self.count, min(_LONGEST * self.count, 2 * SAMPLES.most)
         wanted = np.diag(self._continuous.covariance)
         while length < longest and self._variance(length, wanted) > _RESOLVED:
             length *= 2

@@ -11,13 +11,14 @@ from numpy.typing import NDArray
 from constraints.arrays import Array
 from expdesign.configuration import InputError
 from expdesign.configuration.sections.experiment import ExperimentSection
+from expdesign.configuration.sizes import SAMPLES
 
 _ROUNDING = 1e-12
 _WHOLE = 1e-6
 """Samples by which the last period may be off for all to count as whole and alike."""
 
-MOST_SAMPLES = 10_000_000
-"""Rows of one measurement: what a computer holds in memory, nearly three hours at 1 kHz."""
+MOST_SAMPLES = SAMPLES.most
+"""Rows of one measurement: more than an hour at 1 kHz."""
 
 
 @dataclass(frozen=True)
@@ -49,14 +50,13 @@ class SampleGrid:
         nearest = round(steps)
         alike = nearest >= 1 and abs(steps - nearest) * experiment.periods < _WHOLE
         exact = experiment.periods * (nearest if alike else steps)
-        if not 1 <= exact * (1 + _ROUNDING) < MOST_SAMPLES + 1:
-            raise InputError(
-                f"{experiment.periods} periods of {period:.6g} s at {experiment.sampling:g} Hz "
-                f"are {exact:.4g} samples",
-                file=file,
-                key="experiment.sampling" if exact < 1 else "experiment.periods",
-                allowed=f"1 to {MOST_SAMPLES} samples",
-            )
+        made = f"{experiment.periods} periods of {period:.6g} s at {experiment.sampling:g} Hz"
+        if exact * (1 + _ROUNDING) < 1:
+            message = f"{made} are {exact:.4g} samples"
+            raise InputError(message, file, key="experiment.sampling", allowed="1 sample or more")
+        if excess := SAMPLES.excess(int(exact * (1 + _ROUNDING)), made):
+            key = "experiment.periods"
+            raise InputError(excess.message, file, key=key, allowed=excess.allowed)
         # Every sample before the end of the last period, the one at its beginning included.
         count = int(np.ceil(exact * (1 - _ROUNDING)))
         return cls(

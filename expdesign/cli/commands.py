@@ -10,7 +10,7 @@ import typer
 from expdesign.cli.output import JsonOption, RunArgument, write_json
 
 _MOST_EXPERIMENTS = 100_000
-_MOST_REPETITIONS = 10_000_000
+_MOST_REPETITIONS = 400_000
 
 OutOption = Annotated[
     Path | None,

@@ -11,6 +11,7 @@ from expdesign.configuration.parameters import whose
 from expdesign.configuration.problem import Problem, nearest
 from expdesign.configuration.robot import ResolvedRobot
 from expdesign.configuration.run import RunDescription
+from expdesign.configuration.sizes import PERIOD_ROWS, oversized
 
 _ROUNDING = 1e-12
 _LEAST_HARMONICS_AT_REST = 2
@@ -20,6 +21,7 @@ def inconsistencies(
     run: RunDescription, robot: ResolvedRobot, document: Document
 ) -> Iterator[Problem]:
     """Yield everything in a run that does not fit the rest of it, or its robot."""
+    yield from oversized(run, document)
     yield from _unknown_parameters(run, robot, document)
     yield from _undesignable(run, document)
     yield from _unknown_spectrum(run, robot, document)
@@ -67,6 +69,8 @@ def _undesignable(run: RunDescription, document: Document) -> Iterator[Problem]:
             f"at least {2 * high:g} Hz, or a trajectory.controller_period",
         )
         return
+    if not 1 / (low * step) <= PERIOD_ROWS.most:
+        return  # too many steps, which is told by their number
     fewest = math.ceil(1 / (high * step) * (1 - _ROUNDING))
     most = math.floor(1 / (low * step) * (1 + _ROUNDING))
     if low < high and fewest > most:

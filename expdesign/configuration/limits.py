@@ -9,6 +9,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Annotated, Any
 
 import numpy as np
@@ -187,7 +188,9 @@ def _bounds(name: str, value: object) -> tuple[LimitDefinition, tuple[Bounds | N
     definitions = limit_definitions()
     if name not in definitions:
         valid = [*definitions, CHARACTERISTIC_LENGTH, RESERVE]
-        raise refusal(f"unknown limit {shown(name)}", ", ".join(valid), nearest(name, valid))
+        raise refusal(
+            f"unknown limit {shown(name)}", ", ".join(valid), partial(nearest, name, valid)
+        )
     definition = definitions[name]
     if not definition.components:
         return definition, _rows(definition, value)
@@ -248,7 +251,9 @@ def _components(definition: LimitDefinition, value: object) -> dict[str, Bounds]
     bounds = {}
     for name, item in value.items():
         if name not in names:
-            raise refusal(f"unknown component {shown(name)}", allowed, nearest(name, names))
+            raise refusal(
+                f"unknown component {shown(name)}", allowed, partial(nearest, name, names)
+            )
         if definition.about_home is not None and item == LIFTED:
             bounds[name] = _ENDLESS
             continue

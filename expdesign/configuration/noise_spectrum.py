@@ -58,6 +58,7 @@ there are any, amplitudes of hum lines and the complex coherency of every pair o
 _LARGEST_FILE = 4 * 1024 * 1024
 _MOST_ROWS = 500
 _MOST_COEFFICIENTS = 10
+_MOST_LINES = 100
 _SMALLEST = 1e-9
 _FIRST_LINE = 2
 
@@ -69,7 +70,9 @@ _Pairs = Annotated[tuple[Number, ...], exactly(2 * len(PAIRS), "values")]
 class SpectrumTable(Section):
     """What a file holds: a density at increasing frequencies, the last half of the sampling."""
 
-    frequency: Annotated[tuple[Annotated[Frequency, NotNegative], ...], at_least(2, "frequencies")]
+    frequency: Annotated[
+        tuple[Annotated[Frequency, NotNegative], ...], at_least(2, "frequencies", _MOST_ROWS)
+    ]
     density: tuple[_Positive, ...]
     """One-sided, N²/Hz or m²/Hz."""
     amplitude: tuple[_Six, ...] | None = None
@@ -182,6 +185,8 @@ def _coefficients(value: object) -> tuple[tuple[float, ...], ...] | None:
 
 
 def _lines(value: object) -> object:
+    if isinstance(value, list | tuple) and len(value) > _MOST_LINES:
+        raise refusal(f"the list has {len(value)} of them", f"{_MOST_LINES} at most")
     return [value] if isinstance(value, dict) else value
 
 

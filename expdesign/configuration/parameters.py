@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from typing import Annotated, Any
 
 import numpy as np
@@ -84,7 +85,7 @@ def _term(item: object, wanted: str) -> TermDescription:
     if isinstance(item, Mapping) and len(item) == 1:
         ((name, given),) = item.items()
     if not isinstance(name, str) or name not in TERMS:
-        raise refusal(f"{shown(name)} is no term", wanted, nearest(name, TERMS))
+        raise refusal(f"{shown(name)} is no term", wanted, partial(nearest, name, TERMS))
     if not isinstance(given, Mapping):
         raise refusal(f"{shown(given)} is no mapping of constants", "constants with their values")
     stated = {key: _constant(f"{name}.{key}", item) for key, item in given.items()}
@@ -123,7 +124,7 @@ def _quantities(
     def read(name: str, value: object) -> float:
         if name not in expected:
             allowed = ", ".join(expected) or "none"
-            raise refusal(unknown(name), allowed, nearest(name, expected))
+            raise refusal(unknown(name), allowed, partial(nearest, name, expected))
         default = expected[name].default
         if value is None and default is not None:
             return default

@@ -120,7 +120,10 @@ class ComputationError(Exception):
 
 
 def refusal(
-    reason: str, allowed: str, nearest: str | None = None, key: str = ""
+    reason: str,
+    allowed: str,
+    nearest: str | Callable[[], str | None] | None = None,
+    key: str = "",
 ) -> PydanticCustomError:
     """Return the exception that a validator raises.
 
@@ -130,8 +133,9 @@ def refusal(
         What is wrong with the value that was given.
     allowed : str
         What would be accepted instead.
-    nearest : str, optional
-        The valid spelling closest to what was given.
+    nearest : str or callable, optional
+        The valid spelling closest to what was given, or what looks for it: that takes time, and is
+        done where the problem is told.
     key : str, optional
         The key that is to be changed, when the validator is that of a whole section.
     """

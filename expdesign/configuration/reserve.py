@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 from constraints import Limit, limit_definitions
@@ -67,7 +68,7 @@ def read_reserve(value: object) -> Reserve:
     for key, item in value.items():
         if key not in valid:
             message = f"{shown(key)} is no limit"
-            raise refusal(message, ", ".join(valid), nearest(key, valid))
+            raise refusal(message, ", ".join(valid), partial(nearest, key, valid))
         own[key] = _share(item, f"{key}: ")
     return Reserve(own=own)
 

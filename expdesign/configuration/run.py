@@ -41,7 +41,7 @@ RUN_FORMAT = 3
 """
 
 _DEFAULT_WORKERS = 2
-_LARGEST_WORKERS = 1024
+_LARGEST_WORKERS = 256
 _ADDRESS = require(
     re.compile(r"(?:tcp|tls|ucx|ws|wss)://[A-Za-z0-9._\[\]:-]{1,250}:\d{1,5}").fullmatch,
     "{shown} is not the address of a scheduler",

@@ -95,9 +95,9 @@ def _problem(
         return document.problem(key, message, f"the keys {', '.join(valid)}")
     if kind == "refused":
         key = (*key, context["key"]) if context["key"] else key
-        return document.problem(
-            key, context["reason"], context["allowed"], context["nearest"] or None
-        )
+        meant = context["nearest"]
+        meant = meant() if callable(meant) else meant
+        return document.problem(key, context["reason"], context["allowed"], meant or None)
     return document.problem(key, f"{shown(details['input'])}: {details['msg']}")
 
 

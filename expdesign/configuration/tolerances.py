@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import partial
 from typing import Annotated, Any
 
 import numpy as np
@@ -86,7 +87,7 @@ def _constants(term: str, value: object) -> dict[str, float]:
     def read(name: str, item: object) -> float:
         if name not in constants:
             reason = f"the term {term} has no constant {shown(name)}"
-            raise refusal(reason, allowed, nearest(name, constants))
+            raise refusal(reason, allowed, partial(nearest, name, constants))
         return _parsed(dimension_of(constants[name].unit), item)
 
     return each_read(value, read, (term,))

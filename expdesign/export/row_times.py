@@ -9,6 +9,7 @@ import numpy as np
 
 from constraints.arrays import Array
 from expdesign.configuration import InputError
+from expdesign.configuration.sizes import TABLE_ROWS
 from expdesign.export.definition import Rows, Settings, Task, in_window
 from expdesign.export.execution import Deviation, ExecutedTable, blocks, deviation, refined
 from expdesign.motion.executable import ExecutableMotion
@@ -84,6 +85,11 @@ def chosen_times(settings: Settings, place: str = "") -> Array:
     numbers. Where no step is short enough, the section is refused.
     """
     form, motion = settings.form, settings.task.motion
+    longest = settings.step or settings.section.segment or STEPS[0]
+    made = f"{motion.duration:.4g} s in steps of {longest:g} s"
+    if excess := TABLE_ROWS.excess(motion.duration / longest, made):
+        key = f"{place}.segment" if place else "segment"
+        raise InputError(excess.message, key=key, allowed=excess.allowed)
     if settings.step is not None:
         return form.written_times(uniform_times(motion, settings.step))
     given = settings.section.segment
@@ -98,6 +104,8 @@ def _step(settings: Settings, segment: int, place: str) -> float:
     motion = settings.task.motion
     found = Deviation()
     for step in STEPS:
+        if TABLE_ROWS.excess(motion.duration / step, ""):
+            break
         times = _divided(motion, segment, step)
         if motion.segments[segment].name == "periods":
             # All periods have the same rows.
@@ -107,7 +115,7 @@ def _step(settings: Settings, segment: int, place: str) -> float:
         if np.nanmax([*shares, found.force / SHARE]) <= _RESERVE:
             return step
     raise InputError(
-        f"with rows {1e3 * STEPS[-1]:g} ms apart the controller's path is still "
+        f"with rows {1e3 * step:g} ms apart the controller's path is still "
         f"{1e6 * found.position:.3g} µm from the design in the {motion.segments[segment].name},"
         f" its accelerations {100 * found.acceleration:.2g} % of their limits' range",
         key=f"{place}.tolerance" if place else "tolerance",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Annotated
 
 import numpy as np
@@ -17,6 +17,9 @@ from expdesign.runfolder.described import (
     TIME,
     strutwise,
 )
+
+_AT_ONCE = 20_000
+"""Instants."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +42,18 @@ class SampledMotion:
     @classmethod
     def of(cls, robot: Robot, motion: Motion, times: Array) -> SampledMotion:
         """Sample a motion of a robot at the times (N,), s."""
+        # What is computed on the way takes ten times the memory of what stays.
+        parts = [
+            cls._at_once(robot, motion, times[begin : begin + _AT_ONCE])
+            for begin in range(0, max(len(times), 1), _AT_ONCE)
+        ]
+        if len(parts) == 1:
+            return parts[0]
+        names = [field.name for field in fields(cls)]
+        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+
+    @classmethod
+    def _at_once(cls, robot: Robot, motion: Motion, times: Array) -> SampledMotion:
         state = motion.sample(times)
         struts = robot.strut_motion(*state)
         return cls(

@@ -7,6 +7,7 @@ from typing import Any
 from numpy.linalg import LinAlgError
 
 from estimation import identification
+from estimation.data.measurement import Measurement
 from estimation.diagnostics import noise_analysis
 from estimation.diagnostics.diagnosis import diagnose
 from estimation.diagnostics.record import Diagnosis
@@ -15,6 +16,8 @@ from estimation.identification.record import EstimateRecord
 from estimation.identification.repetition import repeated_record
 from estimation.validation.record import ValidationFile
 from estimation.validation.validate import validate
+from expdesign.configuration import InputError
+from expdesign.configuration.sizes import SAMPLES
 from expdesign.progress import tell, told
 from expdesign.robot import robot_from
 from expdesign.stages.outcome import Outcome, StageFailed
@@ -29,7 +32,12 @@ def perform(work: Workspace) -> Outcome:
     """
     configuration, files = work.configuration, work.data_files()
     designs = work.recorded_designs(len(files))
-    recordings = [work.recording(file) for file in told("reading recordings", files)]
+    recordings: list[Measurement] = []
+    for file in told("reading recordings", files):
+        recordings.append(work.recording(file))
+        count = sum(len(recording.time) for recording in recordings)
+        if excess := SAMPLES.excess(count, f"{len(recordings)} recordings"):
+            raise InputError(excess.message, key="--data", allowed=excess.allowed)
     try:
         result = identification.estimate(configuration, recordings, designs)
     except LinAlgError as error:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from estimation.twin import Twin
 from estimation.twin.record import MEASUREMENT, repetition_file, write_measurement, write_truth
+from expdesign.configuration import InputError
+from expdesign.configuration.sizes import MEASURED_ROWS
 from expdesign.export.table_file import find_table_file
 from expdesign.progress import tell
 from expdesign.robot import robot_from
@@ -36,6 +38,10 @@ def perform(work: Workspace) -> Outcome:
         work.progress.warn(changed)
         warnings.append(changed)
     repetitions, done = sources.repetitions, 0
+    samples = twin.truth.experiment.samples
+    made = f"{repetitions} measurements of {samples} samples"
+    if excess := MEASURED_ROWS.excess(repetitions * samples, made):
+        raise InputError(excess.message, key="--repetitions", allowed=excess.allowed)
     files = clear_outdated(NAME, work)
     status = "done"
     try:

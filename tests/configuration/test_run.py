@@ -334,7 +334,7 @@ def test_every_default_is_printed():
 @QUICK
 @given(
     description=st.text(),
-    frequency=st.floats(1e-9, 499),
+    frequency=st.floats(2.5e-3, 499),
     tilt=st.floats(1e-6, 3),
     column=st.text(min_size=1, max_size=20).filter(str.strip),
 )

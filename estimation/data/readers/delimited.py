@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from constraints.arrays import Array
 from estimation.data.columns import Column, header_column, pick
 from estimation.data.formats import FileFormat
-from estimation.data.table import HEADER_LINE, MOST_PROBLEMS, RawTable, refuse
+from estimation.data.table import HEADER_LINE, MOST_PROBLEMS, RawTable, refuse, refuse_long
 from estimation.data.text_lines import line_blocks
 from expdesign.configuration import DataSection, InputError, Problem
 
@@ -101,6 +101,7 @@ def _gathered(
             parts[channel].append(column)
         numbers.append(begins)
         line, rows = line + len(lines), rows + len(begins)
+        refuse_long(rows, path)
     refuse(ragged, path, "lines are like that", count)
     return RawTable(
         path,

@@ -15,7 +15,7 @@ from scipy.io import loadmat
 from constraints.arrays import Array
 from estimation.data.columns import Column, pick
 from estimation.data.formats import FileFormat
-from estimation.data.table import NUMERIC, RawTable
+from estimation.data.table import NUMERIC, RawTable, refuse_long
 from expdesign.configuration import DataSection
 
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
@@ -49,6 +49,7 @@ def read_matlab(path: Path, section: DataSection) -> RawTable:
                 arrays[name] = array
                 columns += _array_columns(name, short, array.shape, name)
     picked = pick(columns, section.columns, path)
+    _refuse_long(picked, path)
     return RawTable(path, _loaded(picked, arrays.__getitem__), picked)
 
 
@@ -68,6 +69,7 @@ def read_hdf5(path: Path, section: DataSection, separator: str = "/") -> RawTabl
 
         file.visititems(visit)
         picked = pick(columns, section.columns, path)
+        _refuse_long(picked, path)
 
         def load(place: tuple[str, str | None]) -> NDArray[Any]:
             name, member = place
@@ -123,22 +125,29 @@ def _array_columns(
     """
     long = [size for size in shape if size != 1]
     if len(long) == 1:
-        yield Column(name, (place, None), short=short, unit=unit)
+        yield Column(name, (place, None, long[0]), short=short, unit=unit)
     elif len(long) == 2 and min(long) <= _MOST_COLUMNS:  # noqa: PLR2004 - a matrix
         for k in range(min(long)):
             end = f"(:,{k + 1})"
-            yield Column(f"{name}{end}", (place, k), short=f"{short}{end}", unit=unit)
+            yield Column(f"{name}{end}", (place, k, max(long)), short=f"{short}{end}", unit=unit)
+
+
+def _refuse_long(picked: Mapping[str, Column], path: Path) -> None:
+    for column in picked.values():
+        refuse_long(column.place[-1], path)
 
 
 def _loaded(picked: Mapping[str, Column], load: Callable[[Any], NDArray[Any]]) -> dict[str, Array]:
     """Return the numbers of the columns that were picked; each array is loaded once.
+
+    Those that are too long are refused before: compressed they may be few bytes.
 
     `load` gives the array of a place that `_array_columns` was told.
     """
     loaded: dict[Any, NDArray[Any]] = {}
     values = {}
     for channel, column in picked.items():
-        place, k = column.place
+        place, k, _ = column.place
         if place not in loaded:
             array = np.squeeze(load(place))
             loaded[place] = array.T if array.ndim > 1 and array.shape[1] > array.shape[0] else array

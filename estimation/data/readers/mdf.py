@@ -13,7 +13,7 @@ import numpy as np
 from constraints.arrays import Array
 from estimation.data.columns import OPTIONAL, Column, pick
 from estimation.data.formats import FileFormat
-from estimation.data.table import NUMERIC, RawTable
+from estimation.data.table import NUMERIC, RawTable, refuse_long
 from expdesign.configuration import DataSection, InputError, Problem
 
 _MASTER = "time stamps"
@@ -40,6 +40,7 @@ def _table(file: Any, path: Path, section: DataSection) -> RawTable:
     signals: dict[str, Any] = {}
     for channel, column in picked.items():
         group, index = column.place
+        refuse_long(int(file.groups[group].channel_group.cycles_nr), path)
         signals[channel] = file.get(group=group, index=index, ignore_invalidation_bits=True)
     columns = {
         channel: replace(column, unit=str(signals[channel].unit).strip() or None)

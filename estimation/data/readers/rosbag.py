@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Iterator, Mapping
 from importlib import import_module
 from pathlib import Path
@@ -11,7 +12,7 @@ import numpy as np
 
 from estimation.data.columns import Column, pick
 from estimation.data.formats import FileFormat
-from estimation.data.table import RawTable, refuse
+from estimation.data.table import RawTable, refuse, refuse_long
 from expdesign.configuration import (
     FORCE_CHANNELS,
     LENGTH_CHANNELS,
@@ -55,6 +56,7 @@ def read(path: Path, section: DataSection) -> RawTable:
             )
         picked = pick(columns, _joint_names(section.columns, columns), path)
         topic = _one_topic(picked, path)
+        refuse_long(sum(connection.msgcount for connection in topics[topic]), path)
         return _table(bag, topics[topic], picked, path)
 
 
@@ -106,7 +108,7 @@ def _table(bag: Any, connections: list[Any], picked: Mapping[str, Column], path:
     joints = {channel: c.place[1:] for channel, c in picked.items() if channel != "t"}
     by_log_time = picked["t"].place[1] == _LOG_TIME
     stamps: list[int] = []
-    rows: list[list[float]] = []
+    rows = array("d")
     problems: list[Problem] = []
     names: list[str] = []
     places: list[tuple[str, int]] = []
@@ -122,7 +124,7 @@ def _table(bag: Any, connections: list[Any], picked: Mapping[str, Column], path:
                 continue
             places = [(kind, names.index(joint)) for joint, kind in joints.values()]
         try:
-            rows.append([getattr(message, kind)[place] for kind, place in places])
+            rows.extend([getattr(message, kind)[place] for kind, place in places])
         except IndexError:
             problems.append(_too_short(message, number, path))
             continue
@@ -133,7 +135,7 @@ def _table(bag: Any, connections: list[Any], picked: Mapping[str, Column], path:
         message = "all messages have the same header.stamp: it was not set"
         allowed = f"data.columns: {{t: {_LOG_TIME}}} takes the time at which they were recorded"
         raise InputError(message, path, key=_STAMP, allowed=allowed)
-    table = np.array(rows, dtype=np.float64).reshape(-1, len(joints))
+    table = np.array(rows).reshape(-1, len(joints))
     values = {channel: table[:, k].copy() for k, channel in enumerate(joints)}
     values["t"] = np.array([stamp - stamps[0] for stamp in stamps]) * _NANOSECOND
     return RawTable(path, values, picked, "message")
@@ -149,6 +151,12 @@ def _too_short(message: Any, number: int, path: Path) -> Problem:
 
 FORMATS = (
     FileFormat(
-        "rosbag2, MCAP", (".mcap", ".db3"), read, "rosbags", "ros", folder_file="metadata.yaml"
+        "rosbag2, MCAP",
+        (".mcap", ".db3"),
+        read,
+        "rosbags",
+        "ros",
+        may_crash=True,
+        folder_file="metadata.yaml",
     ),
 )

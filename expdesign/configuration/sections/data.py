@@ -204,7 +204,9 @@ Estimators = Annotated[
     tuple[Annotated[Estimator, one_of(Estimator)], ...], at_least(1, "estimators"), Distinct
 ]
 
-_LARGEST_HARMONICS = 10_000
+_LARGEST_HARMONICS = 500
+"""ML's motion has a dense matrix of 12 variables to each, squared: 0.3 GB."""
+
 _LARGEST_REPETITIONS = 10_000_000
 _FIXED = "a list of parameters, or parameters with their values"
 _BOUNDS = "parameters with their [min, max]"

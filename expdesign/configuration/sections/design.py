@@ -25,6 +25,9 @@ from expdesign.configuration.values.scalars import (
 
 _LARGEST_HARMONICS = 100
 
+_MOST_SOLVES = 10_000
+"""Starts, hops, iterations: days of work, whose history is kept."""
+
 Phase = Literal["start", "best"]
 
 
@@ -93,13 +96,13 @@ class DesignSection(Section):
     """Settings of the optimal design."""
 
     criterion: Annotated[str, one_of(CRITERIA)] = "d"
-    starts: Count = 8
+    starts: Annotated[int, whole(1, _MOST_SOLVES)] = 8
     """Number of random starts."""
     seed: Seed = 0
     """Of the random starts and of the hops."""
     search: Annotated[Search, one_of(Search)] = "restarts"
     """Only restarts, or then hops from the best motions, and new starts, in turn."""
-    hops: Annotated[int, whole(0)] = 100
+    hops: Annotated[int, whole(0, _MOST_SOLVES)] = 100
     """Number of hops, of which every second is a new start; without effect on restarts."""
     start: Annotated[Start, one_of(Start)] = "periodic"
     """Whether the series starts at rest (rate and acceleration zero at t = 0)."""
@@ -116,7 +119,7 @@ class DesignSection(Section):
     """Falling widths of the smoothed friction sign, m/s of the struts: the problem is solved with
     the first, then, from that solution, with the next. None until the run is resolved: then
     shares of the largest strut speed that is allowed."""
-    max_iterations: Count = 80
+    max_iterations: Annotated[int, whole(1, _MOST_SOLVES)] = 80
     """Of each smoothing width, within one start."""
     max_seconds: Annotated[Duration, Positive] | None = None
     """Time for all starts, s."""

@@ -78,6 +78,7 @@ _PART = require(
     "0 ≤ share < 0.5",
 )
 _LARGEST_ROW = 10_000_000
+_MOST_ROWS = 10_000
 _NONE = (0.0,) * ACTUATORS
 
 _GAIN = require(
@@ -118,7 +119,11 @@ class Lost(Section):
     share: Annotated[Share, _PART] | None = None
     """Of the samples; every repetition draws its own."""
     rows: (
-        Annotated[tuple[Annotated[int, whole(1, _LARGEST_ROW)], ...], at_least(1, "rows"), Distinct]
+        Annotated[
+            tuple[Annotated[int, whole(1, _LARGEST_ROW)], ...],
+            at_least(1, "rows", _MOST_ROWS),
+            Distinct,
+        ]
         | None
     ) = None
     """Numbers of samples, from 1: the same in every repetition."""

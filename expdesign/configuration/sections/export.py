@@ -179,10 +179,12 @@ def _section(value: object) -> object:
 
 
 def _files_differ(sections: tuple[ExportSection, ...]) -> tuple[ExportSection, ...]:
-    stems = [section.stem for section in sections]
-    for position, stem in enumerate(stems):
-        if stem in stems[:position]:
-            raise refusal(f"'{stem}' is listed twice", "each one once, or with a file: of its own")
+    seen = set[str]()
+    for section in sections:
+        if section.stem in seen:
+            message = f"'{section.stem}' is listed twice"
+            raise refusal(message, "each one once, or with a file: of its own")
+        seen.add(section.stem)
     return sections
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Hashable, Mapping, Sequence
+from functools import partial
 from typing import Annotated, Any, get_args
 
 import numpy as np
@@ -78,7 +79,9 @@ def known(choices: Sequence[str], kind: str) -> Callable[[object], str]:
     def check(value: object) -> str:
         if not isinstance(value, str) or value not in choices:
             allowed = " | ".join(choices)
-            raise refusal(f"{shown(value)} is not a {kind}", allowed, nearest(value, choices))
+            raise refusal(
+                f"{shown(value)} is not a {kind}", allowed, partial(nearest, value, choices)
+            )
         return value
 
     return check
@@ -201,12 +204,14 @@ def per_strut(what: str) -> WrapValidator:
     return WrapValidator(check)
 
 
-def at_least(count: int, what: str) -> BeforeValidator:
-    """Return a validator for a list of `count` items or more."""
+def at_least(count: int, what: str, most: int = 100) -> BeforeValidator:
+    """Return a validator for a list of `count` items or more, up to a number that is enough."""
 
     def check(value: object) -> Sequence[Any]:
         wanted = f"a list of {count} or more {what}"
         items = _listed(value, wanted)
+        if len(items) > most:
+            raise refusal(f"the list has {len(items)} {what}", f"{most} at most")
         if len(items) < count:
             raise refusal(f"the list has {len(items)} {what}", wanted)
         return items
@@ -215,9 +220,11 @@ def at_least(count: int, what: str) -> BeforeValidator:
 
 
 def _distinct(items: tuple[Hashable, ...]) -> tuple[Hashable, ...]:
-    for position, item in enumerate(items):
-        if item in items[:position]:
+    seen = set[Hashable]()
+    for item in items:
+        if item in seen:
             raise refusal(f"{shown(item)} is listed twice", "each one once")
+        seen.add(item)
     return items
 
 

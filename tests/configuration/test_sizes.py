@@ -1,0 +1,79 @@
+"""What a run may ask for is bounded: told with what it would take, before anything is computed."""
+
+import pytest
+
+from expdesign.cli.commands import _MOST_REPETITIONS
+from expdesign.configuration import InputError, load_run
+from expdesign.configuration.sizes import MEMORY, REPETITIONS, SAMPLES, design_samples
+
+ROBOT = {"name": "large", "robot": "palida"}
+
+
+def refused(**sections):
+    with pytest.raises(InputError) as caught:
+        load_run(ROBOT | sections)
+    return {problem.key: problem for problem in caught.value.problems}
+
+
+@pytest.mark.parametrize(
+    ("key", "sections"),
+    [
+        ("trajectory.controller_period", {"trajectory": {"controller_period": 1e-9}}),
+        ("trajectory.controller_period", {"trajectory": {"controller_period": 1e-320}}),
+        ("experiment.sampling", {"experiment": {"sampling": "1000 MHz"}}),
+        ("experiment.sampling", {"experiment": {"sampling": 1e308}}),
+        ("experiment.periods", {"experiment": {"periods": 100_000}}),
+        ("trajectory.samples", {"trajectory": {"samples": 100_000}}),
+        ("trajectory.samples", {"trajectory": {"samples": 5000, "harmonics": 100}}),
+        ("trajectory.frequency", {"trajectory": {"frequency": [1e-9, 0.6], "harmonics": 101}}),
+        ("montecarlo.repetitions", {"montecarlo": {"repetitions": 10_000_000}}),
+        ("study.repetitions", {"study": {"kind": "design", "repetitions": 100_000, "sets": 1000}}),
+        ("export[1].segment", {"export": [{"format": "csv", "segment": "1 us"}]}),
+        ("export[1].format", {"export": [{"format": "csv", "scale": 1e-9}]}),
+        ("design.starts", {"design": {"starts": 100_000}}),
+        ("design.hops", {"design": {"hops": 100_000}}),
+        ("design.max_iterations", {"design": {"max_iterations": 100_000}}),
+        ("design.smoothing", {"design": {"smoothing": [1 / k for k in range(1, 500)]}}),
+        ("estimate.harmonics", {"estimate": {"harmonics": 10_000}}),
+        ("workers", {"workers": 1024}),
+        ("validate", {"validate": [{"motion": "circle"}] * 1000}),
+        (
+            "experiment.hum.harmonics",
+            {"experiment": {"hum": {"amplitude": 1, "harmonics": [1] * 999}}},
+        ),
+    ],
+)
+def test_too_large(key, sections):
+    found = refused(**sections)
+    if key == "trajectory.frequency":
+        # Of an impossible file the first reason is enough; it is refused at once.
+        assert found
+        return
+    assert key in found
+    assert found[key].allowed
+
+
+def test_what_it_would_take_is_told():
+    problem = refused(trajectory={"controller_period": 1e-9})["trajectory.controller_period"]
+    assert "40 TB of memory" in problem.message
+    assert any(digit in problem.allowed for digit in "123456789")
+
+
+def test_the_bounds_themselves_are_kept():
+    most = SAMPLES.most
+    fits = {"frequency": [0.5, 0.5], "controller_period": "1 ms"}
+    run = {"trajectory": fits, "experiment": {"periods": most // 2000, "sampling": 1000}}
+    assert load_run(ROBOT | run)
+    run["experiment"]["periods"] += 1
+    assert set(refused(**run)) == {"experiment.periods"}
+
+
+@pytest.mark.parametrize("harmonics", [1, 5, 100])
+def test_every_number_of_harmonics_has_room_for_the_samples_that_it_needs(harmonics):
+    size = design_samples(harmonics)
+    assert size.most > 4 * harmonics + 2
+    assert size.most * size.each <= MEMORY
+
+
+def test_the_command_line_takes_as_many_repetitions_as_the_run_file():
+    assert REPETITIONS.most == _MOST_REPETITIONS
