@@ -36,6 +36,7 @@ NAMES = (
     "screws",
     "imported",
     "own_machine",
+    "certificate",
 )
 
 

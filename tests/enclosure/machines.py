@@ -12,13 +12,13 @@ from expdesign.motion.limits import STRUT_JERK
 from expdesign.robot import LimitModel, load_robot, robot_from
 
 SHIPPED = ("dehaeze", "linuxcnc", "mathworks", "palida", "rubin")
-GENERAL, THREADED = "general platform", "on threads"
+GENERAL, THREADED, STICKY = "general platform", "on threads", "sticking joints"
 ALL = (*SHIPPED, GENERAL, THREADED)
 
 
 @cache
 def robot(name):
-    """Return a robot that ships, or one of the two that are made of PaLiDA."""
+    """Return a robot that ships, or one of those that are made of PaLiDA."""
     if name in SHIPPED:
         return load_robot(name)
     mapping = load_robot_description("palida").description.model_dump(mode="json", by_alias=True)
@@ -26,6 +26,9 @@ def robot(name):
     if name == GENERAL:
         more = {"sx": 0.21, "sy": -0.13, "Ixy": 0.011, "Ixz": -0.023, "Iyz": 0.017}
         mapping |= {"platform": "general", "parameters": mapping["parameters"] | more}
+    elif name == STICKY:
+        mapping["parameters"] |= {"r_alpha": 25.0, "r_beta": 2.5}
+        mapping["limits"]["actuator_force"] = 2000.0
     else:
         axes = np.array([[1.0, 0.0, 0.0]] * 6) + 0.2 * rng.normal(size=(6, 3))
         more = {f"{letter}{j}": value for letter, value in _MORE.items() for j in range(1, 7)}
