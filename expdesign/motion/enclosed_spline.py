@@ -9,7 +9,7 @@ import numpy as np
 from constraints.arrays import Array
 from expdesign.enclosure.taylor_model import EPS, TaylorModel
 from expdesign.mechanism.hexapod import COORDINATES
-from expdesign.motion.spline import DEGREE, SplineRamp, control_points, knot_shares
+from expdesign.motion.spline import DEGREE, SplineRamp, knot_shares
 
 
 @dataclass(frozen=True)
@@ -39,28 +39,50 @@ class EnclosedSpline:
         duration = self.ramp.duration
         shares = middle / duration
         share = TaylorModel(
-            np.stack([shares, half / duration]), 8 * EPS * (np.abs(shares) + half / duration)
+            np.stack([shares, half / duration]), 2 * EPS * (np.abs(shares) + half / duration)
         )
         span = np.clip((shares * self._intervals).astype(np.intp), 0, self._intervals - 1)
         found = []
+        controls = _control_points(self.ramp.coefficients)
         for order in range(4):
             degree = DEGREE - order
             places, ends = knot_shares(self._intervals, degree), np.arange(degree + 1)
-            points = control_points(self.ramp.coefficients, order)
-            # Their own rounding, and that of the knots: the next derivative times a few of it.
-            most = np.max(np.abs(self.ramp.coefficients), axis=0)
-            rounding = 64 * EPS * most * (2 * DEGREE * self._intervals) ** (order + 1)
+            points, rounding = controls[order]
+            # A break is a knot but for its rounding: that often the next derivative.
+            off = 4 * EPS * np.max(np.abs(controls[order + 1][0]), axis=0)
             scale = TaylorModel.number(1.0)
             for _ in range(order):
                 scale = scale * _quotient(duration)
             weights = _weights(share, span, places, degree)
             for axis in range(COORDINATES):
                 known = [
-                    TaylorModel(points[span + k, axis][None, :], np.full(1, rounding[axis]))
+                    TaylorModel(
+                        points[span + k, axis][None, :], rounding[span + k, axis] + off[axis]
+                    )
                     for k in ends
                 ]
                 found.append(_de_boor(known, weights) * scale)
         return found
+
+
+def _control_points(coefficients: Array) -> list[tuple[Array, Array]]:
+    """Return the control points of a spline and of its derivatives, each with its rounding.
+
+    Derivatives are to the share of the duration. Differences of neighbours lose no more than their
+    own last digit, unlike a matrix that makes all steps at once.
+    """
+    intervals = len(coefficients) - DEGREE
+    points, rounding = coefficients, np.zeros_like(coefficients)
+    found = [(points, rounding)]
+    for degree in range(DEGREE, 1, -1):
+        places, count = knot_shares(intervals, degree), intervals + degree
+        factor = (degree / (places[degree + 1 : degree + count] - places[1:count]))[:, None]
+        steps = np.diff(points, axis=0)
+        rounding = factor * (rounding[1:] + rounding[:-1] + EPS * np.abs(steps))
+        points = factor * steps
+        rounding = (rounding + 4 * EPS * np.abs(points)) * (1 + 8 * EPS)
+        found.append((points, rounding))
+    return found
 
 
 def _quotient(duration: float) -> TaylorModel:
@@ -77,8 +99,8 @@ def _weights(
         for k in range(level, degree + 1):
             low, high = places[span + k], places[span + k + degree + 1 - level]
             width = 1 / (high - low)
-            start = TaylorModel(low[None, :], EPS * np.ones(1))
-            row.append((share - start) * TaylorModel(width[None, :], 8 * EPS * width**2))
+            start = TaylorModel(low[None, :], np.zeros(1))
+            row.append((share - start) * TaylorModel(width[None, :], 2 * EPS * width))
         levels.append(row)
     return levels
 

@@ -75,11 +75,6 @@ def _bases(intervals: int) -> tuple[BSpline, ...]:
     )
 
 
-def control_points(coefficients: Array, order: int) -> Array:
-    """Return the control points of a derivative to the share of the duration, (N − order, 6)."""
-    return _reduction(len(coefficients) - DEGREE, order) @ coefficients
-
-
 def knot_shares(intervals: int, degree: int) -> Array:
     """Return the knots on [0, 1], clamped at both ends."""
     inner = np.linspace(0.0, 1.0, intervals + 1)
