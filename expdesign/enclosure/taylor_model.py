@@ -70,7 +70,8 @@ class TaylorModel:
         """(k + 1, N): at i the sum of the sizes of the coefficients from i on."""
         if self._sizes is None:
             count, cells = self.coefficients.shape
-            sizes = np.zeros((count + 1, cells))
+            sizes = np.empty((count + 1, cells))
+            sizes[count] = 0.0
             np.abs(self.coefficients, out=sizes[:count])
             for i in range(count - 2, -1, -1):
                 sizes[i] += sizes[i + 1]
@@ -158,12 +159,13 @@ class TaylorModel:
             total = a + b if sign > 0 else a - b
         else:
             cells = max(a.shape[1], b.shape[1])
-            total = np.zeros((max(len(a), len(b)), cells))
-            total[: len(a)] = a
-            if sign > 0:
-                total[: len(b)] += b
+            both, add = min(len(a), len(b)), np.add if sign > 0 else np.subtract
+            total = np.empty((max(len(a), len(b)), cells))
+            add(a[:both], b[:both], out=total[:both])
+            if len(a) > both:
+                total[both:] = a[both:]
             else:
-                total[: len(b)] -= b
+                np.multiply(b[both:], sign, out=total[both:])
         found = TaylorModel(total, self.radius)
         found.radius = _outward(self.radius + other.radius + EPS * found.sizes[0])
         return found
@@ -182,15 +184,21 @@ class TaylorModel:
         if len(a) == 1:
             product = a * b
         else:
-            product = np.zeros((count, max(a.shape[1], b.shape[1])))
-            for i in range(len(a)):
+            product = np.empty((count, max(a.shape[1], b.shape[1])))
+            np.multiply(a[0], b, out=product[: len(b)])
+            product[len(b) :] = 0.0
+            part = np.empty_like(product)
+            for i in range(1, len(a)):
                 width = min(len(b), count - i)
-                product[i : i + width] += a[i] * b[:width]
-        radius = own[0] * other.radius + self.radius * (others[0] + other.radius)
-        radius = radius + _ROUNDED * (own[0] * others[0]) + TINY
-        for i in range(max(1, TERMS + 1 - len(b)), len(a)):
+                np.multiply(a[i], b[:width], out=part[:width])
+                product[i : i + width] += part[:width]
+        radius = own[0] * (other.radius + _ROUNDED * others[0])
+        radius = radius + self.radius * (others[0] + other.radius) + TINY
+        first = max(1, TERMS + 1 - len(b))
+        if first < len(a):
             # Powers from TERMS on: aᵢ with every bⱼ for which i + j ≥ TERMS.
-            radius = radius + np.abs(a[i]) * others[TERMS - i]
+            beyond = np.abs(a[first:]) * others[TERMS - first : TERMS - len(a) : -1]
+            radius = radius + np.add.reduce(beyond, axis=0)
         return TaylorModel(product, _outward(radius))
 
     def squared(self) -> TaylorModel:
@@ -212,5 +220,4 @@ def hull(models: Sequence[TaylorModel]) -> TaylorModel:
 
 def _outward(radius: Array) -> Array:
     """Return a radius that was computed, enlarged by more than its own roundings; NaN is ∞."""
-    grown = radius * _UP
-    return np.where(np.isnan(grown), np.inf, grown)
+    return np.fmin(radius * _UP, np.inf)
