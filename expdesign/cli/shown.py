@@ -47,12 +47,16 @@ def design(outcome: Outcome) -> None:
             *([f"{100 * check.reserve:.4g} %"] if kept else []),
             quantity_text(check.bound, check.unit, 5),
             f"{100 * known[check.key].share_used(check.value, check.bound, check.violation):.1f} %",
+            f"{-100 * check.proved:.2g} %" if check.certified else "not proved",
         )
         for check in result.check.limits
     ]
-    title = "Limits over the whole period (unsmoothed model)"
+    title = "Limits at every instant of the period (left: proved, of the range)"
     reserved = ("stated", "reserve") if kept else ()
-    heads, left = ("limit", "where", "worst", *reserved, "bound", "used"), ("limit", "where")
+    heads, left = (
+        ("limit", "where", "worst", *reserved, "bound", "used", "left"),
+        ("limit", "where"),
+    )
     table = _table(title, heads, rows, left, no_wrap=True)
     table.box, table.pad_edge, table.show_edge = box.SIMPLE_HEAD, False, False
     results().print(table)

@@ -18,11 +18,12 @@ import numpy as np
 
 from constraints import Limit
 from constraints.arrays import Array, Mask
+from expdesign.enclosure.instructions import NoEnclosureError
 from expdesign.enclosure.limit_rows import EnclosedLimits, EnclosedRow
 from expdesign.enclosure.series import EnclosedSeries
 from expdesign.enclosure.taylor_model import EPS, TaylorModel
 from expdesign.progress import tell
-from expdesign.recheck.judge import TOLERANCE, LimitCheck, Recheck
+from expdesign.recheck.judge import TOLERANCE, LimitCheck, Recheck, judge
 from expdesign.robot import LimitModel
 from expdesign.runfolder import copied
 from expdesign.trajectory import FourierTrajectory
@@ -62,6 +63,9 @@ def certify(
 ) -> tuple[LimitCheck, ...]:
     """Return the worst moment of every limit, and what is proved of it.
 
+    A limit that has no enclosure is looked at in the middle of the first cells; nothing is proved
+    of it.
+
     Parameters
     ----------
     cells : int
@@ -69,8 +73,16 @@ def certify(
     most : int
         How many are enclosed before the rest is left open.
     """
-    proof = _Proof(limits)
     edges = _divided(motion.breaks, cells)
+    try:
+        proof = _Proof(limits)
+    except NoEnclosureError:
+        known = [limit for limit in limits.limits if _is_enclosed(limits, limit)]
+        proved = certify(replace(limits, limits=tuple(known)), motion, cells=cells, most=most)
+        others = tuple(limit for limit in limits.limits if limit not in known)
+        sampled = _sampled(replace(limits, limits=others), motion, edges)
+        checks = {check.key: check for check in (*proved, *sampled)}
+        return tuple(checks[limit.key] for limit in limits.limits)
     span = motion.breaks[-1] - motion.breaks[0]
     undecided: Mask = np.ones((len(edges), len(limits.limits)), dtype=bool)
     enclosed = 0
@@ -88,6 +100,20 @@ def certify(
         if enclosed < most:  # what is left open is told by its own cells, not by their parts
             edges, undecided = _parts(edges, undecided, turns, INSTANT * span)
     return proof.checks(edges, undecided)
+
+
+def _is_enclosed(limits: LimitModel, limit: Limit) -> bool:
+    try:
+        EnclosedLimits(replace(limits, limits=(limit,)))
+    except NoEnclosureError:
+        return False
+    return True
+
+
+def _sampled(limits: LimitModel, motion: EnclosedMotion, edges: Array) -> tuple[LimitCheck, ...]:
+    models = motion.models(edges)
+    states = np.stack([model.at(np.zeros(len(edges))) for model in models], axis=1)
+    return judge(limits, edges.mean(axis=1), states)
 
 
 def _divided(breaks: Array, cells: int) -> Array:

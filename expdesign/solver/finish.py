@@ -89,7 +89,8 @@ def finish(
     """
     x = start.copy()
     x[-1] = problem.variables.bounds()[0][-1]
-    best, kept = _checked(problem, x), x
+    best = candidate = _checked(problem, x)
+    kept = x
     best_merit = evaluator.merit(best.trajectory, problem.cost.samples)
     record, last_merit = StageRecord.of(stage), best_merit
     for _ in range(rounds):
@@ -97,7 +98,7 @@ def finish(
         x, status = solve_rows(
             problem,
             stage,
-            _critical_rows(problem, x, stage),
+            _critical_rows(problem, x, stage, candidate.check),
             (x, stage.radius),
             record,
             report,
@@ -122,11 +123,12 @@ def finish(
 
 
 def _critical_rows(
-    problem: DesignProblem, x: Array, stage: Stage
+    problem: DesignProblem, x: Array, stage: Stage, check: Recheck
 ) -> tuple[Array, NDArray[np.bool_], Array]:
     """Choose the instants that matter, with margins: (K,), (K, R), (K, R).
 
-    Instants are a regular grid and every local worst of the unsmoothed limits on the fine grid.
+    Instants are a regular grid, every local worst of the unsmoothed limits on the fine grid, and
+    the worst moment of each limit that the proof of the last motion has found, wherever it is.
     A row's margin is what the unsmoothed value exceeds the smoothed one by, anywhere within one
     step of the regular grid: that covers the jumps of dry friction where a sign changes.
     """
@@ -142,8 +144,33 @@ def _critical_rows(
     near = (exact > -stage.near) & np.isfinite(exact)
     used = (regular[:, None] & near) | peaks
     chosen = np.any(used, axis=1)
-    margins = np.minimum(hidden[chosen] + 2 * GRID_MARGIN, _LARGEST_MARGIN)
-    return fine[chosen], used[chosen], margins
+    moments, rows = _worst_moments(problem, check, stage.near)
+    nearest = np.rint(moments * points / (2 * np.pi)).astype(np.intp) % points
+    margins = np.minimum(hidden + 2 * GRID_MARGIN, _LARGEST_MARGIN)
+    return (
+        np.concatenate([fine[chosen], moments]),
+        np.concatenate([used[chosen], rows]),
+        np.concatenate([margins[chosen], margins[nearest]]),
+    )
+
+
+def _worst_moments(
+    problem: DesignProblem, check: Recheck, near: float
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Return the phases (J,) at which limits of a judged motion are worst, and the rows (J, R).
+
+    Of limits that are closer to their bounds than a share of their range.
+    """
+    limits, omega = problem.limits, problem.variables.omega_bounds[0]
+    judged = zip(limits.limits, limits.columns, check.limits, strict=True)
+    found = [
+        (omega * one.time, columns.start + limit.labels.index(one.row))
+        for limit, columns, one in judged
+        if -near < one.violation < np.inf
+    ]
+    rows = np.zeros((len(found), len(limits.keys)), dtype=bool)
+    rows[range(len(found)), [column for _, column in found]] = True
+    return np.array([phase for phase, _ in found]), rows
 
 
 def _checked(problem: DesignProblem, x: Array) -> Finished:

@@ -376,6 +376,21 @@ def test_method_says_what_was_done(palida, motion):
     assert str(result.limits[0].cells) in result.method
 
 
+def test_a_limit_without_enclosure_is_sampled_and_not_certified(palida, motion):
+    """One that is computed by numbers, in a way of its own."""
+    speed = _limit("strut_speed", -2, 2)
+    own = dataclasses.replace(
+        speed.definition, key="own", numerical=np.abs, smooth=speed.definition.natural
+    )
+    unknown = dataclasses.replace(speed, definition=own)
+    first, second = recheck(_model(palida, unknown, speed), motion).limits
+    assert (first.key, second.key) == ("own", "strut_speed")
+    assert second.certified
+    assert not first.certified
+    assert np.isnan(first.proved)
+    assert abs(first.value) == pytest.approx(abs(second.value), rel=1e-3)
+
+
 def test_a_value_that_is_not_a_number_counts_as_broken(palida):
     """The TCP on a base joint: a strut without length has no direction."""
     robot = Robot(

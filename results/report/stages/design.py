@@ -71,6 +71,9 @@ def limits_table(record: DesignRecord) -> ReportTable:
         Column("stated", of=lambda check: unit(check).factor * check.stated),
         Column("reserve", "%", digits=3, of="reserve", factor=100),
     )
+    # Earlier versions sampled, and proved nothing.
+    certified = all(check.certified for check in record.checks)
+    proved = () if _sampled(record) else (Column("left", "%", digits=3, of="proved", factor=-100),)
     columns = (
         Column("limit", kind="text", of="title"),
         Column("where", kind="text", of=lambda check: check.row or "–"),
@@ -79,13 +82,24 @@ def limits_table(record: DesignRecord) -> ReportTable:
         *(reserved if kept else ()),
         Column("unit", kind="text", of=lambda check: unit(check).symbol or "–"),
         Column("used", "%", of="used", factor=100),
+        *proved,
         Column("time", "s", of="time"),
     )
     caption = "Worst moment of every limit over the whole period, unsmoothed model"
+    if proved:
+        caption += "; left: what of the range is proved to be left at every instant"
+    if proved and not certified:
+        open_time = max(check.open_time for check in record.checks)
+        caption += f", where it is not below zero: {open_time:.3g} s are not proved"
     if kept:
         caption += "; the bounds are the stated ones, drawn in by the reserve"
     held = [f". {text}" for text in held_in_words(record.configuration.robot)]
     return ReportTable.of("limits", f"{caption}{''.join(held)}", columns, record.checks)
+
+
+def _sampled(record: DesignRecord) -> bool:
+    """Return whether the limits were only looked at on a grid, as earlier versions did."""
+    return all(np.isnan(check.proved) for check in record.checks)
 
 
 def parameters_table(record: DesignRecord) -> ReportTable:
@@ -144,7 +158,10 @@ def _verdict(record: DesignRecord) -> Verdict:
     elif summary.status == "interrupted":
         sentence += " The search was interrupted: this is the best found until then."
     else:
-        sentence += " Every limit is kept over the whole period, checked anew between the samples."
+        how = "checked anew between the samples"
+        if all(check.certified for check in record.checks):
+            how = "proved for every instant"
+        sentence += f" Every limit is kept over the whole period, {how}."
     if held:
         sentence += f" It is held by {', '.join(held)}."
     if summary.status == "not converged":
