@@ -133,7 +133,10 @@ def test_design_json_has_every_limit(record):
         assert (limit["strut"] is None) == (
             key in {"position", "tilt", "jacobian_condition", "strut_clearance"}
         )
-        assert "sampled" in limit["method"]
+        assert limit["certified"] is True
+        assert limit["violation"] <= limit["proved"] <= 1e-6
+        assert limit["cells"] > 0
+        assert limit["open_time"] == 0
 
 
 def test_another_process_comes_to_the_same(record, tiny_result):

@@ -46,8 +46,10 @@ def assert_limits_kept(result):
         assert worst[check.key] <= TOLERANCE, check.key
         # Nothing worse is found than the recheck says, and what it says is the case at its moment.
         assert worst[check.key] <= check.violation + TOLERANCE, check.key
-        there = excesses(result, np.array([check.time]))[check.key]
-        np.testing.assert_allclose(there, check.violation, atol=1e-8, err_msg=check.key)
+        # Where a rate turns a force jumps: both sides of that moment count.
+        there = excesses(result, check.time + np.array([-1e-9, 0, 1e-9]))[check.key]
+        assert np.min(np.abs(there - check.violation)) <= TOLERANCE, check.key
+        assert check.violation <= check.proved <= TOLERANCE, check.key
     assert result.check.passed
 
 
