@@ -152,6 +152,17 @@ def test_the_bound_of_a_condition_number_holds_for_any_vectors_that_it_turns_to(
         assert not float(condition(at(matrix, off, cell, 0.0))) > high[cell]
 
 
+def test_the_bound_of_a_condition_number_counts_gaps_that_close_within_a_cell():
+    c = np.zeros((TERMS, 1, 2, 2))
+    c[0, 0], c[1, 0] = np.diag([2.0, 1.0]), [[-0.2, 0.2], [0.2, 0.0]]
+
+    bound = condition_bound(TaylorMatrix(c, np.zeros((1, 2, 2))))
+
+    for time in (-1.0, 1.0):
+        true = np.linalg.cond(c[0, 0] + time * c[1, 0])
+        assert true <= bound.at(np.array([time]))[0] + bound.radius[0] < 1.1 * true
+
+
 @pytest.mark.parametrize("value", [0.0, np.nan, np.inf])
 def test_a_matrix_that_may_be_singular_has_no_bound_of_its_condition_number(value):
     matrix, _ = drawn(np.random.default_rng(10), 1e-4, size=6)
