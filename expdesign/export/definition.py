@@ -258,6 +258,9 @@ class TableFormat:
     """Names of the axes by space."""
     written_times: Callable[[Array], Array] = np.array
     """Times (N,) as the file can state them."""
+    may_crash: str = ""
+    """Program that reads a file, ``sys.argv[1]``, as `read` does, for libraries that may end the
+    process on damaged ones: what others may have changed is given to it first."""
     uniform: bool = False
     """Whether all rows have one distance in time."""
     fixed_angles: bool = False

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from expdesign.apart import EndlessError, output_of
 from expdesign.configuration import ExportSection, InputError, Problem
 from expdesign.export.definition import Settings, TableError, Task
 from expdesign.export.execution import ExecutedTable
@@ -51,8 +52,19 @@ class TableFile:
 
 def read_table_file(path: Path, settings: Settings) -> TableFile:
     """Read a table as its controller does; raises `TableError` for what that would not read."""
+    _refuse_crashing(path, settings)
     executed = ExecutedTable.of(settings, settings.form.read(path, settings))
     return TableFile(path, file_hash(path), settings, executed)
+
+
+def _refuse_crashing(path: Path, settings: Settings) -> None:
+    if settings.form.may_crash:
+        try:
+            read = output_of(settings.form.may_crash, path) is not None
+        except EndlessError:
+            read = False
+        if not read:
+            raise TableError("the file is damaged")
 
 
 def find_table_file(path: Path, robot: Robot, trajectory: FourierTrajectory) -> TableFile:

@@ -86,6 +86,7 @@ FORMAT = TableFormat(
     ),
     digits=None,
     axes={"strut": numbered("S"), "pose": POSE_AXES},
+    may_crash="from scipy.io import loadmat; loadmat(sys.argv[1], appendmat=False)",
     uniform=True,
     whole=True,
 )

@@ -11,22 +11,18 @@ over numbers as text.
 from __future__ import annotations
 
 import json
-import os
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from constraints.arrays import Array
+from expdesign.apart import EndlessError, output_of
 from expdesign.configuration.problem import InputError
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.robotfile.machine import Machine, Question
 from expdesign.robotfile.machine_format import MachineFormat, rows
 
-_SECONDS = 300
-_MEMORY = 4_000_000_000
 _LARGEST = 64 * 1024 * 1024
 _MOST_NUMBERS = 64
 _HDF5 = b"\x89HDF\r\n\x1a\n"
@@ -41,12 +37,9 @@ _UNITS = Question(
 )
 
 _PROGRAM = f"""
-import json, resource, sys, warnings
+import json
 import numpy as np
 from scipy.io import loadmat
-resource.setrlimit(resource.RLIMIT_AS, ({_MEMORY}, {_MEMORY}))
-resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-warnings.simplefilter("ignore")
 found = {{}}
 def collect(name, value, depth):
     if isinstance(value, dict) and depth < 4:
@@ -145,22 +138,14 @@ def _variables(path: Path) -> dict[str, Any]:
     if path.stat().st_size > _LARGEST:
         most = f"{_LARGEST // 1024**2} MiB; save only the variables of the geometry"
         raise InputError("the file is too large", path, allowed=most)
-    folders = os.pathsep.join(folder or str(Path.cwd()) for folder in sys.path)
     try:
-        child = subprocess.run(
-            [sys.executable, "-P", "-c", _PROGRAM, str(path)],
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            env={**os.environ, "PYTHONPATH": folders, "OPENBLAS_NUM_THREADS": "1"},
-            timeout=_SECONDS,
-            check=False,
-        )
-    except subprocess.TimeoutExpired:
+        found = output_of(_PROGRAM, path)
+    except EndlessError:
         raise InputError("reading does not end: the file is damaged", path) from None
-    if child.returncode != 0:
+    if found is None:
         message = "the file is damaged, or not MATLAB's"
         raise InputError(message, path, allowed="a MATLAB file up to version 7")
-    variables: dict[str, Any] = json.loads(child.stdout)
+    variables: dict[str, Any] = json.loads(found)
     return variables
 
 
