@@ -173,9 +173,12 @@ class _Poses:
         powers = end ** np.arange(TERMS)
         return np.asarray(np.tensordot(powers, self.coefficients, 1).T)
 
-    def apart(self, first: Array, second: Array) -> Array:
-        """Return how far poses (N, 6) are apart, (N,), rounded up."""
-        rounding = 4 * TERMS * EPS * (np.abs(first) + np.abs(second))
+    def apart(self, first: Array, second: Array, size: Array) -> Array:
+        """Return how far poses (N, 6) are apart, (N,), rounded up.
+
+        `size` is that of all that the poses were summed up from.
+        """
+        rounding = 4 * TERMS * EPS * size
         return np.asarray(np.max((np.abs(first - second) + rounding) / self.scale, axis=1)) * _UP
 
     def from_home(self, known: Mask) -> PiecewisePolynomials:
@@ -206,7 +209,9 @@ def _known_from_home(
     errors = np.concatenate([error, poses.error])
     withins = np.concatenate([within, poses.within])
     ends = np.concatenate([home.T, poses.at(1.0)[:-1]])
-    gaps = poses.apart(poses.at(-1.0), ends)
+    sizes = np.abs(poses.coefficients).sum(axis=0).T
+    before = np.concatenate([np.abs(home.T), sizes[:-1]])
+    gaps = poses.apart(poses.at(-1.0), ends, sizes + before)
     # The pose of one of the two is where there is no pose but the other's.
     joined = (gaps + errors[1:] < withins[:-1]) | (gaps + errors[:-1] < withins[1:])
     joined[0] &= np.isfinite(error[0])
