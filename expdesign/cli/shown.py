@@ -239,7 +239,7 @@ def tables(outcome: Outcome) -> None:
         say(
             f"{made.path.name}: {check.rows} rows in {check.duration:.3f} s, read back: struts "
             f"within {1e6 * off.position:.3g} µm and {1e3 * off.velocity:.3g} mm/s of the design, "
-            f"{limits_in_words(check.limits)}"
+            f"{limits_in_words(check.certificate)}"
         )
 
 

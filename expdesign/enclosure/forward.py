@@ -61,6 +61,12 @@ class StrutPath:
         return enclosed_poses(self.robot, self.lengths, self.guess)
 
     @property
+    def known_until(self) -> float:
+        """When the first cell begins whose poses could not be proved, s; ∞ where all are."""
+        unknown = np.flatnonzero(~np.isfinite(self.poses.error[0, 0]))
+        return float(self.poses.times[unknown[0]]) if unknown.size else np.inf
+
+    @property
     def breaks(self) -> Array:
         """(K,), s: between them one polynomial holds the poses, and one the lengths."""
         return self.poses.times

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
+from expdesign.export.certification import TableCertificate, certified
 from expdesign.export.definition import Interpolation, Rows, Settings, TableError
 from expdesign.export.execution import (
     Deviation,
@@ -20,8 +20,8 @@ from expdesign.export.execution import (
 )
 from expdesign.export.row_times import SHARE, ideal_rows, whole_motion
 from expdesign.progress import told
-from expdesign.recheck.judge import LimitCheck, judge, worst_of_each
-from expdesign.robot import ForwardKinematicsError, LimitModel
+from expdesign.recheck.judge import LimitCheck
+from expdesign.robot import ForwardKinematicsError
 
 LIMIT_SHARE = 1e-3
 """Largest excess over a limit, as a share of its range, that an executed table may have."""
@@ -34,7 +34,6 @@ LOG_DET_CHANGE = 0.05
 
 FINER = 10
 _FINEST = 1e-3
-_DYNAMIC = frozenset({"strut_acceleration", "actuator_force"})
 _LAST_DIGIT = 1.01
 _DOUBLE = 1e-13
 _COMPUTED = 1e-9
@@ -59,11 +58,17 @@ class ReadBack:
     """Largest difference between a value in the file and the design at the time that the file
     states, in half units of the last digit (of a rounding error, where all are written)."""
     deviation: Deviation = field(default_factory=Deviation)
-    limits: tuple[LimitCheck, ...] = ()
+    certificate: TableCertificate = field(default_factory=lambda: TableCertificate(()))
+    """The limits, and what is proved of them."""
     information: InformationChange | None = None
     """None without noise, or where the file could not be executed."""
     failures: tuple[str, ...] = ()
     """What is beyond its tolerance; empty when the file is good."""
+
+    @property
+    def limits(self) -> tuple[LimitCheck, ...]:
+        """The worst moment of every limit."""
+        return self.certificate.limits
 
     @property
     def passed(self) -> bool:
@@ -164,54 +169,56 @@ def _wrong_trigger(rows: Rows, settings: Settings) -> list[str]:
 
 
 def _executed(found: ReadBack, table: ExecutedTable) -> ReadBack:
-    """Add deviations and limits, on a grid finer than the rows."""
+    """Add deviations on a grid finer than the rows, and limits."""
     linear = table.interpolation is Interpolation.LINEAR
     points = FINER if linear else max(FINER, int(np.ceil(found.longest_step / _FINEST)))
     grid = refined(table.rows.times, points)
-    limits = LimitModel.of(table.robot)
-    quick, rest = (
-        LimitModel(
-            table.robot,
-            tuple(
-                limit
-                for limit in limits.limits
-                if _DYNAMIC.isdisjoint(limit.definition.requires) != dynamic
-            ),
-        )
-        for dynamic in (True, False)
-    )
-    checks: list[LimitCheck] = []
     worst = Deviation()
     for times in told("reading back", tuple(blocks(grid))):
-        executed = table.between(times)
-        worst = worst.with_worse(deviation(table, times, executed, forces=not linear))
-        checks += judge(rest if linear else limits, times, np.hstack(executed.states))
+        worst = worst.with_worse(deviation(table, times, table.between(times), forces=not linear))
     if linear:
         for times in told("reading back: accelerations", tuple(blocks(table.rows.times))):
-            executed = table.smoothed(times)
             # Of the rows only what has no value between them: accelerations and forces.
-            at_rows = deviation(table, times, executed, forces=True)
+            at_rows = deviation(table, times, table.smoothed(times), forces=True)
             worst = worst.with_worse(replace(at_rows, position=0.0, velocity=0.0))
-            checks += judge(quick, times, np.hstack(executed.states))
-    held = {check.key: check for check in worst_of_each(checks)}
-    ordered = tuple(held[key] for key in dict.fromkeys(limits.keys))
-    return replace(found, points=len(grid), deviation=worst, limits=ordered)
+    return replace(found, points=len(grid), deviation=worst, certificate=certified(table))
 
 
-def limits_in_words(checks: Iterable[LimitCheck]) -> str:
+def limits_in_words(certificate: TableCertificate) -> str:
     """Say that every limit is kept; if not, by how much each is exceeded and what is allowed.
 
     A table is executed by interpolation between rounded numbers: it may exceed a limit by
     `LIMIT_SHARE` of its range. A limit that it does exceed is never called kept. Limits with a
     reserve are kept with it.
     """
-    checks = tuple(checks)
+    checks = certificate.limits
     exceeded = [f"{check}, exceeded by {_share(check)}" for check in checks if not check.kept]
-    if not exceeded:
-        reserves = sorted({check.reserve for check in checks if check.reserve})
-        span = " to ".join(f"{100 * r:.4g} %" for r in dict.fromkeys(reserves[:1] + reserves[-1:]))
-        return f"every limit kept, with a reserve of {span}" if span else "every limit kept"
-    return f"{'; '.join(exceeded)} (tolerance of a table: {LIMIT_SHARE:g} of the range)"
+    if exceeded:
+        return f"{'; '.join(exceeded)} (tolerance of a table: {LIMIT_SHARE:g} of the range)"
+    reserves = sorted({check.reserve for check in checks if check.reserve})
+    span = " to ".join(f"{100 * r:.4g} %" for r in dict.fromkeys(reserves[:1] + reserves[-1:]))
+    kept = f"every limit kept, with a reserve of {span}" if span else "every limit kept"
+    return f"{kept}, {_proof_in_words(certificate)}" if checks else kept
+
+
+def _proof_in_words(certificate: TableCertificate) -> str:
+    if np.isfinite(certificate.unproved_from):
+        return (
+            f"not proved: the struts' lengths determine the pose up to "
+            f"{certificate.unproved_from:.4f} s only"
+        )
+    of_path = [check for check in certificate.limits if check.key not in certificate.sampled]
+    left = [check for check in of_path if not check.certified]
+    if left:
+        named = ", ".join(f"{check.title} (by {check.proved:.2g} of its range)" for check in left)
+        return f"but not proved that nothing exceeds: {named}"
+    if not certificate.sampled:
+        return "proved at every instant"
+    titles = [check.title for check in certificate.limits if check.key in certificate.sampled]
+    return (
+        f"proved at every instant; {' and '.join(titles)} at the rows only: straight lines "
+        "have none"
+    )
 
 
 def _share(check: LimitCheck) -> str:

@@ -81,7 +81,11 @@ class AxisEntry:
 
 @dataclass(frozen=True)
 class LimitEntry:
-    """The worst moment of a limit, the table executed; `violation` is a share of its range."""
+    """The worst moment of a limit, the table executed; `violation` is a share of its range.
+
+    `proved` is the same of what no instant exceeds, over `cells` of time, of which `open_time`, s,
+    was left undecided; NaN where nothing was to be proved.
+    """
 
     value: OpenNumber
     bound: OpenNumber
@@ -91,6 +95,10 @@ class LimitEntry:
     violation: OpenNumber
     tolerance: float = LIMIT_SHARE
     kept: bool | None = None
+    proved: OpenNumber = np.nan
+    certified: bool | None = None
+    cells: int = 0
+    open_time: OpenNumber = 0.0
     stated: OpenNumber = np.nan
     reserve: float = 0.0
 
@@ -125,6 +133,9 @@ class CheckEntry:
     tolerances: Tolerances
     # A record of an earlier version does not say it.
     limits_in_words: str = "every limit kept within its tolerance"
+    # Whether all limits but the `sampled` are proved to be kept at every instant
+    certified: bool | None = None
+    sampled: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -195,7 +206,9 @@ class FileEntry:
                     one.key: copied(LimitEntry, one, tolerance=LIMIT_SHARE) for one in check.limits
                 },
                 tolerances=Tolerances(settings.tolerance),
-                limits_in_words=limits_in_words(check.limits),
+                limits_in_words=limits_in_words(check.certificate),
+                certified=check.certificate.certified,
+                sampled=check.certificate.sampled,
             ),
         )
 

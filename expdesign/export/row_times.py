@@ -15,6 +15,7 @@ from expdesign.export.execution import Deviation, ExecutedTable, blocks, deviati
 from expdesign.motion.executable import ExecutableMotion
 from expdesign.motion.sampled import SampledMotion
 from expdesign.progress import told
+from expdesign.robot import LimitModel
 from expdesign.runfolder.described import Column, field_columns
 
 SHARE = 1e-3
@@ -32,7 +33,13 @@ COLUMNS = (
 )
 """The whole motion in SI units, as tables that engineers read hold it."""
 
+CLOSEST = 1e-3
+"""s; rows that keep the tolerances are put no closer for the sake of the limits."""
+
 _RESERVE = 0.8
+_ROOM = 1e-5
+"""Share of a limit's range that is left for the rounding of the rows, where there is so much."""
+_LEAST_ROOM = 2e-6
 _ROUNDING = 1e-9
 _POINTS = 10
 
@@ -83,6 +90,9 @@ def chosen_times(settings: Settings, place: str = "") -> Array:
     controller's path keeps to the design there: the struts' lengths within 80 % of the tolerance,
     their accelerations and forces within 80 % of `SHARE`. The rest is for the rounding of the
     numbers. Where no step is short enough, the section is refused.
+
+    Where the motion leaves room in every limit, rows are put closer, down to `CLOSEST`, until the
+    path leaves half of it: then it can be proved that the table keeps the limits.
     """
     form, motion = settings.form, settings.task.motion
     longest = settings.step or settings.section.segment or STEPS[0]
@@ -103,17 +113,28 @@ def chosen_times(settings: Settings, place: str = "") -> Array:
 def _step(settings: Settings, segment: int, place: str) -> float:
     motion = settings.task.motion
     found = Deviation()
+    chosen: float | None = None
     for step in STEPS:
-        if TABLE_ROWS.excess(motion.duration / step, ""):
+        if TABLE_ROWS.excess(motion.duration / step, "") or (chosen and step < CLOSEST):
             break
         times = _divided(motion, segment, step)
         if motion.segments[segment].name == "periods":
             # All periods have the same rows.
             times = times[: (len(times) - 1) // motion.periods + 1]
-        found = _deviation(settings, settings.form.written_times(times))
+        table = ExecutedTable.of(settings, ideal_rows(settings, settings.form.written_times(times)))
+        found = _deviation(settings, table)
         shares = (found.position / settings.tolerance, found.acceleration / SHARE)
-        if np.nanmax([*shares, found.force / SHARE]) <= _RESERVE:
+        if not np.nanmax([*shares, found.force / SHARE]) <= _RESERVE:
+            continue
+        room, left = (-_excess(table, of_table=which) for which in (False, True))
+        if left >= min(_ROOM, room / 2):
             return step
+        if room < _LEAST_ROOM:
+            # However close the rows are, the table cannot leave more than the motion does.
+            return step if chosen is None else chosen
+        chosen = chosen or step
+    if chosen is not None:
+        return chosen
     raise InputError(
         f"with rows {1e3 * step:g} ms apart the controller's path is still "
         f"{1e6 * found.position:.3g} µm from the design in the {motion.segments[segment].name},"
@@ -123,11 +144,18 @@ def _step(settings: Settings, segment: int, place: str) -> float:
     )
 
 
-def _deviation(settings: Settings, times: Array) -> Deviation:
-    table = ExecutedTable.of(settings, ideal_rows(settings, times))
+def _deviation(settings: Settings, table: ExecutedTable) -> Deviation:
     worst = Deviation()
-    for part in blocks(refined(times, _POINTS)):
+    for part in blocks(refined(table.rows.times, _POINTS)):
         worst = worst.with_worse(deviation(table, part, table.between(part), forces=True))
         if worst.position > settings.tolerance or worst.acceleration > SHARE:
             break
     return worst
+
+
+def _excess(table: ExecutedTable, *, of_table: bool) -> float:
+    """Return by how much the table, or the motion that it holds, exceeds the limits at most."""
+    limits = LimitModel.of(table.robot)
+    sample = (lambda at: table.between(at).states) if of_table else table.motion.sample
+    parts = (np.hstack(sample(part)) for part in blocks(refined(table.rows.times, _POINTS)))
+    return max(float(np.max(limits.violations(part), initial=-np.inf)) for part in parts)
