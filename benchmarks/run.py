@@ -37,6 +37,7 @@ NAMES = (
     "imported",
     "own_machine",
     "certificate",
+    "certified_robots",
 )
 
 
