@@ -9,7 +9,8 @@ from typing import Any
 import pandas as pd
 
 import expdesign
-from expdesign.configuration.loading import load_run, robot_files
+from expdesign.configuration.loading import load_run
+from expdesign.library import robot_files
 from expdesign.motion import check_motion, executable_motion
 from expdesign.recheck.judge import Recheck
 

@@ -15,6 +15,7 @@ from expdesign.configuration import ExportSection
 from expdesign.configuration.sections.export import Space
 from expdesign.export.rotation import from_roll_pitch_yaw, roll_pitch_yaw
 from expdesign.motion.executable import ExecutableMotion
+from expdesign.recheck.judge import Recheck
 from expdesign.robot import Robot
 
 POSE_AXES = ("X", "Y", "Z", "U", "V", "W")
@@ -188,6 +189,8 @@ class Task:
     """(6, 6), Σ, N²; without it nothing is said about information."""
     made_from: str = ""
     """Hash of what the motion was made from; empty where nobody asks."""
+    check: Recheck | None = None
+    """What is proved of the motion from rest to rest; None where nobody asks."""
 
 
 @dataclass(frozen=True, eq=False)

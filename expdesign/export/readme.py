@@ -35,7 +35,7 @@ def readme(record: ExportsRecord) -> str:
         _paragraph(
             f"{_which(record)} the same motion of {motion.duration:.4f} s: from rest at home "
             f"onto the periodic excitation, {motion.periods} periods of {motion.period:.6f} "
-            f"s, and back to rest at home. Home is {_pose(motion.home)}."
+            f"s, and back to rest at home. Home is {_pose(motion.home)}. {_certified(motion)}"
         ),
         _heading("What to record", "-"),
         _paragraph(
@@ -67,6 +67,12 @@ def readme(record: ExportsRecord) -> str:
             _paragraph(_checked(file.read_back)),
         ]
     return "\n\n".join(parts) + "\n"
+
+
+def _certified(motion: MotionEntry) -> str:
+    if not motion.certified:
+        return "Its limits are not proved for every instant."
+    return "By the nominal model every limit is proved to be kept at every instant of it."
 
 
 def _unlimited(motion: MotionEntry) -> str:

@@ -17,6 +17,7 @@ from expdesign.export.read_back import LIMIT_SHARE, LOG_DET_CHANGE, STD_SHARE, l
 from expdesign.export.row_times import SHARE
 from expdesign.mechanism.hexapod import COORDINATE_NAMES, numbered
 from expdesign.motion.record import RecordedMotion
+from expdesign.recheck.judge import TOLERANCE
 from expdesign.recheck.unlimited import Unlimited, unlimited
 from expdesign.runfolder import JsonFile, OpenNumber, copied, described
 
@@ -50,6 +51,9 @@ class MotionEntry:
     ways: RecordedMotion | None
     # What it reaches follows from the motion; earlier versions did not say it.
     unlimited: tuple[Unlimited, ...] | None = field(default=None, compare=False)
+    # Whether every limit is proved to be kept at every instant from rest to rest, and by how much.
+    certified: bool | None = field(default=None, compare=False)
+    limits: dict[str, LimitEntry] | None = field(default=None, compare=False)
 
     @classmethod
     def of(cls, task: Task) -> MotionEntry:
@@ -62,6 +66,12 @@ class MotionEntry:
             units="SI and radians, unless stated",
             period=task.motion.trajectory.period,
             home=tuple(task.robot.home.tolist()),
+            certified=None if task.check is None else task.check.certified,
+            limits=None
+            if task.check is None
+            else {
+                one.key: copied(LimitEntry, one, tolerance=TOLERANCE) for one in task.check.limits
+            },
             ways=RecordedMotion.of(task.motion),
             unlimited=unlimited(
                 task.robot, task.motion, np.linspace(0.0, task.motion.duration, _POINTS)

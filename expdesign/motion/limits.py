@@ -14,6 +14,7 @@ from expdesign.enclosure.series import EnclosedSeries
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
 from expdesign.motion.enclosed_spline import EnclosedSpline
 from expdesign.motion.executable import ExecutableMotion, Periods, Segment
+from expdesign.motion.spline import SplineRamp
 from expdesign.recheck.certificate import EnclosedMotion, certify
 from expdesign.recheck.judge import LimitCheck, Recheck, states_at, worst_of_each
 from expdesign.robot import LimitModel, Robot, robot_from
@@ -79,6 +80,11 @@ def enclosed(segment: Segment) -> EnclosedMotion:
     if isinstance(segment, Periods):
         return EnclosedSeries(segment.trajectory)
     return EnclosedSpline(segment)
+
+
+def has_enclosure(motion: ExecutableMotion) -> bool:
+    """Return whether each segment is of a kind that can be enclosed."""
+    return all(isinstance(segment, Periods | SplineRamp) for segment in motion.segments)
 
 
 def check_motion(configuration: RunConfiguration, motion: ExecutableMotion) -> Recheck:

@@ -27,6 +27,7 @@ from expdesign.export.record import (
     record_of_one,
 )
 from expdesign.motion.executable import ExecutableMotion
+from expdesign.motion.limits import check_motion, has_enclosure
 from expdesign.motion.planning import executable_motion
 from expdesign.progress import part, tell
 from expdesign.robot import robot_from
@@ -141,7 +142,15 @@ def export_task(work: Workspace) -> Task:
     else:
         tell("ways from rest and back")
         motion = executable_motion(configuration, trajectory)
+    check = check_motion(configuration, motion) if has_enclosure(motion) else None
+    if check is not None and not check.certified:
+        worst = max(check.limits, key=lambda one: one.proved)
+        work.progress.warn(
+            f"the motion from rest to rest is not proved to keep every limit: {worst.title} may be "
+            f"beyond it by {100 * worst.proved:.2g} % of its range"
+        )
     return Task(
+        check=check,
         name=run.name,
         robot=robot,
         motion=motion,
