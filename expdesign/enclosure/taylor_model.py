@@ -131,14 +131,20 @@ class TaylorModel:
 
         Like `extremes` this is a good place, no proof.
         """
-        low, high = np.full(self.coefficients.shape[1], -1.0), np.ones(self.coefficients.shape[1])
-        start = self.at(low)
-        changes = start * self.at(high) < 0
+        ends = np.full(self.coefficients.shape[1], -1.0), np.ones(self.coefficients.shape[1])
+        changes = self.at(ends[0]) * self.at(ends[1]) < 0
+        found = np.full(changes.shape, np.nan)
+        if not np.any(changes):
+            return found
+        there = TaylorModel(self.coefficients[:, changes], np.zeros(1))
+        low, high = (end[changes] for end in ends)
+        start = there.at(low)
         for _ in range(_BISECTIONS):
             middle = (low + high) / 2
-            same = self.at(middle) * start > 0
+            same = there.at(middle) * start > 0
             low, high = np.where(same, middle, low), np.where(same, high, middle)
-        return np.where(changes, (low + high) / 2, np.nan)
+        found[changes] = (low + high) / 2
+        return found
 
     def at(self, instants: Array) -> Array:
         """Return the polynomial's values at τ, (N,); the function's are within the radius."""
