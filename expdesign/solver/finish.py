@@ -128,7 +128,8 @@ def _critical_rows(
     """Choose the instants that matter, with margins: (K,), (K, R), (K, R).
 
     Instants are a regular grid, every local worst of the unsmoothed limits on the fine grid, and
-    the worst moment of each limit that the proof of the last motion has found, wherever it is.
+    the worst moments that the proof of the last motion has found where the grid shows none: rows
+    that say almost the same twice would only make the program harder.
     A row's margin is what the unsmoothed value exceeds the smoothed one by, anywhere within one
     step of the regular grid: that covers the jumps of dry friction where a sign changes.
     """
@@ -146,6 +147,9 @@ def _critical_rows(
     chosen = np.any(used, axis=1)
     moments, rows = _worst_moments(problem, check, stage.near)
     nearest = np.rint(moments * points / (2 * np.pi)).astype(np.intp) % points
+    beside = used | np.roll(used, 1, axis=0) | np.roll(used, -1, axis=0)
+    unseen = np.any(rows & ~beside[nearest], axis=1)
+    moments, rows, nearest = moments[unseen], rows[unseen], nearest[unseen]
     margins = np.minimum(hidden + 2 * GRID_MARGIN, _LARGEST_MARGIN)
     return (
         np.concatenate([fine[chosen], moments]),
