@@ -5,6 +5,7 @@ the program, and returns the exit status. The same seed makes the same input.
 """
 
 import functools
+import json
 import random
 import shutil
 import tempfile
@@ -33,14 +34,20 @@ from tests.data.recordings import WRITERS, recording
 from tests.export.motions import task
 from tests.fuzz.mutation import (
     HOSTILE,
+    at,
     changed_bytes,
     changed_json,
     changed_lines,
     changed_yaml,
+    places,
 )
 from tests.fuzz.oracle import CANARY, call, command, whole
+from tests.report.html import Page
 from tests.robotfile.machines_of import FOLDER as MACHINES
 from tests.robotfile.simulated import mjcf, sdf
+
+FREE = ("title", "description", "warnings", "message", "source", "sentence", "advice", "origin")
+"""Keys of records whose texts come from outside, in part."""
 
 OLD = Path(__file__).parents[1] / "report" / "format_0"
 SECRETS = ("secret.yaml", "secret.json", "secret.csv", "secret")
@@ -211,6 +218,33 @@ def whole_but(place, files):
     whole(place)
 
 
+MARKUP = "</script></title></style>\"'><x-evil onload=evil()>&amp;<!-- \\input{evil} $ % #_^~ {"
+"""Ends whatever it stands in, where it is not written as the text that it is."""
+
+
+def markup(folder, rng):
+    """A run folder with HTML and LaTeX in place of some of its texts, reported."""
+    place = folder / "run"
+    shutil.copytree(OLD, place)
+    for path in (*place.glob("*.json"), place / "run.yaml"):
+        read, write = (json.loads, json.dumps)
+        if path.suffix == ".yaml":
+            read, write = yaml.safe_load, functools.partial(yaml.safe_dump, sort_keys=False)
+        data = read(path.read_text(encoding="utf-8"))
+        texts = [p for p in places(data) if isinstance(at(data, p), str)]
+        wanted = [p for p in texts if p[-1] in FREE or any(key in FREE for key in p)]
+        for *inside, key in rng.sample(wanted, min(len(wanted), rng.randint(1, 4))):
+            at(data, inside)[key] = MARKUP
+        path.write_text(write(data), encoding="utf-8")
+    status = command("report", place)
+    if status == 0:
+        page = Page((place / "report.html").read_text(encoding="utf-8"))
+        assert "x-evil" not in page.tags
+    for path in place.rglob("*.tex"):
+        assert "\\input{evil}" not in path.read_text(encoding="utf-8")
+    return status
+
+
 def _change(path, rng):
     content = path.read_bytes()
     change = {".json": changed_json, ".csv": changed_lines}.get(path.suffix, changed_bytes)
@@ -271,6 +305,7 @@ TARGETS = {
     "table": table,
     "record": record,
     "report": report,
+    "markup": markup,
     "machine": machine,
 }
 

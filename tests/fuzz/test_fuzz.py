@@ -26,6 +26,7 @@ COUNTS = {
     "table": 60,
     "record": 40,
     "report": 4,
+    "markup": 3,
     "machine": 50,
     "binary": 20,
 }
