@@ -9,6 +9,7 @@ from scipy.interpolate import CubicSpline
 
 from constraints.arrays import Array
 from expdesign.configuration import InputError, RunConfiguration, ValidationMotion
+from expdesign.configuration.sizes import SAMPLES
 from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.solver.finish import controller_omega
 from expdesign.trajectory import FourierTrajectory, PhaseBasis
@@ -77,6 +78,19 @@ def motion_of_run(
         return benchmark_motion(motion, home, configuration.run.controller_period)
     except ValueError as error:
         raise InputError(str(error), file=configuration.file, key=key) from error
+
+
+def refuse_unfit_motions(configuration: RunConfiguration, home: Array) -> None:
+    """Refuse motions of a run that cannot be made, or whose measurement would be too large."""
+    for number, motion in enumerate(configuration.run.validation, start=1):
+        if motion.motion == "file":
+            continue
+        key, sampling = f"validate[{number}]", configuration.run.experiment.sampling
+        period = motion_of_run(configuration, motion, home, key).period
+        made = f"{motion.periods} periods of {period:.4g} s at {sampling:g} Hz"
+        if excess := SAMPLES.excess(motion.periods * period * sampling, made):
+            file, key = configuration.file, f"{key}.periods"
+            raise InputError(excess.message, file, key=key, allowed=excess.allowed)
 
 
 def motion_name(motion: ValidationMotion) -> str:

@@ -59,7 +59,7 @@ def check(
     )
     from expdesign.robot import robot_from
     from expdesign.stages.folder import run_folder
-    from expdesign.stages.run import refuse_study
+    from expdesign.stages.run import refuse_unfit
     from expdesign.stages.table import left_out, named, performed, stages_without_design
 
     if out is not None and not machine:
@@ -67,7 +67,7 @@ def check(
         raise InputError(message, key="--out", allowed="--machine, or no --out")
     configuration = load_run(run)
     robot = robot_from(configuration.robot)
-    refuse_study(configuration)
+    refuse_unfit(configuration)
     pairs = [(i + 1, j + 1) for i, j in configuration.robot.shared_joint_pairs]
     done = performed(configuration)
     warnings = list(configuration.warnings)

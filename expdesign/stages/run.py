@@ -73,7 +73,7 @@ def run(
     """
     configuration = load_run(config)
     work = Workspace(configuration, run_folder(configuration, out), progress or Progress())
-    refuse_study(configuration)
+    refuse_unfit(configuration)
     if missing := stages_without_design(configuration, work.folder):
         raise InputError(missing)
     clear_leftovers(work.folder)
@@ -162,8 +162,15 @@ def _written(outcome: Outcome, work: Workspace) -> tuple[Path, ...]:
     return (*files, *record_figures(outcome.record, work.folder, formats))
 
 
-def refuse_study(configuration: RunConfiguration) -> None:
-    """Refuse a study that cannot be done before anything else is."""
+def refuse_unfit(configuration: RunConfiguration) -> None:
+    """Refuse a study, and motions of the validation, that cannot be done before anything else is.
+
+    What follows from the configuration alone has been refused with it.
+    """
+    if configuration.run.validation:
+        from estimation.validation.motions import refuse_unfit_motions
+
+        refuse_unfit_motions(configuration, configuration.robot.home)
     if configuration.run.study is not None:
         from estimation.studies import refuse_unfit_study
         from expdesign.robot import robot_from

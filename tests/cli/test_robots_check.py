@@ -29,6 +29,23 @@ def run_file(tmp_path):
     return write
 
 
+@pytest.mark.parametrize(
+    ("motion", "key"),
+    [
+        ({"motion": "circle", "speed": 1e-12, "periods": 100}, "validate[1].periods"),
+        ({"motion": "circle", "periods": 100_000}, "validate[1].periods"),
+        ({"motion": "line", "poses": [[0] * 6] * 2}, "validate[1]"),
+    ],
+)
+def test_a_motion_that_cannot_be_validated_on(motion, key, tmp_path, expdesign):
+    (tmp_path / "run.yaml").write_text(
+        json.dumps({"name": "lab", "robot": "palida", "validate": [motion]})
+    )
+    status, _, error = expdesign("check", tmp_path / "run.yaml")
+    assert status == 2
+    assert key in error
+
+
 def test_robots_lists_geometry_limits_and_source(expdesign, monkeypatch):
     monkeypatch.setenv("COLUMNS", "160")
     status, out, err = expdesign("robots")
