@@ -6,12 +6,17 @@ from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 
+import numpy as np
+
 from constraints.modules import modules_of
 from expdesign.configuration.problem import InputError
 from expdesign.robotfile import readers
 from expdesign.robotfile.home_in_range import without_contradictions
 from expdesign.robotfile.machine import Machine
 from expdesign.robotfile.machine_format import MachineFormat
+
+_FARTHEST = 1000.0
+"""Of a joint or of home from their frame, m."""
 
 
 @cache
@@ -47,7 +52,14 @@ def read_machine(name: str, files: Sequence[Path]) -> Machine:
     if len(files) > first.most_files:
         message = f"one machine is described by at most {first.most_files} file of {first.title}"
         raise InputError(message, files[first.most_files])
-    return without_contradictions(first.read(name, tuple(files)))
+    machine = without_contradictions(first.read(name, tuple(files)))
+    for key in ("base_joints", "platform_joints", "home"):
+        value = getattr(machine, key)
+        farthest = float(np.max(np.abs(value))) if isinstance(value, tuple) else 0.0
+        if farthest > _FARTHEST:
+            message = f"{farthest:.3g} m away: a length is damaged, or in another unit"
+            raise InputError(message, files[0], key=key, allowed=f"{_FARTHEST:g} m at most")
+    return machine
 
 
 def _format_of(path: Path) -> MachineFormat:

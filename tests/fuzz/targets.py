@@ -264,7 +264,8 @@ def _machines():
         angle = np.arange(6) * np.pi / 3
         base = np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])
         savemat(path, {"pos_base": base, "pos_top": 0.6 * base + [0, 0, 1], "top_mass": 10.0})
-        found[path.name] = path.read_bytes()
+        # Its first bytes tell when it was written.
+        found[path.name] = b"MATLAB 5.0 MAT-file".ljust(116) + path.read_bytes()[116:]
     return found | {"model.xml": mjcf().encode(), "model.sdf": sdf().encode()}
 
 

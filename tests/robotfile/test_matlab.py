@@ -100,3 +100,15 @@ def test_files_without_such_variables_and_damaged_ones_are_refused(tmp_path):
         file.write_bytes(content)
         with pytest.raises(InputError):
             read_machine("m", [file])
+
+
+def test_a_length_that_is_damaged(tmp_path):
+    """One wrong bit of an exponent makes a platform larger than the universe."""
+    angle = np.arange(6) * np.pi / 3
+    base = np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])
+    base[2, 0] = 1e231
+    path = tmp_path / "platform.mat"
+    savemat(path, {"pos_base": base, "pos_top": 0.6 * base + [0, 0, 1]})
+    with pytest.raises(InputError) as caught:
+        read_machine("lab", [path])
+    assert caught.value.problems[0].key == "base_joints"
