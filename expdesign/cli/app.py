@@ -14,6 +14,7 @@ from typing import Annotated
 import typer
 
 from expdesign.cli import commands
+from expdesign.cli.certify import certify
 from expdesign.cli.check import check
 from expdesign.cli.compare import compare
 from expdesign.cli.errors import ended_plainly
@@ -69,6 +70,7 @@ for _command in (
     commands.estimate,
     commands.validate,
     export,
+    certify,
     commands.report,
     compare,
     commands.run,

@@ -94,7 +94,7 @@ def export(
     if folder is None:
         raise InputError("no run folder is given", allowed="expdesign export DIR")
     folder = folder.absolute()
-    configuration = _configuration(folder)
+    configuration = run_configuration(folder)
     if not name:
         allowed = " | ".join((*table_formats(), _LIST))
         raise InputError("no format is given", key="--format", allowed=allowed)
@@ -139,7 +139,8 @@ def _list(*, as_json: bool) -> None:
     results().print(table)
 
 
-def _configuration(folder: Path) -> RunConfiguration:
+def run_configuration(folder: Path) -> RunConfiguration:
+    """Return the configuration of a run folder."""
     from expdesign.configuration import InputError, load_run
 
     file = folder / "run.yaml"

@@ -1,0 +1,131 @@
+"""What is proved of a run folder's motions: its design, the way there and back, and its tables."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from expdesign.configuration import InputError
+from expdesign.export.certification import certified
+from expdesign.export.record import FOLDER, RECORD, ExportsRecord
+from expdesign.export.table_file import find_table_file
+from expdesign.motion.executable import ExecutableMotion
+from expdesign.motion.limits import check_motion
+from expdesign.progress import part
+from expdesign.recheck.certificate import recheck
+from expdesign.recheck.judge import LimitCheck
+from expdesign.robot import ForwardKinematicsError, LimitModel, Robot, robot_from
+from expdesign.stages.outcome import StageFailed
+from expdesign.stages.workspace import Workspace
+from expdesign.trajectory import FourierTrajectory
+
+
+@dataclass(frozen=True)
+class CertifiedPart:
+    """A motion of a run folder with what is proved of its limits.
+
+    `sampled` are the keys of limits that its path leaves undefined, `unproved_from` is when the
+    first pose could not be proved, s.
+    """
+
+    name: str
+    title: str
+    limits: tuple[LimitCheck, ...]
+    sampled: tuple[str, ...] = ()
+    unproved_from: float = np.inf
+
+    @property
+    def certified(self) -> bool:
+        """Whether every limit that the path defines is proved to be kept at every instant."""
+        return all(check.certified for check in self.limits if check.key not in self.sampled)
+
+    def as_data(self) -> dict[str, Any]:
+        """Return the same as plain data."""
+        limits = [
+            asdict(check) | {"kept": check.kept, "certified": check.certified}
+            for check in self.limits
+        ]
+        return {**asdict(self), "certified": self.certified, "limits": limits}
+
+
+def certified_folder(work: Workspace) -> list[CertifiedPart]:
+    """Return what is proved of the design of a run folder, of its ways, and of all its tables.
+
+    The ways from and to rest are those that exports.json records; they keep `motion.jerk` as well.
+    """
+    robot = robot_from(work.configuration.robot)
+    trajectory = work.design().trajectory
+    with part("design"):
+        found = [_design(robot, trajectory)]
+    place = work.folder / FOLDER
+    record = ExportsRecord.known(place / RECORD)
+    if record is None:
+        work.progress.note(
+            "no table was exported: the ways from rest and back, which are planned then, are not "
+            "there"
+        )
+        return found
+    motion = _executable(record, trajectory, robot)
+    if motion is None:
+        work.progress.warn(f"the ways in {RECORD} are not those of this design: left out")
+    else:
+        with part("ways from rest and back"):
+            limits = check_motion(work.configuration, motion).limits
+        found.append(CertifiedPart("motion", "the motion from rest to rest", limits))
+    for name in record.files:
+        if (place / name).is_file():
+            found.append(certified_table(work, place / name))
+        else:
+            work.progress.warn(f"{name} is in {RECORD}, and no longer in the folder")
+    return found
+
+
+def certified_table(work: Workspace, path: Path) -> CertifiedPart:
+    """Return what is proved of a table of the run folder's design."""
+    robot = robot_from(work.configuration.robot)
+    table = find_table_file(path, robot, work.design().trajectory)
+    if table.changed:
+        work.progress.warn(f"{path.name} was changed after it was exported")
+    with part(path.name):
+        try:
+            proved = certified(table.executed)
+        except (ForwardKinematicsError, np.linalg.LinAlgError) as trouble:
+            raise StageFailed(f"{path.name} cannot be executed: {trouble}") from trouble
+    return CertifiedPart(
+        path.name,
+        table.settings.form.title,
+        proved.limits,
+        proved.sampled,
+        proved.unproved_from,
+    )
+
+
+def folder_of_table(path: Path) -> Path:
+    """Return the run folder that a table stands in."""
+    folder = path.parent.parent
+    if path.parent.name != FOLDER or not (folder / "run.yaml").is_file():
+        raise InputError(
+            "nothing here tells which robot executes this table, and which design it is of",
+            path,
+            key="--design",
+            allowed="--design DIR, the run folder that it was exported from",
+        )
+    return folder
+
+
+def _design(robot: Robot, trajectory: FourierTrajectory) -> CertifiedPart:
+    limits = recheck(LimitModel.of(robot), trajectory).limits
+    return CertifiedPart("design", "one period of the design", limits)
+
+
+def _executable(
+    record: ExportsRecord, trajectory: FourierTrajectory, robot: Robot
+) -> ExecutableMotion | None:
+    try:
+        ways = record.motion.ways
+        return None if ways is None else ways.motion(trajectory, robot.home)
+    except ValueError:
+        return None

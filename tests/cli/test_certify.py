@@ -1,0 +1,162 @@
+"""`expdesign certify`: what is proved of a run folder and of a table, and its exit status."""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+
+from expdesign.configuration import load_run, resolved_yaml
+from expdesign.trajectory import FourierTrajectory
+from tests.export.motions import spline_motion_of, task
+
+SMALL = 0.3
+TABLES = [
+    {"format": "xps-pvt", "segment": "10 ms", "tolerance": "50 um"},
+    {"format": "linuxcnc-gcode", "segment": "4 ms", "tolerance": "200 um"},
+]
+
+
+def write_folder(folder, size):
+    """Write a run folder whose design goes as far as that of the tests of tables, times a size."""
+    about = task()
+    design = about.motion.trajectory
+    mu, nu = size * design.mu, size * design.nu
+    trajectory = FourierTrajectory(design.omega, about.robot.home, mu, nu)
+    folder.mkdir(exist_ok=True)
+    data = {"harmonics": trajectory.harmonics, "omega": trajectory.omega}
+    data |= {key: getattr(trajectory, key).tolist() for key in ("lambda0", "mu", "nu")}
+    (folder / "design.json").write_text(json.dumps(data), encoding="utf-8")
+    run = {
+        "name": "test",
+        "robot": "palida",
+        "experiment": {"periods": 1, "sampling": 500},
+        "export": TABLES,
+    }
+    file = folder / "input.yaml"
+    file.write_text(json.dumps(run), encoding="utf-8")
+    (folder / "run.yaml").write_text(resolved_yaml(load_run(file)), encoding="utf-8")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def made(made_once):
+    """Return a run folder with two tables, whose ways are splines that need no search."""
+    from expdesign.cli.app import app
+    from expdesign.cli.errors import run
+
+    def make(place):
+        def ways(configuration, trajectory):
+            return spline_motion_of(task().robot, trajectory, configuration.run.experiment.periods)
+
+        folder = write_folder(place / "run", SMALL)
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr("expdesign.stages.export.executable_motion", ways)
+            for one in TABLES:
+                assert run(app, ["export", str(folder), "--format", one["format"], "--json"]) == 0
+
+    return made_once("certified-run", make) / "run"
+
+
+@pytest.fixture
+def folder(made, tmp_path):
+    return shutil.copytree(made, tmp_path / "run")
+
+
+def test_a_folder_with_its_ways_and_tables_is_proved(expdesign, made):
+    status, answer, messages = expdesign("certify", made, "--json")
+    found = json.loads(answer)
+
+    assert status == 0, messages
+    assert found["certified"]
+    names = ["design", "motion", "xps-pvt.trj", "linuxcnc-gcode.ngc"]
+    assert [part["name"] for part in found["parts"]] == names
+    for part in found["parts"]:
+        assert part["certified"]
+        for limit in part["limits"]:
+            if limit["key"] not in part["sampled"]:
+                assert limit["proved"] <= 1e-6
+                assert limit["cells"] > 0
+    assert set(found["parts"][-1]["sampled"]) == {"actuator_force", "strut_acceleration"}
+    record = json.loads((made / "exports" / "exports.json").read_text())
+    for name in names[2:]:
+        check = record["files"][name]["read_back"]
+        assert check["certified"]
+        by_key = {
+            limit["key"]: limit
+            for limit in next(part for part in found["parts"] if part["name"] == name)["limits"]
+        }
+        for key, limit in check["limits"].items():
+            assert limit["proved"] == by_key[key]["proved"]
+
+
+def test_a_table_alone_and_elsewhere(expdesign, made, tmp_path):
+    table = made / "exports" / "xps-pvt.trj"
+    status, answer, messages = expdesign("certify", table)
+    assert status == 0, messages
+    assert "strut_speed" in answer
+
+    away = tmp_path / "away"
+    away.mkdir()
+    for file in (table, made / "exports" / "exports.json"):
+        shutil.copy(file, away)
+    status, _, messages = expdesign("certify", away / table.name)
+    assert (status, "--design" in messages) == (2, True)
+    status, answer, _ = expdesign("certify", away / table.name, "--design", made, "--json")
+    assert (status, len(json.loads(answer)["parts"])) == (0, 1)
+
+
+def _with_row(path, change):
+    """Change one displacement and velocity of an XPS table in its middle; the row after undoes
+    the displacement."""
+    lines = path.read_text().splitlines()
+    k = len(lines) // 2
+    rows = [np.array([float(cell) for cell in line.split(",")]) for line in lines[k : k + 2]]
+    change(*rows)
+    lines[k : k + 2] = [", ".join(f"{cell:.8f}" for cell in row) for row in rows]
+    path.write_text("\n".join(lines) + "\n")
+
+
+def test_what_a_table_does_between_its_rows_alone_is_found(expdesign, folder):
+    table = folder / "exports" / "xps-pvt.trj"
+
+    def velocity(row, _after):
+        row[2] += 400.0  # mm/s, at one row: the speed stays below its limit there and around it
+
+    _with_row(table, velocity)
+    status, answer, _ = expdesign("certify", table, "--json")
+    found = json.loads(answer)
+
+    assert status == 1
+    assert not found["certified"]
+    (part,) = found["parts"]
+    limits = {limit["key"]: limit for limit in part["limits"]}
+    assert limits["strut_acceleration"]["proved"] > 1e-6
+    assert not limits["strut_acceleration"]["certified"]
+
+
+def test_a_design_that_breaks_a_limit_is_not_proved(expdesign, tmp_path):
+    folder = write_folder(tmp_path / "far", 2.0)
+    status, answer, _ = expdesign("certify", folder, "--json")
+    found = json.loads(answer)
+
+    assert status == 1
+    assert found["status"] == 1
+    assert [part["name"] for part in found["parts"]] == ["design"]
+    assert expdesign("certify", folder)[0] == 1
+
+
+@pytest.mark.parametrize("what", ["nothing", "no folder of a run", "a file that is no table"])
+def test_bad_input(expdesign, tmp_path, what):
+    place = tmp_path / "place"
+    if what == "no folder of a run":
+        place.mkdir()
+    elif what == "a file that is no table":
+        place.write_text("1, 2, 3\n", encoding="utf-8")
+    status, answer, messages = expdesign("certify", place)
+    assert (status, answer) == (2, "")
+    assert "Traceback" not in messages
+
+
+def test_a_folder_and_another_design(expdesign, made):
+    assert expdesign("certify", made, "--design", made)[0] == 2
