@@ -18,7 +18,7 @@ def certify(
     place: Annotated[
         Path,
         typer.Argument(
-            metavar="DIR|TABLE",
+            metavar="PLACE",
             help="A run folder with run.yaml and design.json, or a controller table.",
             show_default=False,
         ),

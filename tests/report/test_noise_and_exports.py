@@ -211,6 +211,7 @@ def test_tables_are_told_with_what_they_do(with_tables):
         assert row[2] == pytest.approx(1e6 * check["tolerances"]["position"])
         assert row[4] == pytest.approx(100 * check["acceleration_error_share"])
         assert row[7:] == (
+            "yes" if check["certified"] else "no",
             check["information"]["log_det_change"],
             pytest.approx(100 * check["information"]["std_change"]),
             check["information"]["parameter"],
@@ -264,7 +265,7 @@ def test_tables_without_noise_and_without_limits_of_force(with_tables):
     change(with_tables / "exports/exports.json", edit)
     row = tables(section(with_tables, "export"))["read_back"].rows[0]
     assert np.isnan(row[5])
-    assert row[6:] == ("–", None, None, "–")
+    assert row[6:] == ("–", "yes", None, None, "–")
     write_report(with_tables, reported_stages())
 
 

@@ -117,17 +117,25 @@ def _read_back_table(files: Sequence[_File]) -> ReportTable:
         Column("acceleration off by", "%", digits=2, of=acceleration, factor=100),
         Column("force off by", "%", digits=2, of=force, factor=100),
         Column("tightest limit, used", kind="text", of=_tightest),
+        Column("limits proved", kind="text", of=_proved),
         Column("change of log det F", digits=2, of=f"{change}.log_det_change"),
         Column("change of σ", "%", digits=2, of=f"{change}.std_change", factor=100),
         Column("largest for", kind="parameter", of=decisive),
     )
     caption = (
         "What the files do when they are executed, against the design: largest deviations "
-        "(acceleration and force in percent of their limits' range), tightest limit, and what "
+        "(acceleration and force in percent of their limits' range), tightest limit, whether every "
+        "limit that the path defines is proved to be kept at every instant, and what "
         "resampling and rounding change in log det F and in the predicted standard deviations σ "
         "over the measurement window"
     )
     return ReportTable.of("read_back", caption, columns, files)
+
+
+def _proved(file: _File) -> str:
+    """Return whether the limits are proved to be kept; earlier versions did not say it."""
+    certified = file.entry.read_back.certified
+    return "–" if certified is None else "yes" if certified else "no"
 
 
 def _tightest(file: _File) -> str:
