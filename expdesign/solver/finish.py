@@ -93,12 +93,16 @@ def finish(
     kept = x
     best_merit = evaluator.merit(best.trajectory, problem.cost.samples)
     record, last_merit = StageRecord.of(stage), best_merit
+    # Worst moments of earlier rounds stay: without their rows what they held comes back.
+    seen: NDArray[np.bool_] = np.zeros(
+        (grid_points(problem.cost.samples), len(problem.limits.keys)), dtype=bool
+    )
     for _ in range(rounds):
         # Each round has all of the stage's iterations: the rows and their margins are new.
         x, status = solve_rows(
             problem,
             stage,
-            _critical_rows(problem, x, stage, candidate.check),
+            _critical_rows(problem, x, stage, candidate.check, seen),
             (x, stage.radius),
             record,
             report,
@@ -123,13 +127,14 @@ def finish(
 
 
 def _critical_rows(
-    problem: DesignProblem, x: Array, stage: Stage, check: Recheck
+    problem: DesignProblem, x: Array, stage: Stage, check: Recheck, seen: NDArray[np.bool_]
 ) -> tuple[Array, NDArray[np.bool_], Array]:
     """Choose the instants that matter, with margins: (K,), (K, R), (K, R).
 
     Instants are a regular grid, every local worst of the unsmoothed limits on the fine grid, and
     the worst moments that the proof of the last motion has found where the grid shows none: rows
-    that say almost the same twice would only make the program harder.
+    that say almost the same twice would only make the program harder. Those of the fine grid are
+    added to `seen`, (points, R), and all that it has are taken.
     A row's margin is what the unsmoothed value exceeds the smoothed one by, anywhere within one
     step of the regular grid: that covers the jumps of dry friction where a sign changes.
     """
@@ -143,7 +148,8 @@ def _critical_rows(
     regular = np.zeros(points, dtype=bool)
     regular[:: max(1, points // (2 * stage.points))] = True
     near = (exact > -stage.near) & np.isfinite(exact)
-    used = (regular[:, None] & near) | peaks
+    seen |= peaks
+    used = (regular[:, None] & near) | seen
     chosen = np.any(used, axis=1)
     moments, rows = _worst_moments(problem, check, stage.near)
     nearest = np.rint(moments * points / (2 * np.pi)).astype(np.intp) % points
