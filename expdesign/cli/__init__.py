@@ -81,7 +81,8 @@ class _Undemanding(io.FileIO):
 
 def _undemanding(stream: Any) -> Any:
     """Return a stream for the same messages that does not fail."""
-    raw = getattr(getattr(stream, "buffer", None), "raw", None)
+    buffer = getattr(stream, "buffer", None)
+    raw = getattr(buffer, "raw", buffer)  # Python may have been told to use no buffer
     if type(raw) is not io.FileIO or not isinstance(stream, io.TextIOWrapper):
         return stream
     return io.TextIOWrapper(

@@ -1,6 +1,7 @@
 """`expdesign.run` does what the command does; a stage hands its result to the next in memory."""
 
 import json
+import shutil
 import signal
 import sys
 import traceback
@@ -203,3 +204,18 @@ def test_ctrl_c_in_the_study_of_a_run_leaves_what_is_done_and_the_run_goes_on(ru
 def test_bad_input():
     with pytest.raises(expdesign.InputError, match="needs a design"):
         expdesign.run({"name": "a", "robot": "palida", "experiment": {"periods": 2}})
+
+
+def test_a_folder_that_is_removed_while_the_run_goes_on(run_of, tmp_path, monkeypatch):
+    folder = tmp_path / "out"
+
+    class Removing(expdesign.Progress):
+        def finished(self, outcome):
+            if outcome.stage == "design":
+                shutil.rmtree(folder)
+
+    file = run_of()
+    with pytest.raises(expdesign.StageFailed, match="design"):
+        expdesign.run(file, out=folder, progress=Removing())
+    assert statuses(folder) == {"experiment": "done"}
+    assert list(expdesign.run(file, out=folder).stages) == ["design", "experiment"]

@@ -1,0 +1,118 @@
+"""Runs that end at a moment of their own, and whether what comes of them is what would have been.
+
+A moment is told by progress, never by the clock: just before a file of the run gets its name for
+the n-th time, or before it is opened to be continued.
+"""
+
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+_TIMES = {"seconds", "finished"}
+_LEFT_OUT = {"manifest.json"}
+_STAMPS = re.compile(
+    rb"\d+(\.\d+)?(e-?\d+)?\s*(min|ms|s|h)\b( \d+ (min|s)\b)?"  # how long it took
+    rb"|\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d)?"
+    rb"|[0-9a-f]{64}"  # of files that hold how long it took
+)
+
+
+def environment():
+    return {
+        **os.environ,
+        "PYTHONPATH": os.pathsep.join([str(ROOT), *(path for path in sys.path if path)]),
+        "OMP_NUM_THREADS": "1",
+        "OPENBLAS_NUM_THREADS": "1",
+    }
+
+
+def ended_at(moment, number, arguments):
+    """Run a command that gets a signal at ``(file, n)``, never with None; return how it ended."""
+    file, count = moment or ("", 0)
+    return subprocess.run(
+        [
+            *(sys.executable, "-c", "from tests.killed_runs import main; main()"),
+            *(file, str(count), str(int(number)), *map(str, arguments)),
+        ],
+        capture_output=True,
+        text=True,
+        env=environment(),
+        check=False,
+    )
+
+
+def main():
+    """Be the run: the command line, with figures that are empty, which ends at its moment."""
+    from expdesign.cli import main as command_line
+    from tests.blank_figures import blank_figures
+
+    file, count, number, *sys.argv[1:] = sys.argv[1:]
+    left = [int(count)]
+
+    def watch(event, arguments):
+        if event == "os.rename":
+            name = str(arguments[1])
+        elif event == "open" and "+" in str(arguments[1]):
+            name = str(arguments[0])
+        else:
+            return
+        if left[0] and name.endswith(file):
+            left[0] -= 1
+            if not left[0]:
+                os.kill(os.getpid(), int(number))
+
+    with blank_figures():
+        sys.addaudithook(watch)
+        command_line()
+
+
+def contents(folder):
+    """Return every file of a run folder by its path, without what differs from run to run."""
+    found = {}
+    for path in sorted(folder.rglob("*")):
+        name = str(path.relative_to(folder))
+        if path.is_file() and name not in _LEFT_OUT:
+            found[name] = _timeless(path, folder)
+    return found
+
+
+def _timeless(path, folder):
+    data = path.read_bytes().replace(bytes(folder), b"(folder)")
+    if path.suffix == ".json":
+        return _without_times(json.loads(data))
+    if path.suffix == ".html":
+        return _STAMPS.sub(b"(time)", data)
+    return data
+
+
+def _without_times(data):
+    if isinstance(data, dict):
+        return {key: _without_times(value) for key, value in data.items() if key not in _TIMES}
+    if isinstance(data, list):
+        return [_without_times(item) for item in data]
+    return data
+
+
+def stages(folder):
+    """Return the status of every stage in the manifest."""
+    manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
+    return {name: entry["status"] for name, entry in manifest["stages"].items()}
+
+
+def untrue(folder):
+    """Return the files that the manifest vouches for and that are not as it says."""
+    from expdesign.runfolder.manifest import Manifest, file_hash
+
+    manifest = Manifest.known(folder)
+    entries = {} if manifest is None else manifest.stages
+    return [
+        file
+        for name, entry in entries.items()
+        if entry.status == "done"
+        for file, digest in entry.files.items()
+        if not (folder / file).is_file() or file_hash(folder / file) != digest
+    ]
