@@ -107,6 +107,11 @@ def ignored() -> Iterator[None]:
         yield
 
 
+def has_raised() -> bool:
+    """Tell whether an interruption was raised as an exception in this process."""
+    return _raised.is_set()
+
+
 def ignore() -> None:
     """Leave interruptions alone from now on: the process has only to end, with its status."""
     for number in ENDING:
@@ -128,11 +133,13 @@ class _Handler:
 
 
 _while_importing: list[Callable[[], Any]] = []
+_raised = threading.Event()
 
 
 def _interrupt(_number: int, frame: FrameType | None) -> None:
     if _while_importing and _imports(frame):
         _while_importing[-1]()
+    _raised.set()
     raise KeyboardInterrupt
 
 

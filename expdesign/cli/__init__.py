@@ -3,6 +3,7 @@
 import contextlib
 import io
 import os
+import signal
 import sys
 from typing import Any
 
@@ -16,8 +17,13 @@ def main() -> None:
     Exit status 0: done and within limits. 1: failed, interrupted, or the result breaks a limit.
     2: bad input. SIGTERM and SIGHUP interrupt as Ctrl-C does.
     """
-    from expdesign.interruption import ignore, ignored, raising
+    usual = signal.getsignal(signal.SIGINT)
+    if usual is signal.default_int_handler:
+        signal.signal(signal.SIGINT, _end_at_once)
+    from expdesign.interruption import has_raised, ignore, ignored, raising
 
+    if usual is signal.default_int_handler:
+        signal.signal(signal.SIGINT, usual)
     try:
         with raising(_end_at_once):
             status = _run()
@@ -26,10 +32,16 @@ def main() -> None:
             _say_interrupted()
         status = _FAILED
     ignore()
+    if has_raised():
+        # An exception that went through code in a text lets Python end itself by a signal later on.
+        with contextlib.suppress(OSError):
+            sys.stdout.flush()
+            sys.stderr.flush()
+        os._exit(status)
     sys.exit(status)
 
 
-def _end_at_once() -> None:
+def _end_at_once(*_signal: Any) -> None:
     _say_interrupted()
     os._exit(_FAILED)
 
