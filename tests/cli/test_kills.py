@@ -17,7 +17,6 @@ MOMENTS = (
     (("estimate.json", 1), signal.SIGKILL, 3),
     # In the midst of saving: that is completed.
     (("validation.json", 1), signal.SIGTERM, 5),
-    (("exports.json", 1), signal.SIGKILL, 5),
 )
 
 
