@@ -13,8 +13,6 @@ together, and every radius is enlarged by `_UP` for those of its own computation
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from constraints.arrays import Array
@@ -214,14 +212,6 @@ class TaylorModel:
     def scaled(self, factor: float) -> TaylorModel:
         """Return the model times a number that is known exactly."""
         return TaylorModel.number(factor) * self
-
-
-def hull(models: Sequence[TaylorModel]) -> TaylorModel:
-    """Return the model of what may be any of the models."""
-    low, high = zip(*(model.bounds() for model in models), strict=True)
-    return TaylorModel.within(
-        np.min(np.broadcast_arrays(*low), 0), np.max(np.broadcast_arrays(*high), 0)
-    )
 
 
 def _outward(radius: Array) -> Array:

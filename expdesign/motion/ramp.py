@@ -16,7 +16,7 @@ from expdesign.motion.spline import SplineRamp
 from expdesign.problem.design_problem import hidden_by_smoothing
 from expdesign.progress import tell
 from expdesign.recheck.certificate import certify
-from expdesign.recheck.judge import LimitCheck, local_worst
+from expdesign.recheck.judge import TOLERANCE, LimitCheck, local_worst
 from expdesign.solver.ipopt import COMMON_OPTIONS, solve_with_ipopt
 
 RESERVE = 2e-3
@@ -174,9 +174,9 @@ def _plain_ramp(
         x = np.append(scaled.pack(guess)[:-1], 1.0)
         ramp = replace(scaled.ramp(x, name), duration=duration)
         worst = worst_limit(scaled, ramp)
-        if worst.proved <= -RESERVE:
+        if worst.possible <= -RESERVE:
             return ramp
-        if worst.certified and kept is None:
+        if worst.possible <= TOLERANCE and kept is None:
             kept = ramp
     return kept
 
@@ -208,8 +208,8 @@ def _settled(
         x, since = result.x, since + 1
         ramp = replace(problem.ramp(x, name), duration=steps * step)
         worst = worst_limit(problem, ramp)
-        attempt = RampAttempt(x, problem, worst.proved, worst.key)
-        if worst.certified:
+        attempt = RampAttempt(x, problem, worst.possible, worst.key)
+        if worst.possible <= TOLERANCE:
             return ramp, attempt
         if not possible or since == _ROUNDS_PER_DURATION:
             steps, since = steps + max(1, int(np.ceil(stretch * steps))), 0
@@ -221,7 +221,7 @@ def _settled(
 
 def worst_limit(problem: RampProblem, ramp: SplineRamp) -> LimitCheck:
     """Return the limit that a ramp may break most, or comes closest to, at any instant."""
-    return max(certify(problem.limits, enclosed(ramp)), key=lambda check: check.proved)
+    return max(certify(problem.limits, enclosed(ramp)), key=lambda check: check.possible)
 
 
 def _nodes(points: int) -> Array:

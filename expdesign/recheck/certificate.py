@@ -23,7 +23,7 @@ from expdesign.enclosure.limit_rows import EnclosedLimits, EnclosedRow
 from expdesign.enclosure.series import EnclosedSeries
 from expdesign.enclosure.taylor_model import EPS, TaylorModel
 from expdesign.progress import tell
-from expdesign.recheck.judge import TOLERANCE, LimitCheck, Recheck, judge
+from expdesign.recheck.judge import LEAST_POINTS, TOLERANCE, LimitCheck, Recheck, judge
 from expdesign.robot import LimitModel
 from expdesign.runfolder import copied
 from expdesign.trajectory import FourierTrajectory
@@ -63,8 +63,8 @@ def certify(
 ) -> tuple[LimitCheck, ...]:
     """Return the worst moment of every limit, and what is proved of it.
 
-    A limit that has no enclosure is looked at in the middle of the first cells; nothing is proved
-    of it.
+    A limit that has no enclosure is looked at in the middle of `LEAST_POINTS` cells; nothing is
+    proved of it.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ def certify(
         known = [limit for limit in limits.limits if _is_enclosed(limits, limit)]
         proved = certify(replace(limits, limits=tuple(known)), motion, cells=cells, most=most)
         others = tuple(limit for limit in limits.limits if limit not in known)
-        sampled = _sampled(replace(limits, limits=others), motion, edges)
+        sampled = _sampled(replace(limits, limits=others), motion)
         checks = {check.key: check for check in (*proved, *sampled)}
         return tuple(checks[limit.key] for limit in limits.limits)
     span = motion.breaks[-1] - motion.breaks[0]
@@ -110,7 +110,8 @@ def _is_enclosed(limits: LimitModel, limit: Limit) -> bool:
     return True
 
 
-def _sampled(limits: LimitModel, motion: EnclosedMotion, edges: Array) -> tuple[LimitCheck, ...]:
+def _sampled(limits: LimitModel, motion: EnclosedMotion) -> tuple[LimitCheck, ...]:
+    edges = _divided(motion.breaks, LEAST_POINTS)
     models = motion.models(edges)
     states = np.stack([model.at(np.zeros(len(edges))) for model in models], axis=1)
     return judge(limits, edges.mean(axis=1), states)

@@ -72,6 +72,11 @@ class LimitCheck:
         return bool(self.proved <= TOLERANCE)
 
     @property
+    def possible(self) -> float:
+        """Largest excess that there may be: what is proved; where nothing is, what was found."""
+        return float(np.fmax(self.proved, self.violation))
+
+    @property
     def kept(self) -> bool:
         """Whether the limit is kept, within `TOLERANCE` of its range."""
         return bool(self.violation <= TOLERANCE)
@@ -192,9 +197,9 @@ class Recheck:
         return max((check.violation for check in self.limits), default=-np.inf)
 
     @property
-    def proved(self) -> float:
-        """Largest excess over a limit that is possible, as a share of its range."""
-        return max((check.proved for check in self.limits), default=-np.inf)
+    def possible(self) -> float:
+        """Largest excess over a limit that there may be, as a share of its range."""
+        return max((check.possible for check in self.limits), default=-np.inf)
 
     @property
     def passed(self) -> bool:

@@ -18,7 +18,7 @@ from constraints.arrays import Array
 from expdesign.problem.design_problem import DesignProblem, hidden_by_smoothing
 from expdesign.recheck.certificate import recheck
 from expdesign.recheck.information import Evaluator
-from expdesign.recheck.judge import Recheck, grid_points, local_worst, states_at
+from expdesign.recheck.judge import TOLERANCE, Recheck, grid_points, local_worst, states_at
 from expdesign.solver.hum_distance import KnownHum
 from expdesign.solver.initial import largest
 from expdesign.solver.stage import Report, Stage, StageRecord, TracePoint, solve_rows
@@ -111,7 +111,10 @@ def finish(
         candidate = _checked(problem, x)
         merit = evaluator.merit(candidate.trajectory, problem.cost.samples)
         gain = evaluator.gain(merit, best_merit)
-        if candidate.check.certified and (not best.check.certified or gain > 0):
+        standing, before = (
+            (check.certified, check.passed) for check in (candidate.check, best.check)
+        )
+        if standing > before or (standing == before and candidate.check.passed and gain > 0):
             best, best_merit, kept = candidate, merit, x
         if status == "User_Requested_Stop":
             break
@@ -184,15 +187,18 @@ def _worst_moments(
 
 
 def _checked(problem: DesignProblem, x: Array) -> Finished:
-    """Shrink until every limit is proved to be kept at every instant."""
+    """Shrink until every limit is proved to be kept at every instant.
+
+    A limit of which nothing can be proved, or not within the budget, counts with what was found.
+    """
     trajectory = problem.variables.trajectory(x)
     margin = GRID_MARGIN
     for _ in range(_CHECKS):
         shrunk = shrink_to_limits(problem, trajectory, margin)
         check = recheck(problem.limits, shrunk.trajectory)
-        if check.certified or not shrunk.kept:
+        if check.certified or not shrunk.kept or not TOLERANCE < check.possible < np.inf:
             break
-        margin += 2 * check.proved
+        margin += 2 * check.possible
     return Finished(shrunk.trajectory, check, shrunk.factor)
 
 

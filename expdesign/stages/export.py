@@ -6,6 +6,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from constraints.arrays import Array
 from expdesign.configuration import ExportSection, InputError, RunConfiguration
 from expdesign.experiment.design import judged_parameters
@@ -144,10 +146,13 @@ def export_task(work: Workspace) -> Task:
         motion = executable_motion(configuration, trajectory)
     check = check_motion(configuration, motion) if has_enclosure(motion) else None
     if check is not None and not check.certified:
-        worst = max(check.limits, key=lambda one: one.proved)
+        left = (one for one in check.limits if not one.certified)
+        worst = max(left, key=lambda one: one.possible)
+        reason = "nothing is proved of it"
+        if np.isfinite(worst.proved):
+            reason = f"it may be beyond its bound by {100 * worst.proved:.2g} % of its range"
         work.progress.warn(
-            f"the motion from rest to rest is not proved to keep every limit: {worst.title} may be "
-            f"beyond it by {100 * worst.proved:.2g} % of its range"
+            f"the motion from rest to rest is not proved to keep {worst.title}: {reason}"
         )
     return Task(
         check=check,

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from expdesign.enclosure.taylor_model import TERMS, TaylorModel, hull
+from expdesign.enclosure.taylor_model import TERMS, TaylorModel
 from tests.enclosure.exact import CELLS, TIMES, assert_holds, members
 
 
@@ -38,14 +38,6 @@ def test_what_one_model_makes_holds_what_its_function_makes(a, cell, time, facto
     assert_holds(a.model, cell, time, value)
     size = np.broadcast_to(a.model.size, (2,))[cell]
     assert not np.isfinite(size) or abs(value) <= Fraction(float(size))
-
-
-@given(a=members(), b=members(), cell=CELLS, time=TIMES)
-def test_the_hull_of_two_holds_both(a, b, cell, time):
-    both = hull([a.model, b.model])
-
-    assert_holds(both, cell, time, a.at(cell, time))
-    assert_holds(both, cell, time, b.at(cell, time))
 
 
 @given(

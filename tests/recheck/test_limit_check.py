@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from expdesign.export.certification import TableCertificate
 from expdesign.export.read_back import limits_in_words
 from expdesign.recheck.judge import TOLERANCE, LimitCheck
 from expdesign.runfolder import RowTable
@@ -53,11 +54,25 @@ def test_a_table_that_exceeds_a_limit_within_its_tolerance_says_so():
         "",
     )
 
-    words = limits_in_words([SPEED, near])
+    words = limits_in_words(TableCertificate((SPEED, near)))
 
     for part in ("strut acceleration of strut 4", "30.0084", "30 m/s^2", "0.00014", "0.001"):
         assert part in words
     assert "kept" not in words
-    assert limits_in_words([SPEED]) == "every limit kept"
-    reserved = [replace(SPEED, reserve=share) for share in (0.05, 0.0, 0.1)]
-    assert "5 % to 10 %" in limits_in_words(reserved)
+    reserved = tuple(replace(SPEED, reserve=share) for share in (0.05, 0.0, 0.1))
+    assert "5 % to 10 %" in limits_in_words(TableCertificate(reserved))
+
+
+def test_a_limit_that_is_kept_and_not_proved_is_named():
+    proved = replace(SPEED, proved=-0.1)
+    open_one = replace(SPEED, title="tilt", proved=3e-5)
+
+    kept, left = (
+        limits_in_words(TableCertificate(limits)) for limits in ((proved,), (proved, open_one))
+    )
+
+    assert "every limit kept" in kept
+    assert "not proved" not in kept
+    for part in ("every limit kept", "not proved", "tilt", "3e-05"):
+        assert part in left
+    assert "strut speed" not in left

@@ -388,6 +388,8 @@ def test_a_limit_without_enclosure_is_sampled_and_not_certified(palida, motion):
     assert second.certified
     assert not first.certified
     assert np.isnan(first.proved)
+    assert first.possible == first.violation
+    assert second.possible == second.proved > second.violation
     assert abs(first.value) == pytest.approx(abs(second.value), rel=1e-3)
 
 

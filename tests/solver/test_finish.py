@@ -120,6 +120,40 @@ def test_the_finish_keeps_limits_and_frequency(task, on_coarse_grid):
     assert dataclasses.asdict(done.record)["evaluations"]["grad_f"] > 0
 
 
+def test_a_limit_of_which_nothing_can_be_proved_counts_with_what_was_found(task, on_coarse_grid):
+    """One without enclosure: the motion is not shrunk for want of a proof, and rounds count."""
+    problem = task.problem
+    x = random_start(problem, np.random.default_rng(0), 40, 0.4)
+    x[:-1] *= 1.04
+    omega = 2 * np.pi / 2.5
+    stage = finish_stage(problem, task.plan.widths, task.plan.iterations)
+    limits = problem.limits.limits
+    same = [k for k, limit in enumerate(limits) if limit.definition.smooth is None]
+    for place in (same[0], same[-1]):
+        own = dataclasses.replace(
+            limits[place].definition, smooth=limits[place].definition.natural, numerical=np.positive
+        )
+        changed = [*limits]
+        changed[place] = dataclasses.replace(limits[place], definition=own)
+        model = dataclasses.replace(problem.limits, limits=tuple(changed))
+        fixed = dataclasses.replace(problem, limits=model).with_variables(
+            omega_bounds=(omega, omega)
+        )
+        none, done = (
+            finish(fixed, task.evaluator, x, stage, rounds=rounds, report=lambda *_: True)
+            for rounds in (0, 1)
+        )
+        for finished in (none, done):
+            assert finished.check.passed
+            assert not finished.check.certified
+            assert np.isnan(finished.check.limits[place].proved)
+            assert finished.shrink > 0.5
+        merits = [
+            task.evaluator.merit(one.trajectory, problem.cost.samples) for one in (none, done)
+        ]
+        assert merits[1] > merits[0] + 1
+
+
 def test_the_finish_can_be_stopped(task, on_coarse_grid):
     problem = task.problem
     x = random_start(problem, np.random.default_rng(0), 40, 0.4)
