@@ -1,7 +1,4 @@
-"""From a designed trajectory to the motion that a machine executes.
-
-The search for a ramp starts from simple motions between its ends, the least bad first.
-"""
+"""From a designed trajectory to the motion that a machine executes."""
 
 from __future__ import annotations
 
@@ -12,19 +9,23 @@ import numpy as np
 
 from constraints.arrays import Array
 from expdesign.configuration import InputError, RunConfiguration
-from expdesign.motion.executable import WHOLE, ExecutableMotion, Periods
-from expdesign.motion.limits import jerk_limit, moving_states
+from expdesign.motion.executable import WHOLE, ExecutableMotion, Periods, Segment
+from expdesign.motion.guesses import guesses, pause_near, polynomials
+from expdesign.motion.limits import jerk_limit
 from expdesign.motion.ramp import NoRampError, find_ramp, shortest
 from expdesign.motion.ramp_problem import RampProblem
-from expdesign.motion.spline import FIXED, MotionState, SplineRamp, derivatives
+from expdesign.motion.spline import MotionState, SplineRamp
 from expdesign.problem.variables import coordinate_reach
 from expdesign.progress import told
 from expdesign.recheck.certificate import recheck
-from expdesign.recheck.judge import Motion
 from expdesign.robot import LimitModel, robot_from
 from expdesign.trajectory import FourierTrajectory
 
 RAMP_IN, RAMP_OUT = "ramp in", "ramp out"
+FAR = {RAMP_IN: "approach", RAMP_OUT: "return"}
+"""What the way between home and a pause near the orbit is called."""
+Ways = tuple[tuple[SplineRamp, ...], tuple[SplineRamp, ...]]
+"""From rest at home to the orbit, and back."""
 PIECES = 12
 """Polynomial pieces of a ramp."""
 
@@ -36,9 +37,6 @@ _WIDTH = 0.05
 _SMALLEST_WIDTH = 1e-4
 """m/s."""
 _SAMPLES = 200
-_SHORTEST, _GROWTH, _COUNT = 0.05, 1.35, 20
-"""Durations of the polynomials that are tried: 50 ms to 15 s."""
-_FADES = (0.25, 0.5, 1.0)
 
 
 def executable_motion(
@@ -69,7 +67,7 @@ def executable_motion(
         except NoRampError as error:
             hint = "motion.phase: best looks for a better place on the orbit than its t = 0"
             raise NoRampError(error.name, error.limit, f"{error}; {hint}") from error
-    segments = first, Periods(trajectory, plan.periods, phase), last
+    segments: tuple[Segment, ...] = (*first, Periods(trajectory, plan.periods, phase), *last)
     seconds = time.perf_counter() - began
     return ExecutableMotion(segments, trajectory, plan.periods, phase, seconds)
 
@@ -98,14 +96,40 @@ class _Plan:
         """Return where the search for a ramp starts."""
         return guesses(problem, self.trajectory.shifted(phase), self.trajectory.period, self.width)
 
-    def ramps(self, phase: float) -> tuple[SplineRamp, SplineRamp]:
-        """Find both ramps for a phase on the orbit."""
+    def ramps(self, phase: float) -> Ways:
+        """Find both ways for a phase on the orbit."""
         problems = self.problems(phase, PIECES)
         first, last = (
-            find_ramp(problem, self.guesses(problem, phase), name, self.step, self.width)
+            self._way(name, problem, phase)
             for name, problem in told("ways from rest and back: the shortest", problems)
         )
         return first, last
+
+    def _way(self, name: str, problem: RampProblem, phase: float) -> tuple[SplineRamp, ...]:
+        """Return one ramp between home and the orbit, or two with a pause at rest near the orbit.
+
+        A slow machine takes half a minute to a motion that it joins within a tenth of a second: no
+        spline of equal pieces does both.
+        """
+        try:
+            guessed = self.guesses(problem, phase)
+            return (find_ramp(problem, guessed, name, self.step, self.width),)
+        except NoRampError as refused:
+            try:
+                return self._with_pause(name, problem)
+            except NoRampError:
+                raise refused from None
+
+    def _with_pause(self, name: str, problem: RampProblem) -> tuple[SplineRamp, ...]:
+        """Return the ways between home and rest, and between rest and the orbit, in their order."""
+        arriving = name == RAMP_IN
+        near = pause_near(problem, self.width, arriving=arriving)
+        far = replace(problem, end=near.start) if arriving else replace(problem, start=near.end)
+        close, away = (
+            find_ramp(part, polynomials(part, self.width), called, self.step, self.width)
+            for part, called in ((near, name), (far, FAR[name]))
+        )
+        return (away, close) if arriving else (close, away)
 
     def estimate(self, phase: float) -> float:
         """Return roughly how long both ramps take, s, and more where they break limits."""
@@ -138,7 +162,7 @@ def _plan(configuration: RunConfiguration, trajectory: FourierTrajectory) -> _Pl
     )
 
 
-def _best_phase(plan: _Plan) -> tuple[float, tuple[SplineRamp, SplineRamp]]:
+def _best_phase(plan: _Plan) -> tuple[float, Ways]:
     """Return the phase, on a controller step, with the shortest ramps, and these."""
     steps = plan.trajectory.period / plan.step
     phases = [float(np.floor(k * steps / _PHASES) * plan.step) for k in range(_PHASES)]
@@ -183,51 +207,3 @@ def _refuse_broken_limits(
         key=f"limits.{worst.key}",
         allowed="a design made for these limits",
     )
-
-
-def guesses(problem: RampProblem, orbit: Motion, period: float, width: float) -> list[SplineRamp]:
-    """Return ramps between the problem's ends, sorted by how much they break the limits.
-
-    Polynomials of fifth order through both ends, of many durations, and the periodic motion
-    itself with an amplitude that grows from zero (or fades to it). Those that keep every limit
-    come first, the shortest of them before the others. `orbit` is the periodic motion on the
-    ramp's own time axis, which begins (ramp in: ends) at 0; dry friction has a width in m/s.
-    """
-    shares = np.linspace(0.0, 1.0, _SAMPLES)
-    durations = _SHORTEST * _GROWTH ** np.arange(_COUNT)
-    ramps = [_polynomial(problem, float(duration), shares) for duration in durations]
-    ramps += [_faded(problem, orbit, share * period, shares) for share in _FADES]
-
-    def rank(ramp: SplineRamp) -> tuple[float, float]:
-        states = moving_states(ramp, shares * ramp.duration)
-        worst = float(np.max(problem.limits.smooth_violations(states, width)))
-        return max(worst, 0.0), ramp.duration
-
-    return sorted(ramps, key=rank)
-
-
-def _polynomial(problem: RampProblem, duration: float, shares: Array) -> SplineRamp:
-    # One piece has six control points: the ends determine them all.
-    ends = replace(problem, intervals=1).at_duration(duration)
-    return _fitted(problem, duration, shares, derivatives(1, shares)[0] @ ends)
-
-
-def _faded(problem: RampProblem, orbit: Motion, duration: float, shares: Array) -> SplineRamp:
-    home = problem.limits.robot.home
-    arriving = np.array_equal(problem.start.pose, home)
-    times = (shares - 1) * duration if arriving else shares * duration
-    grown = shares if arriving else 1 - shares
-    weight = grown**3 * (10 - 15 * grown + 6 * grown**2)
-    poses = home + weight[:, None] * (orbit.sample(times).pose - home)
-    return _fitted(problem, duration, shares, poses)
-
-
-def _fitted(problem: RampProblem, duration: float, shares: Array, poses: Array) -> SplineRamp:
-    """Return the ramp between the problem's ends that is closest to the poses."""
-    basis = derivatives(problem.intervals, shares)[0]
-    coefficients = problem.at_duration(duration)
-    coefficients[FIXED:-FIXED] = 0.0
-    left = poses - basis @ coefficients
-    inner, *_ = np.linalg.lstsq(basis[:, FIXED:-FIXED], left, rcond=None)
-    coefficients[FIXED:-FIXED] = inner
-    return SplineRamp("guess", duration, coefficients)

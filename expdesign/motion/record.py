@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Annotated
 
 import numpy as np
@@ -54,11 +55,16 @@ class RecordedRamp:
 
 @dataclass(frozen=True)
 class RecordedMotion:
-    """Phase on the orbit, s, number of periods, and the two ramps, with all digits."""
+    """Phase on the orbit, s, number of periods, and the ramps, with all digits.
+
+    `before` is how many of the ramps come before the periods.
+    """
 
     phase: float
     periods: Annotated[int, Strict()]
-    ramps: tuple[RecordedRamp, RecordedRamp]
+    ramps: tuple[RecordedRamp, ...]
+    # Earlier versions had one ramp before and one after.
+    before: Annotated[int, Strict()] = 1
 
     @classmethod
     def of(cls, motion: ExecutableMotion) -> RecordedMotion | None:
@@ -75,8 +81,8 @@ class RecordedMotion:
         ]
         if len(recorded) != len(ramps):
             return None
-        first, last = recorded
-        return cls(motion.phase, motion.periods, (first, last))
+        names = [segment.name for segment in motion.segments]
+        return cls(motion.phase, motion.periods, tuple(recorded), names.index(PERIODS))
 
     def motion(self, trajectory: FourierTrajectory, home: Array) -> ExecutableMotion:
         """Return the motion, the same to the last digit.
@@ -95,14 +101,20 @@ class RecordedMotion:
         """
         if not (0 <= self.phase <= trajectory.period and 1 <= self.periods <= _MOST_PERIODS):
             raise ValueError("no motion has its phase, or as many periods")
-        first, last = (recorded.ramp() for recorded in self.ramps)
+        if not 1 <= self.before < len(self.ramps):
+            raise ValueError("no ramps lead into the designed motion and back")
+        ramps = [recorded.ramp() for recorded in self.ramps]
+        into, back = ramps[: self.before], ramps[self.before :]
         orbit, rest = MotionState.of(trajectory.sample(self.phase)), MotionState.at_rest(home)
-        if not (_meet(first, first.duration, orbit) and _meet(last, 0.0, orbit)):
+        if not (_meet(into[-1], into[-1].duration, orbit) and _meet(back[0], 0.0, orbit)):
             raise ValueError("the ramps do not lead into the designed motion and back")
-        if not (_meet(first, 0.0, rest) and _meet(last, last.duration, rest)):
+        if not (_meet(into[0], 0.0, rest) and _meet(back[-1], back[-1].duration, rest)):
             raise ValueError("the ramps do not begin and end at rest at home")
+        for one, other in (*pairwise(into), *pairwise(back)):
+            if not _meet(other, 0.0, MotionState.of(one.sample(np.array([one.duration])))):
+                raise ValueError(f"'{other.name}' does not begin where '{one.name}' ends")
         periods = Periods(trajectory, self.periods, self.phase)
-        return ExecutableMotion((first, periods, last), trajectory, self.periods, self.phase)
+        return ExecutableMotion((*into, periods, *back), trajectory, self.periods, self.phase)
 
 
 def _meet(ramp: SplineRamp, time: float, state: MotionState) -> bool:

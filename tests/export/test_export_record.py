@@ -16,6 +16,8 @@ def test_an_old_record_is_read_and_keeps_what_it_says(tmp_path):
     record = ExportsRecord.read(OLD)
     written = json.loads(record.write_as(tmp_path / "exports.json").read_text(encoding="utf-8"))
     before = json.loads(OLD.read_text(encoding="utf-8"))
+    # A later version says how many of the ramps come before the periods.
+    assert written["motion"]["ways"].pop("before") == 1
     assert written["motion"].items() >= before["motion"].items()
     assert written["format"] == 1
     for name, entry in before["files"].items():

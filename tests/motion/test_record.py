@@ -41,6 +41,49 @@ def test_it_is_the_same_motion_to_the_last_digit():
         np.testing.assert_array_equal(segment.jerk(inside), other.jerk(inside))
 
 
+def _way(name, start, end, duration):
+    """The polynomial of fifth order between two states."""
+    first, _ = end_coefficients(1, duration, start)
+    last, _ = end_coefficients(1, duration, reversed_in_time(end))
+    return SplineRamp(name, duration, np.concatenate([first, last[::-1]]))
+
+
+def _with_pauses(orbit, *, apart=0.0):
+    """A motion that pauses at rest on its way in and out; `apart` from where it goes on, m."""
+    home, joined = MotionState.at_rest(ROBOT.home), MotionState.of(orbit.sample(0.0))
+    pause = MotionState.at_rest(ROBOT.home + 1e-3)
+    other = MotionState.at_rest(pause.pose + apart)
+    segments = (
+        _way("approach", home, pause, 1.0),
+        _way("ramp in", other, joined, 0.5),
+        Periods(orbit, 2),
+        _way("ramp out", joined, pause, 0.5),
+        _way("return", pause, home, 1.0),
+    )
+    return ExecutableMotion(segments, orbit, 2)
+
+
+def test_a_motion_with_pauses_is_the_same_to_the_last_digit():
+    motion = _with_pauses(trajectory())
+    again = recorded_motion(record_of(motion), trajectory(), ROBOT.home)
+    assert [s.name for s in again.segments] == [s.name for s in motion.segments]
+    times = np.linspace(0, motion.duration, 500)
+    np.testing.assert_array_equal(again.sample(times).pose, motion.sample(times).pose)
+
+
+def test_ways_that_do_not_meet_are_refused():
+    record = record_of(_with_pauses(trajectory(), apart=1e-4))
+    with pytest.raises(ValueError, match="'ramp in' does not begin where 'approach' ends"):
+        recorded_motion(record, trajectory(), ROBOT.home)
+
+
+@pytest.mark.parametrize("before", [0, 4, -1])
+def test_periods_before_or_after_all_ways_are_refused(before):
+    record = record_of(_with_pauses(trajectory())) | {"before": before}
+    with pytest.raises(ValueError, match="lead into the designed motion"):
+        recorded_motion(record, trajectory(), ROBOT.home)
+
+
 def test_ramps_of_another_kind_are_not_recorded():
     assert record_of(motion_of(ROBOT, trajectory())) is None
 
