@@ -158,9 +158,12 @@ def _verdict(record: DesignRecord) -> Verdict:
     elif summary.status == "interrupted":
         sentence += " The search was interrupted: this is the best found until then."
     else:
-        how = "checked anew between the samples"
-        if all(check.certified for check in record.checks):
-            how = "proved for every instant"
+        left = [check.key for check in record.checks if not check.certified]
+        how = "proved for every instant"
+        if left:
+            how = f"as far as was found; not proved for every instant: {', '.join(left)}"
+            if _sampled(record):
+                how = "checked anew between the samples"
         sentence += f" Every limit is kept over the whole period, {how}."
     if held:
         sentence += f" It is held by {', '.join(held)}."
