@@ -64,17 +64,28 @@ def certify(
     with working("certify") as terminal:
         work = Workspace(configuration, folder, terminal)
         parts = certified_folder(work) if path.is_dir() else [certified_table(work, path)]
-    left = [part.name for part in parts if not part.certified]
+    left = [_shortcoming(part) for part in parts if not part.certified]
     data = {"certified": not left, "parts": [part.as_data() for part in parts]}
     if not as_json:
         for part in parts:
             _print(part)
     if left:
-        raise StageFailed(f"not proved for every limit: {', '.join(left)}", data)
+        raise StageFailed("; ".join(left), data)
     if as_json:
         write_json({"status": 0, **data})
     else:
-        say("proved: every limit is kept at every instant")
+        rows = [f"{', '.join(part.sampled)} of {part.name}" for part in parts if part.sampled]
+        but = f", but at the rows only: {'; '.join(rows)}" if rows else ""
+        say(f"proved: every limit is kept at every instant{but}")
+
+
+def _shortcoming(part: CertifiedPart) -> str:
+    broken = ", ".join(check.key for check in part.broken)
+    not_proved = ", ".join(check.key for check in part.open)
+    if broken:
+        also = f"; not proved: {not_proved}" if not_proved else ""
+        return f"{part.name} breaks {broken}{also}"
+    return f"{part.name} is not proved to keep {not_proved}"
 
 
 def _print(part: CertifiedPart) -> None:
@@ -93,6 +104,8 @@ def _print(part: CertifiedPart) -> None:
         proved = f"{share} left" if check.proved <= 0 else f"{share} beyond at most"
         if check.key in part.sampled:
             proved = "at the rows only: straight lines have none"
+            if check in part.broken:
+                proved = f"{100 * check.violation:.2g} % of the range beyond at a row"
         elif not np.isfinite(check.proved):
             proved = "nothing"
         table.add_row(

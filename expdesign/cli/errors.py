@@ -33,7 +33,8 @@ def run(app: typer.Typer, arguments: Sequence[str]) -> int:
     if (option := _empty_text(arguments)) is not None:
         from expdesign.configuration import Problem
 
-        return _bad_input([Problem("the text is empty", key=option)], as_json)
+        message = "the text is empty" if option else "an argument of the command is an empty text"
+        return _bad_input([Problem(message, key=option)], as_json)
     try:
         # Typer itself writes its messages about usage, unless they are to be JSON.
         status = app(args=list(arguments), prog_name="expdesign", standalone_mode=not as_json)

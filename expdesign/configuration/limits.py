@@ -323,7 +323,9 @@ def _require_usable(definition: LimitDefinition, bounds: Bounds, where: str) -> 
     """Refuse bounds beyond the range in which the limit's transform is monotone (β of 90°)."""
     finite = [bound for bound in bounds if np.isfinite(bound)]
     if definition.widest is not None and max(map(abs, finite)) > definition.widest:
-        raise refusal(f"{where}{definition.title} cannot go so far", _allowed(definition))
+        most = quantity_text(max(map(abs, finite)), definition.unit)
+        message = f"{where}{definition.title} cannot go so far as {most}"
+        raise refusal(message, _allowed(definition))
     probes = np.linspace(min(finite), max(finite), _PROBES if len(finite) == _ENDS else 1)
     with np.errstate(all="ignore"):
         steps = np.diff(definition.transform(probes))

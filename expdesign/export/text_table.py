@@ -98,7 +98,7 @@ def numbers(
         cells = code.split(separator)
         if len(cells) != count:
             raise TableError(f"line {k}: {len(cells)} {what} where there are {count}")
-        table.append([number(cell.strip(), k, what) for cell in cells])
+        table.append([number(cell.strip(), k, what.removesuffix("s")) for cell in cells])
     if not table:
         raise TableError("the table has no rows")
     return np.array(table)

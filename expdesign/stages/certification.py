@@ -10,6 +10,7 @@ import numpy as np
 
 from expdesign.configuration import InputError
 from expdesign.export.certification import certified
+from expdesign.export.read_back import LIMIT_SHARE
 from expdesign.export.record import FOLDER, RECORD, ExportsRecord
 from expdesign.export.table_file import find_table_file
 from expdesign.motion.executable import ExecutableMotion
@@ -18,6 +19,7 @@ from expdesign.progress import part
 from expdesign.recheck.certificate import recheck
 from expdesign.recheck.judge import LimitCheck
 from expdesign.robot import ForwardKinematicsError, LimitModel, Robot, robot_from
+from expdesign.runfolder.manifest import Manifest, file_hash
 from expdesign.stages.outcome import StageFailed
 from expdesign.stages.workspace import Workspace
 from expdesign.trajectory import FourierTrajectory
@@ -38,9 +40,27 @@ class CertifiedPart:
     unproved_from: float = np.inf
 
     @property
+    def broken(self) -> tuple[LimitCheck, ...]:
+        """The limits that the motion was found to exceed; `sampled` ones by more than a table may.
+
+        Differences of rounded rows exceed a limit by a little where the motion itself does not.
+        """
+        return tuple(
+            check
+            for check in self.limits
+            if not (check.violation <= LIMIT_SHARE if check.key in self.sampled else check.kept)
+        )
+
+    @property
+    def open(self) -> tuple[LimitCheck, ...]:
+        """The limits of the path that are neither proved to be kept nor found to be exceeded."""
+        path = [check for check in self.limits if check.key not in self.sampled]
+        return tuple(check for check in path if check.kept and not check.certified)
+
+    @property
     def certified(self) -> bool:
-        """Whether every limit that the path defines is proved to be kept at every instant."""
-        return all(check.certified for check in self.limits if check.key not in self.sampled)
+        """Whether all limits that the path defines are proved to be kept, and no other broken."""
+        return not self.broken and not self.open
 
     def as_data(self) -> dict[str, Any]:
         """Return the same as plain data."""
@@ -56,6 +76,14 @@ def certified_folder(work: Workspace) -> list[CertifiedPart]:
 
     The ways from and to rest are those that exports.json records; they keep `motion.jerk` as well.
     """
+    if not work.design_file.exists():
+        message = f"there is no {work.design_file.name}: nothing was designed here"
+        raise InputError(message, work.folder, allowed="a folder that `expdesign design` wrote")
+    manifest = Manifest.known(work.folder)
+    entry = None if manifest is None else manifest.stages.get("design")
+    name = work.design_file.name
+    if entry is not None and entry.files.get(name) not in (None, file_hash(work.design_file)):
+        work.progress.warn(f"{name} was changed after it was designed")
     robot = robot_from(work.configuration.robot)
     trajectory = work.design().trajectory
     with part("design"):

@@ -1,12 +1,14 @@
 """`expdesign certify`: what is proved of a run folder and of a table, and its exit status."""
 
 import json
+import re
 import shutil
 
 import numpy as np
 import pytest
 
 from expdesign.configuration import load_run, resolved_yaml
+from expdesign.runfolder.manifest import Manifest, StageEntry, file_hash
 from expdesign.trajectory import FourierTrajectory
 from tests.export.motions import spline_motion_of, task
 
@@ -135,6 +137,30 @@ def test_what_a_table_does_between_its_rows_alone_is_found(expdesign, folder):
     assert not limits["strut_acceleration"]["certified"]
 
 
+def test_a_force_that_straight_lines_exceed_at_a_row_is_a_failure(expdesign, folder):
+    table = folder / "exports" / "linuxcnc-gcode.ngc"
+    status, answer, _ = expdesign("certify", table)
+    assert status == 0
+    assert "strut_acceleration" in answer.splitlines()[-1], "where it holds at the rows alone"
+
+    lines = table.read_text(encoding="utf-8").splitlines()
+    k = len(lines) // 2
+    before = re.search(r"Z(-?[\d.]+)", lines[k])
+    after = f"Z{float(before.group(1)) + 1.0:.6f}"  # mm: 0.25 m/s for 4 ms, and 125 m/s^2
+    lines[k] = lines[k].replace(before.group(0), after)
+    table.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    status, _, messages = expdesign("certify", table)
+    assert status == 1
+    assert "strut_acceleration" in messages
+    status, answer, _ = expdesign("certify", table, "--json")
+    found = json.loads(answer)
+    assert (status, found["certified"]) == (1, False)
+    (part,) = found["parts"]
+    assert not part["certified"]
+    kept = {limit["key"]: limit["certified"] for limit in part["limits"]}
+    assert kept["strut_speed"], "of the path itself nothing is broken"
+
+
 def test_a_design_that_breaks_a_limit_is_not_proved(expdesign, tmp_path):
     folder = write_folder(tmp_path / "far", 2.0)
     status, answer, _ = expdesign("certify", folder, "--json")
@@ -144,6 +170,21 @@ def test_a_design_that_breaks_a_limit_is_not_proved(expdesign, tmp_path):
     assert found["status"] == 1
     assert [part["name"] for part in found["parts"]] == ["design"]
     assert expdesign("certify", folder)[0] == 1
+
+
+def test_a_design_that_was_changed_by_hand_is_told(expdesign, tmp_path):
+    folder = write_folder(tmp_path / "near", SMALL)
+    file = folder / "design.json"
+    entry = StageEntry("done", "", 1.0, "2026-01-01T00:00:00Z", files={file.name: file_hash(file)})
+    Manifest.new({}).with_stage("design", entry).write(folder)
+    status, _, before = expdesign("certify", folder)
+    assert (status, file.name in before) == (0, False)
+
+    data = json.loads(file.read_text(encoding="utf-8"))
+    data["omega"] *= 0.999
+    file.write_text(json.dumps(data), encoding="utf-8")
+    status, _, after = expdesign("certify", folder)
+    assert (status, file.name in after) == (0, True), "it is told of, and judged as it is"
 
 
 @pytest.mark.parametrize("what", ["nothing", "no folder of a run", "a file that is no table"])

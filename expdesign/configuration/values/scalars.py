@@ -61,6 +61,8 @@ def whole(minimum: int, maximum: int = _LARGEST_COUNT) -> BeforeValidator:
     def check(value: object) -> int:
         allowed = f"a whole number from {minimum} to {maximum}"
         if isinstance(value, bool) or not isinstance(value, int):
+            if isinstance(value, float) and value.is_integer():
+                allowed += ", written without point and exponent"
             raise refusal(f"{shown(value)} is not a whole number", allowed)
         if not minimum <= value <= maximum:
             raise refusal(f"{shown(value)} is out of range", allowed)
