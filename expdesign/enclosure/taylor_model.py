@@ -196,7 +196,8 @@ class TaylorModel:
                 width = min(len(b), count - i)
                 np.multiply(a[i], b[:width], out=part[:width])
                 product[i : i + width] += part[:width]
-        radius = own[0] * (other.radius + _ROUNDED * others[0])
+        # The product of the sizes first: where that is too large for a number, nothing is known.
+        radius = own[0] * other.radius + _ROUNDED * (own[0] * others[0])
         radius = radius + self.radius * (others[0] + other.radius) + TINY
         first = max(1, TERMS + 1 - len(b))
         if first < len(a):

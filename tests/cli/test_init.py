@@ -139,7 +139,14 @@ def test_bad_input_is_told_by_its_option_and_writes_nothing(expdesign, tmp_path,
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("name", ["my robot", "", "../up", "x" * 101])
+def test_an_empty_name_is_refused(expdesign, tmp_path):
+    status, _, err = expdesign("init", "")
+    assert status == 2
+    assert err.startswith("error: ")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", ["my robot", "../up", "x" * 101])
 def test_a_name_has_to_be_one_of_a_file(expdesign, tmp_path, name):
     status, _, err = expdesign("init", name)
     assert status == 2

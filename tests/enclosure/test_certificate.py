@@ -8,6 +8,7 @@ import pytest
 from constraints import Limit, limit_definitions
 from expdesign.configuration.limits import row_labels
 from expdesign.enclosure.instructions import NoEnclosureError
+from expdesign.enclosure.limit_rows import EnclosedLimits
 from expdesign.enclosure.series import EnclosedSeries
 from expdesign.recheck.certificate import certify
 from expdesign.recheck.judge import TOLERANCE
@@ -137,7 +138,10 @@ def test_a_limit_that_is_computed_in_an_unknown_way_is_refused(palida):
     limits = tuple(
         replace(one, definition=other) if one.definition is known else one for one in palida.limits
     )
-    motion = EnclosedSeries(drawn(palida, np.random.default_rng(1)))
+    model = LimitModel(palida.robot, limits)
 
     with pytest.raises(NoEnclosureError):
-        certify(LimitModel(palida.robot, limits), motion)
+        EnclosedLimits(model)
+    motion = EnclosedSeries(drawn(palida, np.random.default_rng(1)))
+    found = {check.key: check for check in certify(model, motion)}
+    assert not found[known.key].certified
