@@ -10,7 +10,7 @@ import numpy as np
 from constraints.arrays import Array, Mask
 from expdesign.configuration import ComputationError
 from expdesign.mechanism.hexapod import COORDINATES
-from expdesign.motion.limits import enclosed
+from expdesign.motion.limits import enclosed, moving_states
 from expdesign.motion.ramp_problem import RampProblem, RampProgram
 from expdesign.motion.spline import SplineRamp
 from expdesign.problem.design_problem import hidden_by_smoothing
@@ -173,6 +173,10 @@ def _plain_ramp(
         scaled = replace(problem, time_scale=duration)
         x = np.append(scaled.pack(guess)[:-1], 1.0)
         ramp = replace(scaled.ramp(x, name), duration=duration)
+        # Most guesses break a limit by far, which needs no proof.
+        states = moving_states(ramp, duration * _nodes(_POINTS))
+        if np.max(scaled.limits.violations(states)) > TOLERANCE:
+            continue
         worst = worst_limit(scaled, ramp)
         if worst.possible <= -RESERVE:
             return ramp
