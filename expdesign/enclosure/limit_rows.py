@@ -165,7 +165,9 @@ def _enclosed_graph(
     slopes = [ca.cse(ca.jacobian(rows[k], graph.signs)) for k in borne]
     for k, slope in zip(borne, slopes, strict=True):
         if ca.depends_on(slope, graph.signs):
-            raise ValueError(f"limit '{definitions[k].key}' is not linear in the signs of friction")
+            raise NoEnclosureError(
+                f"limit '{definitions[k].key}' is not linear in the signs of friction"
+            )
     none = ca.SX.zeros(graph.signs.shape)
     without = [ca.substitute(rows[k], graph.signs, none) for k in borne]
     signed = []
