@@ -64,7 +64,7 @@ def certify(
     with working("certify") as terminal:
         work = Workspace(configuration, folder, terminal)
         parts = certified_folder(work) if path.is_dir() else [certified_table(work, path)]
-    left = [_shortcoming(part) for part in parts if not part.certified]
+    left = [_shortcoming(part) for part in parts if not part.proof.certified]
     data = {"certified": not left, "parts": [part.as_data() for part in parts]}
     if not as_json:
         for part in parts:
@@ -74,14 +74,18 @@ def certify(
     if as_json:
         write_json({"status": 0, **data})
     else:
-        rows = [f"{', '.join(part.sampled)} of {part.name}" for part in parts if part.sampled]
+        rows = [
+            f"{', '.join(part.proof.sampled)} of {part.name}"
+            for part in parts
+            if part.proof.sampled
+        ]
         but = f", but at the rows only: {'; '.join(rows)}" if rows else ""
         say(f"proved: every limit is kept at every instant{but}")
 
 
 def _shortcoming(part: CertifiedPart) -> str:
-    broken = ", ".join(check.key for check in part.broken)
-    not_proved = ", ".join(check.key for check in part.open)
+    broken = ", ".join(check.key for check in part.proof.broken)
+    not_proved = ", ".join(check.key for check in part.proof.open)
     if broken:
         also = f"; not proved: {not_proved}" if not_proved else ""
         return f"{part.name} breaks {broken}{also}"
@@ -99,12 +103,12 @@ def _print(part: CertifiedPart) -> None:
     for head in ("limit", "where", "worst", "bound", "proved", "cells", "open"):
         words = head in ("limit", "where", "proved")
         table.add_column(head, justify="left" if words else "right", no_wrap=True)
-    for check in part.limits:
+    for check in part.proof.limits:
         share = f"{100 * abs(check.proved):.2g} % of the range"
         proved = f"{share} left" if check.proved <= 0 else f"{share} beyond at most"
-        if check.key in part.sampled:
+        if check.key in part.proof.sampled:
             proved = "at the rows only: straight lines have none"
-            if check in part.broken:
+            if check in part.proof.broken:
                 proved = f"{100 * check.violation:.2g} % of the range beyond at a row"
         elif not np.isfinite(check.proved):
             proved = "nothing"
@@ -118,8 +122,8 @@ def _print(part: CertifiedPart) -> None:
             f"{check.open_time:.2g} s" if check.open_time else "",
         )
     results().print(table)
-    if np.isfinite(part.unproved_from):
+    if np.isfinite(part.proof.unproved_from):
         say(
-            f"The struts' lengths determine the pose up to {part.unproved_from:.4f} s only: "
+            f"The struts' lengths determine the pose up to {part.proof.unproved_from:.4f} s only: "
             "nothing is proved of this table."
         )

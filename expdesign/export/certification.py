@@ -17,6 +17,9 @@ from expdesign.recheck.judge import LimitCheck, judge, worst_of_each
 from expdesign.robot import LimitModel
 
 _DYNAMIC = frozenset({"strut_acceleration", "actuator_force", "strut_jerk"})
+LIMIT_SHARE = 1e-3
+"""Largest excess over a limit, as a share of its range, that an executed table may have."""
+
 _CELLS_OF_A_PIECE = 4
 """How many are enclosed for each piece of the path, beside those of any motion."""
 _POINTS = 10
@@ -24,8 +27,8 @@ _POINTS = 10
 
 
 @dataclass(frozen=True)
-class TableCertificate:
-    """The limits of an executed table, and what is proved of them."""
+class PathCertificate:
+    """The limits along a path, and what is proved of them."""
 
     limits: tuple[LimitCheck, ...]
     """In the order of the robot's; those that are `sampled` have no proved excess."""
@@ -36,12 +39,30 @@ class TableCertificate:
     """When the first pose of the struts' lengths could not be proved, s; ∞: all were."""
 
     @property
+    def broken(self) -> tuple[LimitCheck, ...]:
+        """The limits that are exceeded; `sampled` ones by more than `LIMIT_SHARE`.
+
+        Differences of rounded rows exceed a limit by a little where the motion itself does not.
+        """
+        return tuple(
+            check
+            for check in self.limits
+            if not (check.violation <= LIMIT_SHARE if check.key in self.sampled else check.kept)
+        )
+
+    @property
+    def open(self) -> tuple[LimitCheck, ...]:
+        """The limits of the path that are neither proved to be kept nor found to be exceeded."""
+        path = [check for check in self.limits if check.key not in self.sampled]
+        return tuple(check for check in path if check.kept and not check.certified)
+
+    @property
     def certified(self) -> bool:
-        """Whether every limit that the path defines is proved to be kept at every instant."""
-        return all(check.certified for check in self.limits if check.key not in self.sampled)
+        """Whether all limits that the path defines are proved to be kept, and no other broken."""
+        return not self.broken and not self.open
 
 
-def certified(table: ExecutedTable) -> TableCertificate:
+def certified(table: ExecutedTable) -> PathCertificate:
     """Return what is proved of every limit of the robot, and the worst moments that were found.
 
     The path is that of the rows as they are read, in real numbers, as the controller's interpolator
@@ -74,7 +95,7 @@ def certified(table: ExecutedTable) -> TableCertificate:
         checks += _at_rows(table, LimitModel(robot, tuple(undefined)))
     by_key = {check.key: check for check in checks}
     ordered = tuple(by_key[limit.key] for limit in every)
-    return TableCertificate(ordered, tuple(limit.key for limit in undefined), until)
+    return PathCertificate(ordered, tuple(limit.key for limit in undefined), until)
 
 
 def _is_dynamic(limit: Limit) -> bool:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from expdesign.export.certification import TableCertificate, certified
+from expdesign.export.certification import LIMIT_SHARE, PathCertificate, certified
 from expdesign.export.definition import Interpolation, Rows, Settings, TableError
 from expdesign.export.execution import (
     Deviation,
@@ -22,9 +22,6 @@ from expdesign.export.row_times import SHARE, ideal_rows, whole_motion
 from expdesign.progress import told
 from expdesign.recheck.judge import LimitCheck
 from expdesign.robot import ForwardKinematicsError
-
-LIMIT_SHARE = 1e-3
-"""Largest excess over a limit, as a share of its range, that an executed table may have."""
 
 STD_SHARE = 0.01
 """Largest change of a predicted standard deviation, as a share of it."""
@@ -58,7 +55,7 @@ class ReadBack:
     """Largest difference between a value in the file and the design at the time that the file
     states, in half units of the last digit (of a rounding error, where all are written)."""
     deviation: Deviation = field(default_factory=Deviation)
-    certificate: TableCertificate = field(default_factory=lambda: TableCertificate(()))
+    certificate: PathCertificate = field(default_factory=lambda: PathCertificate(()))
     """The limits, and what is proved of them."""
     information: InformationChange | None = None
     """None without noise, or where the file could not be executed."""
@@ -184,7 +181,7 @@ def _executed(found: ReadBack, table: ExecutedTable) -> ReadBack:
     return replace(found, points=len(grid), deviation=worst, certificate=certified(table))
 
 
-def limits_in_words(certificate: TableCertificate) -> str:
+def limits_in_words(certificate: PathCertificate) -> str:
     """Say that every limit is kept; if not, by how much each is exceeded and what is allowed.
 
     A table is executed by interpolation between rounded numbers: it may exceed a limit by
@@ -201,15 +198,13 @@ def limits_in_words(certificate: TableCertificate) -> str:
     return f"{kept}, {_proof_in_words(certificate)}" if checks else kept
 
 
-def _proof_in_words(certificate: TableCertificate) -> str:
+def _proof_in_words(certificate: PathCertificate) -> str:
     if np.isfinite(certificate.unproved_from):
         return (
             f"not proved: the struts' lengths determine the pose up to "
             f"{certificate.unproved_from:.4f} s only"
         )
-    of_path = [check for check in certificate.limits if check.key not in certificate.sampled]
-    left = [check for check in of_path if not check.certified]
-    if left:
+    if left := certificate.open:
         named = ", ".join(f"{check.title} (by {check.proved:.2g} of its range)" for check in left)
         return f"but not proved that nothing exceeds: {named}"
     if not certificate.sampled:

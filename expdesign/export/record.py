@@ -10,10 +10,11 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 from pydantic import Field
 
+from expdesign.export.certification import LIMIT_SHARE
 from expdesign.export.definition import Task
 from expdesign.export.execution import InformationChange
 from expdesign.export.exporting import Export
-from expdesign.export.read_back import LIMIT_SHARE, LOG_DET_CHANGE, STD_SHARE, limits_in_words
+from expdesign.export.read_back import LOG_DET_CHANGE, STD_SHARE, limits_in_words
 from expdesign.export.row_times import SHARE
 from expdesign.mechanism.hexapod import COORDINATE_NAMES, numbered
 from expdesign.motion.record import RecordedMotion

@@ -9,15 +9,13 @@ from typing import Any
 import numpy as np
 
 from expdesign.configuration import InputError
-from expdesign.export.certification import certified
-from expdesign.export.read_back import LIMIT_SHARE
+from expdesign.export.certification import PathCertificate, certified
 from expdesign.export.record import FOLDER, RECORD, ExportsRecord
 from expdesign.export.table_file import find_table_file
 from expdesign.motion.executable import ExecutableMotion
 from expdesign.motion.limits import check_motion
 from expdesign.progress import part
 from expdesign.recheck.certificate import recheck
-from expdesign.recheck.judge import LimitCheck
 from expdesign.robot import ForwardKinematicsError, LimitModel, Robot, robot_from
 from expdesign.runfolder.manifest import Manifest, file_hash
 from expdesign.stages.outcome import StageFailed
@@ -27,48 +25,20 @@ from expdesign.trajectory import FourierTrajectory
 
 @dataclass(frozen=True)
 class CertifiedPart:
-    """A motion of a run folder with what is proved of its limits.
-
-    `sampled` are the keys of limits that its path leaves undefined, `unproved_from` is when the
-    first pose could not be proved, s.
-    """
+    """A motion of a run folder with what is proved of it."""
 
     name: str
     title: str
-    limits: tuple[LimitCheck, ...]
-    sampled: tuple[str, ...] = ()
-    unproved_from: float = np.inf
-
-    @property
-    def broken(self) -> tuple[LimitCheck, ...]:
-        """The limits that the motion was found to exceed; `sampled` ones by more than a table may.
-
-        Differences of rounded rows exceed a limit by a little where the motion itself does not.
-        """
-        return tuple(
-            check
-            for check in self.limits
-            if not (check.violation <= LIMIT_SHARE if check.key in self.sampled else check.kept)
-        )
-
-    @property
-    def open(self) -> tuple[LimitCheck, ...]:
-        """The limits of the path that are neither proved to be kept nor found to be exceeded."""
-        path = [check for check in self.limits if check.key not in self.sampled]
-        return tuple(check for check in path if check.kept and not check.certified)
-
-    @property
-    def certified(self) -> bool:
-        """Whether all limits that the path defines are proved to be kept, and no other broken."""
-        return not self.broken and not self.open
+    proof: PathCertificate
 
     def as_data(self) -> dict[str, Any]:
         """Return the same as plain data."""
         limits = [
             asdict(check) | {"kept": check.kept, "certified": check.certified}
-            for check in self.limits
+            for check in self.proof.limits
         ]
-        return {**asdict(self), "certified": self.certified, "limits": limits}
+        own = {"name": self.name, "title": self.title, "certified": self.proof.certified}
+        return {**own, **asdict(self.proof), "limits": limits}
 
 
 def certified_folder(work: Workspace) -> list[CertifiedPart]:
@@ -102,7 +72,8 @@ def certified_folder(work: Workspace) -> list[CertifiedPart]:
     else:
         with part("ways from rest and back"):
             limits = check_motion(work.configuration, motion).limits
-        found.append(CertifiedPart("motion", "the motion from rest to rest", limits))
+        proof = PathCertificate(limits)
+        found.append(CertifiedPart("motion", "the motion from rest to rest", proof))
     for name in record.files:
         if (place / name).is_file():
             found.append(certified_table(work, place / name))
@@ -122,13 +93,7 @@ def certified_table(work: Workspace, path: Path) -> CertifiedPart:
             proved = certified(table.executed)
         except (ForwardKinematicsError, np.linalg.LinAlgError) as trouble:
             raise StageFailed(f"{path.name} cannot be executed: {trouble}") from trouble
-    return CertifiedPart(
-        path.name,
-        table.settings.form.title,
-        proved.limits,
-        proved.sampled,
-        proved.unproved_from,
-    )
+    return CertifiedPart(path.name, table.settings.form.title, proved)
 
 
 def folder_of_table(path: Path) -> Path:
@@ -146,7 +111,7 @@ def folder_of_table(path: Path) -> Path:
 
 def _design(robot: Robot, trajectory: FourierTrajectory) -> CertifiedPart:
     limits = recheck(LimitModel.of(robot), trajectory).limits
-    return CertifiedPart("design", "one period of the design", limits)
+    return CertifiedPart("design", "one period of the design", PathCertificate(limits))
 
 
 def _executable(

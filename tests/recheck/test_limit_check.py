@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from expdesign.export.certification import TableCertificate
+from expdesign.export.certification import PathCertificate
 from expdesign.export.read_back import limits_in_words
 from expdesign.recheck.judge import TOLERANCE, LimitCheck
 from expdesign.runfolder import RowTable
@@ -54,13 +54,13 @@ def test_a_table_that_exceeds_a_limit_within_its_tolerance_says_so():
         "",
     )
 
-    words = limits_in_words(TableCertificate((SPEED, near)))
+    words = limits_in_words(PathCertificate((SPEED, near)))
 
     for part in ("strut acceleration of strut 4", "30.0084", "30 m/s^2", "0.00014", "0.001"):
         assert part in words
     assert "kept" not in words
     reserved = tuple(replace(SPEED, reserve=share) for share in (0.05, 0.0, 0.1))
-    assert "5 % to 10 %" in limits_in_words(TableCertificate(reserved))
+    assert "5 % to 10 %" in limits_in_words(PathCertificate(reserved))
 
 
 def test_a_limit_that_is_kept_and_not_proved_is_named():
@@ -68,7 +68,7 @@ def test_a_limit_that_is_kept_and_not_proved_is_named():
     open_one = replace(SPEED, title="tilt", proved=3e-5)
 
     kept, left = (
-        limits_in_words(TableCertificate(limits)) for limits in ((proved,), (proved, open_one))
+        limits_in_words(PathCertificate(limits)) for limits in ((proved,), (proved, open_one))
     )
 
     assert "every limit kept" in kept
