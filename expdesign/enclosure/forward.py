@@ -96,14 +96,7 @@ class StrutPath:
 def enclosed_poses(
     robot: Robot, lengths: PiecewisePolynomials, guess: Callable[[Array], Array]
 ) -> PiecewisePolynomials:
-    """Return the poses of a machine that starts at home and moves its struts by given lengths.
-
-    Parameters
-    ----------
-    lengths : PiecewisePolynomials
-        Of the six struts, m; continuous.
-    guess : callable
-        Times (N,), s, → poses (N, 6) from which the poses are looked for.
+    """Return the poses of a machine that starts at home; arguments as of `StrutPath`.
 
     Returns
     -------
