@@ -93,7 +93,7 @@ def limits_table(record: DesignRecord) -> ReportTable:
         caption += f", where it is not below zero: {open_time:.3g} s are not proved"
     if kept:
         caption += "; the bounds are the stated ones, drawn in by the reserve"
-    held = [f". {text}" for text in held_in_words(record.configuration.robot)]
+    held = [f". {text[:1].upper()}{text[1:]}" for text in held_in_words(record.configuration.robot)]
     return ReportTable.of("limits", f"{caption}{''.join(held)}", columns, record.checks)
 
 
