@@ -43,7 +43,7 @@ _PLATFORM = JointRing(radius=0.15, half_angle=math.radians(10), pairs="2-3")
 _HEIGHT = 1.2
 """Of the platform over the base, as a share of the base joints' radius."""
 _MASS = 10.0
-_LEAST_MASS = 1e-6
+_LEAST_MASS, _LARGEST_MASS = 1e-6, 1e9
 _STRUT = {parameter.name for parameter in struts.TERM.parameters}
 _PLATFORM_BODY = {parameter.name for parameter in rigid_platform.SYMMETRIC.parameters}
 _STROKE = 0.2
@@ -100,7 +100,7 @@ def completed(machine: Machine) -> Complete:
     Raises
     ------
     InputError
-        If only one of the two sets of joints is known, or the geometry cannot be used.
+        If only one of the two sets of joints is known, or geometry or mass cannot be used.
     """
     known, told = machine, dict(vars(machine))
     document = document_from_mapping({"limits": machine.limits})
@@ -115,6 +115,10 @@ def completed(machine: Machine) -> Complete:
     mass, limits = machine.moved_mass, dict(machine.limits)
     if mass is None:
         mass = _mass(machine, lengths, limits, general)
+    if not _LEAST_MASS <= mass <= _LARGEST_MASS:
+        message = f"{mass:.3g} kg is no mass of a platform: it is damaged, or in another unit"
+        allowed = f"{_LEAST_MASS:g} kg to {_LARGEST_MASS:g} kg"
+        raise InputError(message, key="mass", allowed=allowed)
     machine = _with_dynamics(machine, mass, lengths, limits)
     robot = _robot(machine, general)
     values = LimitModel.boundless(robot).at_home()

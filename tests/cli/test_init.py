@@ -116,6 +116,8 @@ def test_joints_as_lists_and_a_stroke(expdesign):
         (["--platform-joints", "0,0,0; " * 6, *TOLD[:4]], "--platform-joints"),
         ([*TOLD[:8], "--home-height", "0"], "--home-height"),
         (["--stroke", "1"], "--stroke"),
+        (["--mass", "1e-62 kg"], "--mass"),
+        (["--mass", "1e12 kg"], "--mass"),
         ([*TOLD, "--stroke", "1"], "--stroke"),
         ([*TOLD[:12], "--stroke", "3 m"], "--stroke"),
         (["--strut-length", "0.9, 0.6"], "--strut-length"),
