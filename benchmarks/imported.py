@@ -14,7 +14,7 @@ from typing import Any
 import pandas as pd
 
 import expdesign
-from expdesign.configuration.document import read_yaml
+from expdesign.configuration.yaml_file import read_yaml
 from expdesign.robotfile.importing import read_machine
 from expdesign.robotfile.writing import write_files
 from tests.robotfile.simulated import mjcf

@@ -10,15 +10,17 @@ from typing import Any, TypeVar
 import numpy as np
 
 from expdesign.configuration.consistency import folded_hum, inconsistencies
-from expdesign.configuration.document import Document, Placed, document_from_mapping, read_yaml
+from expdesign.configuration.document import Document, Placed, document_from_mapping
 from expdesign.configuration.finding import absolute, find_file
 from expdesign.configuration.noise import NoiseDescription
 from expdesign.configuration.problem import InputError, Key, Problem
-from expdesign.configuration.robot import ResolvedRobot, RobotDescription, read_robot, resolve_robot
-from expdesign.configuration.run import RUN_FORMAT, RunConfiguration, RunDescription
+from expdesign.configuration.robot import ResolvedRobot, resolve_robot
+from expdesign.configuration.robot_description import RobotDescription, read_robot
+from expdesign.configuration.run import RUN_FILE, RUN_FORMAT, RunConfiguration, RunDescription
 from expdesign.configuration.section import Section, validate
 from expdesign.configuration.sections.data import DataSection
 from expdesign.configuration.sections.experiment import ExperimentSection, ValidationMotion
+from expdesign.configuration.yaml_file import read_yaml
 from expdesign.library import robot_files, run_files
 
 S = TypeVar("S", bound=Section)
@@ -113,7 +115,7 @@ def _document(source: str | PathLike[str] | Mapping[str, Any] | RunDescription) 
         source = source.model_dump(by_alias=True, include=source.model_fields_set)
     if isinstance(source, Mapping):
         return document_from_mapping(source)
-    return read_yaml(find_file(source, "run", run_files()))
+    return read_yaml(find_file(source, "run", run_files()), RUN_FILE)
 
 
 def _format(document: Document) -> int | None:

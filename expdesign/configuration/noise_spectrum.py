@@ -16,10 +16,11 @@ import numpy as np
 from pydantic import BeforeValidator, model_validator
 
 from constraints.arrays import Array
-from expdesign.configuration.document import Document, read_text
+from expdesign.configuration.document import Document
 from expdesign.configuration.finding import absolute
 from expdesign.configuration.problem import InputError, Key, refusal
 from expdesign.configuration.section import RESOLVED, Section, validate
+from expdesign.configuration.text_file import read_text
 from expdesign.configuration.values.quantity import (
     NUMBER,
     Force,

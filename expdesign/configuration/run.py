@@ -12,8 +12,9 @@ from pydantic import BeforeValidator, Field, model_validator
 from expdesign.configuration.limits import Limits
 from expdesign.configuration.noise import NoiseDescription
 from expdesign.configuration.problem import format_number, refusal, require
-from expdesign.configuration.robot import ResolvedRobot, RobotSource
-from expdesign.configuration.section import Section
+from expdesign.configuration.robot import ResolvedRobot
+from expdesign.configuration.robot_description import RobotSource
+from expdesign.configuration.section import Section, file_kind
 from expdesign.configuration.sections.data import DataSection, EstimateSection, MonteCarloSection
 from expdesign.configuration.sections.design import DesignSection, MotionSection, TrajectorySection
 from expdesign.configuration.sections.experiment import (
@@ -142,6 +143,9 @@ class RunDescription(Section):
             if name in self.model_fields_set and getattr(self, name) not in (None, ())
         )
 
+
+RUN_FILE = file_kind("run file", RunDescription)
+"""What a file is that describes a run."""
 
 _STAGE_FIELDS = {
     info.alias or name: name

@@ -12,6 +12,7 @@ from pydantic_core import ErrorDetails
 
 from expdesign.configuration.document import Document
 from expdesign.configuration.problem import MOST_TOLD, Key, Problem, nearest, shown, untold
+from expdesign.configuration.yaml_file import FileKind
 
 
 class Section(BaseModel):
@@ -121,6 +122,11 @@ def unstated(section: BaseModel) -> dict[str, Any]:
             if any(each.values()):
                 found[name] = {n: inner for n, inner in each.items() if inner}
     return found
+
+
+def file_kind(name: str, model: type[BaseModel]) -> FileKind:
+    """Return what a file is that holds such a section."""
+    return FileKind(name, _offered(model))
 
 
 def _offered(model: type[BaseModel]) -> list[str]:

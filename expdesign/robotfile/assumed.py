@@ -26,7 +26,8 @@ from expdesign.configuration.limits import (
     shared_rows,
 )
 from expdesign.configuration.problem import InputError
-from expdesign.configuration.robot import EARTH_GRAVITY, RobotDescription, resolve_robot
+from expdesign.configuration.robot import resolve_robot
+from expdesign.configuration.robot_description import EARTH_GRAVITY, RobotDescription
 from expdesign.configuration.section import Section, validate
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.terms import rigid_platform, struts

@@ -12,8 +12,8 @@ from pydantic import ConfigDict, ValidationError
 from pydantic_core import ErrorDetails, PydanticCustomError
 
 from expdesign.configuration import InputError, Problem, shown
-from expdesign.configuration.document import read_text
 from expdesign.configuration.problem import MOST_TOLD, format_number, key_path, untold
+from expdesign.configuration.text_file import read_text
 from expdesign.runfolder.atomic import write_json
 from expdesign.runfolder.described import checker, described
 

@@ -5,8 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from expdesign.configuration import load_run
-from expdesign.configuration.document import LARGEST_FILE, read_yaml
 from expdesign.configuration.problem import InputError
+from expdesign.configuration.yaml_file import LARGEST_FILE, read_yaml
 
 
 @pytest.fixture
@@ -188,6 +188,41 @@ def test_what_stands_in_a_file_that_is_no_mapping_is_not_shown(content, refused)
     """Any file may be named as a robot: its words are not ours to tell."""
     for problem in refused(content):
         assert SECRET not in str(problem)
+
+
+FOREIGN = {
+    "keys": f"{SECRET}: 1\nkey_{SECRET}: {SECRET}\n",
+    "a key twice": f"{SECRET}: 1\n{SECRET}: 2\n",
+    "a tag": f"services: !{SECRET} {{}}\n",
+    "a key that is no text": f"5: {SECRET}\n",
+    "an anchor in itself": f"a: &{SECRET} {{{SECRET}: *{SECRET}}}\n",
+    "too deep": f"{SECRET}: " + "[" * 60 + "]" * 60,
+    "merged": f"<<: [{{{SECRET}: 1}}, &a {{k_{SECRET}: 2, <<: *a}}]\n",
+    "keys inside": f"{SECRET}:\n  name: a\n  robot: palida\n  base_joints: []\n",
+    "nothing": "{}\n",
+}
+"""Mappings of other programs."""
+
+
+@pytest.mark.parametrize("content", FOREIGN.values(), ids=FOREIGN)
+def test_a_mapping_of_another_program_is_no_run_and_no_robot(content, tmp_path, problems_of):
+    foreign, run = tmp_path / "foreign.yaml", tmp_path / "run.yaml"
+    foreign.write_text(content)
+    run.write_text("name: a\nrobot: foreign.yaml\n")
+    for asked, key in ((foreign, "trajectory"), (run, "base_joints")):
+        (problem,) = problems_of(asked)
+        assert (problem.file, problem.line, problem.key) == (foreign, None, "")
+        assert key in problem.allowed
+        assert SECRET not in str(problem)
+
+
+@pytest.mark.parametrize("content", ["nam: a\nlimits: {}\n", "<<: {name: a}\nhoem: 1\n"])
+def test_one_key_of_a_robot_makes_a_robot_file(content, tmp_path, problems_of):
+    robot, run = tmp_path / "robot.yaml", tmp_path / "run.yaml"
+    robot.write_text(content)
+    run.write_text("name: a\nrobot: robot.yaml\n")
+    nearest = {problem.nearest for problem in problems_of(run)}
+    assert nearest & {"name", "home"}
 
 
 def test_of_very_many_problems_the_first_are_told(tmp_path):

@@ -25,7 +25,7 @@ from expdesign.configuration.bodies import Body
 from expdesign.configuration.drive import Screw
 from expdesign.configuration.joint_ring import JointRing
 from expdesign.configuration.limits import CHARACTERISTIC_LENGTH
-from expdesign.configuration.robot import RobotDescription
+from expdesign.configuration.robot_description import RobotDescription
 from expdesign.configuration.run import ReportSection
 from expdesign.configuration.sections.data import EstimateSection, MonteCarloSection
 from expdesign.configuration.sections.design import DesignSection, MotionSection, TrajectorySection

@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 
 from expdesign.configuration.parameters import ParameterName
 from expdesign.configuration.problem import refusal, require
-from expdesign.configuration.robot import RobotSource
+from expdesign.configuration.robot_description import RobotSource
 from expdesign.configuration.section import LATER, Section
 from expdesign.configuration.sections.design import CRITERIA
 from expdesign.configuration.sections.disturbances import (

@@ -15,10 +15,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from constraints.arrays import Array
-from expdesign.configuration.document import read_text
 from expdesign.configuration.drive import Drive, Screw
 from expdesign.configuration.geometry import geometry_at
 from expdesign.configuration.problem import InputError
+from expdesign.configuration.text_file import read_text
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.rotation import ANGLES, FIXED_AXES
 from expdesign.robotfile.genhexkins import BUILT_IN_AXES, BUILT_IN_JOINTS, hand

@@ -12,7 +12,7 @@ import numpy as np
 
 from constraints.arrays import Array
 from expdesign.configuration.problem import shown
-from expdesign.configuration.robot import EARTH_GRAVITY
+from expdesign.configuration.robot_description import EARTH_GRAVITY
 from expdesign.robotfile.closed_loops import hexapod
 from expdesign.robotfile.machine import Machine, Question
 from expdesign.robotfile.machine_format import MachineFormat

@@ -14,8 +14,9 @@ from typing import Any
 import numpy as np
 
 from constraints.arrays import Array
-from expdesign.configuration.document import Document, read_yaml
+from expdesign.configuration.document import Document
 from expdesign.configuration.problem import InputError, Key, Problem, shown
+from expdesign.configuration.yaml_file import read_yaml
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.robotfile.machine import Machine, Question
 from expdesign.robotfile.machine_format import MachineFormat, rows
