@@ -14,7 +14,7 @@ from expdesign.experiment import DesignResult
 from expdesign.information.fisher import SingularInformationError
 from expdesign.library import robot_files
 from expdesign.motion import check_motion, executable_motion
-from expdesign.recheck.judge import Recheck
+from expdesign.recheck.limit_check import Recheck
 from expdesign.robot import robot_from
 
 TITLE = "Robots that ship, certified"

@@ -41,7 +41,7 @@ from expdesign.configuration import InputError, ResolvedRobot, RunConfiguration
 from expdesign.configuration.sections.disturbances import Lost
 from expdesign.configuration.sections.experiment import ExperimentSection
 from expdesign.export.table_file import TableFile
-from expdesign.recheck.judge import Motion
+from expdesign.recheck.fine_grid import Motion
 from expdesign.robot import Robot, robot_from
 from expdesign.trajectory import FourierTrajectory
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from constraints.arrays import Array, Mask
 from expdesign.mechanism.terms import passive_friction, rigid_platform, struts
-from expdesign.recheck.judge import Motion
+from expdesign.recheck.fine_grid import Motion
 from expdesign.robot import Robot
 from expdesign.trajectory import PoseSamples
 

@@ -112,7 +112,7 @@ class SearchDisplay:
 
     def report(self, event: SearchEvent) -> None:
         """Show one event."""
-        from expdesign.recheck.judge import TOLERANCE
+        from expdesign.recheck.limit_check import TOLERANCE
 
         if not self._built:
             self._built, self._searches = True, time.monotonic()

@@ -21,7 +21,7 @@ from expdesign.experiment.result import DesignResult
 from expdesign.information.fisher import ScaledInformation
 from expdesign.mechanism.catalogue import parameter_unit
 from expdesign.motion.sampled import SampledMotion
-from expdesign.recheck.judge import LimitCheck
+from expdesign.recheck.limit_check import LimitCheck
 from expdesign.robot import Robot, robot_from
 from expdesign.runfolder import (
     ArrayTable,

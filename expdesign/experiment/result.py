@@ -8,7 +8,7 @@ import numpy as np
 
 from constraints.arrays import Array
 from expdesign.configuration import RunConfiguration
-from expdesign.recheck.judge import Recheck
+from expdesign.recheck.limit_check import Recheck
 from expdesign.robot import Robot
 from expdesign.solver.hum_distance import HumDistance
 from expdesign.solver.search import SearchResult

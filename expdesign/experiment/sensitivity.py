@@ -23,7 +23,7 @@ from constraints.arrays import Array
 from expdesign.configuration import RunConfiguration
 from expdesign.experiment.design import design_task
 from expdesign.problem.design_problem import DesignProblem
-from expdesign.recheck.judge import local_worst
+from expdesign.recheck.fine_grid import local_worst
 from expdesign.robot import LimitModel
 from expdesign.solver.continuation import finish_stage
 from expdesign.solver.jobs import DesignTask

@@ -13,7 +13,8 @@ from expdesign.export.enclosed_table import enclosed
 from expdesign.export.execution import ExecutedTable, blocks, refined
 from expdesign.progress import told
 from expdesign.recheck.certificate import MOST_CELLS, certify
-from expdesign.recheck.judge import LimitCheck, judge, worst_of_each
+from expdesign.recheck.fine_grid import worst_sampled
+from expdesign.recheck.limit_check import LimitCheck, worst_of_each
 from expdesign.robot import LimitModel
 
 _DYNAMIC = frozenset({"strut_acceleration", "actuator_force", "strut_jerk"})
@@ -106,7 +107,7 @@ def _sampled(table: ExecutedTable, model: LimitModel) -> tuple[LimitCheck, ...]:
     """Return the worst of a grid ten times as fine as the rows."""
     checks: list[LimitCheck] = []
     for times in told("judging the table", tuple(blocks(refined(table.rows.times, _POINTS)))):
-        checks += judge(model, times, np.hstack(table.between(times).states))
+        checks += worst_sampled(model, times, np.hstack(table.between(times).states))
     return worst_of_each(checks)
 
 
@@ -114,5 +115,5 @@ def _at_rows(table: ExecutedTable, model: LimitModel) -> tuple[LimitCheck, ...]:
     """Return the worst of the rows, where second differences stand for accelerations."""
     checks: list[LimitCheck] = []
     for times in told("judging the table at its rows", tuple(blocks(table.rows.times))):
-        checks += judge(model, times, np.hstack(table.smoothed(times).states))
+        checks += worst_sampled(model, times, np.hstack(table.smoothed(times).states))
     return worst_of_each(checks)

@@ -15,7 +15,7 @@ from expdesign.configuration import ExportSection
 from expdesign.configuration.sections.export import Space
 from expdesign.export.rotation import from_roll_pitch_yaw, roll_pitch_yaw
 from expdesign.motion.executable import ExecutableMotion
-from expdesign.recheck.judge import Recheck
+from expdesign.recheck.limit_check import Recheck
 from expdesign.robot import Robot
 
 POSE_AXES = ("X", "Y", "Z", "U", "V", "W")

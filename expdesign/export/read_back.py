@@ -20,7 +20,7 @@ from expdesign.export.execution import (
 )
 from expdesign.export.row_times import SHARE, ideal_rows, whole_motion
 from expdesign.progress import told
-from expdesign.recheck.judge import LimitCheck
+from expdesign.recheck.limit_check import LimitCheck
 from expdesign.robot import ForwardKinematicsError
 
 STD_SHARE = 0.01

@@ -16,7 +16,8 @@ from expdesign.motion.spline import SplineRamp
 from expdesign.problem.design_problem import hidden_by_smoothing
 from expdesign.progress import tell
 from expdesign.recheck.certificate import certify
-from expdesign.recheck.judge import TOLERANCE, LimitCheck, local_worst
+from expdesign.recheck.fine_grid import local_worst
+from expdesign.recheck.limit_check import TOLERANCE, LimitCheck
 from expdesign.solver.ipopt import COMMON_OPTIONS, solve_with_ipopt
 
 RESERVE = 2e-3

@@ -23,7 +23,8 @@ from expdesign.enclosure.limit_rows import EnclosedLimits, EnclosedRow
 from expdesign.enclosure.series import EnclosedSeries
 from expdesign.enclosure.taylor_model import EPS, TaylorModel
 from expdesign.progress import tell
-from expdesign.recheck.judge import LEAST_POINTS, TOLERANCE, LimitCheck, Recheck, judge
+from expdesign.recheck.fine_grid import LEAST_POINTS, worst_sampled
+from expdesign.recheck.limit_check import TOLERANCE, LimitCheck, Recheck
 from expdesign.robot import LimitModel
 from expdesign.runfolder import copied
 from expdesign.trajectory import FourierTrajectory
@@ -114,7 +115,7 @@ def _sampled(limits: LimitModel, motion: EnclosedMotion) -> tuple[LimitCheck, ..
     edges = _divided(motion.breaks, LEAST_POINTS)
     models = motion.models(edges)
     states = np.stack([model.at(np.zeros(len(edges))) for model in models], axis=1)
-    return judge(limits, edges.mean(axis=1), states)
+    return worst_sampled(limits, edges.mean(axis=1), states)
 
 
 def _divided(breaks: Array, cells: int) -> Array:

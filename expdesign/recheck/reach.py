@@ -10,7 +10,7 @@ import numpy as np
 from constraints.arrays import Array, Mask
 from expdesign.mechanism.hexapod import COORDINATE_NAMES, COORDINATES, POSE
 from expdesign.progress import told
-from expdesign.recheck.judge import TOLERANCE
+from expdesign.recheck.limit_check import TOLERANCE
 from expdesign.robot import LimitModel, Robot
 from expdesign.robot.limit_model import states_at_rest
 

@@ -12,7 +12,7 @@ from constraints import Limit, limit_definitions
 from constraints.arrays import Array
 from expdesign.configuration import quantity_text
 from expdesign.configuration.open_rows import named_rows, open_in_words, open_rows
-from expdesign.recheck.judge import Motion, states_at
+from expdesign.recheck.fine_grid import Motion, states_at
 from expdesign.robot import LimitModel, Robot
 from expdesign.runfolder import OpenNumber
 

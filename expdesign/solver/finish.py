@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 from constraints.arrays import Array
 from expdesign.problem.design_problem import DesignProblem, hidden_by_smoothing
 from expdesign.recheck.certificate import recheck
+from expdesign.recheck.fine_grid import grid_points, local_worst, states_at
 from expdesign.recheck.information import Evaluator
-from expdesign.recheck.judge import TOLERANCE, Recheck, grid_points, local_worst, states_at
+from expdesign.recheck.limit_check import TOLERANCE, Recheck
 from expdesign.solver.hum_distance import KnownHum
 from expdesign.solver.initial import largest
 from expdesign.solver.stage import Report, Stage, StageRecord, TracePoint, solve_rows

@@ -17,7 +17,7 @@ from constraints.arrays import Array
 from expdesign.experiment import DesignRecord
 from expdesign.experiment.record import Iteration
 from expdesign.information.criteria import CRITERIA
-from expdesign.recheck.judge import TOLERANCE
+from expdesign.recheck.limit_check import TOLERANCE
 from expdesign.solver.stage import STAGE_TITLES
 from results.figures.drawing import centred_text, figure_definition
 from results.notation import counted, plain_number

@@ -12,7 +12,7 @@ from matplotlib.ticker import MaxNLocator
 
 from constraints.arrays import Array
 from expdesign.experiment import DesignRecord
-from expdesign.recheck.judge import LimitCheck
+from expdesign.recheck.limit_check import LimitCheck
 from expdesign.recheck.reached import REACHED
 from results.figures.convergence import convergence_figure
 from results.figures.drawing import centred_text, figure_definition, legend_above, margin_text

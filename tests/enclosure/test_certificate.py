@@ -11,7 +11,7 @@ from expdesign.enclosure.instructions import NoEnclosureError
 from expdesign.enclosure.limit_rows import EnclosedLimits
 from expdesign.enclosure.series import EnclosedSeries
 from expdesign.recheck.certificate import certify
-from expdesign.recheck.judge import TOLERANCE
+from expdesign.recheck.limit_check import TOLERANCE
 from expdesign.robot import LimitModel
 from tests.enclosure.machines import ALL, STICKY, THREADED, robot
 from tests.enclosure.motions import (

@@ -6,7 +6,7 @@ import pytest
 from expdesign.configuration import load_run
 from expdesign.motion import planning
 from expdesign.motion import ramp as ramp_module
-from expdesign.recheck.judge import TOLERANCE
+from expdesign.recheck.limit_check import TOLERANCE
 from expdesign.trajectory import FourierTrajectory
 
 # Near the limits of PaLiDA, ψ largest at t = 0. Rows: x, y, z, φ, θ, ψ; columns: harmonics.

@@ -7,7 +7,7 @@ import pytest
 
 from expdesign.export.certification import PathCertificate
 from expdesign.export.read_back import limits_in_words
-from expdesign.recheck.judge import TOLERANCE, LimitCheck
+from expdesign.recheck.limit_check import TOLERANCE, LimitCheck
 from expdesign.runfolder import RowTable
 
 LIMITS = RowTable("tables/limits.csv", "`expdesign design`", LimitCheck)

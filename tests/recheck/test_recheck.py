@@ -7,7 +7,8 @@ from scipy.optimize import brentq, minimize_scalar
 from constraints import Limit, limit_definitions
 from expdesign.configuration.limits import row_labels
 from expdesign.recheck.certificate import CLOSE, recheck
-from expdesign.recheck.judge import TOLERANCE, grid_points, judge, states_at
+from expdesign.recheck.fine_grid import grid_points, states_at, worst_sampled
+from expdesign.recheck.limit_check import TOLERANCE
 from expdesign.robot import LimitModel, Robot, load_robot
 from expdesign.trajectory import FourierTrajectory, PoseSamples
 
@@ -428,7 +429,7 @@ def test_a_motion_that_does_not_repeat_is_checked_up_to_both_ends(palida, speed)
     limit = _limit("position", lower=[-1, -1, -1], upper=[1, 1, upper])
     climb = _Climb(palida.home, speed, 0.5)
     times = np.linspace(0, 0.5, 101)
-    (check,) = judge(_model(palida, limit), times, states_at(climb, times))
+    (check,) = worst_sampled(_model(palida, limit), times, states_at(climb, times))
     assert check.row == "z"
     assert check.time == (0.5 if speed > 0 else 0.0)
     assert check.value == pytest.approx(palida.home[2] + (0.05 if speed > 0 else 0), abs=1e-15)

@@ -12,7 +12,7 @@ from expdesign.experiment import DesignRecord, PredictedPrecision
 from expdesign.experiment.design_file import DesignFile, PredictedStd, SolverRecord
 from expdesign.experiment.record import Eigenvalue, Iteration, ParameterPrecision
 from expdesign.motion.sampled import SampledMotion
-from expdesign.recheck.judge import LimitCheck
+from expdesign.recheck.limit_check import LimitCheck
 from expdesign.robot import robot_from
 from expdesign.trajectory import FourierTrajectory, fourier_keys
 

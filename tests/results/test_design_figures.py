@@ -12,7 +12,7 @@ import pytest
 
 import results
 from expdesign.experiment import DesignRecord
-from expdesign.recheck.judge import LimitCheck
+from expdesign.recheck.limit_check import LimitCheck
 from expdesign.solver.stage import STAGE_TITLES
 from expdesign.trajectory import FourierTrajectory
 from results import design_figures

@@ -86,7 +86,7 @@ def test_where_no_period_keeps_away_the_nearest_is_taken(periods, step):
 
 @pytest.fixture
 def on_coarse_grid(monkeypatch):
-    monkeypatch.setattr(importlib.import_module("expdesign.recheck.judge"), "LEAST_POINTS", 400)
+    monkeypatch.setattr(importlib.import_module("expdesign.recheck.fine_grid"), "LEAST_POINTS", 400)
 
 
 def test_the_finish_keeps_limits_and_frequency(task, on_coarse_grid):

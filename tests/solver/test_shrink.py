@@ -3,7 +3,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from expdesign.recheck.judge import grid_points, states_at
+from expdesign.recheck.fine_grid import grid_points, states_at
 from expdesign.solver.finish import GRID_MARGIN, SMALLEST_FACTOR, shrink_to_limits
 from expdesign.solver.initial import random_start
 

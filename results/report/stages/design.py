@@ -9,7 +9,7 @@ from expdesign.experiment import DesignRecord
 from expdesign.experiment.result import IDENTIFIABLE
 from expdesign.experiment.sensitivity import LimitSensitivity
 from expdesign.information.criteria import CRITERIA
-from expdesign.recheck.judge import LimitCheck
+from expdesign.recheck.limit_check import LimitCheck
 from expdesign.recheck.reached import REACHED
 from results.figures.design import DESIGN_FIGURES
 from results.notation import DisplayUnit, duration, handy_unit, percent, readable

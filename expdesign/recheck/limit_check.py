@@ -1,25 +1,18 @@
-"""What a judge of motions says: the worst moment of every limit, and whether it is kept."""
+"""The worst moment of every limit of a motion: what was found, what is proved, what it says."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import Annotated, Protocol
+from typing import Annotated
 
 import numpy as np
 
 from constraints import limit_definitions
-from constraints.arrays import Array, Mask
-from expdesign.robot import LimitModel
-from expdesign.runfolder import OpenNumber, copied, described
-from expdesign.trajectory import PoseSamples
+from expdesign.runfolder import OpenNumber, described
 
 TOLERANCE = 1e-6
 """Largest excess over a bound, as a share of the limit's range, that counts as kept."""
-
-FINER = 20
-"""The fine grid has at least this many points for every sample of the design."""
-LEAST_POINTS = 4000
 
 
 @dataclass(frozen=True)
@@ -104,51 +97,6 @@ class LimitCheck:
         )
 
 
-class Motion(Protocol):
-    """Anything that moves the platform: a trajectory, or a motion from rest to rest."""
-
-    def sample(self, times: Array) -> PoseSamples:
-        """Return pose, rate and acceleration at times, s."""
-
-
-def states_at(motion: Motion, times: Array) -> Array:
-    """Return pose, rate and acceleration side by side, (N, 18)."""
-    return np.concatenate(motion.sample(times), axis=1)
-
-
-def judge(limits: LimitModel, times: Array, states: Array) -> tuple[LimitCheck, ...]:
-    """Return the worst of some instants of every limit, by the unsmoothed model; no proof.
-
-    Parameters
-    ----------
-    times : (N,)
-        s.
-    states : (N, 18)
-        Pose, rate and acceleration then; (N, 24) with the pose's third derivative where a limit
-        needs it.
-    """
-    values = limits.values(states)
-    violations = limits.excess(values)
-    checks = []
-    for limit, columns in zip(limits.limits, limits.columns, strict=True):
-        part = violations[:, columns]
-        moment, row = np.unravel_index(int(np.argmax(part)), part.shape)
-        value = float(values[moment, columns.start + row])
-        check = copied(
-            LimitCheck,
-            limit,
-            title=limit.definition.title,
-            row=limit.labels[row],
-            value=value,
-            bound=limit.nearest_bound(int(row), value),
-            stated=limit.nearest_stated(int(row), value),
-            violation=float(part[moment, row]),
-            time=float(times[moment]),
-        )
-        checks.append(check)
-    return tuple(checks)
-
-
 def worst_of_each(checks: Iterable[LimitCheck]) -> tuple[LimitCheck, ...]:
     """Return the worst check of every limit, of parts of a motion that were judged apart.
 
@@ -167,20 +115,6 @@ def worst_of_each(checks: Iterable[LimitCheck]) -> tuple[LimitCheck, ...]:
             open_time=known.open_time + check.open_time,
         )
     return tuple(worst.values())
-
-
-def local_worst(rows: Array, *, periodic: bool) -> Mask:
-    """Mark the entries of rows (N, R) that are no smaller than one step before and after."""
-    ahead, behind = _neighbours(rows, periodic=periodic)
-    peaks: Mask = (rows >= ahead) & (rows >= behind)
-    return peaks
-
-
-def _neighbours(rows: Array, *, periodic: bool) -> tuple[Array, Array]:
-    """Return the rows one step later and one step earlier; at open ends the rows themselves."""
-    if periodic:
-        return np.roll(rows, -1, axis=0), np.roll(rows, 1, axis=0)
-    return np.concatenate([rows[1:], rows[-1:]]), np.concatenate([rows[:1], rows[:-1]])
 
 
 @dataclass(frozen=True)
@@ -220,8 +154,3 @@ class Recheck:
         if self.certified or not self.passed:
             return f"{said}: holds for every instant"
         return f"{said}: not proved for every instant, {left:.3g} s stayed open"
-
-
-def grid_points(samples: int) -> int:
-    """Return the number of points of the fine grid on which a design of `samples` is finished."""
-    return max(LEAST_POINTS, FINER * samples)
