@@ -29,7 +29,8 @@ def certify(
             "--design",
             metavar="DIR",
             help="Of a table: the run folder that it was exported from; that in whose exports/ it "
-            "stands by default.",
+            "stands by default. A copy without the exports.json beside it is found in DIR's by its "
+            "SHA-256.",
         ),
     ] = None,
     as_json: JsonOption = False,
@@ -46,12 +47,16 @@ def certify(
         certified_folder,
         certified_table,
         folder_of_table,
+        refuse_part_of_folder,
     )
+    from expdesign.stages.folder import refuse_run_file
     from expdesign.stages.outcome import StageFailed
     from expdesign.stages.workspace import Workspace
 
     path = place.absolute()
+    refuse_part_of_folder(path)
     if not path.exists():
+        refuse_run_file(place)
         message = "there is no such run folder or table"
         raise InputError(message, path, allowed="expdesign certify DIR | TABLE")
     if path.is_dir() and design is not None:

@@ -16,7 +16,7 @@ from expdesign.configuration.noise import NoiseDescription
 from expdesign.configuration.problem import InputError, Key, Problem
 from expdesign.configuration.robot import ResolvedRobot, resolve_robot
 from expdesign.configuration.robot_description import RobotDescription, read_robot
-from expdesign.configuration.run import RUN_FILE, RUN_FORMAT, RunConfiguration, RunDescription
+from expdesign.configuration.run import RUN_FILE_KIND, RUN_FORMAT, RunConfiguration, RunDescription
 from expdesign.configuration.section import Section, validate
 from expdesign.configuration.sections.data import DataSection
 from expdesign.configuration.sections.experiment import ExperimentSection, ValidationMotion
@@ -115,7 +115,7 @@ def _document(source: str | PathLike[str] | Mapping[str, Any] | RunDescription) 
         source = source.model_dump(by_alias=True, include=source.model_fields_set)
     if isinstance(source, Mapping):
         return document_from_mapping(source)
-    return read_yaml(find_file(source, "run", run_files()), RUN_FILE)
+    return read_yaml(find_file(source, "run", run_files()), RUN_FILE_KIND)
 
 
 def _format(document: Document) -> int | None:

@@ -81,7 +81,7 @@ class RobotDescription(Section):
     """How the values are known, in a file that an estimate wrote."""
 
 
-_ROBOT_FILE = file_kind("robot file", RobotDescription)
+_ROBOT_FILE_KIND = file_kind("robot file", RobotDescription)
 
 
 def _name_or_inline(value: object) -> str:
@@ -97,7 +97,7 @@ RobotSource = Annotated[
 
 def read_robot(path: Path) -> Placed[RobotDescription]:
     """Read and validate a robot file, without resolving it."""
-    document = read_yaml(path, _ROBOT_FILE)
+    document = read_yaml(path, _ROBOT_FILE_KIND)
     description, problems = validate(RobotDescription, document.data, document)
     if description is None:
         raise InputError(problems)

@@ -144,7 +144,7 @@ class RunDescription(Section):
         )
 
 
-RUN_FILE = file_kind("run file", RunDescription)
+RUN_FILE_KIND = file_kind("run file", RunDescription)
 """What a file is that describes a run."""
 
 _STAGE_FIELDS = {

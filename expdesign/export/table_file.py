@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -24,7 +25,8 @@ class TableFile:
     """A table in a file, on its way through the controller's interpolator.
 
     `settings` are those with which it was written, `digest` is the SHA-256 of the file; it is
-    `changed` when that is not the one that was exported and checked.
+    `changed` when that is not the one that was exported and checked. `described_in` is the file
+    that tells what the table holds, and `exported_as` its name there.
     """
 
     path: Path
@@ -32,6 +34,8 @@ class TableFile:
     settings: Settings
     executed: ExecutedTable
     changed: bool = False
+    described_in: Path | None = None
+    exported_as: str = ""
 
     @property
     def window(self) -> tuple[float, float]:
@@ -67,17 +71,32 @@ def _refuse_crashing(path: Path, settings: Settings) -> None:
             raise TableError("the file is damaged")
 
 
-def find_table_file(path: Path, robot: Robot, trajectory: FourierTrajectory) -> TableFile:
+def find_table_file(
+    path: Path, robot: Robot, trajectory: FourierTrajectory, exports: Path | None = None
+) -> TableFile:
     """Read a table with what `expdesign export` wrote beside it about its axes and its motion.
 
-    The robot executes it; the trajectory is the design that it was made of. An `InputError` tells
-    that there is no such file, that nothing tells what it holds, that it cannot be read or was made
-    of another design.
+    Parameters
+    ----------
+    path : Path
+    robot : Robot
+        It executes the table.
+    trajectory : FourierTrajectory
+        The design that the table was made of.
+    exports : Path, optional
+        An `exports.json` that knows the table by its SHA-256, for one without a record beside it.
+
+    Raises
+    ------
+    InputError
+        There is no such file, nothing tells what it holds, it cannot be read or was made of another
+        design.
     """
     if not path.is_file():
         raise _refusal("there is no such table", path, "a file that `expdesign export` wrote")
-    record, entry = _record(path)
-    motion, changed = record.motion, entry.sha256 != file_hash(path)
+    described = _described(path, exports)
+    motion, entry = described.record.motion, described.entry
+    changed = entry.sha256 != file_hash(path)
     try:
         section = ExportSection.model_validate(entry.options)
     except ValueError as error:
@@ -98,21 +117,34 @@ def find_table_file(path: Path, robot: Robot, trajectory: FourierTrajectory) -> 
         since = "; it was changed after it was exported" if changed else ""
         message = f"the controller would not read this table: {error}{since}"
         raise _refusal(message, path) from error
-    return replace(found, changed=changed)
+    return replace(found, changed=changed, described_in=described.place, exported_as=described.name)
 
 
 def _refusal(message: str, path: Path, allowed: str = _AGAIN) -> InputError:
     return InputError(message, path, allowed=allowed)
 
 
-def _record(path: Path) -> tuple[ExportsRecord, FileEntry]:
+@dataclass(frozen=True, eq=False)
+class _Described:
+    """What a record says of a table, under a name."""
+
+    place: Path
+    record: ExportsRecord
+    name: str
+
+    @property
+    def entry(self) -> FileEntry:
+        return self.record.files[self.name]
+
+
+def _described(path: Path, exports: Path | None) -> _Described:
     """Return the record that tells what a table holds, and what it says of this file.
 
     A table may have been replaced after one of the records was written: the one with its digest
     is taken. Where none has it, the table was changed by hand, and the only record is taken.
     """
     places = (path.with_name(RECORD), record_of_one(path))
-    found: list[tuple[ExportsRecord, FileEntry]] = []
+    found: list[_Described] = []
     unreadable: list[Problem] = []
     for place in places:
         try:
@@ -123,17 +155,21 @@ def _record(path: Path) -> tuple[ExportsRecord, FileEntry]:
             unreadable += error.problems
             continue
         if path.name in record.files:
-            found.append((record, record.files[path.name]))
+            found.append(_Described(place, record, path.name))
+    digest = file_hash(path)
     if not found:
         if unreadable:
             raise InputError(unreadable)
+        found += _copied_from(exports, digest)
+    if not found:
         names = " nor ".join(place.name for place in places)
+        elsewhere = f", and {exports} has none with its SHA-256" if exports is not None else ""
         raise _refusal(
-            f"nothing tells what the columns of this table are: neither {names} beside it names it",
+            "nothing tells what the columns of this table are: neither "
+            f"{names} beside it names it{elsewhere}",
             path,
         )
-    digest = file_hash(path)
-    own = [(record, entry) for record, entry in found if entry.sha256 == digest]
+    own = [one for one in found if one.entry.sha256 == digest]
     if not own and len(found) > 1:
         names = " and ".join(place.name for place in places)
         raise _refusal(
@@ -142,3 +178,14 @@ def _record(path: Path) -> tuple[ExportsRecord, FileEntry]:
             path,
         )
     return (own or found)[0]
+
+
+def _copied_from(exports: Path | None, digest: str) -> Iterator[_Described]:
+    """Yield what a record says of the table with this digest, whatever the copy is called."""
+    if exports is None or not exports.is_file():
+        return
+    record = ExportsRecord.read(exports)
+    for name, entry in record.files.items():
+        if entry.sha256 == digest:
+            yield _Described(exports, record, name)
+            return

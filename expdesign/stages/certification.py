@@ -17,8 +17,9 @@ from expdesign.motion.limits import check_motion
 from expdesign.progress import part
 from expdesign.recheck.certificate import recheck
 from expdesign.robot import ForwardKinematicsError, LimitModel, Robot, robot_from
-from expdesign.runfolder.manifest import Manifest, file_hash
-from expdesign.stages.outcome import StageFailed
+from expdesign.runfolder.manifest import RUN_FILE, Manifest, file_hash
+from expdesign.stages.folder import refuse_run_file
+from expdesign.stages.outcome import StageFailed, short
 from expdesign.stages.workspace import Workspace
 from expdesign.trajectory import FourierTrajectory
 
@@ -83,9 +84,15 @@ def certified_folder(work: Workspace) -> list[CertifiedPart]:
 
 
 def certified_table(work: Workspace, path: Path) -> CertifiedPart:
-    """Return what is proved of a table of the run folder's design."""
+    """Return what is proved of a table of the run folder's design, which may be a copy of one."""
     robot = robot_from(work.configuration.robot)
-    table = find_table_file(path, robot, work.design().trajectory)
+    exports = work.folder / FOLDER / RECORD
+    table = find_table_file(path, robot, work.design().trajectory, exports)
+    if table.described_in == exports != path.with_name(RECORD):
+        work.progress.note(
+            f"no record stands beside {path.name}: by its SHA-256 it is {table.exported_as} of "
+            f"{short(exports)}, and is read as that"
+        )
     if table.changed:
         work.progress.warn(f"{path.name} was changed after it was exported")
     with part(path.name):
@@ -99,14 +106,27 @@ def certified_table(work: Workspace, path: Path) -> CertifiedPart:
 def folder_of_table(path: Path) -> Path:
     """Return the run folder that a table stands in."""
     folder = path.parent.parent
-    if path.parent.name != FOLDER or not (folder / "run.yaml").is_file():
+    if path.parent.name != FOLDER or not (folder / RUN_FILE).is_file():
+        refuse_run_file(path)
         raise InputError(
-            "nothing here tells which robot executes this table, and which design it is of",
+            "it stands in no exports/ of a run folder: if it is a table, nothing here tells which "
+            "robot executes it, and which design it is of",
             path,
             key="--design",
-            allowed="--design DIR, the run folder that it was exported from",
+            allowed="a run folder, a table in its exports/, or a table with --design DIR, the run "
+            "folder that it was exported from",
         )
     return folder
+
+
+def refuse_part_of_folder(path: Path) -> None:
+    """Refuse a file of a run folder that is no table, and the folder of its tables."""
+    part = path.is_file() or (path.name == FOLDER and not (path / RUN_FILE).exists())
+    if part and (path.parent / RUN_FILE).is_file():
+        what = "the folder of the tables" if path.is_dir() else "a file, and no table,"
+        message = f"this is {what} of the run folder {short(path.parent)}"
+        allowed = f"{short(path.parent)}, or a table in its {FOLDER}/"
+        raise InputError(message, path, allowed=allowed)
 
 
 def _design(robot: Robot, trajectory: FourierTrajectory) -> CertifiedPart:

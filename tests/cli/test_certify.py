@@ -108,6 +108,53 @@ def test_a_table_alone_and_elsewhere(expdesign, made, tmp_path):
     assert (status, len(json.loads(answer)["parts"])) == (0, 1)
 
 
+def test_a_table_that_was_copied_alone_is_known_by_its_digest(expdesign, made, tmp_path):
+    away = tmp_path / "away"
+    away.mkdir()
+    copied = away / "motion of today.txt"
+    shutil.copy(made / "exports" / "xps-pvt.trj", copied)
+
+    status, answer, messages = expdesign("certify", copied, "--design", made)
+    assert status == 0, messages
+    assert "strut_speed" in answer
+    assert "xps-pvt.trj" in messages, "it says what the file is taken for"
+    assert "exports.json" in messages
+
+    copied.write_text(copied.read_text() + "\n")
+    status, answer, messages = expdesign("certify", copied, "--design", made)
+    assert (status, answer) == (2, "")
+    assert "exports.json" in messages
+
+
+@pytest.mark.parametrize("part", ["exports", "design.json", "run.yaml"])
+def test_parts_of_a_run_folder_are_told_the_folder(expdesign, folder, part):
+    status, answer, messages = expdesign("certify", folder / part, "--json")
+    (problem,) = json.loads(answer)["problems"]
+    assert (status, messages) == (2, "")
+    assert problem["file"] == str(folder / part)
+    assert problem["allowed"].startswith(str(folder))
+
+
+def test_a_run_file_is_told_its_folder(expdesign, folder, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    away = tmp_path / "q.yaml"
+    shutil.copy(folder / "input.yaml", away)
+    status, answer, _ = expdesign("certify", away, "--json")
+    (problem,) = json.loads(answer)["problems"]
+    assert status == 2
+    assert "runs/test" in problem["allowed"]
+
+    status, answer, _ = expdesign("certify", "palida", "--json")
+    (problem,) = json.loads(answer)["problems"]
+    assert status == 2
+    assert "runs/palida" in problem["allowed"]
+
+    away.write_text("something: else\n", encoding="utf-8")
+    status, answer, _ = expdesign("certify", away, "--json")
+    (problem,) = json.loads(answer)["problems"]
+    assert (status, problem["key"]) == (2, "--design")
+
+
 def _with_row(path, change):
     """Change one displacement and velocity of an XPS table in its middle; the row after undoes
     the displacement."""
