@@ -9,10 +9,10 @@ import casadi as ca
 
 from constraints.arrays import Array
 from estimation.measurement_model.motion import HarmonicMotion
+from expdesign.evaluation.batch import BatchFunction
 from expdesign.mechanism.graph import Friction, hexapod_graph
 from expdesign.mechanism.term import Term
 from expdesign.robot import Robot
-from expdesign.robot.batch import BatchFunction
 
 _CHUNK = 2048
 

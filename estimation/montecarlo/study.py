@@ -27,7 +27,7 @@ from expdesign.configuration import ConfigurationLike, RunConfiguration, load_ru
 from expdesign.configuration.section import unstated
 from expdesign.progress import tell
 from expdesign.robot import Robot
-from expdesign.runfolder.manifest import Manifest, text_hash
+from expdesign.runfolder.manifest import package_versions, text_hash
 from expdesign.trajectory import FourierTrajectory
 from expdesign.workers import Job, Monitor, cluster_jobs, run_jobs
 
@@ -198,7 +198,7 @@ def study_inputs(configuration: RunConfiguration, design: FourierTrajectory) -> 
         exclude=exclude,
     )
     coefficients = " ".join(value.hex() for value in design.vector().tolist())
-    return text_hash(sections, coefficients, sorted(Manifest.new({}).versions.items()))
+    return text_hash(sections, coefficients, sorted(package_versions().items()))
 
 
 def _repetition(bench: Workbench, _monitor: Monitor, number: int) -> Repetition:

@@ -78,6 +78,7 @@ def design(config: ConfigurationLike, monitor: Monitor | None = None) -> DesignR
     tell("building the problem")
     task = design_task(configuration)
     _refuse_unexcitable(task)
+    task.problem.compile()
     workers = min(task.plan.workers, task.plan.starts)
     tell("the first start" if workers == 1 else f"starting {workers} processes")
     try:

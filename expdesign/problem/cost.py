@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from constraints.arrays import Array
+from expdesign.evaluation.batch import BatchFunction
 from expdesign.information.fisher import whitening
 from expdesign.information.periodic_noise import PeriodicNoise
 from expdesign.information.spectral import Criterion, SpectralCost, spectral_cost
 from expdesign.mechanism.graph import Friction, hexapod_graph
 from expdesign.mechanism.term import Term
 from expdesign.problem.variables import DesignVariables
-from expdesign.robot.batch import BatchFunction
 from expdesign.trajectory import PhaseBasis
 
 
@@ -142,6 +142,12 @@ class InformationCost:
             information = self._information(regressors, omega)
             weighted = self.memory.weighted(weighted, omega)
         return weighted, spectral_cost(information, self.criterion, level)
+
+    def compile(self) -> None:
+        """Make the machine code of what the search evaluates, where it can be made."""
+        for slopes in (False, True):
+            _kernel(self.terms, slopes=slopes).compile()
+        _pulled_kernel(self.terms).compile()
 
     def readable(self, cost: float) -> float:
         """Return the criterion that a cost stands for: F over all samples, SI for ``d``."""

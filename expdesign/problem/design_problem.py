@@ -66,6 +66,11 @@ class DesignProblem:
         """Return the same problem under noise that is not white; None: white."""
         return replace(self, cost=replace(self.cost, memory=memory))
 
+    def compile(self) -> None:
+        """Make the machine code of everything that a search evaluates, for all its processes."""
+        self.limits.compile()
+        self.cost.compile()
+
     def states(self, x: Array, phases: Array) -> Array:
         """Return pose, rate and acceleration of scaled variables at phases ωt, (K, 18)."""
         return self.variables.states(x, PhaseBasis.at(phases, self.variables.harmonics))

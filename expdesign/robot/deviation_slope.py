@@ -10,10 +10,10 @@ import casadi as ca
 import numpy as np
 
 from constraints.arrays import Array
+from expdesign.evaluation.batch import BatchFunction
 from expdesign.mechanism.graph import Friction, hexapod_graph
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
 from expdesign.mechanism.term import Term, kinematic_terms
-from expdesign.robot.batch import BatchFunction
 from expdesign.robot.deviation import JOINT_ENTRIES, Deviation, tilt_axes
 from expdesign.robot.robot import Robot
 

@@ -18,10 +18,10 @@ import numpy as np
 from constraints import Limit, LimitDefinition, limit_definitions
 from constraints.arrays import Array, Mask
 from expdesign.configuration.limits import row_labels
+from expdesign.evaluation.batch import BatchFunction
 from expdesign.mechanism.graph import Friction, HexapodGraph, hexapod_graph
 from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.mechanism.term import Term
-from expdesign.robot.batch import BatchFunction
 from expdesign.robot.robot import Robot
 
 JERK = "strut_jerk"
@@ -107,6 +107,12 @@ class LimitModel:
         """Return the model of everything that can be limited, with no bounds: for its values."""
         definitions = limit_definitions().values()
         return cls(robot, tuple(Limit.boundless(one, row_labels(one)) for one in definitions))
+
+    def compile(self) -> None:
+        """Make the machine code of what a search evaluates, where it can be made."""
+        self._kernel(Friction.EXACT, slopes=False).compile()
+        for slopes in (False, True):
+            self._kernel(Friction.SMOOTH, slopes=slopes).compile()
 
     def among(self, rows: Mask) -> LimitModel:
         """Return the model of those limits that rows (N, R) mark somewhere: less to evaluate."""

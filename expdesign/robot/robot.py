@@ -12,12 +12,12 @@ from numpy.typing import ArrayLike
 from constraints import Limit
 from constraints.arrays import Array
 from expdesign.configuration import ResolvedRobot
+from expdesign.evaluation.batch import BatchFunction
 from expdesign.mechanism.geometry import cardan_frames
 from expdesign.mechanism.graph import Friction, HexapodGraph, hexapod_graph
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.term import Term, kinematic_terms, parameters_of
 from expdesign.mechanism.terms.rigid_platform import MASS
-from expdesign.robot.batch import BatchFunction
 from expdesign.robot.forward import solve_pose
 
 

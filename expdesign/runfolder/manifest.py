@@ -17,7 +17,9 @@ from expdesign.runfolder.json_file import JsonFile
 RUN_FILE = "run.yaml"
 """The configuration, which every stage leaves: no result of any of them, and not in `files`."""
 
-_PACKAGES = ("expdesign", "casadi", "numpy", "scipy", "pandas", "matplotlib", "pydantic")
+_PACKAGES = (
+    *("expdesign", "casadi", "llvmlite", "numpy", "scipy", "pandas", "matplotlib", "pydantic"),
+)
 
 
 @dataclass(frozen=True)
@@ -56,9 +58,9 @@ class Manifest(JsonFile):
     ] = ()
 
     @classmethod
-    def new(cls, seeds: dict[str, int]) -> Manifest:
+    def new(cls, seeds: dict[str, int], evaluation: str) -> Manifest:
         """Start a manifest with the versions that are installed."""
-        return cls(package_versions(), seeds, "casadi virtual machine", {})
+        return cls(package_versions(), seeds, evaluation, {})
 
     def with_stage(self, name: str, entry: StageEntry) -> Manifest:
         """Return the manifest with one stage set.

@@ -11,6 +11,7 @@ from typing import Any
 
 from expdesign.configuration import RunConfiguration, resolved_yaml
 from expdesign.configuration.section import unstated
+from expdesign.evaluation.machine_code import evaluator
 from expdesign.runfolder.atomic import write_text
 from expdesign.runfolder.leftovers import remove_leftovers
 from expdesign.runfolder.manifest import (
@@ -95,9 +96,9 @@ def write_entry(work: Workspace, outcome: Outcome, seconds: float) -> None:
     run = work.configuration.run
     sections = ((stage, getattr(run, stage, None)) for stage in STAGES)
     seeds = {stage: int(s.seed) for stage, s in sections if s is not None and hasattr(s, "seed")}
-    fresh, known = Manifest.new(seeds), Manifest.known(work.folder)
+    fresh, known = Manifest.new(seeds, evaluator()), Manifest.known(work.folder)
     if known is not None and known.versions == fresh.versions:
-        fresh = replace(known, seeds=seeds)
+        fresh = replace(known, seeds=seeds, evaluation=fresh.evaluation)
     told = () if known is None else known.warnings
     fresh = replace(fresh, warnings=tuple(dict.fromkeys((*told, *work.warned))))
     inputs, message = work.inputs[outcome.stage], outcome.message

@@ -223,7 +223,7 @@ def test_a_design_that_was_changed_by_hand_is_told(expdesign, tmp_path):
     folder = write_folder(tmp_path / "near", SMALL)
     file = folder / "design.json"
     entry = StageEntry("done", "", 1.0, "2026-01-01T00:00:00Z", files={file.name: file_hash(file)})
-    Manifest.new({}).with_stage("design", entry).write(folder)
+    Manifest.new({}, "").with_stage("design", entry).write(folder)
     status, _, before = expdesign("certify", folder)
     assert (status, file.name in before) == (0, False)
 

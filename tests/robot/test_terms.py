@@ -11,12 +11,12 @@ from estimation.identification import estimate
 from estimation.measurement_model.prediction import force_kernel
 from expdesign.configuration import InputError, load_run, resolved_yaml
 from expdesign.configuration.robot import load_robot_description
+from expdesign.evaluation.batch import BatchFunction
 from expdesign.mechanism import catalogue
 from expdesign.mechanism.catalogue import DEFAULT, TERMS, known_parameters, terms_named
 from expdesign.mechanism.graph import Friction
 from expdesign.mechanism.term import STRUT_SPEED, parameters_of
 from expdesign.robot import robot_from
-from expdesign.robot.batch import BatchFunction
 from tests.estimation.cases import measured, trajectory
 
 OFFSETS = dict(zip(("o1", "o2", "o3", "o4", "o5", "o6"), (8, -5, 12, -9, 4, 6), strict=True))

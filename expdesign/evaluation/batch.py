@@ -1,7 +1,7 @@
 """Evaluation of the symbolic graph over many samples: the one place where that is done.
 
-By CasADi's virtual machine where samples are few, by its instructions over blocks of them where
-they are many, and with memory that stays bound where there is one at a time. Threads may share it.
+By CasADi's virtual machine where samples are few, by machine code where they are many, and with
+memory that stays bound where there is one at a time: always the same numbers. Threads may share it.
 """
 
 from __future__ import annotations
@@ -13,8 +13,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from constraints.arrays import Array
-from expdesign.robot.instructions import BLOCK, FEWEST, Instructions
-from expdesign.robot.one_instant import OneInstant
+from expdesign.evaluation.machine_code import MachineCode, machine_code
+from expdesign.evaluation.one_instant import OneInstant
+
+_LOADING = 64
+"""Samples from which on it takes less time to look for machine code in the cache and load it."""
+_COMPILING = 5000
+"""Samples, all together, for which the virtual machine takes about as long as LLVM to compile."""
+_MOST_MAPS = 16
+"""Bound on memory."""
+_PIECE = 512
+"""Samples that the virtual machine takes at a time."""
 
 
 class BatchFunction:
@@ -47,8 +56,9 @@ class BatchFunction:
         self._shapes = [output.shape for output in outputs]
         self._places = [_places(t) for t in transposed]
         self._maps: dict[int, ca.Function] = {}
-        self._instructions: Instructions | None = None
-        self._asked = False
+        self._code: MachineCode | None = None
+        self._asked = 0
+        """Samples so far."""
         self._one: OneInstant | None = None
 
     @property
@@ -64,17 +74,21 @@ class BatchFunction:
         for k, value in enumerate([*(value[:1] for value in varying), *fixed]):
             if count and value.size != self._function.nnz_in(k):
                 raise ValueError(f"input {k}: {value.size} values, not {self._function.nnz_in(k)}")
-        pieces = [
-            self._block([value[start : start + BLOCK] for value in varying], fixed)
-            for start in range(0, count, BLOCK)
+        code = self._compiled(count)
+        flat = code(varying, fixed) if code else self._mapped(varying, fixed, count)
+        return [
+            values if columns == 1 else values.reshape(count, rows, columns)
+            for values, (rows, columns) in zip(flat, self._shapes, strict=True)
         ]
-        results = []
-        for k, (rows, columns) in enumerate(self._shapes):
-            flat = np.zeros((count, rows * columns))
-            if pieces:
-                flat[:, self._places[k]] = np.concatenate([piece[k] for piece in pieces])
-            results.append(flat if columns == 1 else flat.reshape(count, rows, columns))
-        return results
+
+    @property
+    def is_compiled(self) -> bool:
+        """Whether machine code evaluates it by now."""
+        return self._code is not None
+
+    def compile(self) -> None:
+        """Make machine code now, for all processes of the user's, where it can be made."""
+        self._compiled(_COMPILING)
 
     def at(self, *inputs: Array) -> list[Array]:
         """Evaluate one instant: every input as (rows,), outputs without the axis of samples.
@@ -85,18 +99,35 @@ class BatchFunction:
             self._one = OneInstant(self._function, self._shapes, self._places)
         return self._one(*inputs)
 
-    def _block(self, varying: list[Array], fixed: list[Array]) -> list[Array]:
-        if len(varying[0]) >= FEWEST and not self._asked:
-            self._instructions, self._asked = Instructions.of(self._function, self._varying), True
-        if len(varying[0]) >= FEWEST and self._instructions is not None:
-            return self._instructions(varying, fixed)
-        return self._mapped(varying, fixed)
+    def _compiled(self, count: int) -> MachineCode | None:
+        before, self._asked = self._asked, self._asked + count
+        for enough in (_LOADING, _COMPILING):
+            if self._code is None and before < enough <= self._asked:
+                sizes = [rows * columns for rows, columns in self._shapes]
+                self._code = machine_code(
+                    self._function,
+                    self._varying,
+                    self._places,
+                    sizes,
+                    compiling=enough == _COMPILING,
+                )
+        return self._code
 
-    def _mapped(self, varying: list[Array], fixed: list[Array]) -> list[Array]:
+    def _mapped(self, varying: list[Array], fixed: list[Array], count: int) -> list[Array]:
+        """Evaluate by the virtual machine: (N, elements) of every output."""
+        results = [np.zeros((count, rows * columns)) for rows, columns in self._shapes]
+        for start in range(0, count, _PIECE):
+            piece = slice(start, start + _PIECE)
+            found = self._piece([value[piece] for value in varying], fixed)
+            for whole, places, values in zip(results, self._places, found, strict=True):
+                whole[piece, places] = values
+        return results
+
+    def _piece(self, varying: list[Array], fixed: list[Array]) -> list[Array]:
         count = len(varying[0])
         mapped = self._maps.get(count)
         if mapped is None:
-            if len(self._maps) > 16:  # noqa: PLR2004 - a bound on memory, not a tuned number
+            if len(self._maps) > _MOST_MAPS:
                 self._maps.clear()
             mapped = self._maps[count] = self._function.map(count)
         # CasADi stores by columns and a map puts samples side by side: one sample after the

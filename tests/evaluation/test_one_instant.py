@@ -11,10 +11,10 @@ import pytest
 
 from expdesign.configuration import load_run
 from expdesign.configuration.robot import load_robot_description
+from expdesign.evaluation.batch import BatchFunction
 from expdesign.library import robot_files
 from expdesign.mechanism.catalogue import DEFAULT
 from expdesign.robot import load_robot, robot_from
-from expdesign.robot.batch import BatchFunction
 
 COUNT = 8
 

@@ -1,0 +1,330 @@
+"""From a CasADi function's instructions to LLVM's language, eight samples to an instruction.
+
+The instructions are done in their order by operations that IEEE 754 rounds correctly, and by the C
+library's functions for all else, sample by sample, as CasADi's virtual machine does them: the
+numbers are the same, to the last bit.
+
+Functions of a thousand instructions hand their values on through memory: LLVM takes less time for
+many short functions than for a long one, and what it makes of them is no slower.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from itertools import accumulate, pairwise
+
+import casadi as ca
+
+from expdesign.evaluation.block_loop import LANES, VECTOR, block_loop
+
+VERSION = 1
+"""Of what is made of the same instructions."""
+
+_PART = 1000
+"""Instructions of one function."""
+_MASK = f"<{LANES} x i1>"
+_READ = "%read"
+"""How names of values begin that stand in memory."""
+
+_EXACT = {
+    ca.OP_ADD: "fadd {v} {x}, {y}",
+    ca.OP_SUB: "fsub {v} {x}, {y}",
+    ca.OP_MUL: "fmul {v} {x}, {y}",
+    ca.OP_DIV: "fdiv {v} {x}, {y}",
+    ca.OP_SQ: "fmul {v} {x}, {x}",
+    ca.OP_TWICE: "fadd {v} {x}, {x}",
+    ca.OP_NEG: "fneg {v} {x}",
+    ca.OP_INV: "fdiv {v} {one}, {x}",
+}
+_INTRINSIC = {
+    ca.OP_SQRT: "sqrt",
+    ca.OP_FABS: "fabs",
+    ca.OP_FLOOR: "floor",
+    ca.OP_CEIL: "ceil",
+    ca.OP_FMIN: "minnum",
+    ca.OP_FMAX: "maxnum",
+    ca.OP_COPYSIGN: "copysign",
+}
+_COMPARISON = {
+    ca.OP_LT: "olt {v} {x}, {y}",
+    ca.OP_LE: "ole {v} {x}, {y}",
+    ca.OP_EQ: "oeq {v} {x}, {y}",
+    ca.OP_NE: "une {v} {x}, {y}",
+    ca.OP_NOT: "oeq {v} {x}, {zero}",
+}
+_LIBRARY = {
+    ca.OP_SIN: "sin",
+    ca.OP_COS: "cos",
+    ca.OP_TAN: "tan",
+    ca.OP_ASIN: "asin",
+    ca.OP_ACOS: "acos",
+    ca.OP_ATAN: "atan",
+    ca.OP_SINH: "sinh",
+    ca.OP_COSH: "cosh",
+    ca.OP_TANH: "tanh",
+    ca.OP_ASINH: "asinh",
+    ca.OP_ACOSH: "acosh",
+    ca.OP_ATANH: "atanh",
+    ca.OP_EXP: "exp",
+    ca.OP_LOG: "log",
+    ca.OP_EXPM1: "expm1",
+    ca.OP_LOG1P: "log1p",
+    ca.OP_ERF: "erf",
+    ca.OP_POW: "pow",
+    ca.OP_CONSTPOW: "pow",
+    ca.OP_FMOD: "fmod",
+    ca.OP_ATAN2: "atan2",
+    ca.OP_HYPOT: "hypot",
+    ca.OP_REMAINDER: "remainder",
+}
+
+
+_PARAMETERS = "ptr noalias %inputs, ptr noalias %fixed, ptr noalias %outputs, ptr noalias %work"
+_ATTRIBUTES = 'attributes #0 = { nounwind "prefer-vector-width"="512" }\n'
+
+
+class UnknownInstructionError(ValueError):
+    """A function has an instruction that is not known here, such as a call of another one."""
+
+
+def vector_code(
+    function: ca.Function, varying: int, places: Sequence[Sequence[int]], sizes: Sequence[int]
+) -> str:
+    """Return LLVM's text of `ENTRY`, which evaluates a function for many samples.
+
+    Its arguments are a table of the varying inputs, of each one sample's rows after the other's;
+    the fixed inputs one after the other; a table of the outputs, like the varying inputs; the
+    number of samples, at least one; and `scratch_size` numbers at a multiple of 64 bytes.
+
+    Parameters
+    ----------
+    function : casadi.Function
+        Of SX.
+    varying : int
+        How many of the inputs, the first ones, differ from sample to sample.
+    places : sequence of int sequences
+        Where the nonzeros of every output stand among its elements; nothing else is written.
+    sizes : sequence of int
+        Elements of every output.
+
+    Raises
+    ------
+    UnknownInstructionError
+        An instruction is not known.
+    """
+    program = _Program(function, varying)
+    inputs, _ = _counts(function)
+    entry = block_loop(inputs[:varying], program.parts, places, sizes)
+    return "\n".join([*program.text(), *entry, _ATTRIBUTES])
+
+
+def scratch_size(function: ca.Function, varying: int) -> int:
+    """Return how many numbers `ENTRY` needs to work with."""
+    inputs = sum(_counts(function)[0][:varying])
+    return LANES * (inputs + sum(_counts(function)[1]) + int(function.sz_w()) + 1)
+
+
+def _counts(function: ca.Function) -> tuple[list[int], list[int]]:
+    inputs = [int(function.nnz_in(k)) for k in range(function.n_in())]
+    return inputs, [int(function.nnz_out(k)) for k in range(function.n_out())]
+
+
+def _starts(counts: Iterable[int]) -> list[int]:
+    return list(accumulate(counts, initial=0))
+
+
+_Step = tuple[int, Sequence[int], Sequence[int], float]
+"""Operation, where its result goes, where its operands are, the number of a constant."""
+
+
+class _Program:
+    """The instructions as functions of at most `_PART` of them: see the module."""
+
+    def __init__(self, function: ca.Function, varying: int) -> None:
+        inputs, outputs = _counts(function)
+        self._varying = varying
+        self._inputs = _starts(inputs[:varying])[:-1] + _starts(inputs[varying:])
+        self._outputs = _starts(outputs)
+        self._used: dict[str, list[str]] = {}
+        steps = [_step(function, k) for k in range(function.n_instructions())]
+        cuts = [*range(0, len(steps), _PART), len(steps)]
+        kept = _kept(steps, cuts)
+        self.parts = len(cuts) - 1
+        self._lines: list[str] = []
+        for k, (start, end) in enumerate(pairwise(cuts)):
+            self._lines += self._part(k, steps[start:end], kept[k])
+
+    def text(self) -> list[str]:
+        """Return everything that the functions need, and the functions."""
+        return [line for _, lines in sorted(self._used.items()) for line in lines] + self._lines
+
+    def _part(self, number: int, steps: Sequence[_Step], kept: set[int]) -> list[str]:
+        part = _Part()
+        for operation, result, operands, number_of_constant in steps:
+            if operation == ca.OP_OUTPUT:
+                row = self._outputs[result[0]] + result[1]
+                part.store(part.value(operands[0]), "%outputs", row)
+            elif operation == ca.OP_INPUT:
+                row = self._inputs[operands[0]] + operands[1]
+                part.values[result[0]] = part.given(row, varies=operands[0] < self._varying)
+            elif operation == ca.OP_CONST:
+                part.values[result[0]] = _constant(number_of_constant)
+            else:
+                found = self._result(part, operation, [part.value(place) for place in operands])
+                part.values[result[0]] = found
+        for place in sorted(kept & set(part.values)):
+            # What was only read stands there already.
+            if not part.values[place].startswith(_READ):
+                part.store(part.values[place], "%work", place)
+        head = f"define private void @part{number}({_PARAMETERS}) #0 {{"
+        return [head, *part.lines, "  ret void", "}"]
+
+    def _result(self, part: _Part, operation: int, operands: list[str]) -> str:
+        x, y = operands[0], operands[-1]
+        names = {"v": VECTOR, "x": x, "y": y, "one": _constant(1), "zero": _constant(0)}
+        if operation in _EXACT:
+            return part.does(_EXACT[operation].format(**names))
+        if operation in _COMPARISON:
+            return part.number(part.does("fcmp " + _COMPARISON[operation].format(**names)))
+        if operation in _LOGICAL:
+            return _LOGICAL[operation](part, x, y)
+        given = ", ".join(f"{VECTOR} {each}" for each in operands)
+        if operation in _INTRINSIC:
+            name = f"@llvm.{_INTRINSIC[operation]}.v{LANES}f64"
+            kinds = ", ".join([VECTOR] * len(operands))
+            self._used[name] = [f"declare {VECTOR} {name}({kinds})"]
+        else:
+            called = _LIBRARY[operation]
+            name = f"@lanes_{called}"
+            self._used[name] = _lane_by_lane(called, len(operands))
+        return part.does(f"call {VECTOR} {name}({given})")
+
+
+@dataclass
+class _Part:
+    """The lines of one function, and what stands where in memory as long as it is done."""
+
+    lines: list[str] = field(default_factory=list)
+    values: dict[int, str] = field(default_factory=dict)
+    """Names of what the places of CasADi's work hold now."""
+
+    def does(self, text: str, name: str = "%v") -> str:
+        """Add an instruction, and return the name of its result."""
+        found = f"{name}{len(self.lines)}"
+        self.lines.append(f"  {found} = {text}")
+        return found
+
+    def chosen(self, holds: str, value: str, other: str) -> str:
+        """Return one of two values, depending on a condition."""
+        return self.does(f"select {_MASK} {holds}, {VECTOR} {value}, {VECTOR} {other}")
+
+    def number(self, holds: str) -> str:
+        """Return 1 where a condition holds and 0 elsewhere."""
+        return self.does(f"uitofp {_MASK} {holds} to {VECTOR}")
+
+    def not_zero(self, value: str) -> str:
+        """Return where a value is another number than 0, or none."""
+        return self.does(f"fcmp une {VECTOR} {value}, {_constant(0)}")
+
+    def value(self, place: int) -> str:
+        """Return the value at a place of CasADi's work."""
+        if place not in self.values:
+            self.values[place] = self._loaded("%work", place, _READ)
+        return self.values[place]
+
+    def given(self, row: int, *, varies: bool) -> str:
+        """Return a row of the inputs, varying or fixed ones."""
+        if varies:
+            return self._loaded("%inputs", row, "%v")
+        at = self.does(f"getelementptr double, ptr %fixed, i64 {row}")
+        number = self.does(f"load double, ptr {at}")
+        alone = self.does(f"insertelement {VECTOR} poison, double {number}, i32 0")
+        zeros = f"<{LANES} x i32> zeroinitializer"
+        return self.does(f"shufflevector {VECTOR} {alone}, {VECTOR} poison, {zeros}")
+
+    def store(self, value: str, base: str, row: int) -> None:
+        """Store a value in a row of memory."""
+        at = self.does(f"getelementptr {VECTOR}, ptr {base}, i64 {row}")
+        self.lines.append(f"  store {VECTOR} {value}, ptr {at}, align {8 * LANES}")
+
+    def _loaded(self, base: str, row: int, name: str) -> str:
+        at = self.does(f"getelementptr {VECTOR}, ptr {base}, i64 {row}")
+        return self.does(f"load {VECTOR}, ptr {at}, align {8 * LANES}", name)
+
+
+def _sign(part: _Part, x: str, _: str) -> str:
+    above = part.does(f"fcmp ogt {VECTOR} {x}, {_constant(0)}")
+    below = part.does(f"fcmp olt {VECTOR} {x}, {_constant(0)}")
+    return part.chosen(below, _constant(-1), part.chosen(above, _constant(1), x))
+
+
+def _joint(joint: str) -> Callable[[_Part, str, str], str]:
+    def both(part: _Part, x: str, y: str) -> str:
+        first, second = part.not_zero(x), part.not_zero(y)
+        return part.number(part.does(f"{joint} {_MASK} {first}, {second}"))
+
+    return both
+
+
+def _if_not_zero(part: _Part, x: str, y: str) -> str:
+    return part.chosen(part.not_zero(x), y, _constant(0))
+
+
+_LOGICAL = {
+    ca.OP_AND: _joint("and"),
+    ca.OP_OR: _joint("or"),
+    ca.OP_SIGN: _sign,
+    ca.OP_IF_ELSE_ZERO: _if_not_zero,
+}
+_KNOWN = {
+    *(*_EXACT, *_INTRINSIC, *_COMPARISON, *_LIBRARY, *_LOGICAL),
+    *(ca.OP_INPUT, ca.OP_OUTPUT),
+}
+
+
+def _step(function: ca.Function, k: int) -> _Step:
+    operation = function.instruction_id(k)
+    if operation == ca.OP_CONST:
+        return operation, function.instruction_output(k), (), function.instruction_constant(k)
+    if operation not in _KNOWN:
+        raise UnknownInstructionError(f"instruction {operation} of {function.name()}")
+    return operation, function.instruction_output(k), function.instruction_input(k), 0.0
+
+
+def _kept(steps: Sequence[_Step], cuts: Sequence[int]) -> list[set[int]]:
+    """Return the places whose values are read after each part, before something else is there."""
+    needed: set[int] = set()
+    found: list[set[int]] = []
+    for start, end in reversed(list(pairwise(cuts))):
+        found.append(set(needed))
+        for operation, result, operands, _ in reversed(steps[start:end]):
+            if operation == ca.OP_OUTPUT:
+                needed.add(operands[0])
+                continue
+            needed.discard(result[0])
+            if operation != ca.OP_INPUT:
+                needed.update(operands)
+    return found[::-1]
+
+
+def _constant(value: float) -> str:
+    bits = struct.unpack("<Q", struct.pack("<d", value))[0]
+    return f"<{', '.join([f'double 0x{bits:016X}'] * LANES)}>"
+
+
+def _lane_by_lane(name: str, operands: int) -> list[str]:
+    """Return a function that calls one of the C library's for sample after sample."""
+    kinds = ", ".join(["double"] * operands)
+    parameters = ", ".join(f"{VECTOR} %x{j}" for j in range(operands))
+    lines = [f"declare double @{name}({kinds})"]
+    lines.append(f"define private {VECTOR} @lanes_{name}({parameters}) noinline #0 {{")
+    whole = "poison"
+    for k in range(LANES):
+        lines += [f"  %x{j}_{k} = extractelement {VECTOR} %x{j}, i32 {k}" for j in range(operands)]
+        given = ", ".join(f"double %x{j}_{k}" for j in range(operands))
+        lines.append(f"  %y{k} = call double @{name}({given})")
+        lines.append(f"  %whole{k} = insertelement {VECTOR} {whole}, double %y{k}, i32 {k}")
+        whole = f"%whole{k}"
+    return [*lines, f"  ret {VECTOR} {whole}", "}"]
