@@ -63,13 +63,13 @@ class Reserve:
 def read_reserve(value: object) -> Reserve:
     """Return what stands at `limits.reserve`: one share for all limits, or a share by key."""
     if not isinstance(value, dict):
-        return Reserve(_share(value, ""))
+        return Reserve(_share(value))
     valid, own = list(limit_definitions()), {}
     for key, item in value.items():
         if key not in valid:
             message = f"{shown(key)} is no limit"
-            raise refusal(message, ", ".join(valid), partial(nearest, key, valid))
-        own[key] = _share(item, f"{key}: ")
+            raise refusal(message, ", ".join(valid), partial(nearest, key, valid), key)
+        own[key] = _share(item, key)
     return Reserve(own=own)
 
 
@@ -89,12 +89,13 @@ def merged_reserve(sources: Sequence[Placed[Mapping[str, Any]]]) -> Reserve:
     return found
 
 
-def _share(value: object, where: str) -> float:
+def _share(value: object, key: str = "") -> float:
     try:
         share = SHARE.parse(value)
     except ValueError as error:
-        raise refusal(f"{where}{shown(value)} is no share of a range", _ALLOWED) from error
+        message = f"{shown(value)} is no share of a range"
+        raise refusal(message, _ALLOWED, key=key) from error
     if not 0 <= share < LEAST_REFUSED:
         given = value.strip() if isinstance(value, str) else shown(value)
-        raise refusal(f"{where}a reserve of {given} cannot be kept free", _ALLOWED)
+        raise refusal(f"a reserve of {given} cannot be kept free", _ALLOWED, key=key)
     return share

@@ -49,18 +49,28 @@ class Size:
         unit = 10 ** max(0, math.floor(math.log10(found)) - 1)
         return int(found // unit * unit)
 
-    def excess(self, count: float, made: str) -> Excess | None:
+    def excess(self, count: float, made: str = "") -> Excess | None:
         """Return what is wrong with a number of them, None where it is within the bound.
 
-        `made` tells what they come from: ``10 periods of 10 s at 1000 Hz``.
+        `made` tells what they come from, where they are not given as such: ``10 periods of 10 s at
+        1000 Hz``.
         """
         if count <= self.most:
             return None
         needs = f"{_bytes(count * self.each)} of {self.medium}"
+        many = f"{_count(count)} {self.what}"
         return Excess(
-            f"{made}: {_count(count)} {self.what}, which take {needs}",
+            f"{made}: {many}, which take {needs}" if made else f"{many} take {needs}",
             f"at most {_count(self.most)} {self.what}",
         )
+
+    def factors(self, count: int, each: float, made: str = "") -> Excess | None:
+        """Return the same of a number of what holds `each` of them, with how many of it fit."""
+        if (found := self.excess(count * each, made)) is None:
+            return None
+        fit = int(self.most / each)
+        fit -= fit * each > self.most  # the quotient was rounded up
+        return Excess(found.message, f"at most {_count(fit)}, for {found.allowed}")
 
 
 def _count(value: float) -> str:
@@ -115,7 +125,7 @@ def oversized(run: RunDescription, document: Document) -> Iterator[Problem]:
 
     longest, shortest = (1 / frequency for frequency in run.trajectory.frequency)
     harmonics, samples = run.trajectory.harmonics, run.trajectory.samples
-    found = design_samples(harmonics).excess(samples, f"{samples} samples")
+    found = design_samples(harmonics).excess(samples)
     yield from problem(("trajectory", "samples"), found)
 
     step = run.controller_period
@@ -127,9 +137,12 @@ def oversized(run: RunDescription, document: Document) -> Iterator[Problem]:
 
     periods, sampling = run.experiment.periods, run.experiment.sampling
     made = f"{periods} periods of {shortest:g} s or more at {sampling:g} Hz"
-    found = SAMPLES.excess(periods * shortest * sampling, made)
-    many = shortest * sampling <= SAMPLES.most
-    yield from problem(("experiment", "periods" if many else "sampling"), found)
+    of_period = shortest * sampling
+    if of_period <= SAMPLES.most:
+        yield from problem(("experiment", "periods"), SAMPLES.factors(periods, of_period, made))
+    else:
+        found = SAMPLES.excess(periods * of_period, made)
+        yield from problem(("experiment", "sampling"), found)
 
     for number, section in enumerate(run.export):
         # Without a segment of its own a table has the controller's steps, or chooses them.
@@ -141,12 +154,11 @@ def oversized(run: RunDescription, document: Document) -> Iterator[Problem]:
         found = TABLE_ROWS.excess(periods * shortest / section.factor / rows, made)
         yield from problem(("export", number, key), found)
 
-    count = run.montecarlo.repetitions
-    found = REPETITIONS.excess(count, f"{count} repetitions")
+    found = REPETITIONS.excess(run.montecarlo.repetitions)
     yield from problem(("montecarlo", "repetitions"), found)
     if run.study is not None:
         study = run.study
         each = study.sets * len(study.criteria) * len(study.kinematics)
         made = f"{study.repetitions} repetitions of {each} cases"
-        found = STUDY_ESTIMATES.excess(study.repetitions * each, made)
+        found = STUDY_ESTIMATES.factors(study.repetitions, each, made)
         yield from problem(("study", "repetitions"), found)

@@ -45,11 +45,11 @@ def _broken(limit: Limit, values: Array, robot: ResolvedRobot) -> list[Problem]:
     """Return what is wrong with the rows of a limit at home: rows with the same bounds at once."""
     # Of a limit that nobody has given it is the robot's home that does not fit.
     file, line = (robot.source, None) if limit.is_default else (limit.file, limit.line)
-    remedy = "Let home lie elsewhere, or widen the limit"
+    remedy = f"Let home lie elsewhere, or {_widen(limit)}"
     if limit.reserve:
         remedy = (
             f"{100 * limit.reserve:.4g} % of its range are kept free (limits.reserve). Let home "
-            "lie elsewhere, widen the limit, or keep less free"
+            f"lie elsewhere, keep less free, or {_widen(limit)}"
         )
     remedy += f". {limit.definition.remedy}" if limit.definition.remedy else ""
     groups: dict[tuple[float, float], list[int]] = {}
@@ -68,6 +68,18 @@ def _broken(limit: Limit, values: Array, robot: ResolvedRobot) -> list[Problem]:
         )
         for bounds, rows in groups.items()
     ]
+
+
+def _widen(limit: Limit) -> str:
+    """Return in words that a limit is to be widened, with its key and how far where it has an end.
+
+    Of a default nobody knows the key who has not read of it.
+    """
+    which = "the limit, which is a default" if limit.is_default else "the limit"
+    widest = limit.definition.widest
+    if widest is None:
+        return f"widen {which}"
+    return f"widen {which}, with limits.{limit.key}: {quantity_text(widest, limit.unit)} at most"
 
 
 def _where(limit: Limit, rows: list[int]) -> str:

@@ -66,6 +66,9 @@ def test_a_home_beyond_the_default_bound_is_refused_unless_it_is_wider(refused, 
     problem = refused(theta=theta)[f"limits.{KEY}"]
     assert "base frame" in problem.message
     assert "80 deg" in problem.allowed
+    assert f"limits.{KEY}: 85 deg" in problem.message, (
+        "how far it may be widened, and with which key"
+    )
     robot_from(of(FREE | {KEY: "85 deg"}, theta).robot)
 
 

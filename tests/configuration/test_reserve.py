@@ -93,15 +93,27 @@ def test_refused(reserve):
     with pytest.raises(InputError) as caught:
         load_run({"name": "n", "robot": "palida", "limits": {"reserve": reserve}})
     (problem,) = caught.value.problems
-    assert problem.key == "limits.reserve"
+    assert problem.key == ("limits.reserve.tilt" if isinstance(reserve, dict) else "limits.reserve")
     assert "0.5" in problem.allowed
+
+
+def test_a_wrong_share_is_told_where_it_stands(tmp_path):
+    run = tmp_path / "run.yaml"
+    run.write_text(
+        "name: n\nrobot: palida\nlimits:\n  reserve:\n    tilt: 3 %\n    strut_speed: 60 %\n"
+    )
+    with pytest.raises(InputError) as caught:
+        load_run(run)
+    (problem,) = caught.value.problems
+    assert (problem.line, problem.key) == (6, "limits.reserve.strut_speed")
+    assert "60 %" in problem.message
 
 
 def test_an_unknown_limit_is_answered_with_the_nearest():
     with pytest.raises(InputError) as caught:
         _run({"strut_sped": "3 %"})
     (problem,) = caught.value.problems
-    assert (problem.key, problem.nearest) == ("limits.reserve", "strut_speed")
+    assert (problem.key, problem.nearest) == ("limits.reserve.strut_sped", "strut_speed")
 
 
 def test_a_reserve_of_what_is_not_limited_is_told():

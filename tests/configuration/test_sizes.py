@@ -1,10 +1,18 @@
 """What a run may ask for is bounded: told with what it would take, before anything is computed."""
 
+import re
+
 import pytest
 
 from expdesign.cli.commands import _MOST_REPETITIONS
 from expdesign.configuration import InputError, load_run
-from expdesign.configuration.sizes import MEMORY, REPETITIONS, SAMPLES, design_samples
+from expdesign.configuration.sizes import (
+    MEMORY,
+    REPETITIONS,
+    SAMPLES,
+    STUDY_ESTIMATES,
+    design_samples,
+)
 
 ROBOT = {"name": "large", "robot": "palida"}
 
@@ -51,6 +59,36 @@ def test_too_large(key, sections):
         return
     assert key in found
     assert found[key].allowed
+
+
+@pytest.mark.parametrize(
+    ("section", "key", "others", "most"),
+    [
+        ("trajectory", "samples", {}, design_samples(5).most),
+        ("trajectory", "samples", {"harmonics": 100}, design_samples(100).most),
+        ("montecarlo", "repetitions", {}, REPETITIONS.most),
+        ("experiment", "periods", {"sampling": 5000}, SAMPLES.most // 10_000),
+        ("study", "repetitions", {"kind": "design", "sets": 10}, STUDY_ESTIMATES.most // 60),
+    ],
+)
+def test_however_large_a_number_is_the_bound_that_holds_is_told(section, key, others, most):
+    def run(value):
+        sections = {"trajectory": {"frequency": [0.5, 0.5]}}
+        sections.setdefault(section, {}).update({**others, key: value})
+        return sections
+
+    path, shown = f"{section}.{key}", f"{most:,}".replace(",", " ")
+    for value in (most + 1, 50 * most, 10**15):
+        assert shown in refused(**run(value))[path].allowed
+    for value in (-1, 0):
+        numbers = re.findall(r"\d+", refused(**run(value))[path].allowed)
+        assert max(map(int, numbers)) < most
+    assert load_run(ROBOT | run(most))
+
+
+@pytest.mark.parametrize("samples", [-1, 0, 5, 21])
+def test_the_fewest_samples_are_told_of_these_harmonics(samples):
+    assert "22" in refused(trajectory={"samples": samples})["trajectory.samples"].allowed
 
 
 def test_what_it_would_take_is_told():

@@ -27,6 +27,7 @@ from expdesign.configuration.values.scalars import (
     Distinct,
     FilledText,
     Seed,
+    Sized,
     Text,
     at_least,
     by_key,
@@ -207,7 +208,6 @@ Estimators = Annotated[
 _LARGEST_HARMONICS = 500
 """ML's motion has a dense matrix of 12 variables to each, squared: 0.3 GB."""
 
-_LARGEST_REPETITIONS = 10_000_000
 _FIXED = "a list of parameters, or parameters with their values"
 _BOUNDS = "parameters with their [min, max]"
 _PRIORS = "parameters with their {std: …} or {value: …, std: …}"
@@ -296,7 +296,7 @@ class EstimateSection(Section):
 class MonteCarloSection(Section):
     """Study of the estimators' bias, spread and coverage in repeated simulated experiments."""
 
-    repetitions: Annotated[int, whole(1, _LARGEST_REPETITIONS)] = 400
+    repetitions: Sized = 400
     estimators: Estimators = ("ls", "gm", "ml")
     seed: Seed = 0
     """From which the random stream of every repetition is spawned."""

@@ -13,7 +13,6 @@ from expdesign.configuration.section import Section
 from expdesign.configuration.values.quantity import Duration, Frequency, Jerk, Positive, Speed
 from expdesign.configuration.values.scalars import (
     Ascending,
-    Count,
     Distinct,
     Pair,
     Seed,
@@ -40,7 +39,7 @@ class TrajectorySection(Section):
         tuple[Annotated[Frequency, Positive], Annotated[Frequency, Positive]], Pair, Ascending
     ] = (0.1, 0.6)
     """Smallest and largest fundamental frequency, Hz; equal values fix it."""
-    samples: Count = 200
+    samples: Annotated[int, whole(None, None)] = 200
     """Samples per period that the information is counted over; at least 4 n + 2."""
     controller_period: Annotated[Duration, Positive] | None = None
     """Step of the machine's controller, s, of which the period becomes a whole number.

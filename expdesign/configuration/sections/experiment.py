@@ -34,12 +34,12 @@ from expdesign.configuration.values.quantity import (
     Speed,
 )
 from expdesign.configuration.values.scalars import (
-    Count,
     Direction,
     Distinct,
     FilledText,
     Pose,
     Seed,
+    Sized,
     at_least,
     exactly,
     one_of,
@@ -60,7 +60,7 @@ _CLOCK = require(
 class ExperimentSection(Section):
     """Execution of the trajectory; disturbances are off unless given."""
 
-    periods: Count = 10
+    periods: Sized = 10
     """Number of periods that are measured."""
     sampling: Annotated[Frequency, Positive] = 1000.0
     """Of the measurement, Hz."""
@@ -105,7 +105,7 @@ class ValidationMotion(Section):
     motion: Annotated[Motion, one_of(Motion)]
     mirror: Annotated[Mirror, one_of(Mirror)] = "none"
     """Plane in which the motion is mirrored."""
-    periods: Count = 10
+    periods: Sized = 10
     radius: Annotated[Length, Positive] = 0.15
     """Of the circle, m."""
     speed: Annotated[Speed, Positive] = 1.0
@@ -158,7 +158,7 @@ class StudySection(Section):
     """A comparison on the digital twin; each kind takes the keys named for it."""
 
     kind: Annotated[StudyKind, one_of(StudyKind)]
-    repetitions: Annotated[int, whole(_FEWEST)] = 100
+    repetitions: Annotated[int, whole(_FEWEST, None)] = 100
     """Simulated experiments: of every design, of every estimator, or identifications with the
     validation that follows."""
     sets: Annotated[int, whole(1, _MOST_SETS)] = 5

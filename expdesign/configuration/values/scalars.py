@@ -25,7 +25,7 @@ from expdesign.mechanism.hexapod import ACTUATORS, COORDINATE_NAMES, COORDINATES
 
 _NAME = re.compile(r"[A-Za-z0-9._-]+")
 LONGEST_NAME = 100
-_LARGEST_SEED = 2**63 - 1
+_LARGEST_WHOLE = 2**63 - 1
 _LARGEST_COUNT = 100_000
 
 
@@ -55,24 +55,34 @@ Text = Annotated[str, BeforeValidator(_text)]
 FilledText = Annotated[Text, require(str.strip, "the text is empty", "a text")]
 
 
-def whole(minimum: int, maximum: int = _LARGEST_COUNT) -> BeforeValidator:
-    """Return a validator for whole numbers; booleans, texts and fractions are refused."""
+def whole(minimum: int | None, maximum: int | None = _LARGEST_COUNT) -> BeforeValidator:
+    """Return a validator for whole numbers; booleans, texts and fractions are refused.
+
+    A bound that is None follows from other keys, and is told where these are known: by the section,
+    or by `expdesign.configuration.sizes`.
+    """
+    least = -_LARGEST_WHOLE if minimum is None else minimum
+    most = _LARGEST_WHOLE if maximum is None else maximum
+    bounds = "" if minimum is None else f" of {minimum} or more, as memory allows"
+    if minimum is not None and maximum is not None:
+        bounds = f" from {minimum} to {maximum}"
 
     def check(value: object) -> int:
-        allowed = f"a whole number from {minimum} to {maximum}"
+        allowed = f"a whole number{bounds}"
         if isinstance(value, bool) or not isinstance(value, int):
             if isinstance(value, float) and value.is_integer():
                 allowed += ", written without point and exponent"
             raise refusal(f"{shown(value)} is not a whole number", allowed)
-        if not minimum <= value <= maximum:
+        if not least <= value <= most:
             raise refusal(f"{shown(value)} is out of range", allowed)
         return value
 
     return BeforeValidator(check)
 
 
-Count = Annotated[int, whole(1)]
-Seed = Annotated[int, whole(0, _LARGEST_SEED)]
+Sized = Annotated[int, whole(1, None)]
+"""How many there may be at most follows from what they take."""
+Seed = Annotated[int, whole(0, _LARGEST_WHOLE)]
 
 
 def known(choices: Sequence[str], kind: str) -> Callable[[object], str]:
