@@ -85,7 +85,13 @@ class TaylorModel:
         """Return what no value is below and none above, (N,) each.
 
         That of the first three powers together is exact, each further one counts with its size.
+        Where a coefficient is too large for a number, nothing is known.
         """
+        low, high = self._bounds()
+        return np.fmax(low, -np.inf), np.fmin(high, np.inf)
+
+    def _bounds(self) -> tuple[Array, Array]:
+        """Return the same; NaN where a coefficient is not a number."""
         c, outside = self.coefficients, 4 * EPS * self.sizes[0] + TINY
         if len(c) > 3:  # noqa: PLR2004 - powers beyond the square
             outside = outside + self.sizes[3]
@@ -184,26 +190,15 @@ class TaylorModel:
             return other * self
         a, b = self.coefficients, other.coefficients
         own, others = self.sizes, other.sizes
-        count = min(TERMS, len(a) + len(b) - 1)
-        if len(a) == 1:
-            product = a * b
-        else:
-            product = np.empty((count, max(a.shape[1], b.shape[1])))
-            np.multiply(a[0], b, out=product[: len(b)])
-            product[len(b) :] = 0.0
-            part = np.empty_like(product)
-            for i in range(1, len(a)):
-                width = min(len(b), count - i)
-                np.multiply(a[i], b[:width], out=part[:width])
-                product[i : i + width] += part[:width]
+        product = a * b if len(a) == 1 else _product(a, b)
         # The product of the sizes first: where that is too large for a number, nothing is known.
         radius = own[0] * other.radius + _ROUNDED * (own[0] * others[0])
         radius = radius + self.radius * (others[0] + other.radius) + TINY
         first = max(1, TERMS + 1 - len(b))
         if first < len(a):
             # Powers from TERMS on: aᵢ with every bⱼ for which i + j ≥ TERMS.
-            beyond = np.abs(a[first:]) * others[TERMS - first : TERMS - len(a) : -1]
-            radius = radius + np.add.reduce(beyond, axis=0)
+            rest = others[TERMS - first : TERMS - len(a) : -1]
+            radius = radius + np.einsum("in,in->n", np.abs(a[first:]), rest)
         return TaylorModel(product, _outward(radius))
 
     def squared(self) -> TaylorModel:
@@ -213,6 +208,22 @@ class TaylorModel:
     def scaled(self, factor: float) -> TaylorModel:
         """Return the model times a number that is known exactly."""
         return TaylorModel.number(factor) * self
+
+
+def _product(a: Array, b: Array) -> Array:
+    """Return the product of polynomials, up to the highest power that is kept.
+
+    Its power k is the sum of aᵢ bₖ₋ᵢ: in one operation, on a view of b in which it lies at [i, k],
+    zero where b has no such power.
+    """
+    count = min(TERMS, len(a) + len(b) - 1)
+    padded = np.zeros((len(a) - 1 + count, b.shape[1]))
+    padded[len(a) - 1 : len(a) - 1 + len(b)] = b
+    row, cell = padded.strides
+    shifted = np.ndarray(
+        (len(a), count, b.shape[1]), np.float64, padded, (len(a) - 1) * row, (-row, row, cell)
+    )
+    return np.einsum("in,ikn->kn", a, shifted)
 
 
 def _outward(radius: Array) -> Array:

@@ -67,6 +67,15 @@ def test_the_vertex_of_numbers_whose_squares_vanish_is_within_the_bounds():
     assert low[0] <= -tiny / 4
 
 
+@pytest.mark.parametrize("coefficients", [[1.0, 1e200], [1e200, 1.0], [1.0, 0.0, -1e200]])
+def test_of_what_is_too_large_for_a_number_nothing_is_known(coefficients):
+    model = TaylorModel(np.array(coefficients)[:, None], np.zeros(1)).squared()
+
+    for found in (model, model.squared(), model * TaylorModel.number(2.0) - model):
+        low, high = found.bounds()
+        assert (low[0], high[0]) == (-np.inf, np.inf)
+
+
 @pytest.mark.parametrize("operation", [operator.add, operator.sub, operator.mul])
 def test_sums_and_products_of_exact_polynomials_are_no_wider_than_rounding(operation):
     a = TaylorModel(np.array([[1.0], [0.25], [0.5]]), np.zeros(1))
