@@ -7,8 +7,12 @@ the n-th time, or before it is opened to be continued.
 import json
 import os
 import re
+import signal
 import subprocess
 import sys
+import tempfile
+import traceback
+import warnings
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -43,6 +47,46 @@ def ended_at(moment, number, arguments):
         env=environment(),
         check=False,
     )
+
+
+def ended_in_copy(moment, number, arguments):
+    """Run it in a copy of this process, which has loaded and built already what a run takes.
+
+    The command line, what is on the disk and how it ends are those of a process of its own; only
+    the seconds that one needs before it does anything are saved.
+    """
+    with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DeprecationWarning)  # threads: the copy uses none
+            child = os.fork()
+        if child == 0:
+            _be_the_run(moment, number, arguments, (out, err))
+        _, status = os.waitpid(child, 0)
+        said = []
+        for stream in (out, err):
+            stream.seek(0)
+            said.append(stream.read().decode())
+    return subprocess.CompletedProcess(arguments, os.waitstatus_to_exitcode(status), *said)
+
+
+def _be_the_run(moment, number, arguments, streams):
+    status = 70
+    try:
+        for place, stream in enumerate(streams, 1):
+            os.dup2(stream.fileno(), place)
+        sys.stdout, sys.stderr = (open(place, "w", closefd=False) for place in (1, 2))  # noqa: SIM115 - numbers; the process ends with them
+        for ending in (signal.SIGTERM, signal.SIGHUP):
+            signal.signal(ending, signal.SIG_DFL)
+        file, count = moment or ("", 0)
+        sys.argv[1:] = [file, str(count), str(int(number)), *map(str, arguments)]
+        main()
+    except SystemExit as end:
+        status = end.code
+    except BaseException:  # noqa: BLE001 - the copy must not go on with the tests
+        traceback.print_exc()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(status)
 
 
 def main():
