@@ -1,5 +1,6 @@
 """Text files: names, delimiters, decimal marks, encodings, lines."""
 
+import csv
 import io
 import time
 
@@ -115,7 +116,7 @@ def _form(delimiter=",", **positions):
 
 
 def _slow(lines, form):
-    return delimited._slow(lines, form, 2, 0, {})[0]
+    return delimited._slow(lines, iter(()), form, 2, 0, {})[0]
 
 
 def test_slow_and_fast_way_agree(rec):
@@ -221,6 +222,58 @@ def test_blocks_change_nothing(tmp_path, rec, small_blocks):
         np.array_equal(plain.values[c], found.values[c]) for c in CHANNELS if c in found.values
     )
     assert [found.row_number(row) for row in (6, 7, 8, 29, 30)] == [8, 9, 11, 32, 34]
+
+
+NOTES = st.text(st.sampled_from('ab ,"\n'), max_size=12)
+
+
+@given(
+    notes=st.lists(NOTES, min_size=1, max_size=30),
+    plain=st.booleans(),
+    block=st.integers(1, 60),
+)
+@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_rows_are_those_of_pythons_csv_wherever_blocks_end(notes, plain, block, tmp_path):
+    """Quoted line breaks reach over the ends of blocks, and quotes within a cell are not opened."""
+    stream = io.StringIO()
+    writer = csv.writer(stream, lineterminator="\n", quoting=csv.QUOTE_MINIMAL)
+    writer.writerow([*CHANNELS, "note"])
+    for number, note in enumerate(notes):
+        writer.writerow([number + column / 16 for column in range(len(CHANNELS))] + [note])
+    text = stream.getvalue()
+    if plain:  # as someone writes who knows of no quoting: an inch mark in the midst of a cell
+        text += ",".join(["0"] * len(CHANNELS)) + ',5" pipe\n'
+    path = tmp_path / "m.csv"
+    path.write_text(text)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(text_lines, "BLOCK", block)
+        found = delimited.read(path, DataSection())
+    reader, rows, begins = csv.reader(io.StringIO(text)), [], []
+    next(reader)
+    begin = reader.line_num
+    for cells in reader:
+        rows.append([float(cell) for cell in cells[:-1]])
+        begins.append(begin + 1)
+        begin = reader.line_num
+    table = np.stack([found.values[channel] for channel in CHANNELS], axis=1)
+    assert np.array_equal(table, rows)
+    assert [found.row_number(row) for row in range(len(found))] == begins
+
+
+def test_a_quote_that_has_no_end_is_refused(tmp_path, rec, small_blocks, refused):
+    """However its row goes on: as one cell, or as cells that all end in another line."""
+    header, first, *others = _text(rec).splitlines()
+    head = [f"{header},note", f"{first},1"]
+    opened = [f'{others[0]},"open', *[f"{line},1" for line in 2000 * others[1:3]]]
+    endless = [f'{others[0]},"', *['","' * 21] * 20_000]
+    for rest in (opened, endless, [f'{others[0]},"{"x" * 200_000}"']):
+        path = tmp_path / "m.csv"
+        path.write_text("\n".join(head + rest))
+        (problem, *_) = refused(path)
+        assert problem.line == 3
+    path.write_text("\n".join([f'{header},"{"x" * 200_000}"', *others]))
+    (problem,) = refused(path)
+    assert problem.line == 1
 
 
 def test_bad_cells_of_any_block_are_told(tmp_path, rec, small_blocks, refused):

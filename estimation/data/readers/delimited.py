@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import math
 import re
+from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -18,7 +19,7 @@ from constraints.arrays import Array
 from estimation.data.columns import Column, header_column, pick
 from estimation.data.formats import FileFormat
 from estimation.data.table import HEADER_LINE, MOST_PROBLEMS, RawTable, refuse, refuse_long
-from estimation.data.text_lines import line_blocks
+from estimation.data.text_lines import LONGEST_LINE, line_blocks
 from expdesign.configuration import DataSection, InputError, Problem
 
 _QUOTE = '"'
@@ -46,7 +47,10 @@ def read(path: Path, section: DataSection) -> RawTable:
         message = "the first line names no columns" if first else "the file is empty"
         raise InputError(message, path, HEADER_LINE)
     delimiter = _delimiter(path, section, header)
-    names = next(csv.reader([header], delimiter=delimiter))
+    try:
+        names = next(csv.reader([header], delimiter=delimiter))
+    except csv.Error:
+        raise InputError(_too_long(), path, HEADER_LINE) from None
     columns = [header_column(name, position) for position, name in enumerate(names)]
     try:
         picked = pick(columns, section.columns, path, HEADER_LINE)
@@ -54,7 +58,7 @@ def read(path: Path, section: DataSection) -> RawTable:
         raise _with_delimiter_hint(error, path, header, delimiter) from None
     positions = {channel: columns.index(column) for channel, column in picked.items()}
     form = _Form(positions, len(names), delimiter, section.decimal)
-    return _gathered(path, picked, form, _whole_rows(chain([first], blocks)))
+    return _gathered(path, picked, form, _Blocks(chain([first], blocks)))
 
 
 @dataclass(frozen=True)
@@ -68,21 +72,45 @@ class _Form:
     decimal: str
 
 
-def _whole_rows(blocks: Iterator[list[str]]) -> Iterator[list[str]]:
-    """Put the next block to one that may end within a quoted cell.
+class _Blocks:
+    """Blocks of lines, one after the other; the last row of one may take lines of those behind."""
 
-    One is enough: a block is longer than any cell.
-    """
-    for lines in blocks:
-        if sum(line.count(_QUOTE) for line in lines) % 2:
-            yield lines + next(blocks, [])
-        else:
+    def __init__(self, blocks: Iterator[list[str]]) -> None:
+        self._blocks, self._rest = blocks, deque[str]()
+
+    def __iter__(self) -> Iterator[list[str]]:
+        for lines in self._blocks:
             yield lines
+            while self._rest:
+                rest, self._rest = self._rest, deque()
+                yield list(rest)
+
+    def further(self) -> Iterator[str]:
+        """Yield lines of the blocks behind, where they are missing then.
+
+        Raises
+        ------
+        csv.Error
+            They are longer than any line: a row that does not end would be the rest of the file.
+        """
+        length = 0
+        while length <= LONGEST_LINE:
+            while not self._rest:
+                lines = next(self._blocks, None)
+                if lines is None:
+                    return
+                self._rest.extend(lines)
+            yield (line := self._rest.popleft())
+            length += len(line) + 1
+        raise csv.Error
 
 
-def _gathered(
-    path: Path, picked: dict[str, Column], form: _Form, blocks: Iterator[list[str]]
-) -> RawTable:
+def _too_long() -> str:
+    longest = csv.field_size_limit()
+    return f"a cell has more than {longest} characters: perhaps a quote has no end"
+
+
+def _gathered(path: Path, picked: dict[str, Column], form: _Form, blocks: _Blocks) -> RawTable:
     """Return the table of all rows; refuse it when lines have other columns than the header."""
     parts: dict[str, list[Array]] = {channel: [] for channel in picked}
     numbers: list[NDArray[np.int64]] = []
@@ -91,16 +119,17 @@ def _gathered(
     line, rows, follow = HEADER_LINE + 1, 0, True
     for lines in blocks:
         values = _fast(lines, form)
-        begins = np.arange(line, line + len(lines))
+        begins, used = np.arange(line, line + len(lines)), len(lines)
         if values is None:
-            values, begins, wrong = _slow(lines, form, line, rows, texts)
-            follow = follow and len(begins) == len(lines)
+            further = blocks.further()
+            values, begins, used, wrong = _slow(lines, further, form, line, rows, texts)
+            follow = follow and len(begins) == used
             count += len(wrong)
             ragged += [Problem(text, path, n) for n, text in wrong[:MOST_PROBLEMS]]
         for channel, column in values.items():
             parts[channel].append(column)
         numbers.append(begins)
-        line, rows = line + len(lines), rows + len(begins)
+        line, rows = line + used, rows + len(begins)
         refuse_long(rows, path)
     refuse(ragged, path, "lines are like that", count)
     return RawTable(
@@ -167,26 +196,37 @@ def _fast(lines: Sequence[str], form: _Form) -> dict[str, Array] | None:
 
 
 def _slow(
-    lines: Sequence[str], form: _Form, line: int, row: int, texts: dict[tuple[str, int], str]
-) -> tuple[dict[str, Array], NDArray[np.int64], list[tuple[int, str]]]:
-    """Return the columns, the lines where rows begin, and the lines with other columns.
+    lines: Sequence[str],
+    further: Iterator[str],
+    form: _Form,
+    line: int,
+    row: int,
+    texts: dict[tuple[str, int], str],
+) -> tuple[dict[str, Array], NDArray[np.int64], int, list[tuple[int, str]]]:
+    """Return the columns, the lines where rows begin, how many lines, and those that are wrong.
 
-    The first of the lines has the number `line`, its row is number `row` of the table. Cells that
-    are no finite numbers become NaN; `texts` takes what stands there.
+    The last row may take `further` lines. The first line has the number `line`, its row is number
+    `row` of the table. Cells that are no finite numbers become NaN; `texts` takes what stands
+    there. Wrong are lines with other columns than the header.
     """
     rows: list[list[str]] = []
     numbers: list[int] = []
     ragged: list[tuple[int, str]] = []
-    reader = csv.reader((f"{text}\n" for text in lines), delimiter=form.delimiter)
+    reader = csv.reader((f"{text}\n" for text in chain(lines, further)), delimiter=form.delimiter)
     begin = line
-    for cells in reader:
-        numbers.append(begin)
-        if len(cells) != form.width:
-            count = f"{len(cells)} column{'s' if len(cells) > 1 else ''}"
-            message = f"the line has {count}, the header has {form.width}"
-            ragged.append((begin, message if any(cells) else "empty line"))
-        rows.append(cells)
-        begin = line + reader.line_num
+    try:
+        for cells in reader:
+            numbers.append(begin)
+            if len(cells) != form.width:
+                count = f"{len(cells)} column{'s' if len(cells) > 1 else ''}"
+                message = f"the line has {count}, the header has {form.width}"
+                ragged.append((begin, message if any(cells) else "empty line"))
+            rows.append(cells)
+            begin = line + reader.line_num
+            if reader.line_num >= len(lines):
+                break
+    except csv.Error:
+        ragged.append((begin, _too_long()))
     values: dict[str, Array] = {}
     if not ragged:
         columns = list(zip(*rows, strict=True)) or [()] * form.width
@@ -194,7 +234,8 @@ def _slow(
             values[channel], wrong = _numbers(columns[position], form.decimal)
             room = _MOST_TEXTS - len(texts)
             texts |= {(channel, row + n): text for n, text in wrong[: max(room, 0)]}
-    return values, np.array(numbers, dtype=np.int64), ragged
+    used = max(len(lines), reader.line_num)
+    return values, np.array(numbers, dtype=np.int64), used, ragged
 
 
 def _numbers(cells: Sequence[str], decimal: str) -> tuple[Array, list[tuple[int, str]]]:
