@@ -34,16 +34,20 @@ _IMPORTING = "<frozen importlib._bootstrap>"
 
 @contextmanager
 def interruptible(
-    note: Callable[[str], None], stopping: str, abandoned: str = ""
+    note: Callable[[str], None], kept: str, abandons: str = "", abandoned: str = ""
 ) -> Iterator[Callable[[], bool]]:
     """Take an interruption as a request to stop, a second Ctrl-C as the end.
 
     Parameters
     ----------
     note : callable
-        Takes the two texts.
-    stopping, abandoned : str
-        What is said after the first interruption, and when a Ctrl-C follows it.
+        Takes what is said after the first interruption, and when a Ctrl-C follows it.
+    kept : str
+        What becomes of the work, for the first of these: "the repetitions that are done are kept".
+    abandons : str
+        What a Ctrl-C after it does, for the same: "abandons the design"; empty: nothing is said.
+    abandoned : str
+        What is said when a Ctrl-C follows; empty: nothing.
 
     Yields
     ------
@@ -60,7 +64,7 @@ def interruptible(
     def ask(number: int, frame: FrameType | None) -> None:
         if not stop.is_set():
             stop.set()
-            say(stopping)
+            say(_stopping(number, kept, abandons))
         elif number == signal.SIGINT:
             if abandoned:
                 say(abandoned)
@@ -68,6 +72,17 @@ def interruptible(
 
     with _handled(ask, wanted=(signal.SIGINT,)):
         yield stop.is_set
+
+
+def _stopping(number: int, kept: str, abandons: str) -> str:
+    """Return what is said after the first interruption: by its name, unless it is Ctrl-C."""
+    pressed = number == signal.SIGINT
+    stopping = "stopping" if pressed else f"stopping, as {signal.Signals(number).name} asks"
+    text = f"{stopping}: {kept}"
+    if abandons:
+        # Only Ctrl-C does, also after another signal; that it was not pressed before.
+        text += f"; Ctrl-C {'again ' if pressed else ''}{abandons}"
+    return f"{text} …"
 
 
 @contextmanager

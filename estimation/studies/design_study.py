@@ -80,7 +80,7 @@ class DesignStudy(Study):
             A design failed.
         TooFewEstimatesError
             Too many repetitions could not be estimated.
-        StudyInterruptedError
+        StoppedError
             A stop was requested.
         """
         robot = robot_from(configuration.robot)

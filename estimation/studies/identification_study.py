@@ -204,7 +204,7 @@ class IdentificationStudy(Study):
             The experiment does not determine every free parameter.
         TooFewEstimatesError
             Fewer than three experiments of a case could be estimated.
-        StudyInterruptedError
+        StoppedError
             A stop was requested.
         """
         build = partial(IdentificationBench, configuration, design)

@@ -22,14 +22,10 @@ from expdesign.configuration.sections.experiment import StudySection
 from expdesign.robot import Robot
 from expdesign.runfolder import RowTable
 from expdesign.runfolder.atomic import write_text
-from expdesign.workers import Job, Monitor, run_jobs
+from expdesign.workers import Job, Monitor, StoppedError, run_jobs
 
 _NOISELESS = 1e-6
 """Length noise of exact kinematics, as a share of the robot's: an estimate needs some."""
-
-
-class StudyInterruptedError(ComputationError):
-    """The study was stopped before everything that it compares was there."""
 
 
 class TooFewEstimatesError(ComputationError):
@@ -156,8 +152,8 @@ def results_of(
 
     Raises
     ------
-    StudyInterruptedError
-        A stop was requested.
+    StoppedError
+        A stop was requested: a study compares all that it names, or nothing.
     """
     done, total = progress
     count = 0
@@ -168,7 +164,7 @@ def results_of(
         monitor.advanced(done + count, total)
         yield result
     if count < len(jobs):
-        raise StudyInterruptedError(f"interrupted after {done + count} of {total} steps")
+        raise StoppedError(f"interrupted after {done + count} of {total} steps")
 
 
 def repeated(
@@ -178,7 +174,7 @@ def repeated(
 
     Raises
     ------
-    StudyInterruptedError
+    StoppedError
         A stop was requested.
     """
     count = study_section(configuration).repetitions

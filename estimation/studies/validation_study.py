@@ -75,7 +75,7 @@ class ValidationStudy(Study):
             The run cannot be simulated or estimated, or a motion cannot be made.
         TooFewEstimatesError
             No run can be estimated.
-        StudyInterruptedError
+        StoppedError
             A stop was requested.
         """
         build = partial(ValidationBench, configuration, design)

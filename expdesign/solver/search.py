@@ -22,7 +22,7 @@ from expdesign.solver.jobs import (
     random_job,
 )
 from expdesign.solver.start import Screening, StartResult
-from expdesign.workers import Job, Monitor, run_jobs
+from expdesign.workers import Job, Monitor, StoppedError, run_jobs
 
 HOPS_AT_ONCE = 4
 """Hops from the same motions before they are renewed: the result must not depend on the workers."""
@@ -58,7 +58,8 @@ class NoDesignError(ComputationError):
 def search(build: Build, plan: SearchPlan, monitor: Monitor) -> SearchResult:
     """Search for the best trajectory; a request to stop ends the search with the best so far.
 
-    `NoDesignError` tells that no start reached a motion that keeps the limits.
+    `NoDesignError` tells that no start reached a motion that keeps the limits, `StoppedError` that
+    the request came before one did.
     """
     began = time.perf_counter()
 
@@ -71,12 +72,14 @@ def search(build: Build, plan: SearchPlan, monitor: Monitor) -> SearchResult:
     results: list[StartResult] = list(run_jobs(build, jobs, plan.workers, clock))
     ranked = sorted(results, key=lambda result: (-result.merit, result.index))
     if not ranked or not np.isfinite(ranked[0].merit):
+        if monitor.stop_requested():
+            raise StoppedError("the search was stopped before any start had a result")
         states = "; ".join(sorted({result.status for result in ranked}))
         raise NoDesignError(
             f"none of {len(ranked)} starts reached a motion that keeps the limits and excites the "
             f"parameters ({states})"
             if ranked
-            else "the search was stopped before any start had a result",
+            else "design.max_seconds were over before any start had a result",
             ranked,
         )
     tried = _finish_best(build, ranked, plan, monitor)

@@ -9,21 +9,18 @@ from expdesign.configuration import quantity_text
 from expdesign.experiment import DesignRecord, DesignResult, design
 from expdesign.information.fisher import SingularInformationError
 from expdesign.interruption import interruptible
-from expdesign.stages.outcome import (
-    ABANDONED,
-    STOP_DESIGN,
-    Outcome,
-    StageFailed,
-    short,
-)
+from expdesign.stages.outcome import Outcome, StageFailed, short
 from expdesign.stages.workspace import Workspace
 from expdesign.workers import Monitor
+
+_KEPT = "if a start has a result by now, the best so far is finished and saved"
+_ABANDONED = "abandoned: nothing of this design is saved"
 
 
 def perform(work: Workspace) -> Outcome:
     """Design."""
     progress = work.progress
-    with interruptible(progress.note, STOP_DESIGN, ABANDONED) as stop:
+    with interruptible(progress.note, _KEPT, "abandons the design", _ABANDONED) as stop:
         outcome = _outcome(_design(work, stop), work)
     return replace(outcome, asked_to_stop=stop())
 

@@ -14,13 +14,6 @@ from expdesign.progress import Listener, tell
 if TYPE_CHECKING:
     from expdesign.solver.stage import SearchEvent
 
-STOP_DESIGN = (
-    "stopping: if a start has a result by now, the best so far is finished and saved; "
-    "Ctrl-C again abandons the design …"
-)
-ABANDONED = "abandoned: nothing of this design is saved"
-SAVING = "stopping: what was found is saved first; Ctrl-C again abandons what is not yet saved …"
-
 
 class Progress:
     """Takes what a run tells. This one ignores it: override what is to be shown."""

@@ -19,7 +19,7 @@ from expdesign.configuration import (
 from expdesign.interruption import interruptible
 from expdesign.progress import tell, told_to
 from expdesign.stages.folder import Place, refuse_removed, refuse_unwritable, run_folder
-from expdesign.stages.outcome import SAVING, Outcome, Progress, StageFailed, short
+from expdesign.stages.outcome import Outcome, Progress, StageFailed, short
 from expdesign.stages.record import (
     clear_leftovers,
     is_done,
@@ -30,11 +30,15 @@ from expdesign.stages.record import (
 from expdesign.stages.table import STAGES, left_out, loaded, named, stages_without_design
 from expdesign.stages.workspace import Workspace
 from expdesign.trajectory import FourierTrajectory, TrajectoryFile
+from expdesign.workers import StoppedError
 
 if TYPE_CHECKING:
     from estimation.data.measurement import Measurement
     from estimation.identification import EstimationResult
     from expdesign.experiment import DesignResult
+
+
+_SAVING = ("what was found is saved first", "abandons what is not yet saved")
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,12 +123,13 @@ def do_stage(name: str, work: Workspace) -> Outcome:
             tell("loading what it needs")
             outcome: Outcome = loaded(STAGES[name].perform)(work)
             # What took hours is not lost to a Ctrl-C in the seconds that saving it takes.
-            with interruptible(work.progress.note, SAVING) as asked:
+            with interruptible(work.progress.note, *_SAVING) as asked:
                 outcome = _saved(outcome, name, work, began)
     except ComputationError as error:
         if work.folder.is_dir():
-            failed = Outcome(name, work.folder, status="failed", message=error.message)
-            write_entry(work, failed, time.perf_counter() - began)
+            status = "interrupted" if isinstance(error, StoppedError) else "failed"
+            ended = Outcome(name, work.folder, status=status, message=error.message)
+            write_entry(work, ended, time.perf_counter() - began)
         raise StageFailed(error.message, error.details) from error
     for warning in outcome.warnings:
         work.progress.warn(warning)

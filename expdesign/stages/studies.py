@@ -16,7 +16,7 @@ from expdesign.stages.outcome import Outcome, StageFailed, short
 from expdesign.stages.record import clear_outdated
 from expdesign.stages.table import STAGES
 from expdesign.stages.workspace import Workspace
-from expdesign.workers import Monitor
+from expdesign.workers import Monitor, StoppedError
 
 _MOST_REASONS = 3
 
@@ -26,11 +26,12 @@ def montecarlo(work: Workspace) -> Outcome:
     configuration, folder = work.configuration, work.folder
     design = work.design()
     warnings = work.warn_of(design)
-    with _watched(work, "repetitions") as monitor:
+    kept = "the repetitions that are done are kept"
+    with _watched(work, "repetitions", kept) as monitor:
         study = run_montecarlo(configuration, design.trajectory, folder / JOURNAL, monitor)
     asked = monitor.stop_requested()
     if not study.repetitions:
-        raise StageFailed("interrupted before the first repetition was done")
+        raise StoppedError("interrupted before the first repetition was done")
     record = MonteCarloRecord.of(study)
     found = record.summary.estimators
     if not any(keys.estimates for keys in found.values()):
@@ -72,7 +73,8 @@ def study(work: Workspace) -> Outcome:
         design = work.design()
         work.warn_of(design)
         trajectory = design.trajectory
-    with _watched(work, "steps of the study") as monitor:
+    kept = "a study is kept as a whole only, and this one is not complete"
+    with _watched(work, "steps of the study", kept) as monitor:
         found = run_study(configuration, trajectory, monitor)
     clear_outdated("study", work)
     claims = found.record.summary.claims
@@ -86,9 +88,8 @@ def study(work: Workspace) -> Outcome:
 
 
 @contextmanager
-def _watched(work: Workspace, what: str) -> Iterator[Monitor]:
-    stopping = f"stopping: the {what} that are done are kept …"
-    with work.progress.count(what) as advanced, interruptible(work.progress.note, stopping) as stop:
+def _watched(work: Workspace, what: str, kept: str) -> Iterator[Monitor]:
+    with work.progress.count(what) as advanced, interruptible(work.progress.note, kept) as stop:
         yield Monitor(stop, advanced=advanced)
 
 

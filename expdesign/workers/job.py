@@ -10,6 +10,8 @@ from typing import Any
 
 from threadpoolctl import threadpool_limits
 
+from expdesign.configuration import ComputationError
+
 
 @dataclass(frozen=True)
 class Monitor:
@@ -24,6 +26,10 @@ class Monitor:
     """Takes one event, of whatever kind the jobs report."""
     advanced: Callable[[int, int], None] = lambda _done, _total: None
     """Takes how many repetitions are done, of all that are wanted."""
+
+
+class StoppedError(ComputationError):
+    """A stop was requested before there was anything that could be kept."""
 
 
 @dataclass(frozen=True)

@@ -68,6 +68,8 @@ def test_too_large(key, sections):
         ("trajectory", "samples", {"harmonics": 100}, design_samples(100).most),
         ("montecarlo", "repetitions", {}, REPETITIONS.most),
         ("experiment", "periods", {"sampling": 5000}, SAMPLES.most // 10_000),
+        # 1666.67 samples each: the quotient is rounded.
+        ("experiment", "periods", {"sampling": 5000 / 6}, SAMPLES.most * 6 // 10_000),
         ("study", "repetitions", {"kind": "design", "sets": 10}, STUDY_ESTIMATES.most // 60),
     ],
 )
@@ -84,6 +86,11 @@ def test_however_large_a_number_is_the_bound_that_holds_is_told(section, key, ot
         numbers = re.findall(r"\d+", refused(**run(value))[path].allowed)
         assert max(map(int, numbers)) < most
     assert load_run(ROBOT | run(most))
+
+
+def test_a_number_that_no_computer_counts_is_refused():
+    for value in (10**30, 10**5000):
+        assert "montecarlo.repetitions" in refused(montecarlo={"repetitions": value})
 
 
 @pytest.mark.parametrize("samples", [-1, 0, 5, 21])

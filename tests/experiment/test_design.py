@@ -12,6 +12,7 @@ from expdesign.experiment.design import design_task
 from expdesign.information.fisher import SingularInformationError
 from expdesign.solver.initial import InfeasibleLimitsError, random_start
 from expdesign.solver.search import NoDesignError
+from expdesign.workers import StoppedError
 from tests.experiment.off_the_grids import TOLERANCE, assert_limits_kept, worst_excess
 
 
@@ -353,7 +354,7 @@ def test_an_interrupted_search_keeps_the_best_so_far(tiny, cheap_finish):
 
 
 def test_a_search_that_is_stopped_before_it_began_has_no_design(tiny):
-    with pytest.raises(NoDesignError, match="stopped before any start"):
+    with pytest.raises(StoppedError, match="before any start"):
         expdesign.design(tiny(), StopsAt(0))
 
 

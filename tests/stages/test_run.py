@@ -151,15 +151,16 @@ def test_a_run_that_fails(run_of, tmp_path, monkeypatch):
 
 
 class Impatient(expdesign.Progress):
-    """Presses Ctrl-C when the first start of a search, or the second repetition, is done."""
+    """Presses Ctrl-C, or sends another signal, when the first start of a search, or the second
+    repetition, is done."""
 
-    def __init__(self):
-        self.pressed = False
+    def __init__(self, number=signal.SIGINT):
+        self.pressed, self.number = False, number
 
     def press(self):
         if not self.pressed:
             self.pressed = True
-            signal.raise_signal(signal.SIGINT)
+            signal.raise_signal(self.number)
 
     @contextmanager
     def search(self, configuration):
@@ -199,6 +200,17 @@ def test_ctrl_c_in_the_study_of_a_run_leaves_what_is_done_and_the_run_goes_on(ru
     assert [name for name, outcome in again.stages.items() if not outcome.kept] == ["montecarlo"]
     assert len(again.stages["montecarlo"].result.repetitions) == 4
     assert set(statuses(folder).values()) == {"done"}
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_what_is_interrupted_without_a_result_has_not_failed(run_of, tmp_path, number):
+    folder, study = tmp_path / "out", {"kind": "identification", "repetitions": 4}
+    with pytest.raises(expdesign.StageFailed, match="2 of 4"):
+        expdesign.run(run_of(study=study), out=folder, progress=Impatient(number))
+    found = statuses(folder)
+    assert found.pop("study") == "interrupted"
+    assert set(found.values()) == {"done"}
+    assert not (folder / "study.json").exists()
 
 
 def test_bad_input():

@@ -16,11 +16,12 @@ from estimation.studies.identification_study import (
     IdentificationStudy,
     bias_claim,
 )
-from estimation.studies.study import StudyInterruptedError, with_exact_lengths
+from estimation.studies.study import with_exact_lengths
 from estimation.studies.validation_runs import Prediction
 from estimation.studies.validation_study import ValidationStudy
 from estimation.twin import Twin
 from expdesign.configuration import InputError, load_run
+from expdesign.workers import StoppedError
 from tests.estimation.cases import ROBOT, STEP, trajectory
 
 MOTION = trajectory(harmonics=2, seed=2)
@@ -254,6 +255,6 @@ def test_a_test_that_was_refused_is_no_verdict():
 def test_a_study_that_is_stopped_says_how_far_it_was():
     stop = Stop(after=2)
     config = case({"kind": "identification", "repetitions": 5})
-    with pytest.raises(StudyInterruptedError, match="2 of 5"):
+    with pytest.raises(StoppedError, match="2 of 5"):
         IdentificationStudy.run(config, MOTION, stop)
     assert stop.seen == [(1, 5), (2, 5)]
