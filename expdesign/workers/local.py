@@ -153,7 +153,7 @@ class _Team:
             raise WorkerDiedError(
                 "a worker process died, perhaps for want of memory; fewer workers need less"
             )
-        kind, content, *more = answer
+        kind, content, *more = pickle.loads(answer)
         if kind == EVENT:
             self._monitor.report(content)
             return

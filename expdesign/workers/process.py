@@ -13,17 +13,16 @@ import sys
 import threading
 import time
 from collections.abc import Iterable, Iterator
-from io import FileIO
+from multiprocessing.connection import Pipe
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 from expdesign.interruption import ENDING
-from expdesign.workers.channel import receive, send
 from expdesign.workers.job import Job
 from expdesign.workers.served import IDLE_SECONDS, JOB, STOP
 
-Answer = tuple[Any, ...] | None
-"""As `expdesign.workers.served` sends it; None when the process has ended."""
+Answer = bytes | None
+"""As `expdesign.workers.served` sends it, pickled; None when the process has ended."""
 
 _THREADS = (
     "OMP_NUM_THREADS",
@@ -33,6 +32,8 @@ _THREADS = (
     "VECLIB_MAXIMUM_THREADS",
     "NUMEXPR_NUM_THREADS",
 )
+_ERRORS = 2
+"""Where standard output of a worker goes, too: what a library prints there."""
 _KEPT = 0.8 * IDLE_SECONDS
 """A worker that was idle for longer is about to end by itself, and gets no job."""
 
@@ -40,26 +41,25 @@ _KEPT = 0.8 * IDLE_SECONDS
 class WorkerProcess:
     """A process that does one job at a time.
 
-    It is a program of its own, with a pipe to it and one from it. No other process is needed, no
-    file and no name in the system: whatever ends this process closes the pipes, which ends it.
+    It is a program of its own, with a connection to it. No other process is needed, no file and no
+    name in the system: whatever ends this process closes the connection, which ends it.
     """
 
     def __init__(self) -> None:
         folders = os.pathsep.join(folder or str(Path.cwd()) for folder in sys.path)
-        with _signals_held():
+        self._connection, its = Pipe()
+        handle = its.fileno()
+        with its, _signals_held():
             self._process = subprocess.Popen(
                 [
                     *(sys.executable, "-P", "-c"),
-                    "from expdesign.workers.served import serve; serve()",
+                    f"from expdesign.workers.served import serve; serve({handle})",
                 ],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                bufsize=0,
+                stdin=subprocess.DEVNULL,
+                stdout=_ERRORS,
                 env={**os.environ, "PYTHONPATH": folders, **dict.fromkeys(_THREADS, "1")},
-                # Where there are such groups, Ctrl-C of the terminal is not for it.
-                creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),
+                pass_fds=[handle],
             )
-        self._requests = cast(FileIO, self._process.stdin)
         self._listener = threading.Thread(target=self._listen, daemon=True)
         self.answers: queue.Queue[tuple[WorkerProcess, Answer]] = queue.Queue()
         """Takes what it answers; whoever gives it a job sets it before."""
@@ -67,17 +67,13 @@ class WorkerProcess:
         self._listener.start()
 
     def _listen(self) -> None:
-        answer: Answer = ()
-        with cast(FileIO, self._process.stdout) as pipe:
-            while answer is not None:
-                try:
-                    answer = receive(pipe)
-                except EOFError:
-                    answer = None
-                except Exception as error:  # noqa: BLE001 - told to whoever waits
-                    error.add_note("A worker's answer cannot be read.")
-                    answer = ("error", error, "")
+        # One that was killed before it took all that was sent is an error.
+        with contextlib.suppress(EOFError, OSError):
+            while True:
+                answer = self._connection.recv_bytes()
+                # Not before it is there: where answers go changes while there are none.
                 self.answers.put((self, answer))
+        self.answers.put((self, None))
 
     def begin(self, recipe: bytes, job: Job, *, stopping: bool) -> None:
         """Give it a job, and tell whether a stop has been requested."""
@@ -90,7 +86,7 @@ class WorkerProcess:
     def _tell(self, message: tuple[Any, ...]) -> None:
         # One that has ended is noticed by its answer.
         with contextlib.suppress(OSError):
-            send(self._requests, message)
+            self._connection.send(message)
 
     @property
     def is_fit(self) -> bool:
@@ -102,8 +98,7 @@ class WorkerProcess:
         self._process.kill()
         self._process.wait()
         self._listener.join()
-        with contextlib.suppress(OSError):
-            self._requests.close()
+        self._connection.close()
 
 
 _idle: list[WorkerProcess] = []
@@ -161,12 +156,9 @@ if hasattr(os, "register_at_fork"):
 def _signals_held() -> Iterator[None]:
     """Hold the signals that end a run while a worker starts.
 
-    A terminal sends them to every process. A worker inherits that they are held, until it ignores
-    them. In this process they arrive afterwards.
+    A terminal sends them to every process. A worker inherits that they are held, for all its life.
+    In this process they arrive afterwards.
     """
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
     before = signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)
     try:
         yield

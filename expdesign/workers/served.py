@@ -5,14 +5,11 @@ from __future__ import annotations
 import os
 import pickle
 import queue
-import signal
 import threading
 import traceback
-from io import FileIO
+from multiprocessing.connection import Connection
 from typing import Any
 
-from expdesign.interruption import ENDING
-from expdesign.workers.channel import receive, send
 from expdesign.workers.job import Job, Monitor
 
 IDLE_SECONDS = 300.0
@@ -25,43 +22,36 @@ EVENT, RESULT, ERROR = "event", "result", "error"
 ``(ERROR, exception, traceback)``."""
 
 
-def serve() -> None:
-    """Be a worker: take jobs from standard input, send events and results to standard output.
+def serve(handle: int) -> None:
+    """Be a worker: take jobs from a connection, send events and results there.
 
-    The pipe from the run is also what the worker lives by. However the run ends, the system closes
-    it, and the worker ends at once. Signals that end a run are the run's own business: a terminal
-    sends them to its workers, too.
+    The connection is also what the worker lives by. However the run ends, the system closes it, and
+    the worker ends at once. Signals that end a run are the run's own business: a terminal sends
+    them to its workers, too. They are held when this process begins, and stay so.
     """
-    _ignore_signals()
-    requests, answers = FileIO(os.dup(0), "rb"), FileIO(os.dup(1), "wb")
-    nothing = os.open(os.devnull, os.O_RDONLY)
-    os.dup2(nothing, 0)
-    os.close(nothing)
-    os.dup2(2, 1)  # what a library prints is no message
+    os.set_inheritable(handle, False)
+    run = Connection(handle)
     jobs: queue.Queue[tuple[bytes, bytes]] = queue.Queue()
     stop = threading.Event()
-    threading.Thread(target=_listen, args=(requests, jobs, stop), daemon=True).start()
+    threading.Thread(target=_listen, args=(run, jobs, stop), daemon=True).start()
 
     def report(event: Any) -> None:
-        send(answers, (EVENT, event))
+        run.send((EVENT, event))
 
     monitor = Monitor(stop.is_set, report)
     while True:
         try:
-            recipe, packed = jobs.get(timeout=IDLE_SECONDS)
-            send(answers, _answer(recipe, packed, monitor))
+            run.send_bytes(_answer(*jobs.get(timeout=IDLE_SECONDS), monitor))
         except (queue.Empty, OSError):
             # Nothing to do, or nobody to do it for. Nothing here has to be put in order.
             os._exit(0)
 
 
-def _listen(
-    requests: FileIO, jobs: queue.Queue[tuple[bytes, bytes]], stop: threading.Event
-) -> None:
+def _listen(run: Connection, jobs: queue.Queue[tuple[bytes, bytes]], stop: threading.Event) -> None:
     """Take what the run sends; end the process when the run has ended."""
     try:
         while True:
-            kind, *content = receive(requests)
+            kind, *content = run.recv()
             if kind == STOP:
                 stop.set()
                 continue
@@ -72,34 +62,17 @@ def _listen(
         os._exit(0)
 
 
-def _answer(recipe: bytes, packed: bytes, monitor: Monitor) -> tuple[Any, ...]:
-    """Do a job; return its result, or what went wrong in a form that arrives."""
+def _answer(recipe: bytes, packed: bytes, monitor: Monitor) -> bytes:
+    """Do a job; return its result, or what went wrong in a form that arrives, pickled."""
     try:
         job: Job = pickle.loads(packed)
-        answer = (RESULT, job.run(recipe, monitor))
-        pickle.dumps(answer)
-    except OSError as error:
-        if isinstance(error, BrokenPipeError):
-            raise  # an event that nobody takes
-        return _failure(error)
+        return pickle.dumps((RESULT, job.run(recipe, monitor)))
     except Exception as error:  # noqa: BLE001 - raised where the result is waited for
-        return _failure(error)
-    return answer
-
-
-def _failure(error: Exception) -> tuple[Any, ...]:
-    text = traceback.format_exc()
-    try:
-        # Some exceptions can be pickled and not be made again.
-        pickle.loads(pickle.dumps(error))
-    except Exception:  # noqa: BLE001 - whatever it is, there is something to tell
-        return ERROR, RuntimeError(f"{type(error).__name__}: {error}"), text
-    return ERROR, error, text
-
-
-def _ignore_signals() -> None:
-    for number in ENDING:
-        signal.signal(number, signal.SIG_IGN)
-    if hasattr(signal, "pthread_sigmask"):
-        # They were held while this process was started: none can have ended it until now.
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, ENDING)
+        text = traceback.format_exc()
+        try:
+            # Some exceptions can be pickled and not be made again.
+            pickle.loads(answer := pickle.dumps((ERROR, error, text)))
+        except Exception:  # noqa: BLE001 - whatever it is, there is something to tell
+            said = RuntimeError(f"{type(error).__name__}: {error}")
+            return pickle.dumps((ERROR, said, text))
+        return answer
