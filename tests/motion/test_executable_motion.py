@@ -1,6 +1,7 @@
 """The motion from rest to rest, held against the robot's own public functions."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -214,6 +215,34 @@ def test_where_the_optimisation_is_lost_a_guess_within_the_limits_is_taken(
     whole = executable_motion(configuration("linuxcnc", 5), calm)
     assert check_motion(configuration("linuxcnc", 5), whole).passed
     whole.steps(STEP)
+
+
+def test_a_limit_without_enclosure_is_kept_by_the_ways_and_not_certified():
+    """One that is computed by numbers, in a way of its own, and that binds: they are slower."""
+    run = {"name": "own", "robot": "palida", "experiment": {"periods": 1}}
+    run["trajectory"] = {"harmonics": 1, "samples": 24, "controller_period": 0.01}
+    known = load_run(run)
+    few = {key: known.robot.limits[key] for key in ("strut_length", "strut_speed")}
+    speed, most = few["strut_speed"], 0.03
+    own = replace(
+        speed.definition,
+        smooth=speed.definition.natural,
+        numerical=lambda values: np.sort(values, axis=1),
+    )
+    slow = replace(speed, lower=np.full(6, -most), upper=np.full(6, most), definition=own)
+    configuration = replace(known, robot=replace(known.robot, limits={**few, "strut_speed": slow}))
+    pose = known.robot.home - np.array([0, 0, 0.05, 0, 0, 0])
+    mu = np.zeros((6, 1))
+    mu[0] = 0.02
+    orbit = FourierTrajectory(np.pi, pose, mu, np.zeros((6, 1)))
+    whole = executable_motion(configuration, orbit)
+    check = check_motion(configuration, whole)
+    assert check.passed
+    sampled = [item.key for item in check.limits if not item.certified]
+    assert sampled == ["strut_speed"]
+    samples = whole.sample(np.linspace(0.0, whole.duration, 20_001))
+    speeds = np.abs(robot_from(known.robot).strut_motion(*_parts(samples)).length_rate)
+    assert 0.8 * most < np.max(speeds) <= most * (1 + 2e-6)
 
 
 # --- what is refused ------------------------------------------------------------------------------
