@@ -12,6 +12,7 @@ from pydantic_core import ErrorDetails
 
 from expdesign.configuration.document import Document
 from expdesign.configuration.problem import MOST_TOLD, Key, Problem, nearest, shown, untold
+from expdesign.configuration.wrong_value import wrong_value
 from expdesign.configuration.yaml_file import FileKind
 
 
@@ -99,7 +100,7 @@ def _problem(
         meant = context["nearest"]
         meant = meant() if callable(meant) else meant
         return document.problem(key, context["reason"], context["allowed"], meant or None)
-    return document.problem(key, f"{shown(details['input'])}: {details['msg']}")
+    return document.problem(key, *wrong_value(details))
 
 
 def unstated(section: BaseModel) -> dict[str, Any]:

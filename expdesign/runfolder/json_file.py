@@ -9,11 +9,12 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Self
 
 from pydantic import ConfigDict, ValidationError
-from pydantic_core import ErrorDetails, PydanticCustomError
+from pydantic_core import PydanticCustomError
 
-from expdesign.configuration import InputError, Problem, shown
-from expdesign.configuration.problem import MOST_TOLD, format_number, key_path, untold
+from expdesign.configuration import InputError, Problem
+from expdesign.configuration.problem import MOST_TOLD, Key, format_number, key_path, untold
 from expdesign.configuration.text_file import read_text
+from expdesign.configuration.wrong_value import wrong_value
 from expdesign.runfolder.atomic import write_json
 from expdesign.runfolder.described import checker, described
 
@@ -99,12 +100,11 @@ class JsonFile:
             raise MissingFileError(path, cls.WRITTEN_BY)
         data = read_mapping(path, f"what is written by {cls.WRITTEN_BY}")
         written = known_format(path, data.get(FORMAT, 0), cls.FORMAT)
+        data = cls.upgraded(data, written) if written < cls.FORMAT else data
         try:
-            return checker(cls).validate_python(
-                cls.upgraded(data, written) if written < cls.FORMAT else data
-            )
+            return checker(cls).validate_python(data)
         except ValidationError as error:
-            raise InputError(_problems(path, error)) from error
+            raise InputError(_problems(path, data, error)) from error
 
     @classmethod
     def known(cls, place: Path) -> Self | None:
@@ -181,15 +181,29 @@ def known_format(path: Path, found: object, newest: int) -> int:
         raise InputError(error.message(), path, key=FORMAT, allowed=allowed) from None
 
 
-def _problems(path: Path, error: ValidationError) -> Iterator[Problem]:
-    found = error.errors(include_url=False)
-    for details in found[:MOST_TOLD]:
+def _problems(path: Path, data: object, error: ValidationError) -> Iterator[Problem]:
+    every, found = error.errors(include_url=False), dict[Key, Problem]()
+    for details in every[:MOST_TOLD]:
         missing = details["type"] == "missing"
-        message = "the key is missing" if missing else wrong_value(details)
-        yield Problem(message, path, key=key_path(details["loc"]))
-    yield from untold(len(found) - MOST_TOLD)
+        key = _key_in(data, details["loc"][:-1] if missing else details["loc"])
+        key += details["loc"][-1:] if missing else ()
+        message, allowed = ("the key is missing", None) if missing else wrong_value(details)
+        # Of the alternatives that one value may be, the last is the widest.
+        found[key] = Problem(message, path, key=key_path(key), allowed=allowed)
+    yield from found.values()
+    yield from untold(len(every) - MOST_TOLD)
 
 
-def wrong_value(details: ErrorDetails) -> str:
-    """Return in words what pydantic found wrong with a value."""
-    return f"{shown(details['input'])}: {details['msg'].removeprefix('Value error, ')}"
+def _key_in(data: object, location: Key) -> Key:
+    """Return a location of pydantic without its names of alternatives, which no file has."""
+    key: Key = ()
+    for step in location:
+        match data, step:
+            case dict(), str() if step in data:
+                data = data[step]
+            case list(), int() if step < len(data):
+                data = data[step]
+            case _:
+                continue
+        key = (*key, step)
+    return key

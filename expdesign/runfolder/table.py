@@ -13,6 +13,7 @@ from pydantic import ValidationError
 
 from constraints.arrays import Array
 from expdesign.configuration import InputError, shown
+from expdesign.configuration.wrong_value import wrong_value
 from expdesign.runfolder.atomic import write_csv, write_json
 from expdesign.runfolder.described import Column, checker, field_columns
 from expdesign.runfolder.json_file import (
@@ -20,7 +21,6 @@ from expdesign.runfolder.json_file import (
     MissingFileError,
     known_format,
     read_mapping,
-    wrong_value,
 )
 
 COLUMNS_FILE = "columns.json"
@@ -169,11 +169,10 @@ class RowTable(Table[Iterable[Row], tuple[Row, ...]], Generic[Row]):
             details = error.errors(include_url=False)[0]
             number, *place = details["loc"]
             column = names[attributes.index(str(place[0]))] if place else ""
+            message, allowed = wrong_value(details)
+            line = int(number) + _FIRST_LINE
             raise InputError(
-                wrong_value(details),
-                folder / self.file,
-                int(number) + _FIRST_LINE,
-                f"column {column}",
+                message, folder / self.file, line, f"column {column}", allowed
             ) from error
 
 

@@ -209,3 +209,27 @@ def test_a_field_without_a_description_is_a_fault_of_ours(tmp_path):
 
     with pytest.raises(TypeError, match="number"):
         RowTable("bare.csv", "", Bare).write(tmp_path, [Bare(1.0)])
+
+
+@dataclass(frozen=True, eq=False)
+class Chosen(JsonFile):
+    FILE: ClassVar[str] = "chosen.json"
+    WRITTEN_BY: ClassVar[str] = "`expdesign try`"
+    count: Annotated[int | float, described("1", "whole, or not")]
+    parts: Annotated[tuple[Part | float, ...], described("", "parts, or their lengths")]
+
+
+@pytest.mark.parametrize(
+    ("changes", "keys"),
+    [
+        ({"count": "many"}, ["count"]),
+        ({"parts": [1.0, "short"]}, ["parts[2]"]),
+        ({"count": [], "parts": {}}, ["count", "parts"]),
+    ],
+)
+def test_a_value_of_several_kinds_is_told_once_and_under_its_own_key(changes, keys, tmp_path):
+    data = {"format": 1, "count": 1, "parts": [1.0]} | changes
+    (tmp_path / Chosen.FILE).write_text(json.dumps(data), encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        Chosen.read(tmp_path)
+    assert [problem.key for problem in caught.value.problems] == keys

@@ -1,4 +1,5 @@
 import json
+import re
 
 import numpy as np
 import pytest
@@ -106,6 +107,30 @@ def test_bad_values_are_named(case, file):
     for problem in caught.value.problems:
         assert problem.file == file
         assert problem.message
+        assert not re.search("[Ii]nput|should|valid", problem.message), "words of a library"
+
+
+@pytest.mark.parametrize(
+    ("changes", "found", "allowed"),
+    [
+        ({"omega": "fast"}, "'fast'", "number"),
+        ({"omega": -1}, "-1", "above 0"),
+        ({"omega": float("inf")}, "inf", "finite"),
+        ({"harmonics": 0}, "0", "at least 1"),
+        ({"harmonics": 2.5}, "2.5", "whole number"),
+        ({"harmonics": 2.0}, "2.0", "without point"),
+        ({"robot": 3}, "3", "text"),
+        ({"mu": {"1": []}}, "a mapping", "list"),
+        ({"lambda0": [0.0] * 5}, "5 entries", "6"),
+    ],
+)
+def test_a_wrong_value_is_told_with_what_is_allowed(changes, found, allowed, file):
+    file.write_text(json.dumps(record(**changes)), encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        TrajectoryFile.read(file)
+    (problem,) = caught.value.problems
+    assert found in problem.message
+    assert allowed in str(problem)
 
 
 @pytest.mark.parametrize("place", ["", "nowhere", "design.json"])
