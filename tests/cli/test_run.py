@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -16,9 +17,15 @@ QUICK = {"starts": 1, "max_iterations": 4}
 
 
 @pytest.fixture
-def run_file(tiny, tmp_path):
+def quick(tiny, few_limits):
+    """Return a maker of runs that take a second or two."""
+    return partial(tiny, robot=few_limits, design=QUICK)
+
+
+@pytest.fixture
+def run_file(quick, tmp_path):
     path = tmp_path / "input.yaml"
-    path.write_text(json.dumps(tiny(design=QUICK)), encoding="utf-8")
+    path.write_text(json.dumps(quick()), encoding="utf-8")
     return path
 
 
@@ -37,7 +44,7 @@ def coefficients(folder):
 
 
 def test_a_run_is_resumed_and_repeated_from_its_folder(
-    expdesign, run_file, tiny, tmp_path, cheap_finish
+    expdesign, run_file, quick, tmp_path, cheap_finish
 ):
     folder = tmp_path / "first"
     status, out, messages = expdesign("run", run_file, "--out", folder)
@@ -90,7 +97,7 @@ def test_a_run_is_resumed_and_repeated_from_its_folder(
     # Another disturbance is another experiment with the same design.
     other = run_file.with_name("other.yaml")
     disturbed = {"drift": "1 mm", "seed": 5}
-    other.write_text(json.dumps(tiny(design=QUICK, experiment=disturbed)), encoding="utf-8")
+    other.write_text(json.dumps(quick(experiment=disturbed)), encoding="utf-8")
     _, out, _ = expdesign("run", other, "--out", folder, "--json")
     stages = json.loads(out)["stages"]
     assert stages["design"] == {"resumed": True}
@@ -108,14 +115,14 @@ def test_a_run_is_resumed_and_repeated_from_its_folder(
 
 
 def test_the_configuration_follows_though_all_is_kept(
-    expdesign, run_file, tiny, tmp_path, cheap_finish
+    expdesign, run_file, quick, tmp_path, cheap_finish
 ):
     folder = tmp_path / "out"
     assert expdesign("run", run_file, "--out", folder)[0] == 0
     manifest = (folder / "manifest.json").read_bytes()
     # What no stage of the run is made from is no reason to do one again.
     described = run_file.with_name("described.yaml")
-    described.write_text(json.dumps(tiny(design=QUICK, description="Again")), encoding="utf-8")
+    described.write_text(json.dumps(quick(description="Again")), encoding="utf-8")
     status, out, _ = expdesign("run", described, "--out", folder, "--json")
     assert (status, json.loads(out)["resumed"]) == (0, True)
     assert load_run(folder / "run.yaml").run.description == "Again"

@@ -45,8 +45,9 @@ def entered(monkeypatch):
 
 
 @pytest.mark.slow
-def test_the_way_of_a_run(entered, tiny, tmp_path, cheap_finish):
-    file, run = tmp_path / "run.yaml", tiny(design={"max_iterations": 4}, report={})
+def test_the_way_of_a_run(entered, tiny, few_limits, tmp_path, cheap_finish):
+    file = tmp_path / "run.yaml"
+    run = tiny(robot=few_limits, design={"max_iterations": 4}, report={})
     del run["experiment"]
     file.write_text(json.dumps(run), encoding="utf-8")
     with blank_figures():

@@ -15,9 +15,10 @@ RHO = 0.9
 
 
 @pytest.fixture(scope="module")
-def coloured(tiny):
+def coloured(tiny, few_limits, cheaper):
     noise = {"force_spectrum": {"ar": RHO, "hum": {"frequency": 20.0, "amplitude": 0}}}
-    return expdesign.design(tiny(noise=noise, design={"max_iterations": 3}))
+    with cheaper():
+        return expdesign.design(tiny(robot=few_limits, noise=noise, design={"max_iterations": 3}))
 
 
 def test_predicted_std_is_that_of_filtered_samples(coloured):
