@@ -78,8 +78,10 @@ def design(config: ConfigurationLike, monitor: Monitor | None = None) -> DesignR
     tell("building the problem")
     task = design_task(configuration)
     _refuse_unexcitable(task)
-    task.problem.compile()
     workers = min(task.plan.workers, task.plan.starts)
+    if workers > 1:
+        # One process alone does so as soon as it is worth it, and in a small search it never is.
+        task.problem.compile()
     tell("the first start" if workers == 1 else f"starting {workers} processes")
     try:
         found = search(partial(design_task, configuration), task.plan, watch)
