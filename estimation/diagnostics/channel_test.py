@@ -14,7 +14,7 @@ from pydantic import BeforeValidator, Field, PlainSerializer, model_serializer
 
 from constraints.arrays import Array
 from expdesign.mechanism.hexapod import ACTUATORS
-from expdesign.runfolder import OpenNumbers, described
+from expdesign.runfolder import OpenNumbers, described, sized
 
 LACK_OF_FIT = 0.01
 """Over the six actuators."""
@@ -45,6 +45,10 @@ Strut = Annotated[
 """Index of a strut: from 0 in memory, from 1 in a file; None: all of them."""
 
 
+OfEach = Annotated[OpenNumbers, sized(ACTUATORS)]
+"""A number of each channel, of which some may be missing."""
+
+
 def no_numbers() -> Array:
     """Return what stands in place of six numbers that are not known."""
     return np.full(ACTUATORS, np.nan)
@@ -59,7 +63,7 @@ class ChannelTest:
     """
 
     refused: Annotated[str, described("", "why there is no test; empty when there is one")] = ""
-    p_values: Annotated[OpenNumbers, Field(alias="p"), described("1", "of each channel")] = field(
+    p_values: Annotated[OfEach, Field(alias="p"), described("1", "of each channel")] = field(
         default_factory=no_numbers
     )
     level: Annotated[

@@ -21,11 +21,11 @@ from pydantic import Field
 from scipy import stats
 
 from constraints.arrays import Array
-from estimation.diagnostics.channel_test import LACK_OF_FIT, ChannelTest, no_numbers
+from estimation.diagnostics.channel_test import LACK_OF_FIT, ChannelTest, OfEach, no_numbers
 from estimation.diagnostics.linearisation import Linearisation
 from estimation.diagnostics.residual_law import ResidualLaw
 from estimation.diagnostics.tails import ratio_tail
-from expdesign.runfolder import OpenNumber, OpenNumbers, described
+from expdesign.runfolder import OpenNumber, described
 
 
 @dataclass(frozen=True)
@@ -97,27 +97,29 @@ class LackOfFit(ChannelTest):
 
     samples: Annotated[int, described("1", "N, phases per period")] = 0
     fitted_freedom: Annotated[
-        OpenNumbers, described("1", "ν_j; zero for held-out data without tolerances")
+        OfEach, described("1", "ν_j; zero for held-out data without tolerances")
     ] = field(default_factory=no_numbers)
     added_variance: Annotated[
-        OpenNumbers,
+        OfEach,
         described(
             "1",
             "variance expected besides the noise, relative to it: of unknown friction signs, and "
             "for held-out data of the parameters and the motion",
         ),
     ] = field(default_factory=no_numbers)
-    mean_square: Annotated[OpenNumbers, Field(alias="ms_lof"), described("N^2", "MS_lof")] = field(
+    mean_square: Annotated[OfEach, Field(alias="ms_lof"), described("N^2", "MS_lof")] = field(
         default_factory=no_numbers
     )
-    pure_error: Annotated[OpenNumbers, Field(alias="ms_pe"), described("N^2", "MS_pe")] = field(
+    pure_error: Annotated[OfEach, Field(alias="ms_pe"), described("N^2", "MS_pe")] = field(
         default_factory=no_numbers
     )
     statistic: Annotated[
-        OpenNumbers, Field(alias="f"), described("1", "F_j = MS_lof / (MS_pe (1 + added variance))")
+        OfEach,
+        Field(alias="f"),
+        described("1", "F_j = MS_lof / (MS_pe (1 + added variance))"),
     ] = field(default_factory=no_numbers)
     statistic_freedom: Annotated[
-        OpenNumbers,
+        OfEach,
         Field(alias="degrees_of_freedom"),
         described("1", "of F's numerator, effective: (tr B)² / tr B², B = Cov(e_j) / σ_j²"),
     ] = field(default_factory=no_numbers)

@@ -22,14 +22,17 @@ from estimation.diagnostics.noise_tests import (
 )
 from estimation.processing import NoiseModel
 from estimation.processing.noise import NoiseEstimate
+from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.runfolder import (
     ArrayTable,
     Column,
+    Covariance,
     FolderRecord,
     JsonFile,
     Numbers,
     RowTable,
     described,
+    sized,
     strutwise,
 )
 from expdesign.runfolder.atomic import write_text
@@ -48,8 +51,8 @@ class NoiseKeys:
     """Size of the noise: Σ and Δ of one sample."""
 
     source: Annotated[str, described("", "estimated, given or residuals")]
-    force_covariance: Annotated[Numbers, described("N^2", "Σ, 6 × 6")]
-    length_covariance: Annotated[Numbers, described("m^2", "Δ, 6 × 6")]
+    force_covariance: Annotated[Covariance, described("N^2", "Σ, 6 × 6")]
+    length_covariance: Annotated[Covariance, described("m^2", "Δ, 6 × 6")]
     force_freedom: Annotated[Freedom, described("1", "degrees of freedom of Σ; null when given")]
     length_freedom: Annotated[Freedom, described("1", "degrees of freedom of Δ; null when given")]
 
@@ -188,7 +191,7 @@ class HumKeys:
 
     quantity: Annotated[str, described("", "force or length")]
     frequency: Annotated[float, described("Hz", "of the sinusoid")]
-    amplitude: Annotated[Numbers, described("N or m", "in every actuator")]
+    amplitude: Annotated[Numbers, sized(ACTUATORS), described("N or m", "in every actuator")]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -207,8 +210,12 @@ class NoiseFile(NoiseKeys, JsonFile):
     at_rest: Annotated[
         bool, described("", "the machine did not move: the periods are parts of the recording")
     ] = False
-    force_std: Annotated[Numbers, described("N", "standard deviation of each force")]
-    length_std: Annotated[Numbers, described("m", "standard deviation of each length")]
+    force_std: Annotated[
+        Numbers, sized(ACTUATORS), described("N", "standard deviation of each force")
+    ]
+    length_std: Annotated[
+        Numbers, sized(ACTUATORS), described("m", "standard deviation of each length")
+    ]
     whiteness: Annotated[Whitenesses, described("", "autocorrelation")]
     normality: Annotated[Normalities, described("", "distribution")]
     drift: Annotated[Drifts, described("", "change from period to period")]
@@ -228,10 +235,10 @@ class NoiseRecord(NoisePictures):
         "histogram": ArrayTable("tables/noise_histogram.csv", NoiseFile.WRITTEN_BY, Histogram),
         "quantiles": ArrayTable("tables/noise_quantiles.csv", NoiseFile.WRITTEN_BY, Quantiles),
         "force_density": ArrayTable(
-            "tables/force_spectrum.csv", NoiseFile.WRITTEN_BY, NoiseDensity
+            "tables/force_spectrum.csv", NoiseFile.WRITTEN_BY, NoiseDensity, some=False
         ),
         "length_density": ArrayTable(
-            "tables/length_spectrum.csv", NoiseFile.WRITTEN_BY, NoiseDensity
+            "tables/length_spectrum.csv", NoiseFile.WRITTEN_BY, NoiseDensity, some=False
         ),
     }
     summary: NoiseFile

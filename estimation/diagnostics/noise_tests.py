@@ -15,18 +15,18 @@ from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BeforeValidator, Field
+from pydantic import Field
 from scipy import stats
 
 from constraints.arrays import Array
-from estimation.diagnostics.channel_test import NOISE, ChannelTest, below_level, no_numbers
+from estimation.diagnostics.channel_test import NOISE, ChannelTest, OfEach, below_level, no_numbers
 from estimation.diagnostics.comparable_periods import why_not_compared
 from estimation.measurement_model.normal_equations import Filter
 from estimation.processing import NoiseModel, Record
 from estimation.processing.noise import NORMAL_MEDIAN
 from estimation.processing.noise_lines import contrasts
 from expdesign.mechanism.hexapod import ACTUATORS
-from expdesign.runfolder import OpenNumber, OpenNumbers, described
+from expdesign.runfolder import OpenNumber, OpenNumbers, WholeNumbers, described, sized
 
 _LAGS = 20
 _NOTICEABLE = 0.05
@@ -43,11 +43,11 @@ class Whiteness(ChannelTest):
 
     lags: Annotated[int, described("1", "autocorrelations 1 … lags are tested")]
     autocorrelation: Annotated[
-        OpenNumbers, described("1", "6 × lags, less what the fit takes away from white noise")
+        OpenNumbers,
+        sized(ACTUATORS, None),
+        described("1", "6 × lags, less what the fit takes away"),
     ]
-    statistic: Annotated[
-        OpenNumbers, described("1", "largest autocorrelation in standard deviations")
-    ]
+    statistic: Annotated[OfEach, described("1", "largest autocorrelation in standard deviations")]
 
     @property
     def failed(self) -> NDArray[np.bool_]:
@@ -100,23 +100,23 @@ class Normality(ChannelTest):
     An outlier is in the contrasts of its own and of all later periods: instants count it once.
     """
 
-    std: Annotated[OpenNumbers, described("SI", "standard deviation")]
-    skewness: Annotated[OpenNumbers, described("1", "0 for normal noise")]
+    std: Annotated[OfEach, described("SI", "standard deviation")]
+    skewness: Annotated[OfEach, described("1", "0 for normal noise")]
     kurtosis: Annotated[
-        OpenNumbers, Field(alias="excess_kurtosis"), described("1", "in excess of the normal one")
+        OfEach, Field(alias="excess_kurtosis"), described("1", "in excess of the normal one")
     ]
-    statistic: Annotated[OpenNumbers, described("1", "D'Agostino and Pearson's K²")]
+    statistic: Annotated[OfEach, described("1", "D'Agostino and Pearson's K²")]
     outliers: Annotated[
-        NDArray[np.int64],
-        BeforeValidator(np.array),
+        WholeNumbers,
+        sized(ACTUATORS),
         described("1", "instants with a sample further away than 4.5 robust standard deviations"),
     ]
     outliers_expected: Annotated[float, described("1", "of normal noise, in each channel")]
     outlier_p_values: Annotated[
-        OpenNumbers, Field(alias="outlier_p"), described("1", "of as many outliers")
+        OfEach, Field(alias="outlier_p"), described("1", "of as many outliers")
     ]
     samples: Annotated[int, described("1", "number of samples of each channel")]
-    mean: Annotated[OpenNumbers, described("SI", "mean")] = field(default_factory=no_numbers)
+    mean: Annotated[OfEach, described("SI", "mean")] = field(default_factory=no_numbers)
 
     @property
     def failed(self) -> NDArray[np.bool_]:
@@ -161,17 +161,18 @@ class Drift(ChannelTest):
 
     means: Annotated[
         OpenNumbers,
+        sized(None, ACTUATORS),
         Field(alias="period_means"),
         described("SI", "periods × 6: mean of every period, less the mean of all"),
     ] = field(default_factory=lambda: np.zeros((0, ACTUATORS)))
-    std_error: Annotated[OpenNumbers, described("SI", "of each of these means")] = field(
+    std_error: Annotated[OfEach, described("SI", "of each of these means")] = field(
         default_factory=no_numbers
     )
     slope: Annotated[
-        OpenNumbers, Field(alias="slope_per_period"), described("SI", "trend per period")
+        OfEach, Field(alias="slope_per_period"), described("SI", "trend per period")
     ] = field(default_factory=no_numbers)
-    statistic: Annotated[OpenNumbers, Field(alias="f"), described("1", "F of each channel")] = (
-        field(default_factory=no_numbers)
+    statistic: Annotated[OfEach, Field(alias="f"), described("1", "F of each channel")] = field(
+        default_factory=no_numbers
     )
 
     @property

@@ -12,7 +12,8 @@ from scipy import stats
 from constraints.arrays import Array
 from estimation.diagnostics.linearisation import Linearisation
 from estimation.estimators.experiment import Experiment
-from expdesign.runfolder import Column, Numbers, described, strutwise
+from expdesign.mechanism.hexapod import ACTUATORS
+from expdesign.runfolder import Column, Numbers, described, sized, strutwise
 
 _MOST_BINS, _FEWEST_BINS = 60, 12
 _PER_BIN = 24
@@ -48,9 +49,11 @@ class VarianceComparison:
     """The paper's comparison, over all single samples of each actuator."""
 
     model_error: Annotated[
-        Numbers, described("N^2", "mean square of measured minus predicted force")
+        Numbers, sized(ACTUATORS), described("N^2", "mean square of measured minus predicted force")
     ]
-    measurement_error: Annotated[Numbers, described("N^2", "variance of the noise of one sample")]
+    measurement_error: Annotated[
+        Numbers, sized(ACTUATORS), described("N^2", "variance of the noise of one sample")
+    ]
     note: Annotated[str, described("", "how it is to be read")] = (
         "information as in the paper, not a test: a residual contains the noise"
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Annotated, ClassVar, Self
 
@@ -13,8 +14,16 @@ from estimation.estimators import ParameterEstimate, covariance_ml_less_gm
 from estimation.identification.budget_record import SystematicKeys
 from estimation.identification.result import EstimationResult, RecordSummary
 from estimation.uncertainty.intervals import Combination
+from expdesign.configuration import Problem
 from expdesign.robot.deviation import tolerated
 from expdesign.runfolder import Numbers, OpenNumbers, RunFile, copied, described
+from expdesign.runfolder.contradiction import (
+    no_covariance,
+    other_count,
+    other_names,
+    other_shape,
+    unknown_names,
+)
 from expdesign.trajectory import FourierKeys
 
 
@@ -181,6 +190,41 @@ class EstimateFile(RunFile):
     ]
     seconds: Annotated[float, described("s", "how long it took")]
     warnings: Annotated[tuple[str, ...], described("", "in words")]
+
+    def contradictions(self) -> Iterator[Problem]:
+        """Yield what is not of these parameters, estimators and recordings."""
+        names = self.parameters
+        count, of = len(names), "parameters"
+        square = (count, count)
+        yield from unknown_names("best", [self.best], self.estimators, "estimators")
+        yield from unknown_names("fixed", self.fixed, names, of)
+        yield from no_covariance("cramer_rao_covariance", self.cramer_rao_covariance, count, of)
+        key, difference = "covariance_ml_less_gm", self.covariance_ml_less_gm
+        yield from other_shape(key, difference, square, of)
+        for name, found in self.estimators.items():
+            place = f"estimators.{name}"
+            yield from other_names(f"{place}.values", found.values, names, of)
+            for key in ("covariance", "covariance_forces"):
+                yield from no_covariance(f"{place}.{key}", getattr(found, key), count, of)
+            for key in ("covariance_kinematics", "covariance_systematic"):
+                # Shares, which rounding may leave below zero.
+                yield from other_shape(f"{place}.{key}", getattr(found, key), square, of)
+            for key in ("freedom", "colour"):
+                # Earlier versions have none.
+                numbers = getattr(found, key)
+                yield from other_shape(
+                    f"{place}.{key}", numbers if numbers.size else None, (count,), of
+                )
+            if found.systematic is not None:
+                yield from other_shape(
+                    f"{place}.systematic.response",
+                    found.systematic.response,
+                    (count, len(found.systematic.deviations)),
+                    f"{of} and deviations",
+                )
+        if self.diagnostics is not None:
+            tested, recordings = self.diagnostics.experiments, len(self.recordings)
+            yield from other_count("diagnostics.experiments", tested, recordings, "recordings")
 
     @property
     def numbers(self) -> tuple[int | None, ...]:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import astuple, dataclass
+from itertools import product
 from pathlib import Path
-from typing import Annotated, ClassVar, Self
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 
@@ -30,6 +32,7 @@ from expdesign.runfolder import (
     FolderRecord,
     MatrixTable,
     OpenNumber,
+    RowKeys,
     RowTable,
     described,
 )
@@ -107,7 +110,9 @@ def _matrix_table(name: str, unit: str) -> MatrixTable:
     return MatrixTable(f"tables/{name}.csv", _WRITTEN_BY, keys, entry)
 
 
-ESTIMATES = RowTable("estimates.csv", _WRITTEN_BY, ParameterRow)
+ESTIMATES = RowTable(
+    "estimates.csv", _WRITTEN_BY, ParameterRow, some=True, rows_of=("estimator", "parameter")
+)
 MOTION = ArrayTable("tables/estimated_motion.csv", _WRITTEN_BY, EstimatedMotion)
 
 
@@ -126,6 +131,7 @@ class EstimateRecord(FolderRecord):
         "budget": RowTable("tables/budget.csv", _WRITTEN_BY, BudgetRow),
         "deviations": RowTable("tables/deviations.csv", _WRITTEN_BY, DeviationRow),
         "noise": RowTable("tables/noise.csv", _WRITTEN_BY, NoiseRow),
+        "rows": ESTIMATES,
     }
     summary: EstimateFile
     rows: tuple[ParameterRow, ...]
@@ -169,16 +175,20 @@ class EstimateRecord(FolderRecord):
         )
         tables = enumerate(map(MOTION.numbered, summary.numbers), start=1)
         motions = {n: table.read(folder) for n, table in tables if table.is_in(folder)}
-        rows = ESTIMATES.read(folder)
         robot = folder / IDENTIFIED_ROBOT
         identified = robot.read_text(encoding="utf-8") if robot.is_file() else None
-        return cls(
-            **found, rows=rows, experiments=experiments, motions=motions, identified=identified
-        )
+        return cls(**found, experiments=experiments, motions=motions, identified=identified)
+
+    @classmethod
+    def row_keys(cls, found: Mapping[str, Any]) -> RowKeys:
+        """Return the estimators, and of each the parameters."""
+        summary: EstimateFile = found["summary"]
+        return {"rows": product(summary.estimators, summary.parameters)}
 
     def contents(self) -> Contents:
         """Yield the tables, with those of each recording before the estimates themselves."""
-        unsaid = () if self.budget else (self.TABLES["budget"], self.TABLES["deviations"])
+        exact = () if self.budget else (self.TABLES["budget"], self.TABLES["deviations"])
+        unsaid = (*exact, ESTIMATES)
         yield from ((table, part) for table, part in super().contents() if table not in unsaid)
         numbers = self.summary.numbers
         for n, motion in self.motions.items():

@@ -83,10 +83,6 @@ def saved_estimate(
         if wrong:
             raise InputError(message, file=path, key="--estimate", allowed=allowed)
     entry = found.estimators[key]
-    missing = [name for name in names if name not in entry.values]
-    if missing or entry.covariance.shape != (len(names), len(names)):
-        message = f"values or covariance do not fit the {len(names)} parameters"
-        raise InputError(message, file=path, key=f"estimators.{key}")
     fixed: dict[str, float | None] = {name: entry.values[name] for name in found.fixed}
     return SavedEstimate(
         path,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Self
@@ -14,6 +14,7 @@ import pandas as pd
 from estimation.montecarlo.repetition import Repetition
 from estimation.montecarlo.statistics import ParameterStatistics, PooledStatistics
 from estimation.montecarlo.study import Study
+from expdesign.configuration import Problem
 from expdesign.configuration.section import unstated
 from expdesign.mechanism.catalogue import parameter_unit
 from expdesign.runfolder import (
@@ -21,11 +22,13 @@ from expdesign.runfolder import (
     Contents,
     FolderRecord,
     Numbers,
+    RowKeys,
     RowTable,
     RunFile,
     Table,
     described,
 )
+from expdesign.runfolder.contradiction import no_covariance, unknown_names
 
 _WRITTEN_BY = "`expdesign montecarlo`"
 
@@ -89,6 +92,13 @@ class MonteCarloFile(RunFile):
         dict[str, Any],
         described("", "`seed`, `experiment`, `samples`, `samples_per_period`, `estimate`"),
     ]
+
+    def contradictions(self) -> Iterator[Problem]:
+        """Yield what is not of these parameters."""
+        names, count = self.parameters, len(self.truth)
+        yield from unknown_names("parameters", names, self.truth, "truth")
+        yield from unknown_names("identified", self.identified, names, "parameters")
+        yield from no_covariance("bound_covariance", self.bound_covariance, count, "truth")
 
     @classmethod
     def of(cls, study: Study) -> Self:
@@ -197,7 +207,13 @@ class MonteCarloRecord(FolderRecord):
     """
 
     TABLES: ClassVar = {
-        "rows": RowTable("tables/montecarlo.csv", _WRITTEN_BY, StatisticsRow, some=True)
+        "rows": RowTable(
+            "tables/montecarlo.csv",
+            _WRITTEN_BY,
+            StatisticsRow,
+            some=True,
+            rows_of=("estimator", "parameter", "estimates"),
+        )
     }
     summary: MonteCarloFile
     rows: tuple[StatisticsRow, ...]
@@ -221,6 +237,19 @@ class MonteCarloRecord(FolderRecord):
             for name, found in study.statistics(estimator).items()
         )
         return cls(summary, rows, study.repetitions)
+
+    @classmethod
+    def row_keys(cls, found: Mapping[str, Any]) -> RowKeys:
+        """Return the estimators with estimates, of each the parameters, and how many there are."""
+        summary: MonteCarloFile = found["summary"]
+        return {
+            "rows": [
+                (estimator, name, entry.estimates)
+                for estimator, entry in summary.estimators.items()
+                if entry.estimates
+                for name in summary.parameters
+            ]
+        }
 
     def contents(self) -> Contents:
         """Yield the tables, the repetitions first."""

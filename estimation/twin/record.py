@@ -19,11 +19,13 @@ from expdesign.robot import Robot
 from expdesign.runfolder import (
     ArrayTable,
     Column,
+    Covariance,
     Numbers,
     RunFile,
     copied,
     describe_tables,
     described,
+    sized,
     strutwise,
 )
 from expdesign.runfolder.atomic import write_csv
@@ -152,10 +154,14 @@ class MachineKeys:
 
     name: Annotated[str, described("", "of the machine")]
     terms: Annotated[tuple[Any, ...], described("", "of its model, with their constants")]
-    base_joints: Annotated[Numbers, described("m", "6 × 3, base frame")]
-    platform_joints: Annotated[Numbers, described("m", "6 × 3, platform frame")]
-    alpha_axes: Annotated[Numbers, described("1", "6 × 3, first cardan axes, base frame")]
-    gravity: Annotated[Numbers, described("m/s^2", "base frame")]
+    base_joints: Annotated[Numbers, sized(ACTUATORS, 3), described("m", "6 × 3, base frame")]
+    platform_joints: Annotated[
+        Numbers, sized(ACTUATORS, 3), described("m", "6 × 3, platform frame")
+    ]
+    alpha_axes: Annotated[
+        Numbers, sized(ACTUATORS, 3), described("1", "6 × 3, first cardan axes, base frame")
+    ]
+    gravity: Annotated[Numbers, sized(3), described("m/s^2", "base frame")]
 
     @classmethod
     def of(cls, robot: Robot) -> Self:
@@ -198,8 +204,8 @@ class Truth(RunFile):
     experiment: Annotated[ExperimentKeys, described("", "length and sampling")]
     design: Annotated[Motion, described("", "the motion that was commanded")]
     executed: Annotated[Motion, described("", "the motion that was made")]
-    force_covariance: Annotated[Numbers, described("N^2", "Σ of one sample, 6 × 6")]
-    length_covariance: Annotated[Numbers, described("m^2", "Δ of one sample, 6 × 6")]
+    force_covariance: Annotated[Covariance, described("N^2", "Σ of one sample, 6 × 6")]
+    length_covariance: Annotated[Covariance, described("m^2", "Δ of one sample, 6 × 6")]
     force_spectrum: Annotated[
         dict[str, Any] | None,
         described("", "of the forces' noise, as the robot file states it; null: white"),

@@ -2,26 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import astuple, dataclass
 from pathlib import Path
-from typing import Annotated, ClassVar, Self
+from typing import Annotated, Any, ClassVar, Self
 
 from constraints.arrays import Array
 from estimation.diagnostics.finding import Status
 from estimation.diagnostics.record import Diagnosis, DiagnosisKeys, ExperimentTests
 from estimation.diagnostics.residuals import ForceResiduals
 from estimation.validation.prediction_error import Accuracy, Kept
+from expdesign.configuration import Problem
+from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.runfolder import (
     ArrayTable,
     Column,
     Contents,
     FolderRecord,
     OpenNumber,
+    RowKeys,
     RowTable,
     RunFile,
     described,
     strutwise,
 )
+from expdesign.runfolder.contradiction import other_count
 
 _WRITTEN_BY = "`expdesign validate`"
 
@@ -87,6 +92,12 @@ class ValidationFile(RunFile):
     motions: Annotated[tuple[MotionKeys, ...], described("", "motion by motion")]
     seconds: Annotated[float, described("s", "how long it took")]
     warnings: Annotated[tuple[str, ...], described("", "in words")]
+
+    def contradictions(self) -> Iterator[Problem]:
+        """Yield motions that are not diagnosed once."""
+        for number, motion in enumerate(self.motions, start=1):
+            key = f"motions[{number}].diagnostics.experiments"
+            yield from other_count(key, motion.diagnostics.experiments, 1, "the motion")
 
 
 @dataclass(frozen=True)
@@ -161,7 +172,12 @@ class ValidationRecord(FolderRecord):
     """
 
     TABLES: ClassVar = {
-        "rows": RowTable("tables/validation.csv", _WRITTEN_BY, ActuatorRow),
+        "rows": RowTable(
+            "tables/validation.csv",
+            _WRITTEN_BY,
+            ActuatorRow,
+            rows_of=("number", "motion", "actuator"),
+        ),
         "errors": RowTable("tables/prediction_errors.csv", _WRITTEN_BY, AccuracyRow),
     }
     summary: ValidationFile
@@ -179,6 +195,18 @@ class ValidationRecord(FolderRecord):
             if (table := RESIDUALS.numbered(n)).is_in(folder)
         ]
         return cls(**found, motions=tuple(motions))
+
+    @classmethod
+    def row_keys(cls, found: Mapping[str, Any]) -> RowKeys:
+        """Return the motions, and of each the actuators."""
+        summary: ValidationFile = found["summary"]
+        return {
+            "rows": [
+                (number, motion.name, actuator)
+                for number, motion in enumerate(summary.motions, start=1)
+                for actuator in range(1, ACTUATORS + 1)
+            ]
+        }
 
     @property
     def errors(self) -> list[AccuracyRow]:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Annotated, ClassVar, Self
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 
@@ -30,6 +30,7 @@ from expdesign.runfolder import (
     MatrixTable,
     MissingFileError,
     OpenNumber,
+    RowKeys,
     RowTable,
     copied,
     described,
@@ -107,11 +108,13 @@ class DesignRecord(FolderRecord):
 
     TABLES: ClassVar = {
         "motion": ArrayTable("trajectory.csv", _WRITER, SampledMotion),
-        "checks": RowTable("tables/limits.csv", _WRITER, LimitCheck),
-        "parameters": RowTable("tables/parameters.csv", _WRITER, ParameterPrecision),
+        "checks": RowTable("tables/limits.csv", _WRITER, LimitCheck, rows_of=("key",)),
+        "parameters": RowTable(
+            "tables/parameters.csv", _WRITER, ParameterPrecision, rows_of=("name",)
+        ),
         "starts": RowTable("tables/starts.csv", _WRITER, Start),
         "iterations": RowTable("tables/convergence.csv", _WRITER, Iteration),
-        "eigenvalues": RowTable("tables/eigenvalues.csv", _WRITER, Eigenvalue),
+        "eigenvalues": RowTable("tables/eigenvalues.csv", _WRITER, Eigenvalue, rows_of=("index",)),
         "matrices": MatrixTable(
             "tables/information.csv",
             _WRITER,
@@ -166,6 +169,17 @@ class DesignRecord(FolderRecord):
             robot=robot_from(configuration.robot),
             information=information,
         )
+
+    @classmethod
+    def row_keys(cls, found: Mapping[str, Any]) -> RowKeys:
+        """Return the limits, the parameters, and the numbers of the eigenvalues."""
+        summary: DesignFile = found["summary"]
+        names = summary.parameters
+        return {
+            "checks": [(key,) for key in summary.limits],
+            "parameters": [(name,) for name in names],
+            "eigenvalues": [(number,) for number in range(1, len(names) + 1)],
+        }
 
     def write(self, folder: Path) -> list[Path]:
         """Write the files of the run folder; return them."""

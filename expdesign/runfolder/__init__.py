@@ -3,14 +3,17 @@
 from expdesign.runfolder.described import (
     MAY_BE_EMPTY,
     Column,
+    Covariance,
     Numbers,
     OpenNumber,
     OpenNumbers,
+    WholeNumbers,
     copied,
     described,
+    sized,
     strutwise,
 )
-from expdesign.runfolder.folder_record import Contents, FolderRecord
+from expdesign.runfolder.folder_record import Contents, FolderRecord, RowKeys
 from expdesign.runfolder.json_file import JsonFile, MissingFileError, RunFile
 from expdesign.runfolder.table import ArrayTable, MatrixTable, RowTable, Table, describe_tables
 
@@ -19,6 +22,7 @@ __all__ = [
     "ArrayTable",
     "Column",
     "Contents",
+    "Covariance",
     "FolderRecord",
     "JsonFile",
     "MatrixTable",
@@ -26,11 +30,14 @@ __all__ = [
     "Numbers",
     "OpenNumber",
     "OpenNumbers",
+    "RowKeys",
     "RowTable",
     "RunFile",
     "Table",
+    "WholeNumbers",
     "copied",
     "describe_tables",
     "described",
+    "sized",
     "strutwise",
 ]

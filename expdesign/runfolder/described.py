@@ -8,10 +8,12 @@ from functools import cache
 from typing import Annotated, Any, TypeVar, get_type_hints
 
 import numpy as np
-from pydantic import BeforeValidator, TypeAdapter
+from numpy.typing import NDArray
+from pydantic import AfterValidator, BeforeValidator, TypeAdapter
 
 from constraints.arrays import Array
-from expdesign.mechanism.hexapod import POSE, numbered
+from expdesign.configuration.problem import refusal
+from expdesign.mechanism.hexapod import ACTUATORS, POSE, numbered
 
 Record = TypeVar("Record")
 
@@ -111,11 +113,56 @@ def _open_numbers(value: object) -> Array:
         raise ValueError("expected numbers in lists of equal length") from None
 
 
+def _whole_numbers(value: object) -> NDArray[np.int64]:
+    array = np.array(value)
+    if array.dtype.kind != "i":
+        raise ValueError("expected whole numbers")
+    return array.astype(np.int64)
+
+
+def sized(*shape: int | None) -> AfterValidator:
+    """Return what refuses an array of another shape; None: any number, at least one."""
+    wanted = " × ".join("any number of" if size is None else str(size) for size in shape)
+
+    def check(array: Array) -> Array:
+        fits = len(shape) == array.ndim and all(
+            there > 0 if size is None else there == size
+            for size, there in zip(shape, array.shape, strict=True)
+        )
+        if not fits:
+            found = " × ".join(map(str, array.shape)) or "no lists of"
+            raise refusal(f"there are {found} numbers", wanted)
+        return array
+
+    return AfterValidator(check)
+
+
 Numbers = Annotated[Array, BeforeValidator(_numbers)]
 """Finite numbers, in a JSON file lists of them."""
 
 OpenNumbers = Annotated[Array, BeforeValidator(_open_numbers)]
 """Numbers of which some may be missing: NaN, null in a JSON file."""
+
+
+def _variances(covariance: Array) -> Array:
+    place = negative_variance(covariance)
+    if place is not None:
+        variance = covariance[place, place]
+        raise refusal(f"{variance:g} is a negative variance", "a diagonal of zeros and more")
+    return covariance
+
+
+def negative_variance(covariance: Array) -> int | None:
+    """Return the first place on the diagonal with a negative number, None without one."""
+    places = np.flatnonzero(np.diag(covariance) < 0)
+    return int(places[0]) if places.size else None
+
+
+Covariance = Annotated[Numbers, sized(ACTUATORS, ACTUATORS), AfterValidator(_variances)]
+"""That of six channels, (6, 6)."""
+
+WholeNumbers = Annotated[NDArray[np.int64], BeforeValidator(_whole_numbers)]
+"""Whole numbers, in a JSON file a list of them."""
 
 OpenNumber = Annotated[float, BeforeValidator(_open_number)]
 """A number that may be missing: NaN, null in a JSON file, an empty cell in a table."""

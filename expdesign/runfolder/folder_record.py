@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import fields
 from pathlib import Path
 from typing import Any, ClassVar, Self, get_type_hints
 
 from expdesign.runfolder.json_file import JsonFile
-from expdesign.runfolder.table import Table
+from expdesign.runfolder.table import RowTable, Table
 
 Contents = Iterator[tuple[Table[Any, Any], Any]]
+RowKeys = Mapping[str, Iterable[tuple[object, ...]]]
 
 
 class FolderRecord:
     """Base of the frozen dataclasses that stand in several files of a run folder.
 
     A field whose type is a `JsonFile` is that file. What stands in tables is named in `TABLES`,
-    in the order in which they are written.
+    in the order in which they are written. Files that contradict each other are refused when they
+    are read, so that who takes a record can rely on `row_keys`.
 
     Attributes
     ----------
@@ -34,7 +36,8 @@ class FolderRecord:
         Raises
         ------
         InputError
-            A file is missing (`MissingFileError`) or does not hold what it should.
+            A file is missing (`MissingFileError`), does not hold what it should, or contradicts
+            another one.
         """
         return cls(**cls.fields_in(folder))
 
@@ -46,7 +49,30 @@ class FolderRecord:
         for name, table in cls.TABLES.items():
             if name in names:
                 found[name] = table.numbered(number).read(folder)
+        told_by = ", ".join(file.FILE for file in cls.files().values())
+        for name, keys in cls.row_keys(found).items():
+            table = cls.TABLES[name].numbered(number)
+            if not isinstance(table, RowTable):
+                raise TypeError(f"{table.file}: only rows with fields are counted by names")
+            table.refuse_other_rows(folder, found[name], tuple(keys), told_by)
         return found
+
+    @classmethod
+    def row_keys(cls, found: Mapping[str, Any]) -> RowKeys:
+        """Return what the rows of its tables are of, as its JSON files tell it.
+
+        Parameters
+        ----------
+        found : dict
+            The fields that were read.
+
+        Returns
+        -------
+        dict
+            By attribute of a `RowTable`: the values of its `rows_of`, row by row.
+        """
+        del found
+        return {}
 
     def contents(self) -> Contents:
         """Yield every table with what is written into it."""

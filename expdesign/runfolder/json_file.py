@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Self
 
@@ -78,6 +78,13 @@ class JsonFile:
         del written
         return data
 
+    def contradictions(self) -> Iterator[Problem]:
+        """Yield what in the file does not fit the rest of it: key, what is there, what is allowed.
+
+        What a type alone tells is checked by then; see `expdesign.runfolder.contradiction`.
+        """
+        yield from ()
+
     @classmethod
     def read(cls, place: Path) -> Self:
         """Read the file.
@@ -92,8 +99,8 @@ class JsonFile:
         MissingFileError
             There is none.
         InputError
-            It is not JSON, of a newer format, or a key is missing or not of its kind; every
-            problem with file and key.
+            It is not JSON, of a newer format, a key is missing or not of its kind, or keys
+            contradict each other; every problem with file and key.
         """
         path = place / cls.FILE if place.is_dir() else place
         if not path.is_file():
@@ -102,9 +109,12 @@ class JsonFile:
         written = known_format(path, data.get(FORMAT, 0), cls.FORMAT)
         data = cls.upgraded(data, written) if written < cls.FORMAT else data
         try:
-            return checker(cls).validate_python(data)
+            found: Self = checker(cls).validate_python(data)
         except ValidationError as error:
             raise InputError(_problems(path, data, error)) from error
+        if wrong := [replace(problem, file=path) for problem in found.contradictions()]:
+            raise InputError(wrong)
+        return found
 
     @classmethod
     def known(cls, place: Path) -> Self | None:

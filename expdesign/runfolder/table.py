@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import MISSING, dataclass, field, fields, replace
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any, Generic, Self, TypeVar
 
@@ -120,6 +121,11 @@ class Table(Generic[Written, Found]):
             raise InputError(f"columns are missing: {', '.join(missing)}", path)
         return frame
 
+    def refuse_empty(self, folder: Path, frame: pd.DataFrame) -> None:
+        """Refuse a table without rows."""
+        if frame.empty:
+            raise InputError("the table has no rows", folder / self.file, allowed="at least one")
+
 
 @dataclass(frozen=True)
 class RowTable(Table[Iterable[Row], tuple[Row, ...]], Generic[Row]):
@@ -132,6 +138,8 @@ class RowTable(Table[Iterable[Row], tuple[Row, ...]], Generic[Row]):
 
     row: type[Row]
     some: bool = field(default=False, kw_only=True)
+    rows_of: tuple[str, ...] = field(default=(), kw_only=True)
+    """The fields that tell what a row is of, which `refuse_other_rows` looks at."""
 
     @property
     def columns(self) -> tuple[Column, ...]:
@@ -155,8 +163,8 @@ class RowTable(Table[Iterable[Row], tuple[Row, ...]], Generic[Row]):
     def read(self, folder: Path) -> tuple[Row, ...]:
         """Read the rows."""
         frame = self.read_frame(folder)
-        if self.some and frame.empty:
-            raise InputError("the table has no rows", folder / self.file)
+        if self.some:
+            self.refuse_empty(folder, frame)
         described = [(name, column.name) for name, (column,) in field_columns(self.row)]
         attributes, names = zip(*(d for d in described if d[1] in frame.columns), strict=True)
         cells = [
@@ -175,12 +183,53 @@ class RowTable(Table[Iterable[Row], tuple[Row, ...]], Generic[Row]):
                 message, folder / self.file, line, f"column {column}", allowed
             ) from error
 
+    def refuse_other_rows(
+        self, folder: Path, rows: Sequence[Row], wanted: Sequence[tuple[object, ...]], told_by: str
+    ) -> None:
+        """Refuse rows of something else than a file beside the table says, at the first of them.
+
+        Parameters
+        ----------
+        folder : Path
+            The run folder that they were read from.
+        rows : sequence
+        wanted : sequence of tuple
+            The values of `rows_of`, row by row.
+        told_by : str
+            The file that says so.
+
+        Raises
+        ------
+        InputError
+            There are others, more or fewer, or they have another order: with line and column.
+        """
+        names = [c.name for name, (c,) in field_columns(self.row) if name in self.rows_of]
+        found = [tuple(getattr(row, name) for name in self.rows_of) for row in rows]
+        allowed = f"{len(wanted)} rows, as {told_by} has {', '.join(names)}, in the same order"
+        for line, (here, there) in enumerate(zip_longest(found, wanted), start=_FIRST_LINE):
+            if here == there:
+                continue
+            key = ""
+            if here is None:
+                message = f"the table ends after {len(rows)} rows"
+            elif there is None:
+                message = f"the table goes on, to {len(rows)} rows"
+            else:
+                place = next(k for k, value in enumerate(here) if value != there[k])
+                key = f"column {names[place]}"
+                message = f"{shown(here[place])} stands in the place of {shown(there[place])}"
+            raise InputError(message, folder / self.file, line, key, allowed)
+
 
 @dataclass(frozen=True)
 class ArrayTable(Table[Block, Block], Generic[Block]):
-    """A table of numbers alone: a frozen dataclass of arrays (N,) and (N, k), `described`."""
+    """A table of numbers alone: a frozen dataclass of arrays (N,) and (N, k), `described`.
+
+    Where there are always `some` rows, a table without any is refused.
+    """
 
     block: type[Block]
+    some: bool = field(default=True, kw_only=True)
 
     @property
     def columns(self) -> tuple[Column, ...]:
@@ -199,6 +248,8 @@ class ArrayTable(Table[Block, Block], Generic[Block]):
     def read(self, folder: Path) -> Block:
         """Read the arrays; every number is finite."""
         frame = self.read_frame(folder)
+        if self.some:
+            self.refuse_empty(folder, frame)
         parts: dict[str, Array] = {}
         for name, columns in field_columns(self.block):
             values = [_numbers(folder / self.file, frame, column.name) for column in columns]

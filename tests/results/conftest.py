@@ -9,11 +9,12 @@ import pytest
 from constraints import limit_definitions
 from expdesign.configuration import load_run
 from expdesign.experiment import DesignRecord, PredictedPrecision
-from expdesign.experiment.design_file import DesignFile, PredictedStd, SolverRecord
+from expdesign.experiment.design_file import DesignFile, PredictedStd, SolverRecord, WorstMoment
 from expdesign.experiment.record import Eigenvalue, Iteration, ParameterPrecision
 from expdesign.motion.sampled import SampledMotion
 from expdesign.recheck.limit_check import LimitCheck
 from expdesign.robot import robot_from
+from expdesign.runfolder import copied
 from expdesign.trajectory import FourierTrajectory, fourier_keys
 
 TILT = np.deg2rad(20)
@@ -70,12 +71,7 @@ class FakeRun:
             robot=robot,
             summary=self._summary(robot),
             motion=SampledMotion.of(robot, self.trajectory, times),
-            checks=(
-                limit_check("actuator_force", "strut 3", "N", -230.0, -230.0, 0.0, 0.5),
-                limit_check("tilt", "", "rad", 0.2, TILT, 0.2 / TILT - 1, 0.25),
-                limit_check("strut_clearance", "struts 1-6", "m", 0.02, 0.015, -1 / 3, 1.0),
-                limit_check("position", "z", "m", -0.55, -0.504, -0.046 / 0.3, 1.5),
-            ),
+            checks=CHECKS,
             parameters=parameters,
             iterations=iterations,
             eigenvalues=tuple(
@@ -116,7 +112,7 @@ class FakeRun:
             status="converged",
             status_text="",
             solver=SolverRecord("", 60, {}, 1.0, best_start=1, finish={}, starts=()),
-            limits={},
+            limits={check.key: copied(WorstMoment, check, method="sampled") for check in CHECKS},
             warnings=("made up",),
         )
 
@@ -125,6 +121,14 @@ def limit_check(key, row, unit, value, bound, violation, time):
     definition = limit_definitions().get(key)
     title = key if definition is None else definition.title
     return LimitCheck(key, title, row, unit, value, bound, violation, time, "")
+
+
+CHECKS = (
+    limit_check("actuator_force", "strut 3", "N", -230.0, -230.0, 0.0, 0.5),
+    limit_check("tilt", "", "rad", 0.2, TILT, 0.2 / TILT - 1, 0.25),
+    limit_check("strut_clearance", "struts 1-6", "m", 0.02, 0.015, -1 / 3, 1.0),
+    limit_check("position", "z", "m", -0.55, -0.504, -0.046 / 0.3, 1.5),
+)
 
 
 @pytest.fixture(scope="session")

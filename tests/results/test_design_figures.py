@@ -203,6 +203,9 @@ def test_robot_without_limits(run):
         end += 1
     path.write_text("\n".join(lines[:begin] + lines[end:]), encoding="utf-8")
     (run.folder / "tables/limits.csv").write_text(LIMITS_HEAD)
+    path = run.folder / "design.json"
+    design = json.loads(path.read_text(encoding="utf-8"))
+    path.write_text(json.dumps({**design, "limits": {}}), encoding="utf-8")
     for axes in draw(run, "struts").axes:
         assert len(axes.get_lines()) == 6
         assert axes.get_title(loc="right") == ""
@@ -275,10 +278,13 @@ def test_eigenvalues(run):
 
 def test_eigenvalues_that_are_not_positive(run):
     path = run.folder / "tables/eigenvalues.csv"
-    path.write_text("index,eigenvalue,eigenvalue_nominal\n1,-1e-17,1\n2,0,1\n3,0.5,1\n4,2,1\n")
+    head, *rows = path.read_text().splitlines()
+    values = [-1e-17, 0.0, *np.linspace(0.5, 2, len(rows) - 2).tolist()]
+    changed = [f"{k},{value},1" for k, value in enumerate(values, start=1)]
+    path.write_text("\n".join([head, *changed]))
     axes, _ = draw(run, "eigenvalues").axes
     positive, lost = axes.get_lines()
-    np.testing.assert_array_equal(positive.get_ydata(), [0.5, 2])
+    np.testing.assert_array_equal(positive.get_ydata(), values[2:])
     np.testing.assert_array_equal(lost.get_xdata(), [1, 2])
     assert texts(axes) == ["2 not positive: singular to working precision"]
 

@@ -106,7 +106,7 @@ def test_wrong_run_file_is_a_configuration_error(run):
 
 
 def test_parameters_that_are_not_those_of_the_information(run):
-    edit_json(run.folder / "design.json", parameters=["p1"])
+    edit(run.folder / "tables/information.csv", lambda text: text.replace("p1,", "p99,"))
     with pytest.raises(InputError, match=r"information\.csv"):
         DesignRecord.read(run.folder)
 
