@@ -72,7 +72,7 @@ class SolverRecord:
         criterion = CRITERIA[result.configuration.run.design.criterion]
         sign = 1 if criterion.larger_is_better else -1
         return cls(
-            name="Ipopt through CasADi",
+            name="dense interior point, then Ipopt through CasADi",
             iterations=sum(stage.iterations for stage in stages),
             evaluations=dict(evaluations),
             seconds=search.seconds,

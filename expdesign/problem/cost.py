@@ -22,12 +22,12 @@ from expdesign.trajectory import PhaseBasis
 
 @cache
 def _kernel(terms: tuple[Term, ...], *, slopes: bool) -> BatchFunction:
-    """Return the smoothed regressor of one instant (, and its Jacobian to the state)."""
+    """Return the smoothed regressor of one instant (, and its derivatives, (18, 6 m))."""
     graph = hexapod_graph(terms)
     regressor = graph.regressor_with(Friction.SMOOTH)
     outputs = [regressor]
     if slopes:
-        outputs.append(ca.jacobian(ca.vec(regressor.T), graph.state))
+        outputs.append(ca.jacobian(ca.vec(regressor.T), graph.state).T)
     return BatchFunction("regressor", [graph.state], [graph.machine, graph.width], outputs)
 
 
@@ -87,16 +87,13 @@ class InformationCost:
         regressors, flat = _kernel(self.terms, slopes=True)(states, self.machine, np.array([width]))
         weighted, cost = self._judged(regressors, variables, level)
         count, actuators, k = weighted.shape
-        # ∂A/∂state, (N, 6, m, 18)
-        slopes = flat.reshape(*regressors.shape, -1)
-        by_state = self._factor(slopes.transpose(3, 0, 1, 2)).transpose(1, 2, 3, 0)
+        # ∂A/∂state, (N, 18, 6, m)
+        by_state = self._factor(flat.reshape(count, -1, actuators, regressors.shape[2]))
         # In the eigenbasis: one factor rotated here, the other after the sum over the samples.
-        rotated = weighted @ cost.basis
-        products = np.matmul(
-            rotated.transpose(0, 2, 1), by_state.reshape(count, actuators, -1)
-        ).reshape(count, k * k, -1)
+        rotated = (weighted @ cost.basis).transpose(0, 2, 1)
+        products = np.matmul(rotated[:, None], by_state).reshape(count, -1, k * k)
         summed = self.variables.accumulate(variables, basis, products) / count
-        half = np.matmul(cost.basis.T, summed.T.reshape(-1, k, k).transpose(0, 2, 1))
+        half = np.matmul(cost.basis.T, summed.reshape(-1, k, k).transpose(0, 2, 1))
         change = half + half.transpose(0, 2, 1)
         if self.memory is not None:
             change[-1] += cost.basis.T @ self._spectrum_slope(weighted, variables) @ cost.basis
@@ -122,10 +119,10 @@ class InformationCost:
         by_regressor[..., self.columns] = by_factor * self.scaling * (2 / len(weighted))
         flat = by_regressor.reshape(len(weighted), -1)
         (by_state,) = _pulled_kernel(self.terms)(states, flat, *fixed)
-        summed = self.variables.accumulate(variables, basis, by_state[:, None, :])
+        summed = self.variables.accumulate(variables, basis, by_state[:, :, None])[:, 0]
         if self.memory is not None:
-            summed[0, -1] += np.sum(by_information * self._spectrum_slope(weighted, variables))
-        return cost.value, summed[0]
+            summed[-1] += np.sum(by_information * self._spectrum_slope(weighted, variables))
+        return cost.value, summed
 
     def _judged(
         self, regressors: Array, variables: Array, level: float

@@ -144,23 +144,18 @@ class DesignVariables:
         )
 
     def accumulate(self, variables: Array, basis: PhaseBasis, sensitivities: Array) -> Array:
-        """Sum over the samples what `to_variables` would give: (r, size).
+        """Carry sensitivities over to the variables, summed over the samples.
 
-        The sum is done coordinate by coordinate as matrix products, without the large array.
+        (N, 18, r), the states before the quantities, become (size, r): that way nothing is copied.
         """
         omega = float(variables[-1] * self.omega_scale)
-        count, rows = sensitivities.shape[:2]
-        steps = self._steps(basis, omega)
-        flat_steps = steps.reshape(3 * count, self.per_coordinate)
-        split = sensitivities.reshape(count, rows, 3, COORDINATES)
-        blocks = [
-            split[:, :, :, i].transpose(1, 0, 2).reshape(rows, 3 * count)
-            @ (flat_steps * self.scale[i])
-            for i in range(COORDINATES)
-        ]
+        count, _, rows = sensitivities.shape
+        steps = self._steps(basis, omega).reshape(3 * count, self.per_coordinate).T
+        split = sensitivities.reshape(3 * count, COORDINATES, rows)
+        blocks = [(steps * self.scale[i]) @ split[:, i] for i in range(COORDINATES)]
         drift = self.state_slope_to_omega(variables, basis)
-        to_omega = np.tensordot(sensitivities, drift, axes=([0, 2], [0, 1]))
-        return np.concatenate([*blocks, to_omega[:, None]], axis=1)
+        to_omega = drift.reshape(1, -1) @ sensitivities.reshape(-1, rows)
+        return np.concatenate([*blocks, to_omega])
 
     def _steps(self, basis: PhaseBasis, omega: float) -> Array:
         """Return how a coordinate's state over its scale depends on its variables.

@@ -16,6 +16,10 @@ _EVERYTHING = 10.0
 _NEAR = 0.15
 _RADIUS = 0.6
 _HOP_RADIUS = 1.0
+_SETTLED = 0.01
+"""Barrier of a stage that begins near its optimum."""
+_NEARLY_THERE = 1e-3
+"""Barrier of the finish."""
 _FINISH_NEAR = 0.1
 _FINISH_RADIUS = 0.2
 
@@ -35,10 +39,8 @@ def continuation_stages(
 ) -> list[Stage]:
     """Return the stages of one start.
 
-    The first one holds every limit on a coarse grid with blunt friction and the cost's own
-    curvature: it finds the basin. The others start from its result, so that only rows near their
-    bounds need to be in the NLP, and approximate the curvature of the whole Lagrangian: there the
-    active limits decide, and they converge where the cost's curvature alone does not (measured).
+    The first one holds every limit on a coarse grid with blunt friction: it finds the basin. The
+    others start from its result, so that only rows near their bounds need to be in the NLP.
     With many harmonics the first stage has only some of them; the others start from zero, and the
     next stage holds every limit too: the others move far before any of them is near its bound.
     The first stage of a criterion that is flat where a parameter is hardly excited maximises
@@ -65,7 +67,6 @@ def continuation_stages(
             near=_EVERYTHING,
             radius=None,
             iterations=iterations,
-            curvature="gauss-newton",
             criterion=CRITERIA["d"] if flat else None,
             harmonics=few if few < n else None,
         )
@@ -87,6 +88,7 @@ def continuation_stages(
                 near=near,
                 radius=_RADIUS,
                 iterations=iterations,
+                barrier=_SETTLED,
             )
         )
     return stages
@@ -118,6 +120,7 @@ def hop_stages(problem: DesignProblem, widths: Sequence[float], iterations: int)
         points=fine,
         near=_NEAR,
         radius=_RADIUS,
+        barrier=_SETTLED,
     )
     return [thrown, settled]
 
@@ -135,4 +138,5 @@ def finish_stage(problem: DesignProblem, widths: Sequence[float], iterations: in
         near=_FINISH_NEAR,
         radius=_FINISH_RADIUS,
         iterations=max(10, iterations // 2),
+        barrier=_NEARLY_THERE,
     )

@@ -85,24 +85,25 @@ def finish(
     """Bring a solution within the limits between the samples as well.
 
     Both bounds of ω in the problem are the value wanted; `start` has scaled variables, (z,). Each
-    of at most `rounds` is a solve with the stage's settings; the evaluator decides which of their
-    trajectories is the best.
+    of at most `rounds` is a solve with the stage's settings, the last one by Ipopt; the evaluator
+    decides which of their trajectories is the best.
     """
     x = start.copy()
     x[-1] = problem.variables.bounds()[0][-1]
     best = candidate = _checked(problem, x)
     kept = x
     best_merit = evaluator.merit(best.trajectory, problem.cost.samples)
-    record, last_merit = StageRecord.of(stage), best_merit
+    record, last_merit, settled = StageRecord.of(stage), best_merit, False
     # Worst moments of earlier rounds stay: without their rows what they held comes back.
     seen: NDArray[np.bool_] = np.zeros(
         (grid_points(problem.cost.samples), len(problem.limits.keys)), dtype=bool
     )
-    for _ in range(rounds):
+    for number in range(1, rounds + 1):
         # Each round has all of the stage's iterations: the rows and their margins are new.
+        last = number == rounds or settled
         x, status = solve_rows(
             problem,
-            stage,
+            replace(stage, solver="ipopt") if last else stage,
             _critical_rows(problem, x, stage, candidate.check, seen),
             (x, stage.radius),
             record,
@@ -117,11 +118,10 @@ def finish(
         )
         if standing > before or (standing == before and candidate.check.passed and gain > 0):
             best, best_merit, kept = candidate, merit, x
-        if status == "User_Requested_Stop":
+        if last or status == "User_Requested_Stop":
             break
         # A round that falls back shows rows and margins that the next one puts right (measured).
-        if best.check.certified and abs(evaluator.gain(merit, last_merit)) < _WORTHWHILE:
-            break
+        settled = best.check.certified and abs(evaluator.gain(merit, last_merit)) < _WORTHWHILE
         last_merit = merit
     if record.rounds == 0:
         return best

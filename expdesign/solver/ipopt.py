@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, Literal
 
 import casadi as ca
@@ -13,6 +12,7 @@ import numpy as np
 
 from constraints.arrays import Array
 from expdesign.problem.design_problem import LimitedProgram
+from expdesign.solver.solution import Report, Solution
 
 Curvature = Literal["gauss-newton", "limited-memory"]
 
@@ -32,28 +32,6 @@ COMMON_OPTIONS = {
     "acceptable_obj_change_tol": 2e-4,
 }
 """Ipopt's options of every solve; who solves adds how exactly the rows are to be kept."""
-
-
-Report = Callable[[int, float, float, Array], bool]
-"""(number of the iteration, objective, largest violation, iterate) → go on?"""
-
-
-@dataclass(frozen=True)
-class IpoptResult:
-    """Where Ipopt stopped, and why."""
-
-    x: Array
-    objective: float
-    multipliers: Array
-    """(r,), Lagrange multipliers of the rows; positive at the upper bound."""
-    status: str
-    """Ipopt's return status, e.g. ``"Solve_Succeeded"``."""
-    converged: bool
-    """True for ``Solve_Succeeded`` and ``Solved_To_Acceptable_Level``."""
-    iterations: int
-    evaluations: Mapping[str, int]
-    """Number of calls of f, g, their derivatives and the Hessian."""
-    seconds: float
 
 
 class _Function(ca.Callback):
@@ -93,7 +71,7 @@ def solve_with_ipopt(
     options: Mapping[str, Any],
     curvature: Curvature = "gauss-newton",
     report: Report | None = None,
-) -> IpoptResult:
+) -> Solution:
     """Minimise; return the last iterate whatever the status.
 
     Parameters
@@ -176,7 +154,7 @@ def solve_with_ipopt(
     seconds = time.perf_counter() - began
     statistics = solver.stats()
     status = str(statistics["return_status"])
-    return IpoptResult(
+    return Solution(
         x=solution["x"].full().ravel(),
         objective=float(solution["f"]),
         multipliers=solution["lam_g"].full().ravel(),

@@ -1,22 +1,20 @@
-"""One stage of the continuation: Ipopt on a set of limit rows that grows where it must."""
+"""One stage of the continuation: a program of limit rows that are added where they must."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 
 from constraints.arrays import Array, Mask
 from expdesign.information.spectral import Criterion
 from expdesign.problem.design_problem import DesignProblem
-from expdesign.solver.ipopt import (
-    COMMON_OPTIONS,
-    Curvature,
-    IpoptResult,
-    solve_with_ipopt,
-)
+from expdesign.solver.interior_point import solve_by_interior_point
+from expdesign.solver.ipopt import COMMON_OPTIONS, solve_with_ipopt
+from expdesign.solver.solution import Solution
 from expdesign.workers import Monitor
 
 FEASIBLE = 1e-3
@@ -80,7 +78,9 @@ class Stage:
     radius: float | None
     """Half-width of the box about the stage's start, in scaled variables."""
     iterations: int
-    curvature: Curvature = "limited-memory"
+    solver: Literal["interior point", "ipopt"] = "interior point"
+    barrier: float = 0.1
+    """Of the interior point method, at its beginning."""
     criterion: Criterion | None = None
     """Where it is not the problem's own."""
     harmonics: int | None = None
@@ -91,7 +91,7 @@ class Stage:
 
 @dataclass
 class StageRecord:
-    """What one stage did: settings, statistics of its solves and how Ipopt ended the last."""
+    """What one stage did: settings, statistics of its solves and how the last one ended."""
 
     name: str
     width: float
@@ -112,7 +112,7 @@ class StageRecord:
         """Return the record of a stage that has not begun."""
         return cls(stage.name, stage.width, stage.level, stage.samples)
 
-    def add(self, result: IpoptResult, rows: int) -> None:
+    def add(self, result: Solution, rows: int) -> None:
         """Count one solve."""
         self.rounds += 1
         self.rows = rows
@@ -224,7 +224,7 @@ class Watch:
 
 @dataclass
 class _Best:
-    """The best iterate of one Ipopt run: the lowest cost among those that keep the rows."""
+    """The best iterate of one solve: the lowest cost among those that keep the rows."""
 
     x: Array
     cost: float = np.inf
@@ -287,7 +287,7 @@ def solve_rows(
     *,
     most: int,
 ) -> tuple[Array, str]:
-    """Run Ipopt once and add it to the record; return the variables reached and Ipopt's status.
+    """Solve once and add it to the record; return the variables reached and the status.
 
     Where it does not converge, its best iterate counts, not its last.
 
@@ -313,11 +313,16 @@ def solve_rows(
 
     def watch(number: int, objective: float, violation: float, at: Array) -> bool:
         best.offer(at, objective, violation)
-        # Ipopt shows the start, too, before its first iteration.
+        # The solvers show the start, too, before its first iteration.
         step = Step(done + number, rounds + 1, min(number, most), most)
         return report(step, objective, violation)
 
-    options = {**IPOPT_OPTIONS, "max_iter": most}
-    result = solve_with_ipopt(program, x, options=options, curvature=stage.curvature, report=watch)
+    if stage.solver == "ipopt":
+        options = {**IPOPT_OPTIONS, "max_iter": most}
+        result = solve_with_ipopt(
+            program, x, options=options, curvature="limited-memory", report=watch
+        )
+    else:
+        result = solve_by_interior_point(program, x, most=most, barrier=stage.barrier, report=watch)
     record.add(result, int(np.count_nonzero(mask)))
     return (result.x if result.converged else best.x), result.status

@@ -360,6 +360,6 @@ def test_a_search_that_is_stopped_before_it_began_has_no_design(tiny):
 
 
 def test_a_search_whose_time_is_over_has_a_result(tiny, cheap_finish):
-    result = expdesign.design(tiny(design={"starts": 3, "max_seconds": "0.2 s"}))
-    assert len(result.search.starts) == 1
+    result = expdesign.design(tiny(design={"starts": 500, "max_seconds": "0.2 s"}))
+    assert 1 <= len(result.search.starts) < 500
     assert result.check.passed

@@ -183,7 +183,7 @@ def test_both_ways_to_carry_sensitivities_agree(rows, variables):
     sensitivities = rng.normal(size=(9, rows, 18))
     one_by_one = variables.to_variables(values, basis, sensitivities)
     assert one_by_one.shape == (9, rows, 43)
-    summed = variables.accumulate(values, basis, sensitivities)
+    summed = variables.accumulate(values, basis, sensitivities.transpose(0, 2, 1)).T
     np.testing.assert_allclose(summed, one_by_one.sum(axis=0), rtol=1e-11, atol=1e-11)
 
 

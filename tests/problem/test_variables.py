@@ -92,5 +92,5 @@ def test_sensitivities_at_rest_against_differences(at_rest, point):
         np.testing.assert_allclose(
             slopes[:, :, k], difference, atol=1e-7 * max(1.0, np.max(np.abs(difference)))
         )
-    summed = at_rest.accumulate(point, basis, unit)
+    summed = at_rest.accumulate(point, basis, unit.transpose(0, 2, 1)).T
     np.testing.assert_allclose(summed, slopes.sum(axis=0), rtol=1e-9, atol=1e-9)

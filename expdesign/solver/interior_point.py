@@ -1,0 +1,357 @@
+"""A primal–dual interior point method for few variables and many rows, all of them dense.
+
+Ipopt factorises a sparse system of all rows in every iteration. With z variables and r rows the
+same step follows from z equations (Nocedal, Wright 2006, ch. 19), and r ≫ z: for 67 variables and
+2 000 rows an iteration takes a small part of the time. Rows that are broken are allowed for by
+slacks; a step is judged by the barrier's objective with the ℓ₁ norm of what slacks and rows differ
+by.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
+
+from constraints.arrays import Array, Mask
+from expdesign.problem.design_problem import LimitedProgram
+from expdesign.solver.solution import Report, Solution
+
+_WEIGHT = 10.0
+"""Of the objective against the rows, which count in shares of the limits' ranges."""
+_FALL = 0.9
+"""μ of an iteration as a share of the one before. Rules that watch the progress need fewer steps
+and end in worse optima (measured)."""
+_SMALLEST = 1e-6
+"""μ at the end."""
+_INSIDE = 1e-2
+"""How far the first slacks are from their bounds, of the bound or of the distance of both."""
+_CLOSEST = 0.99
+"""Share of the way to the nearest bound that a step goes at most; where μ is small all but μ."""
+_SUFFICIENT = 1e-4
+"""Share of the predicted decrease that a step has to give."""
+_HALVINGS = 12
+_TOLERANCE = 1e-4
+"""Of the conditions of optimality, scaled as Ipopt does."""
+_STILL, _ROUNDS = 2e-4, 5
+"""Change of the objective, in how many iterations one after the other, that counts as none."""
+_KEPT = 1e-3
+"""Violation below which rows count as kept."""
+_FAR = 1e30
+
+
+@dataclass(frozen=True)
+class _Bounds:
+    """Bounds of everything that is bounded: variables first, then the program's rows."""
+
+    lower: Array
+    upper: Array
+    variables: NDArray[np.intp]
+    """Indices of the bounded variables."""
+
+    @classmethod
+    def of(cls, program: LimitedProgram) -> _Bounds:
+        bounded = np.flatnonzero(np.isfinite(program.lower) | np.isfinite(program.upper))
+        lower = np.concatenate([program.lower[bounded], program.row_lower])
+        upper = np.concatenate([program.upper[bounded], program.row_upper])
+        # Between bounds that are one there is no inside.
+        width = 1e-8 * np.maximum(1.0, np.abs(np.where(np.isfinite(lower), lower, 1.0)))
+        room = np.where(upper - lower < width, width, 0.0)
+        return cls(lower - room, upper + room, bounded)
+
+    def sides(self) -> tuple[Mask, Mask]:
+        """Return where there is a lower bound, and where there is an upper one."""
+        return np.isfinite(self.lower), np.isfinite(self.upper)
+
+    def gaps(self, slacks: Array) -> tuple[Array, Array]:
+        """Return the distances to the lower and to the upper bounds."""
+        lower, upper = self.sides()
+        return (
+            np.where(lower, slacks - self.lower, _FAR),
+            np.where(upper, self.upper - slacks, _FAR),
+        )
+
+    def within(self, slacks: Array) -> Array:
+        """Return slacks that rounding may have put on a bound."""
+        near = [
+            1e-13 * np.maximum(1.0, np.abs(np.where(there, side, 0.0)))
+            for there, side in zip(self.sides(), (self.lower, self.upper), strict=True)
+        ]
+        return np.clip(slacks, self.lower + near[0], self.upper - near[1])
+
+    def inside(self, values: Array) -> Array:
+        """Return the values that are nearest to given ones, a little within the bounds."""
+        width = np.where(np.isfinite(self.upper - self.lower), self.upper - self.lower, np.inf)
+        shift = [
+            _INSIDE * np.minimum(np.maximum(1.0, np.abs(np.where(there, side, 0.0))), width)
+            for there, side in zip(self.sides(), (self.lower, self.upper), strict=True)
+        ]
+        return np.clip(values, self.lower + shift[0], self.upper - shift[1])
+
+
+@dataclass(frozen=True)
+class _Point:
+    """Objective and bounded values at a point, with their derivatives."""
+
+    x: Array
+    cost: float
+    gradient: Array
+    hessian: Array
+    values: Array
+    jacobian: Array
+
+
+@dataclass
+class _Duals:
+    """Multipliers: of slacks against values, and of the lower and upper bounds."""
+
+    values: Array
+    lower: Array
+    upper: Array
+
+
+@dataclass(frozen=True)
+class _Step:
+    x: Array
+    slacks: Array
+    duals: _Duals
+
+
+def solve_by_interior_point(
+    program: LimitedProgram,
+    start: Array,
+    *,
+    most: int,
+    barrier: float = 0.1,
+    report: Report | None = None,
+) -> Solution:
+    """Minimise, with the cost's own curvature; return the last iterate whatever the status.
+
+    Parameters
+    ----------
+    start : (z,)
+        Initial variables.
+    most : int
+        Most iterations.
+    barrier : float
+        μ at the beginning: the larger, the farther from its start it may end.
+    report : callable, optional
+        Called once per iteration; False stops the solver.
+    """
+    return _InteriorPoint(program, most, report).solve(start, barrier)
+
+
+class _InteriorPoint:
+    """One solve: see `solve_by_interior_point`."""
+
+    def __init__(self, program: LimitedProgram, most: int, report: Report | None) -> None:
+        self._program, self._most, self._report = program, most, report
+        self._bounds = _Bounds.of(program)
+        self._sides = self._bounds.sides()
+        self._counts = {"f": 0, "grad_f": 0, "g": 0, "jac_g": 0}
+        self._penalty = 1.0
+
+    def solve(self, start: Array, barrier: float) -> Solution:
+        """Iterate until it converges, stands still, is stopped, or has no iterations left."""
+        began = time.perf_counter()
+        bounded = self._bounds.variables
+        point = self._at(np.clip(start, self._program.lower, self._program.upper))
+        slacks = self._bounds.inside(point.values)
+        lower, upper = (np.where(side, 1.0, 0.0) for side in self._sides)
+        duals = _Duals(np.zeros(len(slacks)), lower, upper)
+        status, done, still = "Maximum_Iterations_Exceeded", 0, 0
+        while True:
+            rows = point.values[len(bounded) :]
+            violation = self._violation(rows)
+            now = done + 1, point.cost / _WEIGHT, violation, point.x
+            if self._report is not None and not self._report(*now):
+                status = "User_Requested_Stop"
+                break
+            gaps = self._bounds.gaps(slacks)
+            products = self._products(gaps, duals)
+            if self._error(point, slacks, duals, products) < _TOLERANCE:
+                status = "Solve_Succeeded"
+                break
+            if still >= _ROUNDS:
+                status = "Solved_To_Acceptable_Level"
+                break
+            if done == self._most:
+                break
+            barrier = max(_FALL * barrier, _SMALLEST)
+            step = self._step(point, slacks, duals, gaps, barrier)
+            if step is None:
+                status = "Invalid_Number_Detected"
+                break
+            before = point.cost
+            point, slacks, duals = self._moved(point, slacks, duals, gaps, step, barrier)
+            stood = abs(point.cost - before) <= _STILL * max(1.0, abs(before))
+            still = still + 1 if stood and violation < _KEPT else 0
+            done += 1
+        return Solution(
+            x=point.x,
+            objective=point.cost / _WEIGHT,
+            multipliers=duals.values[len(bounded) :] / _WEIGHT,
+            status=status,
+            converged=status in {"Solve_Succeeded", "Solved_To_Acceptable_Level"},
+            iterations=done,
+            evaluations=self._counts,
+            seconds=time.perf_counter() - began,
+        )
+
+    def _with_rows(self, x: Array, rows: Array) -> Array:
+        """Return what is bounded: of the variables, and the rows."""
+        return np.concatenate([x[self._bounds.variables], rows])
+
+    def _violation(self, rows: Array) -> float:
+        beyond = np.maximum(self._program.row_lower - rows, rows - self._program.row_upper)
+        return float(np.max(beyond, initial=0.0))
+
+    def _at(self, x: Array) -> _Point:
+        self._counts["grad_f"] += 1
+        self._counts["jac_g"] += 1
+        cost, gradient, hessian = self._program.cost_derivatives(x)
+        rows, jacobian = self._program.rows_jacobian(x)
+        own = np.eye(x.size)[self._bounds.variables]
+        return _Point(
+            x,
+            _WEIGHT * cost,
+            _WEIGHT * gradient,
+            _WEIGHT * hessian,
+            self._with_rows(x, rows),
+            np.concatenate([own, jacobian]),
+        )
+
+    def _products(self, gaps: tuple[Array, Array], duals: _Duals) -> Array:
+        """Return every bound's distance times its multiplier: all equal μ on the central path."""
+        multipliers = (duals.lower, duals.upper)
+        return np.concatenate(
+            [a[side] * b[side] for a, b, side in zip(gaps, multipliers, self._sides, strict=True)]
+        )
+
+    def _error(self, point: _Point, slacks: Array, duals: _Duals, products: Array) -> float:
+        multipliers = (duals.values, duals.lower, duals.upper)
+        size = sum(float(np.sum(np.abs(part))) for part in multipliers)
+        scale = max(100.0, size / max(1, 2 * len(duals.values))) / 100
+        dual = (
+            point.gradient + point.jacobian.T @ duals.values,
+            duals.upper - duals.lower - duals.values,
+            products,
+        )
+        largest = max(float(np.max(np.abs(part), initial=0.0)) for part in dual)
+        return max(largest / scale, float(np.max(np.abs(point.values - slacks), initial=0.0)))
+
+    def _step(
+        self,
+        point: _Point,
+        slacks: Array,
+        duals: _Duals,
+        gaps: tuple[Array, Array],
+        barrier: float,
+    ) -> _Step | None:
+        """Return Newton's step on the conditions of the central path; None where there is none."""
+        below, above = self._pushes(gaps, barrier)
+        curvature = duals.lower / gaps[0] + duals.upper / gaps[1]
+        towards = duals.values + below - above
+        apart = point.values - slacks
+        matrix = point.hessian + (point.jacobian.T * curvature) @ point.jacobian
+        matrix[np.diag_indices_from(matrix)] += 1e-8
+        right = -point.gradient - point.jacobian.T @ (duals.values + curvature * apart - towards)
+        if not (np.all(np.isfinite(matrix)) and np.all(np.isfinite(right))):
+            return None
+        x = _solved(matrix, right)
+        moved = point.jacobian @ x + apart
+        values = curvature * moved - towards
+        lower = below - duals.lower - duals.lower / gaps[0] * moved
+        upper = above - duals.upper + duals.upper / gaps[1] * moved
+        return _Step(x, moved, _Duals(values, lower, upper))
+
+    def _moved(
+        self,
+        point: _Point,
+        slacks: Array,
+        duals: _Duals,
+        gaps: tuple[Array, Array],
+        step: _Step,
+        barrier: float,
+    ) -> tuple[_Point, Array, _Duals]:
+        """Go as far along the step as the merit function falls; return where that leads."""
+        close = max(_CLOSEST, 1 - barrier)
+        share = self._longest(close, gaps, (step.slacks, -step.slacks))
+        dual_share = self._longest(
+            close, (duals.lower, duals.upper), (step.duals.lower, step.duals.upper)
+        )
+        apart = float(np.sum(np.abs(point.values - slacks)))
+        below, above = self._pushes(gaps, barrier)
+        slope = float(point.gradient @ step.x + (above - below) @ step.slacks)
+        curvature = max(float(step.x @ point.hessian @ step.x), 0.0) / 2
+        if apart > 0:
+            needed = (slope + curvature) / (0.7 * apart)
+            if needed > self._penalty:
+                self._penalty = 1.5 * needed
+        merit = self._merit(point.cost, slacks, apart, barrier)
+        fall = slope - self._penalty * apart
+        for _ in range(_HALVINGS):
+            x = np.clip(point.x + share * step.x, self._program.lower, self._program.upper)
+            moved = self._bounds.within(slacks + share * step.slacks)
+            self._counts["f"] += 1
+            self._counts["g"] += 1
+            cost = _WEIGHT * self._program.cost(x)
+            values = self._with_rows(x, self._program.rows(x))
+            found = self._merit(cost, moved, float(np.sum(np.abs(values - moved))), barrier)
+            if found <= merit + _SUFFICIENT * share * fall + 1e-10 * abs(merit):
+                break
+            share /= 2
+        gap = self._bounds.gaps(moved)
+        # The products stay within ten orders of magnitude of μ.
+        lower, upper = (
+            np.where(side, np.clip(multiplier, 1e-10 * push, 1e10 * push), 0.0)
+            for side, multiplier, push in zip(
+                self._sides,
+                (
+                    duals.lower + dual_share * step.duals.lower,
+                    duals.upper + dual_share * step.duals.upper,
+                ),
+                self._pushes(gap, barrier),
+                strict=True,
+            )
+        )
+        values = duals.values + share * step.duals.values
+        return self._at(x), moved, _Duals(values, lower, upper)
+
+    def _longest(
+        self, close: float, distances: tuple[Array, Array], ways: tuple[Array, Array]
+    ) -> float:
+        """Return how far one may go until the first of the distances is almost used up."""
+        share = 1.0
+        for side, distance, way in zip(self._sides, distances, ways, strict=True):
+            nearer = side & (way < 0)
+            share = float(np.min(-close * distance[nearer] / way[nearer], initial=share))
+        return share
+
+    def _pushes(self, gaps: tuple[Array, Array], barrier: float) -> tuple[Array, Array]:
+        """Return how the barrier pushes away from the lower and from the upper bounds."""
+        lower, upper = (
+            np.where(side, barrier / gap, 0.0) for side, gap in zip(self._sides, gaps, strict=True)
+        )
+        return lower, upper
+
+    def _merit(self, cost: float, slacks: Array, apart: float, barrier: float) -> float:
+        gaps = self._bounds.gaps(slacks)
+        logarithms = sum(
+            float(np.sum(np.log(gap[side]))) for side, gap in zip(self._sides, gaps, strict=True)
+        )
+        found = cost - barrier * logarithms + self._penalty * apart
+        return found if np.isfinite(found) else np.inf
+
+
+def _solved(matrix: Array, right: Array) -> Array:
+    """Solve a system that is positive definite but for rounding."""
+    more = 0.0
+    while True:
+        try:
+            return np.asarray(cho_solve(cho_factor(matrix + more * np.eye(len(matrix))), right))
+        except LinAlgError:
+            more = max(1e-6, 10 * more)
