@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from constraints.arrays import Array
 from expdesign.problem.design_problem import DesignProblem, hidden_by_smoothing
 from expdesign.recheck.certificate import recheck
-from expdesign.recheck.fine_grid import grid_points, local_worst, states_at
+from expdesign.recheck.fine_grid import grid_points, local_worst, states_at, worst_sampled
 from expdesign.recheck.information import Evaluator
 from expdesign.recheck.limit_check import TOLERANCE, Recheck
 from expdesign.solver.hum_distance import KnownHum
@@ -81,16 +81,18 @@ def finish(
     *,
     rounds: int,
     report: Report,
+    proving: bool = True,
 ) -> Finished:
     """Bring a solution within the limits between the samples as well.
 
     Both bounds of ω in the problem are the value wanted; `start` has scaled variables, (z,). Each
-    of at most `rounds` is a solve with the stage's settings, the last one by Ipopt; the evaluator
-    decides which of their trajectories is the best.
+    of at most `rounds` is a solve with the stage's settings; the evaluator decides which of their
+    trajectories is the best. With `proving` limits are proved after each, and the last solve is
+    Ipopt's; without it they are looked at on the fine grid, to compare motions with one another.
     """
     x = start.copy()
     x[-1] = problem.variables.bounds()[0][-1]
-    best = candidate = _checked(problem, x)
+    best = candidate = _checked(problem, x, proving=proving)
     kept = x
     best_merit = evaluator.merit(best.trajectory, problem.cost.samples)
     record, last_merit, settled = StageRecord.of(stage), best_merit, False
@@ -103,14 +105,14 @@ def finish(
         last = number == rounds or settled
         x, status = solve_rows(
             problem,
-            replace(stage, solver="ipopt") if last else stage,
+            replace(stage, solver="ipopt") if proving and last else stage,
             _critical_rows(problem, x, stage, candidate.check, seen),
             (x, stage.radius),
             record,
             report,
             most=stage.iterations,
         )
-        candidate = _checked(problem, x)
+        candidate = _checked(problem, x, proving=proving)
         merit = evaluator.merit(candidate.trajectory, problem.cost.samples)
         gain = evaluator.gain(merit, best_merit)
         standing, before = (
@@ -121,7 +123,10 @@ def finish(
         if last or status == "User_Requested_Stop":
             break
         # A round that falls back shows rows and margins that the next one puts right (measured).
-        settled = best.check.certified and abs(evaluator.gain(merit, last_merit)) < _WORTHWHILE
+        good = best.check.certified if proving else best.check.passed
+        settled = good and abs(evaluator.gain(merit, last_merit)) < _WORTHWHILE
+        if settled and not proving:
+            break
         last_merit = merit
     if record.rounds == 0:
         return best
@@ -187,13 +192,18 @@ def _worst_moments(
     return np.array([phase for phase, _ in found]), rows
 
 
-def _checked(problem: DesignProblem, x: Array) -> Finished:
-    """Shrink until every limit is proved to be kept at every instant.
+def _checked(problem: DesignProblem, x: Array, *, proving: bool) -> Finished:
+    """Shrink until every limit is proved to be kept at every instant, or kept on the fine grid.
 
     A limit of which nothing can be proved, or not within the budget, counts with what was found.
     """
     trajectory = problem.variables.trajectory(x)
     margin = GRID_MARGIN
+    if not proving:
+        shrunk = shrink_to_limits(problem, trajectory, margin)
+        times = shrunk.trajectory.sample_times(grid_points(problem.cost.samples))
+        found = worst_sampled(problem.limits, times, states_at(shrunk.trajectory, times))
+        return Finished(shrunk.trajectory, Recheck(found), shrunk.factor)
     for _ in range(_CHECKS):
         shrunk = shrink_to_limits(problem, trajectory, margin)
         check = recheck(problem.limits, shrunk.trajectory)

@@ -23,8 +23,8 @@ from expdesign.solver.solution import Report, Solution
 _WEIGHT = 10.0
 """Of the objective against the rows, which count in shares of the limits' ranges."""
 _FALL = 0.9
-"""μ of an iteration as a share of the one before. Rules that watch the progress need fewer steps
-and end in worse optima (measured)."""
+"""μ of an iteration as a share of the one before; less where there are few iterations. Rules that
+watch the progress need fewer and end in worse optima (measured)."""
 _SMALLEST = 1e-6
 """μ at the end."""
 _INSIDE = 1e-2
@@ -163,6 +163,7 @@ class _InteriorPoint:
         lower, upper = (np.where(side, 1.0, 0.0) for side in self._sides)
         duals = _Duals(np.zeros(len(slacks)), lower, upper)
         status, done, still = "Maximum_Iterations_Exceeded", 0, 0
+        fall = min(_FALL, (_SMALLEST / barrier) ** (1 / self._most))
         while True:
             rows = point.values[len(bounded) :]
             violation = self._violation(rows)
@@ -180,7 +181,7 @@ class _InteriorPoint:
                 break
             if done == self._most:
                 break
-            barrier = max(_FALL * barrier, _SMALLEST)
+            barrier = max(fall * barrier, _SMALLEST)
             step = self._step(point, slacks, duals, gaps, barrier)
             if step is None:
                 status = "Invalid_Number_Detected"

@@ -160,9 +160,12 @@ def hop_job(
 
 
 def finish_job(
-    task: DesignTask, monitor: Monitor, index: int, variables: Array
+    task: DesignTask, monitor: Monitor, index: int, variables: Array, *, proving: bool = False
 ) -> tuple[float, Finished]:
-    """Finish what a start reached; return what it is worth, too."""
+    """Finish what a start reached; return what it is worth, too.
+
+    Most motions are only compared with others: see `proving` of `finish`.
+    """
     problem, plan = task.problem, task.plan
     watch = Watch(monitor, index)
     omega = problem.variables.trajectory(variables).omega
@@ -173,12 +176,22 @@ def finish_job(
     stage = finish_stage(problem, plan.widths, plan.iterations)
     report = watch.of_stage(replace(stage, rounds=_FINISH_ROUNDS), problem)
     rounds = 0 if monitor.stop_requested() else _FINISH_ROUNDS
-    finished = finish(fixed, task.evaluator, variables, stage, rounds=rounds, report=report)
+    finished = finish(
+        fixed, task.evaluator, variables, stage, rounds=rounds, report=report, proving=proving
+    )
     merit = task.evaluator.merit(finished.trajectory, problem.cost.samples)
     value = merit if task.evaluator.criterion.larger_is_better else -merit
     status = "every limit kept" if finished.check.passed else "a limit is broken"
     watch.tell("finished", len(watch.trace), value, finished.check.worst, status)
     return merit, replace(finished, trace=tuple(watch.trace))
+
+
+def proof_job(
+    task: DesignTask, monitor: Monitor, index: int, finished: Finished
+) -> tuple[float, Finished]:
+    """Finish once more what was finished without a proof, and prove it."""
+    variables = task.problem.variables.pack(finished.trajectory)
+    return finish_job(task, monitor, index, variables, proving=True)
 
 
 def _finished(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from expdesign.solver.jobs import (
     finish_job,
     hop_job,
     newcomer_job,
+    proof_job,
     random_job,
 )
 from expdesign.solver.start import Screening, StartResult
@@ -94,7 +95,8 @@ def search(build: Build, plan: SearchPlan, monitor: Monitor) -> SearchResult:
             if candidate is not None:
                 tried.append(candidate)
                 population = population.admit(candidate)
-    best = population.best
+    best = _proved(build, tried, plan, monitor)
+    tried.append(best)
     return SearchResult(
         best.finished,
         best.start,
@@ -114,6 +116,23 @@ def _hop(population: Population, first: int, k: int) -> Job:
         reference = least.start.stages[-1:] if least is not None else ()
         return Job(newcomer_job, (first + k, Screening(reference)))
     return Job(hop_job, (first + k, population.origin(turn)))
+
+
+def _proved(
+    build: Build, tried: Sequence[Candidate], plan: SearchPlan, monitor: Monitor
+) -> Candidate:
+    """Return the best motion of which every limit is proved to be kept, of the best few.
+
+    Where there is none, the best of those that were looked at.
+    """
+    seen: list[Candidate] = []
+    for candidate in sorted(tried, key=lambda one: one.rank, reverse=True)[:CANDIDATES]:
+        job = Job(proof_job, (candidate.start.index, candidate.finished))
+        ((merit, finished),) = run_jobs(build, [job], plan.workers, monitor, after_stop=True)
+        seen.append(replace(candidate, merit=merit, finished=finished))
+        if finished.check.certified or monitor.stop_requested():
+            break
+    return max(seen, key=lambda one: one.rank)
 
 
 def _finish_best(

@@ -145,11 +145,14 @@ def test_hops_set_out_from_the_best_of_the_batches_before_in_turn(
     """Four at a time, whoever is first; what was given up changes nothing."""
     module = importlib.import_module("expdesign.solver.search")
     one = one_start
-    known = merit(one, task)
     hops = Hops([2.0, 1.0, -np.inf, -np.inf, 1.5, 3.0, -2000.0, 0.5, 4.0, -np.inf], one)
     monkeypatch.setattr(module, "hop_job", hops.hop)
     monkeypatch.setattr(module, "newcomer_job", hops.newcomer)
+    monkeypatch.setattr(module, "proof_job", lambda _task, _monitor, _index, one: (1.0, one))
     result = run(starts=1, hops=10)
+    # The start's motion as it is before anything is proved of it.
+    known = hops.seen[0][1]
+    assert np.isfinite(known)
     assert hops.seen[:4] == [("hop", known), ("newcomer",)] * 2
     # The first hop's 1002 took the start's place, the newcomer's 1001 is second. There is room.
     assert hops.seen[4:8] == [("hop", 1002.0), ("newcomer",), ("hop", 1001.0), ("newcomer",)]
