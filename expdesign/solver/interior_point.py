@@ -13,11 +13,11 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
-from constraints.arrays import Array, Mask
+from constraints.arrays import Array
 from expdesign.problem.design_problem import LimitedProgram
+from expdesign.solver.barrier import Bounds, Pair
 from expdesign.solver.solution import Report, Solution
 
 _WEIGHT = 10.0
@@ -27,8 +27,6 @@ _FALL = 0.9
 watch the progress need fewer and end in worse optima (measured)."""
 _SMALLEST = 1e-6
 """μ at the end."""
-_INSIDE = 1e-2
-"""How far the first slacks are from their bounds, of the bound or of the distance of both."""
 _CLOSEST = 0.99
 """Share of the way to the nearest bound that a step goes at most; where μ is small all but μ."""
 _SUFFICIENT = 1e-4
@@ -40,56 +38,6 @@ _STILL, _ROUNDS = 2e-4, 5
 """Change of the objective, in how many iterations one after the other, that counts as none."""
 _KEPT = 1e-3
 """Violation below which rows count as kept."""
-_FAR = 1e30
-
-
-@dataclass(frozen=True)
-class _Bounds:
-    """Bounds of everything that is bounded: variables first, then the program's rows."""
-
-    lower: Array
-    upper: Array
-    variables: NDArray[np.intp]
-    """Indices of the bounded variables."""
-
-    @classmethod
-    def of(cls, program: LimitedProgram) -> _Bounds:
-        bounded = np.flatnonzero(np.isfinite(program.lower) | np.isfinite(program.upper))
-        lower = np.concatenate([program.lower[bounded], program.row_lower])
-        upper = np.concatenate([program.upper[bounded], program.row_upper])
-        # Between bounds that are one there is no inside.
-        width = 1e-8 * np.maximum(1.0, np.abs(np.where(np.isfinite(lower), lower, 1.0)))
-        room = np.where(upper - lower < width, width, 0.0)
-        return cls(lower - room, upper + room, bounded)
-
-    def sides(self) -> tuple[Mask, Mask]:
-        """Return where there is a lower bound, and where there is an upper one."""
-        return np.isfinite(self.lower), np.isfinite(self.upper)
-
-    def gaps(self, slacks: Array) -> tuple[Array, Array]:
-        """Return the distances to the lower and to the upper bounds."""
-        lower, upper = self.sides()
-        return (
-            np.where(lower, slacks - self.lower, _FAR),
-            np.where(upper, self.upper - slacks, _FAR),
-        )
-
-    def within(self, slacks: Array) -> Array:
-        """Return slacks that rounding may have put on a bound."""
-        near = [
-            1e-13 * np.maximum(1.0, np.abs(np.where(there, side, 0.0)))
-            for there, side in zip(self.sides(), (self.lower, self.upper), strict=True)
-        ]
-        return np.clip(slacks, self.lower + near[0], self.upper - near[1])
-
-    def inside(self, values: Array) -> Array:
-        """Return the values that are nearest to given ones, a little within the bounds."""
-        width = np.where(np.isfinite(self.upper - self.lower), self.upper - self.lower, np.inf)
-        shift = [
-            _INSIDE * np.minimum(np.maximum(1.0, np.abs(np.where(there, side, 0.0))), width)
-            for there, side in zip(self.sides(), (self.lower, self.upper), strict=True)
-        ]
-        return np.clip(values, self.lower + shift[0], self.upper - shift[1])
 
 
 @dataclass(frozen=True)
@@ -149,8 +97,7 @@ class _InteriorPoint:
 
     def __init__(self, program: LimitedProgram, most: int, report: Report | None) -> None:
         self._program, self._most, self._report = program, most, report
-        self._bounds = _Bounds.of(program)
-        self._sides = self._bounds.sides()
+        self._bounds = Bounds.of(program)
         self._counts = {"f": 0, "grad_f": 0, "g": 0, "jac_g": 0}
         self._penalty = 1.0
 
@@ -160,7 +107,7 @@ class _InteriorPoint:
         bounded = self._bounds.variables
         point = self._at(np.clip(start, self._program.lower, self._program.upper))
         slacks = self._bounds.inside(point.values)
-        lower, upper = (np.where(side, 1.0, 0.0) for side in self._sides)
+        lower, upper = (np.where(side, 1.0, 0.0) for side in self._bounds.sides)
         duals = _Duals(np.zeros(len(slacks)), lower, upper)
         status, done, still = "Maximum_Iterations_Exceeded", 0, 0
         fall = min(_FALL, (_SMALLEST / barrier) ** (1 / self._most))
@@ -172,7 +119,7 @@ class _InteriorPoint:
                 status = "User_Requested_Stop"
                 break
             gaps = self._bounds.gaps(slacks)
-            products = self._products(gaps, duals)
+            products = self._bounds.products(gaps, (duals.lower, duals.upper))
             if self._error(point, slacks, duals, products) < _TOLERANCE:
                 status = "Solve_Succeeded"
                 break
@@ -225,13 +172,6 @@ class _InteriorPoint:
             np.concatenate([own, jacobian]),
         )
 
-    def _products(self, gaps: tuple[Array, Array], duals: _Duals) -> Array:
-        """Return every bound's distance times its multiplier: all equal μ on the central path."""
-        multipliers = (duals.lower, duals.upper)
-        return np.concatenate(
-            [a[side] * b[side] for a, b, side in zip(gaps, multipliers, self._sides, strict=True)]
-        )
-
     def _error(self, point: _Point, slacks: Array, duals: _Duals, products: Array) -> float:
         multipliers = (duals.values, duals.lower, duals.upper)
         size = sum(float(np.sum(np.abs(part))) for part in multipliers)
@@ -249,11 +189,11 @@ class _InteriorPoint:
         point: _Point,
         slacks: Array,
         duals: _Duals,
-        gaps: tuple[Array, Array],
+        gaps: Pair,
         barrier: float,
     ) -> _Step | None:
         """Return Newton's step on the conditions of the central path; None where there is none."""
-        below, above = self._pushes(gaps, barrier)
+        below, above = self._bounds.pushes(gaps, barrier)
         curvature = duals.lower / gaps[0] + duals.upper / gaps[1]
         towards = duals.values + below - above
         apart = point.values - slacks
@@ -274,18 +214,18 @@ class _InteriorPoint:
         point: _Point,
         slacks: Array,
         duals: _Duals,
-        gaps: tuple[Array, Array],
+        gaps: Pair,
         step: _Step,
         barrier: float,
     ) -> tuple[_Point, Array, _Duals]:
         """Go as far along the step as the merit function falls; return where that leads."""
         close = max(_CLOSEST, 1 - barrier)
-        share = self._longest(close, gaps, (step.slacks, -step.slacks))
-        dual_share = self._longest(
+        share = self._bounds.longest(close, gaps, (step.slacks, -step.slacks))
+        dual_share = self._bounds.longest(
             close, (duals.lower, duals.upper), (step.duals.lower, step.duals.upper)
         )
         apart = float(np.sum(np.abs(point.values - slacks)))
-        below, above = self._pushes(gaps, barrier)
+        below, above = self._bounds.pushes(gaps, barrier)
         slope = float(point.gradient @ step.x + (above - below) @ step.slacks)
         curvature = max(float(step.x @ point.hessian @ step.x), 0.0) / 2
         if apart > 0:
@@ -310,41 +250,20 @@ class _InteriorPoint:
         lower, upper = (
             np.where(side, np.clip(multiplier, 1e-10 * push, 1e10 * push), 0.0)
             for side, multiplier, push in zip(
-                self._sides,
+                self._bounds.sides,
                 (
                     duals.lower + dual_share * step.duals.lower,
                     duals.upper + dual_share * step.duals.upper,
                 ),
-                self._pushes(gap, barrier),
+                self._bounds.pushes(gap, barrier),
                 strict=True,
             )
         )
         values = duals.values + share * step.duals.values
         return self._at(x), moved, _Duals(values, lower, upper)
 
-    def _longest(
-        self, close: float, distances: tuple[Array, Array], ways: tuple[Array, Array]
-    ) -> float:
-        """Return how far one may go until the first of the distances is almost used up."""
-        share = 1.0
-        for side, distance, way in zip(self._sides, distances, ways, strict=True):
-            nearer = side & (way < 0)
-            share = float(np.min(-close * distance[nearer] / way[nearer], initial=share))
-        return share
-
-    def _pushes(self, gaps: tuple[Array, Array], barrier: float) -> tuple[Array, Array]:
-        """Return how the barrier pushes away from the lower and from the upper bounds."""
-        lower, upper = (
-            np.where(side, barrier / gap, 0.0) for side, gap in zip(self._sides, gaps, strict=True)
-        )
-        return lower, upper
-
     def _merit(self, cost: float, slacks: Array, apart: float, barrier: float) -> float:
-        gaps = self._bounds.gaps(slacks)
-        logarithms = sum(
-            float(np.sum(np.log(gap[side]))) for side, gap in zip(self._sides, gaps, strict=True)
-        )
-        found = cost - barrier * logarithms + self._penalty * apart
+        found = cost - barrier * self._bounds.logarithms(slacks) + self._penalty * apart
         return found if np.isfinite(found) else np.inf
 
 
