@@ -223,12 +223,13 @@ def test_limits_home_and_names_make_no_other_robot(folder, twin, tmp_path):
 def test_other_parameters_are_not_compared(folder, twin, tmp_path):
     design = twin / "design.json"
     change(design, lambda document: document["parameters"].pop())
-    path = twin / "tables" / "information.csv"
-    table = rows(path)[:-1]
-    with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.DictWriter(file, list(table[0])[:-1], extrasaction="ignore")
-        writer.writeheader()
-        writer.writerows(table)
+    for name, columns in (("information", -1), ("parameters", None), ("eigenvalues", None)):
+        path = twin / "tables" / f"{name}.csv"
+        table = rows(path)[:-1]
+        with path.open("w", encoding="utf-8", newline="") as file:
+            writer = csv.DictWriter(file, list(table[0])[:columns], extrasaction="ignore")
+            writer.writeheader()
+            writer.writerows(table)
     text = compare([folder, twin], tmp_path / "out")
     assert "judge different parameters" in text
     assert not (tmp_path / "out" / "tables" / "criteria.csv").exists()
