@@ -67,13 +67,23 @@ class BatchFunction:
         return int(self._function.n_instructions())
 
     def __call__(self, *inputs: Array) -> list[Array]:
-        """Evaluate: varying inputs as (N, rows), fixed ones as (rows,)."""
+        """Evaluate: varying inputs as (N, rows), fixed ones as (rows,).
+
+        Raises
+        ------
+        ValueError
+            There are other inputs than the function has, or one has another size.
+        """
+        # Machine code reads what it is given an address of, whatever is there.
+        if len(inputs) != self._function.n_in():
+            raise ValueError(f"{len(inputs)} inputs, not {self._function.n_in()}")
         varying = [np.atleast_2d(value) for value in inputs[: self._varying]]
         fixed = [np.asarray(value, dtype=np.float64) for value in inputs[self._varying :]]
         count = varying[0].shape[0]
-        for k, value in enumerate([*(value[:1] for value in varying), *fixed]):
-            if count and value.size != self._function.nnz_in(k):
-                raise ValueError(f"input {k}: {value.size} values, not {self._function.nnz_in(k)}")
+        for k, value in enumerate([*varying, *fixed]):
+            size = self._function.nnz_in(k) * (count if k < self._varying else 1)
+            if value.size != size or (k < self._varying and len(value) != count):
+                raise ValueError(f"input {k}: {value.size} values, not {size}")
         code = self._compiled(count)
         flat = code(varying, fixed) if code else self._mapped(varying, fixed, count)
         return [

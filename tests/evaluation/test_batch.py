@@ -157,14 +157,30 @@ def test_a_function_that_calls_another_is_left_to_the_virtual_machine():
     np.testing.assert_array_equal(function(np.zeros((3, 1)))[0], np.zeros((3, 1)))
 
 
+@pytest.mark.parametrize("compiled", [False, True])
 @pytest.mark.parametrize("count", [1, 513])
-def test_inputs_of_another_size_are_refused(count):
-    x, p = ca.SX.sym("x", 3), ca.SX.sym("p", 2)
-    function = BatchFunction("some", [x], [p], [ca.sum1(x) * p])
-    assert function(np.ones((count, 3)), np.ones(2))[0].shape == (count, 2)
-    for varying, fixed in ((np.ones((count, 1)), np.ones(2)), (np.ones((count, 3)), np.ones(1))):
+def test_inputs_of_another_size_are_refused(count, compiled):
+    x, y, p = ca.SX.sym("x", 3), ca.SX.sym("y", 2), ca.SX.sym("p", 2)
+    function = BatchFunction("some", [x, y], [p], [ca.sum1(x) * y * p])
+    if compiled:
+        function.compile()
+    assert function.is_compiled == compiled
+    good = np.ones((count, 3)), np.ones((count, 2)), np.ones(2)
+    np.testing.assert_array_equal(function(*good)[0], np.full((count, 2), 3.0))
+    others = (
+        (np.ones((count, 1)), *good[1:]),
+        (*good[:2], np.ones(1)),
+        # Inputs of another number of samples, more or fewer than the first one's.
+        (good[0], np.ones((count + 1, 2)), good[2]),
+        (good[0], np.ones((count - 1, 2)), good[2]),
+        (np.ones((0, 3)), *good[1:]),
+    )
+    for inputs in others:
         with pytest.raises(ValueError, match="values, not"):
-            function(varying, fixed)
+            function(*inputs)
+    for inputs in (good[:1], good[:2], (*good, np.ones(2))):
+        with pytest.raises(ValueError, match=f"{len(inputs)} inputs, not 3"):
+            function(*inputs)
 
 
 def test_processes_that_compile_the_same_at_once(cache):
