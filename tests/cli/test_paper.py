@@ -113,8 +113,11 @@ def test_the_design_study_shows_the_pattern_of_table_2(runs):
 def test_the_identification_study_says_where_the_information_is_disturbed(runs):
     said = {}
     for row in rows(runs["paper_identification"] / "tables" / "study_hausman.csv"):
-        said.setdefault(row["case"], set()).add(row["disturbed"])
-    assert said == {"undisturbed": {"no"}, "pointwise": {"yes"}, "tracking": {"yes"}}
+        said.setdefault(row["case"], []).append(row["disturbed"])
+    assert set(said) == {"undisturbed", "pointwise", "tracking"}
+    assert set(said["pointwise"] + said["tracking"]) == {"yes"}
+    # By chance the test rejects in one experiment of twenty, of which there are four here.
+    assert said["undisturbed"].count("yes") <= 1
 
 
 def test_the_validation_study_names_the_struts(runs):
