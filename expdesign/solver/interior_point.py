@@ -118,12 +118,15 @@ class _InteriorPoint:
             if self._report is not None and not self._report(*now):
                 status = "User_Requested_Stop"
                 break
+            if not (np.isfinite(point.cost) and np.all(np.isfinite(point.values))):
+                status = "Invalid_Number_Detected"
+                break
             gaps = self._bounds.gaps(slacks)
             products = self._bounds.products(gaps, (duals.lower, duals.upper))
             if self._error(point, slacks, duals, products) < _TOLERANCE:
                 status = "Solve_Succeeded"
                 break
-            if still >= _ROUNDS:
+            if still >= _ROUNDS and violation < _KEPT:
                 status = "Solved_To_Acceptable_Level"
                 break
             if done == self._most:

@@ -98,6 +98,36 @@ def test_values_that_are_no_numbers_end_it():
     assert not result.converged
 
 
+def test_a_cost_that_is_no_number_is_no_solution():
+    class Hole(Quadratic):
+        def f(self, x):
+            return np.nan if np.abs(x).max() > 0.2 else super().f(x)
+
+    program = Hole(([-INF] * 3, [INF] * 3), ([-INF, 5.0, -INF], [0.5, INF, 100.0]))
+    result = solve_by_interior_point(program, np.zeros(3), most=60)
+    assert result.status == "Invalid_Number_Detected"
+    assert not result.converged
+
+
+@pytest.mark.parametrize("barrier", [1e-2, 1e-3, 1e-5])
+def test_a_cost_that_stands_still_beyond_the_rows_is_no_solution(barrier):
+    class High(Fit):
+        """So high that every step changes it little; its steps cross the circle."""
+
+        def f(self, x):
+            return 1000 + 0.015 * x @ x + 0.05 * x[0]
+
+        def slope(self, x):
+            return 0.03 * x + [0.05, 0.0]
+
+        def curvature(self, x):
+            return 0.03 * np.eye(2)
+
+    program = High(([-INF] * 2, [INF] * 2), ([-INF], [1.0]))
+    result = solve_by_interior_point(program, np.array([0.5, 0.1]), most=60, barrier=barrier)
+    assert result.x @ result.x <= 1 + 1e-3 or not result.converged
+
+
 def test_evaluations_are_the_true_ones_and_every_iterate_is_reported():
     program, seen = quadratic(), []
 
