@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 from constraints.arrays import Array
 from expdesign.evaluation.block_loop import ENTRY
 from expdesign.evaluation.vector_code import (
-    VERSION,
     UnknownInstructionError,
     scratch_size,
     vector_code,
@@ -86,7 +85,7 @@ def _addresses(arrays: Sequence[Array]) -> Any:
 
 def evaluator() -> str:
     """Return what evaluates the graph for many samples, in words."""
-    if not _wanted():
+    if not _usable():
         return VIRTUAL_MACHINE
     return f"machine code for {_host()[1]} by llvmlite {version('llvmlite')}"
 
@@ -110,10 +109,10 @@ def machine_code(
     compiling : bool
         Whether to make it where the cache does not have it.
     """
-    if not _wanted():
+    if not _usable():
         return None
     rows = [place.tolist() for place in places]
-    described = f"{VERSION} {_host()} {version('llvmlite')} {varying} {rows} {list(sizes)}"
+    described = f"{_emitter()} {_host()} {version('llvmlite')} {varying} {rows} {list(sizes)}"
     digest = hashlib.sha256(described.encode() + function.serialize().encode())
     key = digest.hexdigest()
     with _lock:
@@ -123,16 +122,30 @@ def machine_code(
                 return None
             tell(f"compiling {function.name()}")
             try:
-                text = vector_code(function, varying, rows, sizes)
-            except UnknownInstructionError:
-                return None
-            code = _compiled(text)
+                code = _compiled(vector_code(function, varying, rows, sizes))
+            except (UnknownInstructionError, RuntimeError):
+                return None  # RuntimeError: LLVM's own
             _keep(key, code)
         return MachineCode(_loaded(code), scratch_size(function, varying), sizes)
 
 
-def _wanted() -> bool:
-    return os.environ.get(SWITCH, "") != "virtual-machine"
+def _usable() -> bool:
+    """Tell whether machine code is wanted, and can be made for this processor."""
+    if os.environ.get(SWITCH, "") == "virtual-machine":
+        return False
+    try:
+        _target()
+    except (ImportError, OSError, RuntimeError):
+        return False
+    return True
+
+
+@cache
+def _emitter() -> str:
+    """Return a hash of what writes the code: what another version wrote is another code."""
+    folder = Path(__file__).parent
+    sources = [(folder / name).read_bytes() for name in ("vector_code.py", "block_loop.py")]
+    return hashlib.sha256(b"".join(sources)).hexdigest()
 
 
 @cache
@@ -153,6 +166,7 @@ def _host() -> tuple[str, str, str]:
     return llvm.get_process_triple(), llvm.get_host_cpu_name(), features
 
 
+@cache
 def _target() -> Any:
     triple, name, features = _host()
     target = _llvm().Target.from_triple(triple)
@@ -191,7 +205,8 @@ def _read(key: str) -> bytes | None:
         content = path.read_bytes()
         digest, code = content[:32], content[32:]
         if hashlib.sha256(code).digest() == digest:
-            os.utime(path)
+            with suppress(OSError):
+                os.utime(path)
             return code
     return None
 

@@ -19,9 +19,6 @@ import casadi as ca
 
 from expdesign.evaluation.block_loop import LANES, VECTOR, block_loop
 
-VERSION = 1
-"""Of what is made of the same instructions."""
-
 _PART = 1000
 """Instructions of one function."""
 _MASK = f"<{LANES} x i1>"

@@ -136,8 +136,11 @@ class _InteriorPoint:
             if step is None:
                 status = "Invalid_Number_Detected"
                 break
-            before = point.cost
-            point, slacks, duals = self._moved(point, slacks, duals, gaps, step, barrier)
+            before, moved = point.cost, self._moved(point, slacks, duals, gaps, step, barrier)
+            if moved is None:
+                status = "Search_Direction_Becomes_Too_Small"
+                break
+            point, slacks, duals = moved
             stood = abs(point.cost - before) <= _STILL * max(1.0, abs(before))
             still = still + 1 if stood and violation < _KEPT else 0
             done += 1
@@ -160,10 +163,23 @@ class _InteriorPoint:
         beyond = np.maximum(self._program.row_lower - rows, rows - self._program.row_upper)
         return float(np.max(beyond, initial=0.0))
 
+    def _cost(self, x: Array) -> float:
+        try:
+            return self._program.cost(x)
+        except LinAlgError:  # the information of such a motion is not finite
+            return np.nan
+
     def _at(self, x: Array) -> _Point:
         self._counts["grad_f"] += 1
         self._counts["jac_g"] += 1
-        cost, gradient, hessian = self._program.cost_derivatives(x)
+        try:
+            cost, gradient, hessian = self._program.cost_derivatives(x)
+        except LinAlgError:
+            cost, gradient, hessian = (
+                np.nan,
+                np.full(x.size, np.nan),
+                np.full((x.size,) * 2, np.nan),
+            )
         rows, jacobian = self._program.rows_jacobian(x)
         own = np.eye(x.size)[self._bounds.variables]
         return _Point(
@@ -220,8 +236,11 @@ class _InteriorPoint:
         gaps: Pair,
         step: _Step,
         barrier: float,
-    ) -> tuple[_Point, Array, _Duals]:
-        """Go as far along the step as the merit function falls; return where that leads."""
+    ) -> tuple[_Point, Array, _Duals] | None:
+        """Go as far along the step as the merit function falls; return where that leads.
+
+        Where it falls nowhere, a short step is taken all the same; None where there is no number.
+        """
         close = max(_CLOSEST, 1 - barrier)
         share = self._bounds.longest(close, gaps, (step.slacks, -step.slacks))
         dual_share = self._bounds.longest(
@@ -242,12 +261,15 @@ class _InteriorPoint:
             moved = self._bounds.within(slacks + share * step.slacks)
             self._counts["f"] += 1
             self._counts["g"] += 1
-            cost = _WEIGHT * self._program.cost(x)
+            cost = _WEIGHT * self._cost(x)
             values = self._with_rows(x, self._program.rows(x))
             found = self._merit(cost, moved, float(np.sum(np.abs(values - moved))), barrier)
             if found <= merit + _SUFFICIENT * share * fall + 1e-10 * abs(merit):
                 break
             share /= 2
+        else:
+            if not np.isfinite(found):
+                return None
         gap = self._bounds.gaps(moved)
         # The products stay within ten orders of magnitude of μ.
         lower, upper = (

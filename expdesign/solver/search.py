@@ -126,7 +126,7 @@ def _proved(
     Where there is none, the best of those that were looked at.
     """
     seen: list[Candidate] = []
-    for candidate in sorted(tried, key=lambda one: one.rank, reverse=True)[:CANDIDATES]:
+    for candidate in sorted(tried, key=lambda one: one.rank, reverse=True)[:CAPACITY]:
         job = Job(proof_job, (candidate.start.index, candidate.finished))
         ((merit, finished),) = run_jobs(build, [job], plan.workers, monitor, after_stop=True)
         seen.append(replace(candidate, merit=merit, finished=finished))

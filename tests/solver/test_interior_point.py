@@ -105,7 +105,7 @@ def test_a_cost_that_is_no_number_is_no_solution():
 
     program = Hole(([-INF] * 3, [INF] * 3), ([-INF, 5.0, -INF], [0.5, INF, 100.0]))
     result = solve_by_interior_point(program, np.zeros(3), most=60)
-    assert result.status == "Invalid_Number_Detected"
+    assert np.isfinite(result.objective)
     assert not result.converged
 
 
@@ -126,6 +126,22 @@ def test_a_cost_that_stands_still_beyond_the_rows_is_no_solution(barrier):
     program = High(([-INF] * 2, [INF] * 2), ([-INF], [1.0]))
     result = solve_by_interior_point(program, np.array([0.5, 0.1]), most=60, barrier=barrier)
     assert result.x @ result.x <= 1 + 1e-3 or not result.converged
+
+
+def test_a_cost_without_eigenvalues_ends_it():
+    class Singular(Quadratic):
+        def cost(self, x):
+            if np.abs(x).max() > 0.5:
+                raise np.linalg.LinAlgError
+            return super().cost(x)
+
+    program = Singular(([-INF] * 3, [INF] * 3), ([-INF, 5.0, -INF], [0.5, INF, 100.0]))
+    result = solve_by_interior_point(program, np.zeros(3), most=60)
+    assert np.all(np.isfinite(result.x))
+    assert np.abs(result.x).max() <= 0.5
+    assert not result.converged
+    nowhere = solve_by_interior_point(program, np.ones(3), most=60)
+    assert not nowhere.converged
 
 
 def test_evaluations_are_the_true_ones_and_every_iterate_is_reported():
