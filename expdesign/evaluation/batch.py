@@ -17,9 +17,10 @@ from expdesign.evaluation.machine_code import MachineCode, machine_code
 from expdesign.evaluation.one_instant import OneInstant
 
 _LOADING = 64
-"""Samples from which on it takes less time to look for machine code in the cache and load it."""
+"""Samples, all together, from which on the cache is asked: who evaluates few never loads LLVM."""
 _COMPILING = 5000
-"""Samples, all together, for which the virtual machine takes about as long as LLVM to compile."""
+"""Samples, all together, from which on machine code is made where the cache has none: the virtual
+machine has taken about a third of the time by then that LLVM takes."""
 _MOST_MAPS = 16
 """Bound on memory."""
 _PIECE = 512

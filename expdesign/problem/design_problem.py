@@ -189,10 +189,13 @@ class LimitedProgram:
 
     def excess(self, x: Array) -> float:
         """Return how far the rows are broken at most, in the program's own scaling."""
-        values = self.rows(x)
-        beyond = np.maximum(self.row_lower - values, values - self.row_upper)
-        worst = float(np.max(beyond, initial=0.0))
+        worst = largest_excess(self.rows(x), self.row_lower, self.row_upper)
         return worst if np.isfinite(worst) else np.inf
+
+
+def largest_excess(values: Array, lower: Array, upper: Array) -> float:
+    """Return how far values are beyond their bounds at most; 0 where none is."""
+    return float(np.max(np.maximum(lower - values, values - upper), initial=0.0))
 
 
 def hidden_by_smoothing(

@@ -16,12 +16,10 @@ import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from constraints.arrays import Array
-from expdesign.problem.design_problem import LimitedProgram
+from expdesign.problem.design_problem import LimitedProgram, largest_excess
 from expdesign.solver.barrier import Bounds, Pair
-from expdesign.solver.solution import Report, Solution
+from expdesign.solver.solution import FEASIBLE, WEIGHT, Report, Solution
 
-_WEIGHT = 10.0
-"""Of the objective against the rows, which count in shares of the limits' ranges."""
 _FALL = 0.9
 """μ of an iteration as a share of the one before; less where there are few iterations. Rules that
 watch the progress need fewer and end in worse optima (measured)."""
@@ -36,8 +34,6 @@ _TOLERANCE = 1e-4
 """Of the conditions of optimality, scaled as Ipopt does."""
 _STILL, _ROUNDS = 2e-4, 5
 """Change of the objective, in how many iterations one after the other, that counts as none."""
-_KEPT = 1e-3
-"""Violation below which rows count as kept."""
 
 
 @dataclass(frozen=True)
@@ -113,8 +109,8 @@ class _InteriorPoint:
         fall = min(_FALL, (_SMALLEST / barrier) ** (1 / self._most))
         while True:
             rows = point.values[len(bounded) :]
-            violation = self._violation(rows)
-            now = done + 1, point.cost / _WEIGHT, violation, point.x
+            violation = largest_excess(rows, self._program.row_lower, self._program.row_upper)
+            now = done + 1, point.cost / WEIGHT, violation, point.x
             if self._report is not None and not self._report(*now):
                 status = "User_Requested_Stop"
                 break
@@ -126,7 +122,7 @@ class _InteriorPoint:
             if self._error(point, slacks, duals, products) < _TOLERANCE:
                 status = "Solve_Succeeded"
                 break
-            if still >= _ROUNDS and violation < _KEPT:
+            if still >= _ROUNDS and violation < FEASIBLE:
                 status = "Solved_To_Acceptable_Level"
                 break
             if done == self._most:
@@ -142,12 +138,12 @@ class _InteriorPoint:
                 break
             point, slacks, duals = moved
             stood = abs(point.cost - before) <= _STILL * max(1.0, abs(before))
-            still = still + 1 if stood and violation < _KEPT else 0
+            still = still + 1 if stood and violation < FEASIBLE else 0
             done += 1
         return Solution(
             x=point.x,
-            objective=point.cost / _WEIGHT,
-            multipliers=duals.values[len(bounded) :] / _WEIGHT,
+            objective=point.cost / WEIGHT,
+            multipliers=duals.values[len(bounded) :] / WEIGHT,
             status=status,
             converged=status in {"Solve_Succeeded", "Solved_To_Acceptable_Level"},
             iterations=done,
@@ -158,10 +154,6 @@ class _InteriorPoint:
     def _with_rows(self, x: Array, rows: Array) -> Array:
         """Return what is bounded: of the variables, and the rows."""
         return np.concatenate([x[self._bounds.variables], rows])
-
-    def _violation(self, rows: Array) -> float:
-        beyond = np.maximum(self._program.row_lower - rows, rows - self._program.row_upper)
-        return float(np.max(beyond, initial=0.0))
 
     def _cost(self, x: Array) -> float:
         try:
@@ -184,9 +176,9 @@ class _InteriorPoint:
         own = np.eye(x.size)[self._bounds.variables]
         return _Point(
             x,
-            _WEIGHT * cost,
-            _WEIGHT * gradient,
-            _WEIGHT * hessian,
+            WEIGHT * cost,
+            WEIGHT * gradient,
+            WEIGHT * hessian,
             self._with_rows(x, rows),
             np.concatenate([own, jacobian]),
         )
@@ -261,7 +253,7 @@ class _InteriorPoint:
             moved = self._bounds.within(slacks + share * step.slacks)
             self._counts["f"] += 1
             self._counts["g"] += 1
-            cost = _WEIGHT * self._cost(x)
+            cost = WEIGHT * self._cost(x)
             values = self._with_rows(x, self._program.rows(x))
             found = self._merit(cost, moved, float(np.sum(np.abs(values - moved))), barrier)
             if found <= merit + _SUFFICIENT * share * fall + 1e-10 * abs(merit):

@@ -8,10 +8,9 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Literal
 
 import casadi as ca
-import numpy as np
 
 from constraints.arrays import Array
-from expdesign.problem.design_problem import LimitedProgram
+from expdesign.problem.design_problem import LimitedProgram, largest_excess
 from expdesign.solver.solution import Report, Solution
 
 Curvature = Literal["gauss-newton", "limited-memory"]
@@ -111,8 +110,7 @@ def solve_with_ipopt(
     iterations = itertools.count(1)
 
     def watch(x: Array, objective: Array, rows: Array, *_multipliers: Array) -> list[int]:
-        beyond = np.maximum(program.row_lower - rows, rows - program.row_upper)
-        violation = float(np.max(beyond, initial=0.0))
+        violation = largest_excess(rows, program.row_lower, program.row_upper)
         now = next(iterations), float(objective[0]), violation
         return [0 if report is None or report(*now, x) else 1]
 

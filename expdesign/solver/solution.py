@@ -7,6 +7,13 @@ from dataclasses import dataclass
 
 from constraints.arrays import Array
 
+FEASIBLE = 1e-3
+"""Violation, as a share of a limit's range, below which an iterate of the search counts as kept;
+what is left is removed by the finish and judged by the recheck."""
+WEIGHT = 10.0
+"""Of the objective against the rows. Measured: with a weight of 1 one start in five is lost in the
+first steps of Ipopt's barrier."""
+
 Report = Callable[[int, float, float, Array], bool]
 """(number of the iteration, objective, largest violation, iterate) → go on?"""
 

@@ -14,17 +14,12 @@ from expdesign.information.spectral import Criterion
 from expdesign.problem.design_problem import DesignProblem
 from expdesign.solver.interior_point import solve_by_interior_point
 from expdesign.solver.ipopt import COMMON_OPTIONS, solve_with_ipopt
-from expdesign.solver.solution import Solution
+from expdesign.solver.solution import FEASIBLE, WEIGHT, Solution
 from expdesign.workers import Monitor
-
-FEASIBLE = 1e-3
-"""Violation, as a share of a limit's range, below which an iterate counts as kept here; what is
-left is removed by the finish and judged by the recheck."""
 
 IPOPT_OPTIONS = {
     **COMMON_OPTIONS,
-    # Measured: with a weight of 1 one start in five is lost in the barrier's first steps.
-    "obj_scaling_factor": 10.0,
+    "obj_scaling_factor": WEIGHT,
     "tol": 1e-4,
     "acceptable_constr_viol_tol": 1e-3,
 }

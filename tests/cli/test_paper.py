@@ -17,7 +17,8 @@ SMALL = {
         "controller_period": "20 ms",
     },
     "design": {"starts": 1, "max_iterations": 12},
-    "experiment": {"periods": 5, "sampling": "50 Hz"},
+    # With five periods of so small a design the difference test rejects one in four.
+    "experiment": {"periods": 20, "sampling": "50 Hz"},
 }
 STUDIES = {
     "paper_design": {"sets": 1, "repetitions": 25},
@@ -113,11 +114,8 @@ def test_the_design_study_shows_the_pattern_of_table_2(runs):
 def test_the_identification_study_says_where_the_information_is_disturbed(runs):
     said = {}
     for row in rows(runs["paper_identification"] / "tables" / "study_hausman.csv"):
-        said.setdefault(row["case"], []).append(row["disturbed"])
-    assert set(said) == {"undisturbed", "pointwise", "tracking"}
-    assert set(said["pointwise"] + said["tracking"]) == {"yes"}
-    # By chance the test rejects in one experiment of twenty, of which there are four here.
-    assert said["undisturbed"].count("yes") <= 1
+        said.setdefault(row["case"], set()).add(row["disturbed"])
+    assert said == {"undisturbed": {"no"}, "pointwise": {"yes"}, "tracking": {"yes"}}
 
 
 def test_the_validation_study_names_the_struts(runs):
