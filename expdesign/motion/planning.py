@@ -136,8 +136,7 @@ class _Plan:
         total = 0.0
         for _, problem in self.problems(phase, _COARSE_PIECES):
             guess = self.guesses(problem, phase)[0]
-            attempt = shortest(problem, guess, self.width, _COARSE_POINTS)
-            total += attempt.duration * (1 + 10 * max(attempt.violation, 0.0))
+            total += shortest(problem, guess, self.width, _COARSE_POINTS).promise
         return total
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -16,9 +17,9 @@ from expdesign.motion.spline import SplineRamp
 from expdesign.problem.design_problem import hidden_by_smoothing
 from expdesign.progress import tell
 from expdesign.recheck.certificate import certify
-from expdesign.recheck.fine_grid import local_worst
+from expdesign.recheck.fine_grid import local_worst, worst_sampled
 from expdesign.recheck.limit_check import TOLERANCE, LimitCheck
-from expdesign.solver.ipopt import COMMON_OPTIONS, solve_with_ipopt
+from expdesign.solver.interior_point import solve_by_interior_point
 
 RESERVE = 2e-3
 """Share of every limit's range that a ramp leaves free, away from its ends: room for what a
@@ -41,16 +42,8 @@ _END_SHARE = 0.1
 _LARGEST_MARGIN = 0.2
 _TIME_SMOOTHNESS = 2e-4
 
-_OPTIONS = {
-    **COMMON_OPTIONS,
-    "tol": 1e-5,
-    "constr_viol_tol": _FEASIBLE,
-    # What the search finds is solved again on a finer grid, at a duration rounded up by more than
-    # this: without it the last digits of feasibility take four fifths of the iterations.
-    "acceptable_constr_viol_tol": 1e-3,
-    "max_iter": 100,
-}
-_SETTLING = {**_OPTIONS, "acceptable_constr_viol_tol": _FEASIBLE, "max_iter": 60}
+_solved = partial(solve_by_interior_point, most=40, barrier=0.03, curvature=1.0)
+"""More iterations, or a larger barrier, end in longer ramps (measured)."""
 
 
 class NoRampError(ComputationError):
@@ -76,6 +69,11 @@ class RampAttempt:
         """Duration reached, s."""
         return self.problem.duration(self.x)
 
+    @property
+    def promise(self) -> float:
+        """Duration reached, and more where limits are broken, s: the smaller, the better."""
+        return self.duration * (1 + 10 * max(self.violation, 0.0))
+
 
 def shortest(
     problem: RampProblem, guess: SplineRamp, width: float, points: int = _POINTS
@@ -88,13 +86,13 @@ def shortest(
     x = problem.pack(guess)
     shares = _nodes(points)
     inside = ((shares > 0) & (shares < 1))[:, None] | problem.limits.of_jerk
-    fine = np.linspace(0.0, 1.0, 4 * points)
+    basis, fine = (problem.basis(one) for one in (shares, np.linspace(0.0, 1.0, 4 * points)))
     mask: Mask = np.zeros((len(shares), len(problem.limits.keys)), dtype=bool)
     lower, upper = problem.limits.smooth_bounds()
     bounded = np.isfinite(lower) | np.isfinite(upper)
     for attempt in range(_ROUNDS_PER_DURATION):
-        margins = _capped(problem, shares, width, np.full(mask.shape, RESERVE))
-        violations = problem.limits.smooth_violations(problem.states(x, shares), width)
+        margins = _capped(problem, x, shares, width, np.full(mask.shape, RESERVE))
+        violations = problem.limits.smooth_violations(problem.states(x, basis), width)
         broken = (violations > _FEASIBLE - margins) & inside & ~mask
         if attempt and not np.any(broken):
             break
@@ -102,13 +100,7 @@ def shortest(
         near = (violations > -_NEAR) | (problem.limits.moving & bounded)
         mask = mask | broken | (near & inside)
         program = RampProgram(problem, shares, mask, margins, width, _TIME_SMOOTHNESS)
-        result = solve_with_ipopt(program, x, options=_OPTIONS)
-        found = result.x
-        if program.excess(found) > _LOST:
-            # Large rotations: the curvature of the limits matters, which Gauss–Newton leaves out.
-            result = solve_with_ipopt(program, x, options=_OPTIONS, curvature="limited-memory")
-            if program.excess(result.x) < program.excess(found):
-                found = result.x
+        found = _solved(program, x).x
         if program.excess(found) > _LOST:
             break
         x = found
@@ -131,33 +123,40 @@ def find_ramp(
     NoRampError
         None of the attempts keeps every limit.
     """
-    best: RampAttempt | None = None
-    tried: list[float] = []
-    for guess in guesses:
-        if len(tried) == _ATTEMPTS:
-            break
-        if any(max(guess.duration / t, t / guess.duration) < _DIFFERENT for t in tried):
-            continue
+    attempts = []
+    for guess in _different(guesses):
         tell(f"ways from rest and back: the {name}, a guess of {guess.duration:.2g} s")
-        tried.append(guess.duration)
-        attempt = shortest(problem, guess, width)
-        if attempt.violation < _CLOSE_ENOUGH:
-            ramp, attempt = _settled(attempt, name, step, width)
-            if ramp is not None:
-                return ramp
-        if best is None or attempt.violation < best.violation:
-            best = attempt
-    if best is None:
+        attempts.append(shortest(problem, guess, width))
+    if not attempts:
         raise ValueError("there is no guess to start from")
-    plain = _plain_ramp(problem, guesses, name, step)
-    if plain is not None:
-        return plain
+    attempts.sort(key=lambda one: one.promise)
+    found: SplineRamp | None = None
+    for number, attempt in enumerate(attempts):
+        if attempt.violation < _CLOSE_ENOUGH and (
+            found is None or attempt.duration < found.duration
+        ):
+            ramp, attempts[number] = _settled(attempt, name, step, width, found)
+            found = ramp or found
+    found = found or _plain_ramp(problem, guesses, name, step)
+    if found is not None:
+        return found
+    best = min(attempts, key=lambda one: one.violation)
     raise NoRampError(
         name,
         best.limit,
         f"no {name} was found that keeps every limit: the best attempt, of "
         f"{best.duration:.3g} s, breaks {best.limit} by {100 * best.violation:.2g} % of its range",
     )
+
+
+def _different(guesses: Sequence[SplineRamp]) -> list[SplineRamp]:
+    """Return the first guesses whose durations differ."""
+    kept: list[SplineRamp] = []
+    for guess in guesses:
+        ratios = [guess.duration / other.duration for other in kept]
+        if len(kept) < _ATTEMPTS and all(max(r, 1 / r) >= _DIFFERENT for r in ratios):
+            kept.append(guess)
+    return kept
 
 
 def _plain_ramp(
@@ -174,11 +173,7 @@ def _plain_ramp(
         scaled = replace(problem, time_scale=duration)
         x = np.append(scaled.pack(guess)[:-1], 1.0)
         ramp = replace(scaled.ramp(x, name), duration=duration)
-        # Most guesses break a limit by far, which needs no proof.
-        states = moving_states(ramp, duration * _nodes(_POINTS))
-        if np.max(scaled.limits.violations(states)) > TOLERANCE:
-            continue
-        worst = worst_limit(scaled, ramp)
+        worst = _judged(scaled, ramp)
         if worst.possible <= -RESERVE:
             return ramp
         if worst.possible <= TOLERANCE and kept is None:
@@ -187,7 +182,7 @@ def _plain_ramp(
 
 
 def _settled(
-    attempt: RampAttempt, name: str, step: float, width: float
+    attempt: RampAttempt, name: str, step: float, width: float, known: SplineRamp | None
 ) -> tuple[SplineRamp | None, RampAttempt]:
     """Solve at a whole number of steps until the unsmoothed model keeps every limit.
 
@@ -199,20 +194,22 @@ def _settled(
     since, stretch = 0, _STRETCH
     used = np.zeros((_FINE + 1, len(problem.limits.keys)), dtype=bool)
     for number in range(_ROUNDS):
+        if known is not None and steps * step >= known.duration:
+            break
         tell(f"ways from rest and back: the {name} at {steps * step:.3g} s", number, _ROUNDS)
         x = np.append(x[:-1], steps * step / problem.time_scale)
         critical, margins = _critical_rows(problem, x, width)
         # Rows of earlier rounds stay: without them their violations would come back.
         used |= critical
         program = RampProgram(problem, _fine_grid(), used, margins, width, 1.0)
-        result = solve_with_ipopt(program.with_duration(steps * step), x, options=_SETTLING)
+        result = _solved(program.smoothest(x), x, most=60, barrier=0.1, feasible=_FEASIBLE)
         excess = program.excess(result.x)
         if excess > _CLOSE_ENOUGH:
             break
         possible = excess < 10 * _FEASIBLE
         x, since = result.x, since + 1
         ramp = replace(problem.ramp(x, name), duration=steps * step)
-        worst = worst_limit(problem, ramp)
+        worst = _judged(problem, ramp)
         attempt = RampAttempt(x, problem, worst.possible, worst.key)
         if worst.possible <= TOLERANCE:
             return ramp, attempt
@@ -222,6 +219,14 @@ def _settled(
             stretch *= 2
             used[:] = False
     return None, attempt
+
+
+def _judged(problem: RampProblem, ramp: SplineRamp) -> LimitCheck:
+    """Return the same; where a limit is broken at some of many instants, of these: no proof."""
+    times = ramp.duration * _fine_grid()
+    sampled = worst_sampled(problem.limits, times, moving_states(ramp, times))
+    worst = max(sampled, key=lambda check: check.violation)
+    return worst_limit(problem, ramp) if worst.kept else worst
 
 
 def worst_limit(problem: RampProblem, ramp: SplineRamp) -> LimitCheck:
@@ -247,9 +252,13 @@ def _critical_rows(problem: RampProblem, x: Array, width: float) -> tuple[Mask, 
     """
     fine, limits = _fine_grid(), problem.limits
     exact, hidden = hidden_by_smoothing(
-        limits, problem.states(x, fine), width, _FINE // (2 * _POINTS), periodic=False
+        limits,
+        problem.states(x, problem.basis(fine)),
+        width,
+        _FINE // (2 * _POINTS),
+        periodic=False,
     )
-    margins = _capped(problem, fine, width, np.minimum(hidden + RESERVE, _LARGEST_MARGIN))
+    margins = _capped(problem, x, fine, width, np.minimum(hidden + RESERVE, _LARGEST_MARGIN))
     peaks = local_worst(exact, periodic=False) & (exact > -_NEAR_PEAK)
     regular = np.zeros(len(fine), dtype=bool)
     regular[np.rint(_nodes(_POINTS) * _FINE).astype(int)] = True
@@ -259,17 +268,27 @@ def _critical_rows(problem: RampProblem, x: Array, width: float) -> tuple[Mask, 
     return used, margins
 
 
-def _capped(problem: RampProblem, shares: Array, width: float, margins: Array) -> Array:
+def _capped(problem: RampProblem, x: Array, shares: Array, width: float, margins: Array) -> Array:
     """Let margins fade towards both ends, (K, R): what holds there is given.
 
     A row that an end itself has no room for, or breaks in its smoothed form, gets its room back
-    with the cube of the time that has passed, as jerk moves a machine.
+    with the cube of the time that has passed, as jerk moves a machine. So does one that has none
+    where rate and acceleration of the end lead, up to its natural bound.
     """
+    duration = problem.duration(x)
     given = ~problem.limits.of_jerk
-    for end, distance in ((problem.start, shares), (problem.end, 1 - shares)):
-        state = np.concatenate([*end, np.zeros(COORDINATES)])
-        room = -problem.limits.smooth_violations(state[None, :], width)[0]
+    for end, distance, sign in ((problem.start, shares, 1.0), (problem.end, 1 - shares, -1.0)):
+        near = distance < _END_SHARE
+        passed = sign * duration * np.append(0.0, distance[near])[:, None]
+        led = (
+            end.pose + passed * end.rate + passed**2 / 2 * end.acceleration,
+            end.rate + passed * end.acceleration,
+            np.broadcast_to(end.acceleration, (len(passed), COORDINATES)),
+            np.zeros((len(passed), COORDINATES)),
+        )
+        rooms = -problem.limits.smooth_violations(np.hstack(led), width)
+        room = rooms[0] + np.zeros(margins.shape)
+        room[near] = np.minimum(rooms[0], np.maximum(rooms[1:], np.minimum(rooms[0], 0.0)))
         grown = _LARGEST_MARGIN * (distance / _END_SHARE) ** 3
-        capped = np.minimum(margins, room + grown[:, None])
-        margins = np.where(given, capped, margins)
+        margins = np.where(given, np.minimum(margins, room + grown[:, None]), margins)
     return margins

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from constraints.arrays import Array, Mask
 from expdesign.mechanism.hexapod import COORDINATES
@@ -16,7 +17,7 @@ from expdesign.motion.spline import (
     derivatives,
     end_coefficients,
     reversed_in_time,
-    spline_derivatives,
+    scaled_derivatives,
 )
 from expdesign.problem.design_problem import LimitedProgram
 from expdesign.robot import LimitModel
@@ -84,26 +85,28 @@ class RampProblem:
         shares = (inner - self.start.pose) / self.scale
         return np.append(shares.ravel(), ramp.duration / self.time_scale)
 
-    def states(self, x: Array, points: Array) -> Array:
-        """Return states with jerk, (K, 24), at shares (K,) of the duration."""
-        coefficients, _ = self.coefficients(x)
-        return np.hstack(list(spline_derivatives(coefficients, self.duration(x), points)))
+    def basis(self, shares: Array) -> Array:
+        """Return what states at shares (K,) of the duration are made with, (4, K, N)."""
+        return derivatives(self.intervals, shares)
 
-    def to_variables(self, x: Array, points: Array, slopes: Array) -> Array:
-        """Carry slopes (K, r, 24) to pose, rate, acceleration and jerk over to the variables."""
-        basis = derivatives(self.intervals, points)
+    def states(self, x: Array, basis: Array) -> Array:
+        """Return states with jerk, (K, 24), at the instants of a basis."""
+        coefficients, _ = self.coefficients(x)
+        return np.hstack(list(scaled_derivatives(basis, coefficients, self.duration(x))))
+
+    def to_variables(self, x: Array, basis: Array, slopes: Array, at: NDArray[np.intp]) -> Array:
+        """Carry slopes (J, 24) to pose, rate, acceleration and jerk at instants `at` (J,) over."""
         coefficients, drift = self.coefficients(x)
         duration = self.duration(x)
         orders = np.arange(4.0)
         powers = duration**-orders
         scaled = basis * powers[:, None, None]
         by_duration = scaled @ drift - (scaled @ coefficients) * (orders / duration)[:, None, None]
-        count, rows = slopes.shape[:2]
-        split = slopes.reshape(count, rows, 4, COORDINATES)
-        inner = scaled[:, :, FIXED:-FIXED]
-        linear = np.einsum("krdc,dkf->krfc", split, inner, optimize=True) * self.scale
-        timed = np.einsum("krdc,dkc->kr", split, by_duration, optimize=True) * self.time_scale
-        return np.concatenate([linear.reshape(count, rows, -1), timed[:, :, None]], axis=2)
+        split = slopes.reshape(-1, 4, COORDINATES)
+        inner = scaled[:, :, FIXED:-FIXED].transpose(1, 2, 0)
+        linear = np.matmul(inner[at], split) * self.scale
+        timed = np.sum(split * by_duration.transpose(1, 0, 2)[at], axis=(1, 2)) * self.time_scale
+        return np.concatenate([linear.reshape(len(slopes), -1), timed[:, None]], axis=1)
 
 
 class RampProgram(LimitedProgram):
@@ -129,7 +132,7 @@ class RampProgram(LimitedProgram):
         super().__init__(
             problem.limits,
             problem,
-            shares[used],
+            problem.basis(shares[used]),
             mask[used],
             width,
             (lower, upper),
@@ -141,9 +144,10 @@ class RampProgram(LimitedProgram):
         # A cubic over the whole ramp has a third derivative of 60 times what it moves.
         self._weight = smoothness / (60.0**2 * len(self._middle))
 
-    def with_duration(self, duration: float) -> RampProgram:
-        """Fix the duration, s."""
-        self.lower[-1] = self.upper[-1] = duration / self._problem.time_scale
+    def smoothest(self, x: Array) -> RampProgram:
+        """Fix the duration at that of `x`; what counts as one is the roughness there."""
+        self.lower[-1] = self.upper[-1] = x[-1]
+        self._weight /= max(self.cost(x) - x[-1], 1e-12)
         return self
 
     def cost(self, x: Array) -> float:

@@ -46,24 +46,29 @@ def derivatives(intervals: int, shares: Array) -> Array:
     return np.stack([basis(inside) @ _reduction(intervals, order) for order, basis in bases])
 
 
-def spline_derivatives(coefficients: Array, duration: float, shares: Array) -> Array:
-    """Return pose, rate, acceleration and jerk, (4, K, 6), at shares (K,) of the duration, s."""
-    powers = duration ** -np.arange(4.0)
-    return (derivatives(len(coefficients) - DEGREE, shares) @ coefficients) * powers[:, None, None]
+def scaled_derivatives(basis: Array, coefficients: Array, duration: float) -> Array:
+    """Return pose, rate, acceleration and jerk, (4, K, 6), of `derivatives` and a duration, s."""
+    return (basis @ coefficients) * (duration ** -np.arange(4.0))[:, None, None]
 
 
 def end_coefficients(intervals: int, duration: float, state: MotionState) -> tuple[Array, Array]:
     """Return the first three coefficients (3, 6) of a start, and their slope to the duration."""
-    matrix = derivatives(intervals, np.zeros(1))[:FIXED, 0, :FIXED]
     values = np.stack([state.pose, duration * state.rate, duration**2 * state.acceleration])
     slopes = np.stack([np.zeros(COORDINATES), state.rate, 2 * duration * state.acceleration])
-    inverse = np.asarray(np.linalg.inv(matrix), dtype=np.float64)
+    inverse = _end_inverse(intervals)
     return inverse @ values, inverse @ slopes
 
 
 def reversed_in_time(state: MotionState) -> MotionState:
     """Return the state as a film that runs backwards shows it."""
     return MotionState(state.pose, -state.rate, state.acceleration)
+
+
+@cache
+def _end_inverse(intervals: int) -> Array:
+    """Return the matrix from pose, rate and acceleration at the start to the coefficients there."""
+    matrix = derivatives(intervals, np.zeros(1))[:FIXED, 0, :FIXED]
+    return np.asarray(np.linalg.inv(matrix), dtype=np.float64)
 
 
 @cache
@@ -123,4 +128,5 @@ class SplineRamp:
 
     def _derivatives(self, times: Array) -> Array:
         shares = np.asarray(times, dtype=float) / self.duration
-        return spline_derivatives(self.coefficients, self.duration, shares)
+        basis = derivatives(len(self.coefficients) - DEGREE, shares)
+        return scaled_derivatives(basis, self.coefficients, self.duration)

@@ -275,7 +275,6 @@ def test_where_no_ramp_exists_the_limit_that_binds_is_named(monkeypatch):
     """Strut 1 may not leave home: it has no speed."""
     monkeypatch.setattr(ramp_module, "_ATTEMPTS", 1)
     monkeypatch.setattr(ramp_module, "_ROUNDS_PER_DURATION", 1)
-    monkeypatch.setitem(ramp_module._OPTIONS, "max_iter", 10)
     free = {"name": "stuck", "robot": "palida", "experiment": {"periods": 1}}
     free["trajectory"] = {"harmonics": 1, "frequency": 0.5, "samples": 24}
     free["trajectory"] |= {"frequency": [0.5, 0.5], "controller_period": 0.01}
