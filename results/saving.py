@@ -15,6 +15,7 @@ from estimation.studies.validation_runs import SITUATIONS
 from estimation.studies.validation_study import ValidationStudy
 from estimation.validation.record import MotionRecord, ValidationRecord
 from expdesign.experiment import DesignRecord
+from expdesign.experiment.sweep_record import SweepRecord
 from expdesign.export.record import ExportsRecord
 from expdesign.robot import Robot
 from results.figures.design import DESIGN_FIGURES
@@ -26,8 +27,17 @@ from results.figures.noise import NOISE_FIGURES, SPECTRUM_FIGURES
 from results.figures.parameters import ESTIMATE_FIGURES
 from results.figures.residuals import DIAGNOSTIC_FIGURES, prediction_figure
 from results.figures.studies import RECORD_FIGURES, distributions_figure
+from results.figures.sweep import sweep_figure
 
-Drawn = DesignRecord | NoiseRecord | EstimateRecord | ValidationRecord | MonteCarloRecord | Study
+Drawn = (
+    DesignRecord
+    | SweepRecord
+    | NoiseRecord
+    | EstimateRecord
+    | ValidationRecord
+    | MonteCarloRecord
+    | Study
+)
 
 _NOTES = {
     "interrupted": "interrupted: the best found until then",
@@ -46,6 +56,8 @@ def record_figures(
     a limit say so. The same record gives the same bytes.
     """
     note = _NOTES.get(record.summary.status, "") if isinstance(record, DesignRecord) else ""
+    if isinstance(record, SweepRecord) and record.summary.interrupted:
+        note = "interrupted: designs are missing or not complete"
     return tuple(
         path
         for figures, drawn in _parts(record)
@@ -95,6 +107,8 @@ def _parts(record: Drawn) -> Iterator[tuple[Iterable[FigureDefinition[Any]], Any
     match record:
         case DesignRecord():
             yield DESIGN_FIGURES, record
+        case SweepRecord():
+            yield [sweep_figure], record
         case NoiseRecord():
             yield NOISE_FIGURES, record
             yield SPECTRUM_FIGURES, record

@@ -90,6 +90,7 @@ def check(
                 "file": None if configuration.file is None else str(configuration.file),
                 "stages": configuration.run.stages,
                 "run_does": done,
+                "designs": [point.name for point in configuration.grid],
                 "configuration": configuration.run.model_dump(mode="json", by_alias=True),
                 "shared_joints": pairs,
                 "limits_not_set": [str(one) for one in open_limits],
@@ -111,12 +112,30 @@ def check(
             note(f"{stage}: left out, {reason}")
     for first, second in pairs:
         note(f"struts {first} and {second} share a joint: left out of the strut clearance")
-    for text in (*defaults, *held, *([reserve] if reserve else [])):
+    for text in (
+        *_designs_in_words(configuration),
+        *defaults,
+        *held,
+        *([reserve] if reserve else []),
+    ):
         note(text)
     if made:
         note(made)
     for warning in warnings:
         warn(warning)
+
+
+def _designs_in_words(configuration: RunConfiguration) -> list[str]:
+    """Return how many designs a sweep makes, and of what; nothing without one."""
+    from expdesign.configuration.grid import value_text
+
+    lists = [
+        f"{path} {' | '.join(value_text(value) for value in values)}"
+        for path, values in (configuration.run.sweep or {}).items()
+    ]
+    count = len(configuration.grid)
+    designs = f"{count} design{'' if count == 1 else 's'}"
+    return [f"the sweep makes {designs}: {', '.join(lists)}"] if lists else []
 
 
 def _machine(

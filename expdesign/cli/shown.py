@@ -34,7 +34,7 @@ def design(outcome: Outcome) -> None:
     say(
         f"{result.configuration.run.name}: {result.status} in {result.seconds:.0f} s. {value} over "
         f"{result.samples} samples of one period of {result.trajectory.period:.4f} s, from start "
-        f"{result.search.best.index}."
+        f"{result.search.best.index}. The search: {result.search.ended}."
     )
     known = limit_definitions()
     kept = any(check.reserve for check in result.check.limits)
@@ -221,6 +221,33 @@ def study(outcome: Outcome) -> None:
     rows = [(one.statement, one.value, one.paper, words[one.holds]) for one in outcome.result]
     heads = ("what", "found", "paper", "holds")
     results().print(_table("On the digital twin (simulated)", heads, rows, heads))
+    say(f"{outcome.message}; written to {short(outcome.folder)}")
+
+
+def sweep(outcome: Outcome) -> None:
+    """Print what the designs promise and what they cost, the most precise marked."""
+    record = outcome.record
+    best = record.most_precise
+    rows = []
+    for label, one in zip(record.labels, record.designs, strict=True):
+        numbers = [
+            f"{number:.4g}" if np.isfinite(number) else ""
+            for number in (
+                one.log_det_information,
+                one.median_rel_std_percent,
+                one.worst_rel_std_percent,
+                one.measuring_time,
+                one.cpu_seconds,
+            )
+        ]
+        proved = ("yes" if one.certified else "no") if one.made else ""
+        name = f"{label} *" if one is best else label
+        rows.append((str(one.number), name, one.status, *numbers, proved))
+    heads = ("", "design", "status", "log det F", "median", "worst", "measured", "search", "proved")
+    title = "Predicted std / nominal value [%], measuring time and processor time of the search [s]"
+    results().print(_table(title, heads, rows, ("design", "status", "proved")))
+    if best is not None:
+        say(f"* the most precise: {short(outcome.folder / best.folder)}")
     say(f"{outcome.message}; written to {short(outcome.folder)}")
 
 

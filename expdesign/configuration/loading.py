@@ -12,6 +12,7 @@ import numpy as np
 from expdesign.configuration.consistency import folded_hum, inconsistencies
 from expdesign.configuration.document import Document, Placed, document_from_mapping
 from expdesign.configuration.finding import absolute, find_file
+from expdesign.configuration.grid import grid_points
 from expdesign.configuration.noise import NoiseDescription
 from expdesign.configuration.problem import InputError, Key, Problem
 from expdesign.configuration.robot import ResolvedRobot, resolve_robot
@@ -26,8 +27,8 @@ from expdesign.library import robot_files, run_files
 S = TypeVar("S", bound=Section)
 F = TypeVar("F", DataSection, ValidationMotion)
 
-_SMOOTHING = (0.2, 0.1, 0.05)
-_SMOOTHING_WITHOUT_LIMIT = (0.4, 0.2, 0.1)
+_SMOOTHING = (0.4, 0.1, 0.05)
+_SMOOTHING_WITHOUT_LIMIT = (0.8, 0.2, 0.1)
 _NOISE_USED_BY = ("design", "experiment", "montecarlo")
 
 
@@ -58,7 +59,10 @@ def load_run(source: ConfigurationLike) -> RunConfiguration:
     """
     if isinstance(source, RunConfiguration):
         return source
-    document = _document(source)
+    return _loaded(_document(source))
+
+
+def _loaded(document: Document) -> RunConfiguration:
     run, problems = validate(RunDescription, document.data, document)
     # Even when the run is wrong, so that the problems of both are reported.
     named = document.data.get("robot") if run is None else run.robot
@@ -106,6 +110,7 @@ def load_run(source: ConfigurationLike) -> RunConfiguration:
         ),
         of_the_twin=of_the_twin,
         truth=truth,
+        grid=() if run.sweep is None else grid_points(run.sweep, robot, document, _loaded),
     )
 
 
@@ -210,9 +215,11 @@ def _completed(
 
 
 def _filled(section: S, **values: object) -> S:
-    """Return a section with values for those of its keys that are None."""
+    """Return a section with values for those of its keys that are None: they are not set by it."""
     missing = {key: value for key, value in values.items() if getattr(section, key) is None}
-    return section.model_copy(update=missing)
+    filled = section.model_copy(update=missing)
+    filled.model_fields_set.difference_update(missing)
+    return filled
 
 
 def _with_absolute_file(section: F, folder: Path) -> F:

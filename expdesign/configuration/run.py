@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -23,6 +24,7 @@ from expdesign.configuration.sections.experiment import (
     ValidationMotion,
 )
 from expdesign.configuration.sections.export import ExportSections
+from expdesign.configuration.sections.sweep import Sweep
 from expdesign.configuration.tolerances import Tolerances
 from expdesign.configuration.values.scalars import (
     Distinct,
@@ -98,6 +100,8 @@ class RunDescription(Section):
         default=(), alias="validate"
     )
     study: Annotated[StudySection | None, _STAGE] = None
+    sweep: Annotated[Sweep | None, _STAGE] = None
+    """Values as they are written."""
     export: Annotated[ExportSections, _STAGE] = ()
     report: Annotated[ReportSection, _STAGE] = ReportSection()
     workers: Annotated[int, whole(1, _LARGEST_WORKERS)] | None = None
@@ -179,6 +183,9 @@ class RunConfiguration:
     """The machine that the digital twin is, where it is not the robot: `experiment.truth` with
     the noise that the robot and the run state beside its own."""
 
+    grid: tuple[GridPoint, ...] = ()
+    """The runs that the sweep is of; none without one."""
+
     def warnings_before(self, stage: str) -> tuple[str, ...]:
         """Return the warnings that a stage by itself is to be told with.
 
@@ -191,3 +198,15 @@ class RunConfiguration:
         """Return the run with keys of one of its sections changed."""
         changed = getattr(self.run, section).model_copy(update=changes)
         return replace(self, run=self.run.model_copy(update={section: changed}))
+
+
+@dataclass(frozen=True, eq=False)
+class GridPoint:
+    """One run of a sweep."""
+
+    values: Mapping[str, Any]
+    """By key path, as they are written."""
+    name: str
+    """Made of the values, and safe as that of a folder."""
+    configuration: RunConfiguration
+    """The run with these values and without the sweep."""

@@ -48,6 +48,11 @@ def resolved_yaml(configuration: RunConfiguration) -> str:
     unnamed = [stage for stage in STAGES if stage not in stages]
     if "data" not in configuration.run.model_fields_set and "estimate" not in stages:
         unnamed.append("data")
+    if configuration.run.sweep is not None:
+        # What follows from keys that the sweep may change follows anew at every point.
+        for section, key in (("trajectory", "controller_period"), ("design", "smoothing")):
+            if key not in getattr(configuration.run, section).model_fields_set:
+                data[section][key] = None
     # Empty now that they are part of the robot.
     data = {key: data[key] for key in data if key not in ("limits", "noise", "tolerances")}
     parts = [_HEADER]

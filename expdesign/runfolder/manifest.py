@@ -26,9 +26,10 @@ _PACKAGES = (
 class StageEntry:
     """One stage of a run: how it ended, and when, UTC in ISO 8601.
 
-    Its status is ``"done"``, ``"limits broken"``, ``"interrupted"`` or ``"failed"``. `files` has
-    the SHA-256 of every file that it wrote, by path in the run folder; what it was made from stands
-    in `inputs`, as a hash: `run.yaml` is not among them.
+    Its status is ``"done"``, ``"limits broken"``, ``"incomplete"`` (parts of it failed),
+    ``"interrupted"`` or ``"failed"``. `files` has the SHA-256 of every file that it wrote, by path
+    in the run folder; what it was made from stands in `inputs`, as a hash: `run.yaml` is not among
+    them.
     """
 
     status: str

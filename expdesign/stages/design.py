@@ -21,11 +21,14 @@ def perform(work: Workspace) -> Outcome:
     """Design."""
     progress = work.progress
     with interruptible(progress.note, _KEPT, "abandons the design", _ABANDONED) as stop:
-        outcome = _outcome(_design(work, stop), work)
+        with progress.search(work.configuration) as report:
+            result = searched(lambda: design(work.configuration, Monitor(stop, report)))
+        outcome = outcome_of(result, work)
     return replace(outcome, asked_to_stop=stop())
 
 
-def _outcome(result: DesignResult, work: Workspace) -> Outcome:
+def outcome_of(result: DesignResult, work: Workspace) -> Outcome:
+    """Return what becomes of a design that was made."""
     return Outcome(
         result=result,
         record=DesignRecord.of(result),
@@ -45,10 +48,10 @@ def _outcome(result: DesignResult, work: Workspace) -> Outcome:
     )
 
 
-def _design(work: Workspace, stop: Callable[[], bool]) -> DesignResult:
+def searched(make: Callable[[], DesignResult]) -> DesignResult:
+    """Design; `StageFailed` says which parameters no motion shows, and what would help."""
     try:
-        with work.progress.search(work.configuration) as report:
-            return design(work.configuration, Monitor(stop, report))
+        return make()
     except SingularInformationError as error:
         raise StageFailed(
             f"no motion within the limits shows these parameters: {error.combinations}. Leave "

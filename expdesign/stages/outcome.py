@@ -72,7 +72,8 @@ class Outcome:
     summary: dict[str, Any] = field(default_factory=dict)
     """What the command prints with ``--json``, beside the folder and the seconds it took."""
     status: str = "done"
-    """As the manifest has it: ``"done"``, ``"limits broken"`` or ``"interrupted"``."""
+    """As the manifest has it: ``"done"``, ``"limits broken"``, ``"incomplete"`` or
+    ``"interrupted"``."""
     message: str = ""
     """One line for the manifest."""
     warnings: tuple[str, ...] = ()
@@ -81,6 +82,9 @@ class Outcome:
     """What speaks against the result, though it is one; an error with ``--strict``."""
     failure: str = ""
     """Why it is no success although files were written; empty when it is one."""
+    goes_on: bool = False
+    """Whether the stages after it are done all the same where it is no success: it is complete,
+    and parts of it failed."""
     asked_to_stop: bool = False
     """Whether an interruption came: a run ends after this stage, however complete that is."""
     record: Any = None

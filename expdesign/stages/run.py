@@ -82,6 +82,7 @@ def run(
         raise InputError(missing)
     clear_leftovers(work.folder)
     work.warn(configuration.warnings)
+    failed: StageFailed | None = None
     for stage in named(configuration):
         if reason := left_out(stage, configuration):
             work.progress.note(f"{stage}: left out, {reason}")
@@ -90,12 +91,20 @@ def run(
         if is_done(stage, work):
             work.progress.note(f"{stage}: done already, in {short(work.folder)}")
             work.made[stage] = Outcome(stage, work.folder)
-        else:
+            continue
+        try:
             do_stage(stage, work)
+        except StageFailed as error:
+            made = work.made.get(stage)
+            if made is None or not made.goes_on:
+                raise
+            failed = error
     if work.made and work.folder.is_dir():
         # Stages that were kept were made from the same sections; others may have changed.
         keep_configuration(configuration, work.folder)
     refuse_removed(work.folder, work.made.values())
+    if failed is not None:
+        raise failed
     return RunResult(configuration, work.folder, work.made)
 
 
@@ -124,7 +133,7 @@ def do_stage(name: str, work: Workspace) -> Outcome:
             outcome: Outcome = loaded(STAGES[name].perform)(work)
             # What took hours is not lost to a Ctrl-C in the seconds that saving it takes.
             with interruptible(work.progress.note, *_SAVING) as asked:
-                outcome = _saved(outcome, name, work, began)
+                outcome = saved(outcome, name, work, began)
     except ComputationError as error:
         if work.folder.is_dir():
             status = "interrupted" if isinstance(error, StoppedError) else "failed"
@@ -134,6 +143,8 @@ def do_stage(name: str, work: Workspace) -> Outcome:
     for warning in outcome.warnings:
         work.progress.warn(warning)
     if outcome.failure:
+        if outcome.goes_on:
+            work.progress.finished(outcome)
         raise StageFailed(outcome.failure, outcome.summary)
     work.progress.finished(outcome)
     if outcome.asked_to_stop or asked():
@@ -141,7 +152,7 @@ def do_stage(name: str, work: Workspace) -> Outcome:
     return outcome
 
 
-def _saved(outcome: Outcome, name: str, work: Workspace, began: float) -> Outcome:
+def saved(outcome: Outcome, name: str, work: Workspace, began: float) -> Outcome:
     """Write what a stage has made and its entry in the manifest; return the whole outcome."""
     files = _written(outcome, work)
     seconds = time.perf_counter() - began

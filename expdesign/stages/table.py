@@ -19,6 +19,21 @@ def _data_is_given(configuration: RunConfiguration) -> str:
     return "" if file is None else f"the data is measured: {short(Path(file))}"
 
 
+def _sweep_does_it(configuration: RunConfiguration) -> str:
+    sweeps = configuration.run.sweep is not None
+    return "the sweep does it for each of its designs" if sweeps else ""
+
+
+def _sweep_has_many(configuration: RunConfiguration) -> str:
+    if configuration.run.sweep is None:
+        return ""
+    return "the sweep makes several designs, and `expdesign run` of the run.yaml of one does it"
+
+
+def _sweep_has_many_for_the_study(configuration: RunConfiguration) -> str:
+    return "" if _designs_itself(configuration) else _sweep_has_many(configuration)
+
+
 def _study_does_it(configuration: RunConfiguration) -> str:
     return "the study does it for each of its designs" if _designs_itself(configuration) else ""
 
@@ -80,7 +95,7 @@ STAGES: dict[str, Stage] = {
         sections=_sections("trajectory", "design", experiment={"periods", "sampling"}),
         writes=("trajectory.csv", *_TABLES),
         report="results.report.stages.design:design_report",
-        left_out=(_study_does_it,),
+        left_out=(_sweep_does_it, _study_does_it),
     ),
     "experiment": Stage(
         does="measures the trajectory on the digital twin",
@@ -91,7 +106,7 @@ STAGES: dict[str, Stage] = {
         writes=("columns.json", "measurement.csv", "repetitions/*/measurement.csv"),
         result="measurement.csv",
         report="results.report.stages.noise:experiment_report",
-        left_out=(_data_is_given, _study_does_it),
+        left_out=(_data_is_given, _sweep_has_many, _study_does_it),
     ),
     "noise": Stage(
         does="analyses the noise of a recording",
@@ -110,7 +125,7 @@ STAGES: dict[str, Stage] = {
         sections=_sections("experiment", "estimate", "montecarlo"),
         writes=_TABLES,
         report="results.report.stages.montecarlo:montecarlo_report",
-        left_out=(_study_does_it,),
+        left_out=(_sweep_has_many, _study_does_it),
     ),
     "estimate": Stage(
         does="estimates the parameters from a recording",
@@ -120,7 +135,7 @@ STAGES: dict[str, Stage] = {
         sections=_sections("trajectory", "data", "estimate"),
         writes=("estimates.csv", "identified-robot.yaml", *_TABLES),
         report="results.report.stages.estimate:estimate_report",
-        left_out=(_study_does_it,),
+        left_out=(_sweep_has_many, _study_does_it),
     ),
     "validate": Stage(
         does="predicts motions that were not used for the estimate",
@@ -130,6 +145,7 @@ STAGES: dict[str, Stage] = {
         sections=_sections("trajectory", "experiment", "data", "estimate", "validation"),
         writes=_TABLES,
         report="results.report.stages.validation:validation_report",
+        left_out=(_sweep_has_many,),
     ),
     "study": Stage(
         does="compares designs, estimators or tests on the digital twin",
@@ -140,6 +156,15 @@ STAGES: dict[str, Stage] = {
         sections=_sections("trajectory", "design", "experiment", "estimate", "montecarlo", "study"),
         writes=_TABLES,
         report="results.report.stages.study:study_report",
+        left_out=(_sweep_has_many_for_the_study,),
+    ),
+    "sweep": Stage(
+        does="designs at every point of a grid",
+        record="sweep.json",
+        perform="expdesign.stages.sweep:perform",
+        sections=_sections("trajectory", "design", "sweep", experiment={"periods", "sampling"}),
+        writes=(*_TABLES, "designs/*/design.json"),
+        report="results.report.stages.sweep:sweep_report",
     ),
     "export": Stage(
         does="writes controller tables of the motion",
@@ -156,6 +181,7 @@ STAGES: dict[str, Stage] = {
         writes=("exports/*",),
         report="results.report.stages.export:export_report",
         reported_after="design",
+        left_out=(_sweep_has_many,),
     ),
     "report": Stage(
         does="writes one page for everything in the folder",

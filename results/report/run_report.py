@@ -12,6 +12,7 @@ from estimation.montecarlo.record import MonteCarloRecord
 from estimation.validation.record import ValidationRecord
 from expdesign.configuration import RunConfiguration
 from expdesign.experiment import DesignRecord
+from expdesign.experiment.sweep_record import SweepRecord
 from expdesign.export.record import ExportsRecord
 from expdesign.progress import tell, told
 from expdesign.runfolder.atomic import write_text
@@ -47,6 +48,7 @@ LATEX_TABLES = (
     "validation",
     "montecarlo",
     "study_claims",
+    "sweep",
 )
 """Tables that are written as LaTeX too."""
 
@@ -55,6 +57,7 @@ _DRAWN: dict[str, tuple[type[Any], str]] = {
     "montecarlo": (MonteCarloRecord, "montecarlo_bias"),
     "estimate": (EstimateRecord, "estimates"),
     "validate": (ValidationRecord, "prediction_1"),
+    "sweep": (SweepRecord, "sweep"),
 }
 """What a stage leaves, and a figure of it: where that is missing, all of them are drawn."""
 

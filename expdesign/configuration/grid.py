@@ -1,0 +1,223 @@
+"""The points of a sweep's grid: each a run of its own, as if its values stood in the file."""
+
+from __future__ import annotations
+
+import copy
+import hashlib
+import json
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from constraints import Limit, limit_definitions
+from expdesign.configuration.document import Document
+from expdesign.configuration.limits import LIFTED, limits_as_written
+from expdesign.configuration.problem import InputError, Key, Problem
+from expdesign.configuration.robot import ResolvedRobot
+from expdesign.configuration.run import GridPoint, RunConfiguration
+from expdesign.configuration.sections.sweep import FREQUENCY, LIMITS, is_scale
+from expdesign.configuration.values.quantity import NUMBER
+from expdesign.configuration.values.scalars import LONGEST_NAME
+
+SWEEP = "sweep"
+_UNSAFE = re.compile(r"[^A-Za-z0-9._-]+")
+_DIGEST = 8
+Sweep = Mapping[str, Sequence[Any]]
+Place = tuple[int, ...]
+"""Which of its values a point has of every path."""
+
+
+def grid_points(
+    sweep: Sweep,
+    robot: ResolvedRobot,
+    document: Document,
+    load: Callable[[Document], RunConfiguration],
+) -> tuple[GridPoint, ...]:
+    """Return the runs of a grid, the last path's values changing first.
+
+    Parameters
+    ----------
+    sweep : mapping
+        As of the section `sweep`.
+    robot : ResolvedRobot
+        With the limits of the run as it is without the sweep: those that are scaled.
+    document : Document
+        The run file.
+    load : callable
+        Makes a complete configuration of a document.
+
+    Raises
+    ------
+    InputError
+        Values that are not valid at their key, or do not fit each other: each is told where it
+        stands in the sweep.
+    """
+    paths = list(sweep)
+    found: dict[Place, RunConfiguration] = {}
+    wrong: dict[Problem, list[Place]] = {}
+    names = _names(sweep, str(document.data.get("name", "")))
+    places = list(product(*(range(len(values)) for values in sweep.values())))
+    for place, name in zip(places, names, strict=True):
+        values = {path: sweep[path][k] for path, k in zip(paths, place, strict=True)}
+        try:
+            found[place] = load(_with_values(document, robot, values, name))
+        except InputError as error:
+            for problem in error.problems:
+                wrong.setdefault(replace(problem, line=None, file=None), []).append(place)
+    if wrong:
+        raise InputError(
+            told
+            for problem, failing in wrong.items()
+            for told in _told(problem, failing, places, sweep, document)
+        )
+    return tuple(
+        GridPoint(
+            {path: sweep[path][k] for path, k in zip(paths, place, strict=True)},
+            name.removeprefix(f"{document.data['name']}-"),
+            found[place],
+        )
+        for place, name in zip(places, names, strict=True)
+    )
+
+
+def resolved_cell(path: str, point: GridPoint) -> str:
+    """Return what stands at a path of a point when it is resolved, SI, as one cell of a table.
+
+    A number or a word is written as it is, anything else as JSON.
+    """
+    section, *keys = path.split(".")
+    run = point.configuration.run
+    if is_scale(path):
+        value: Any = NUMBER.parse(point.values[path])
+    elif section == LIMITS:
+        value = point.configuration.robot.description.limits
+        for key in keys:
+            # What is lifted as a whole has no components; no reserve is one of zero.
+            value = value.get(key, 0.0) if isinstance(value, dict) else value
+    else:
+        value = run.model_dump(mode="json")[section][keys[0]]
+    if path == FREQUENCY and value[0] == value[1]:
+        value = value[0]
+    return value if isinstance(value, str) else json.dumps(value)
+
+
+def _with_values(
+    document: Document, robot: ResolvedRobot, values: Mapping[str, Any], name: str
+) -> Document:
+    """Return a run file with values at their key paths, and without the sweep."""
+    data = {key: value for key, value in document.data.items() if key != SWEEP}
+    # It designs, whatever else it names.
+    data |= {"name": name, "design": data.get("design") or {}}
+    for path, value in values.items():
+        section, *keys = path.split(".")
+        data[section] = copy.deepcopy(data.get(section) or {})
+        if is_scale(path):
+            data[section][keys[0]] = _scaled(robot, keys[0], NUMBER.parse(value), path)
+            continue
+        place = data[section]
+        if len(keys) > 1:
+            place = place.setdefault(keys[0], {})
+            if place == LIFTED:
+                lifted = dict.fromkeys(limit_definitions()[keys[0]].components, LIFTED)
+                place = data[section][keys[0]] = lifted
+        one = path == FREQUENCY and not isinstance(value, list | tuple)
+        place[keys[-1]] = [value, value] if one else value
+    return replace(document, data=data)
+
+
+def _scaled(robot: ResolvedRobot, key: str, factor: float, path: str) -> Any:
+    """Return a limit with bounds that are wider by a factor, as it can stand in a file.
+
+    A bound on one side is multiplied by it; a range becomes so wide about its middle.
+    """
+    limit = robot.limits.get(key)
+    if limit is None:
+        raise InputError(f"nothing limits {key}: there is nothing to scale", key=path)
+    lower, upper = limit.stated_bounds
+    both = np.isfinite(lower) & np.isfinite(upper)
+    middle = np.where(both, np.where(both, lower, 0) + np.where(both, upper, 0), 0) / 2
+    lower, upper = (middle + factor * (side - middle) for side in (lower, upper))
+    scaled = Limit(limit.definition, lower, upper, limit.labels, limit.origin)
+    return limits_as_written({key: scaled}, robot.characteristic_length)[key]
+
+
+def _names(sweep: Sweep, run: str) -> list[str]:
+    """Return a name for every point, from its values alone: another grid does not change it."""
+    names = []
+    for values in product(*sweep.values()):
+        parts = zip(sweep, values, strict=True)
+        whole = "-".join([run, *(f"{short_path(path)}-{_slug(value)}" for path, value in parts)])
+        names.append(whole)
+    for number, name in enumerate(names):
+        if len(name) > LONGEST_NAME or names.count(name) > 1:
+            values = list(product(*sweep.values()))[number]
+            text = json.dumps([list(sweep), values], default=repr)
+            digest = hashlib.sha256(text.encode()).hexdigest()[:_DIGEST]
+            names[number] = f"{name[: LONGEST_NAME - _DIGEST - 1]}-{digest}"
+    return names
+
+
+def short_path(path: str) -> str:
+    """Return a path without its section: ``harmonics``."""
+    return path.partition(".")[2]
+
+
+def value_text(value: Any) -> str:
+    """Return a value of a grid as people read it: as it stands in the run file."""
+    if isinstance(value, list | tuple):
+        return " … ".join(map(value_text, value))
+    if isinstance(value, dict):
+        return ", ".join(f"{key} {value_text(item)}" for key, item in value.items())
+    return str(value)
+
+
+def _slug(value: Any) -> str:
+    if isinstance(value, list | tuple):
+        return "-".join(map(_slug, value))
+    if isinstance(value, dict):
+        return "-".join(f"{key}-{_slug(item)}" for key, item in value.items())
+    return _UNSAFE.sub("_", str(value).replace(" ", "").replace("%", "pct"))
+
+
+def _told(
+    problem: Problem,
+    failing: Sequence[Place],
+    places: Sequence[Place],
+    sweep: Sweep,
+    document: Document,
+) -> Iterator[Problem]:
+    """Yield what is wrong at the values that are to blame, or, where it takes several, once."""
+    paths = list(sweep)
+    bad = set(failing)
+    guilty = [
+        (axis, k)
+        for axis, path in enumerate(paths)
+        for k in range(len(sweep[path]))
+        if all(place in bad for place in places if place[axis] == k)
+    ]
+    at_key = [(axis, k) for axis, k in guilty if _is_at(problem.key, paths[axis])]
+    section = problem.key.partition(".")[0]
+    near = [(axis, k) for axis, k in guilty if paths[axis].partition(".")[0] == section]
+    blamed = at_key or near or guilty
+    if not blamed:
+        place = failing[0]
+        each = ((path, sweep[path][k]) for path, k in zip(paths, place, strict=True))
+        words = ", ".join(f"{path} {value_text(value)}" for path, value in each)
+        text = f"with {words}: {_placed(problem)}"
+        yield document.problem((SWEEP,), text, problem.allowed, problem.nearest)
+    for axis, k in blamed:
+        key: Key = (SWEEP, paths[axis], k)
+        text = problem.message if at_key else _placed(problem)
+        yield document.problem(key, text, problem.allowed, problem.nearest)
+
+
+def _is_at(key: str, path: str) -> bool:
+    return key == path or key.startswith((f"{path}.", f"{path}["))
+
+
+def _placed(problem: Problem) -> str:
+    return f"{problem.key}: {problem.message}" if problem.key else problem.message

@@ -1,0 +1,25 @@
+"""Several designs of one run, as studies and sweeps make them: a process and a folder each."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from expdesign.configuration import RunConfiguration
+from expdesign.experiment.design import design
+from expdesign.experiment.result import DesignResult
+from expdesign.workers import Monitor
+
+FOLDER = "designs"
+"""Of their run folders, in that of the run."""
+
+
+def design_folder(folder: Path, name: str) -> Path:
+    """Return the run folder of one of the designs of the run in `folder`."""
+    return folder / FOLDER / name
+
+
+def designed(configuration: RunConfiguration, monitor: Monitor) -> DesignResult:
+    """Make one of the designs with the errors of `design`, in this process alone."""
+    alone = configuration.run.model_copy(update={"workers": 1, "scheduler": None})
+    return design(replace(configuration, run=alone), monitor)

@@ -1,0 +1,139 @@
+"""What the designs of a sweep promise, against what they cost."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from constraints.arrays import Array
+from expdesign.configuration.grid import value_text
+from expdesign.experiment.sweep_record import SweepRecord, point_label
+from results.figures.drawing import (
+    centred_text,
+    figure_definition,
+    plain_decades,
+    plain_ticks,
+)
+from results.figures.labels import label_points
+from results.style import BLUE, GREY, MUTED, PALETTE
+
+_MOST_WORDS, _LONGEST_WORDS = 12, 16
+"""So many designs at most are named by their values, and where no name is longer; others by their
+numbers."""
+_LOGARITHMIC = 8.0
+"""Values that differ by more than this factor get a logarithmic axis."""
+_AIR, _SHARE = 1.4, 0.15
+"""Room around the designs: a factor of a logarithmic axis, a share of a linear one."""
+_COSTS = {
+    "measuring_time": "Measuring time of the experiment (s)",
+    "cpu_seconds": "Processor time of the search (s)",
+}
+_PRECISIONS = {
+    "median_rel_std_percent": "Median of the parameters",
+    "worst_rel_std_percent": "Worst parameter",
+}
+
+
+@figure_definition(
+    "sweep",
+    "What the designs promise against what they cost: predicted standard deviation of the "
+    "experiment over the nominal value, over the time of measuring and over the processor time of "
+    "the search. Hollow: not every limit is proved to be kept. A line joins the designs that no "
+    "other one beats in both. Numbers are those of the table.",
+    height=5.2,
+)
+def sweep_figure(figure: Figure, record: SweepRecord) -> None:
+    """Draw precision over measuring time and over the processor time of the search."""
+    panels = figure.subplots(len(_PRECISIONS), len(_COSTS), sharex="col", sharey="row")
+    looks = _looks(record)
+    for row, (precision, title) in zip(panels, _PRECISIONS.items(), strict=True):
+        for axes, cost in zip(row, _COSTS, strict=True):
+            _draw(axes, record, cost, precision, looks)
+        row[0].set_title(title)
+        row[0].set_ylabel("Predicted std / nominal (%)")
+    for axes, title in zip(panels[-1], _COSTS.values(), strict=True):
+        axes.set_xlabel(title)
+    if looks.legend:
+        figure.legend(handles=looks.legend, loc="outside upper center", ncols=len(looks.legend))
+    figure.align_ylabels()
+    # Last: where a name can stand depends on everything else.
+    for axes, (precision, cost) in zip(panels.flat, product(_PRECISIONS, _COSTS), strict=True):
+        points, shown = _points(record, cost, precision)
+        names, colours = ([each[k] for k in shown] for each in (looks.names, looks.colours))
+        label_points(axes, points[shown], names, colours)
+
+
+def _draw(axes: Axes, record: SweepRecord, cost: str, precision: str, looks: _Looks) -> None:
+    """Draw the designs of one panel."""
+    points, shown = _points(record, cost, precision)
+    if not shown:
+        centred_text(axes, "no design", color=MUTED)
+        return
+    for k in shown:
+        colour = looks.colours[k]
+        face = colour if record.designs[k].certified else "white"
+        axes.plot(*points[k], "o", color=colour, markerfacecolor=face, markersize=4.5, zorder=4)
+    best = _unbeaten(points, shown)
+    axes.plot(*points[best].T, color=GREY, linewidth=0.8, zorder=1.5)
+    for way, each in zip("xy", points[shown].T, strict=True):
+        low, high = float(np.min(each)), float(np.max(each))
+        if low > 0 and high > _LOGARITHMIC * low:
+            axes.set(**{f"{way}scale": "log", f"{way}lim": (low / _AIR, high * _AIR)})
+            plain_decades(getattr(axes, f"{way}axis"))
+        else:
+            air = _SHARE * ((high - low) or high or 1.0)
+            axes.set(**{f"{way}lim": (low - air, high + air)})
+            getattr(axes, f"{way}axis").set_major_formatter(plain_ticks())
+
+
+def _points(record: SweepRecord, cost: str, precision: str) -> tuple[Array, list[int]]:
+    """Return cost and precision of every design, (K, 2), and which designs have both."""
+    points = np.array([(getattr(one, cost), getattr(one, precision)) for one in record.designs])
+    return points, np.flatnonzero(np.all(np.isfinite(points), axis=1)).tolist()
+
+
+class _Looks(NamedTuple):
+    """Colour and name of every design, and what the colours stand for."""
+
+    colours: list[str]
+    names: list[str]
+    legend: list[Line2D]
+
+
+def _looks(record: SweepRecord) -> _Looks:
+    """Return how designs are told apart.
+
+    Colours are the values of one key, where there are two or more with several values: of those
+    with the fewest. Names are the values of the others.
+    """
+    grid, others, legend = record.summary.grid, record.varied, []
+    colours = [BLUE] * len(record.designs)
+    path = min(others, key=lambda one: len(grid[one]))
+    if len(others) > 1 and len(grid[path]) <= len(PALETTE):
+        labels = {value_text(v): point_label({path: v}, [path]) for v in grid[path]}
+        by_value = dict(zip(labels, PALETTE, strict=False))
+        others = tuple(one for one in others if one != path)
+        colours = [by_value[value_text(point[path])] for point in record.points]
+        legend = [
+            Line2D([], [], color=by_value[v], label=labels[v], marker="o", markersize=4.5, ls="")
+            for v in labels
+        ]
+    names = [point_label(point, others) for point in record.points]
+    if len(names) > _MOST_WORDS or max(map(len, names)) > _LONGEST_WORDS:
+        names = [str(one.number) for one in record.designs]
+    return _Looks(colours, names, legend)
+
+
+def _unbeaten(points: Array, shown: Iterable[int]) -> list[int]:
+    """Return which designs no other one beats, from the cheapest to the dearest."""
+    found: list[int] = []
+    for k in sorted(shown, key=lambda k: tuple(points[k])):
+        if not found or points[k, 1] < points[found[-1], 1]:
+            found.append(k)
+    return found

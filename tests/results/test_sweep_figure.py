@@ -1,0 +1,95 @@
+"""The figure of a sweep: every design where its numbers say, named without hiding another."""
+
+from itertools import combinations, pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from expdesign.configuration import load_run
+from expdesign.experiment.sweep_record import SweepRecord, SweptDesign
+from results.figures.sweep import _unbeaten, sweep_figure
+from results.style import PALETTE, house_style
+
+NUMBERS = ("median_rel_std_percent", "worst_rel_std_percent", "measuring_time", "cpu_seconds")
+
+
+@pytest.fixture
+def record_of(monkeypatch):
+    """Return a maker of records of a grid whose designs have drawn numbers."""
+
+    def make(sweep, missing=(), seed=0):
+        rng = np.random.default_rng(seed)
+        configuration = load_run({"name": "n", "robot": "palida", "sweep": sweep})
+        designs = []
+        for number, point in enumerate(configuration.grid, start=1):
+            one = SweptDesign.missing(number, point, "failed", "drawn so")
+            if number not in missing:
+                drawn = dict(zip(NUMBERS, np.exp(rng.normal(size=4)), strict=True))
+                certified = bool(number % 2)
+                fields = vars(one) | drawn | {"folder": "x", "certified": certified}
+                one = type(one)(**fields | {"status": "converged"})
+            designs.append(one)
+        return SweepRecord.of(configuration, designs)
+
+    return make
+
+
+def drawn(record):
+    with house_style():
+        figure = sweep_figure.draw(record)
+        figure.set_dpi(200)
+        figure.draw_without_rendering()
+    return figure
+
+
+def markers(axes):
+    return [line for line in axes.lines if line.get_marker() == "o"]
+
+
+def test_every_design_stands_where_its_numbers_say(record_of):
+    record = record_of({"trajectory.harmonics": [2, 3, 4], "design.criterion": ["d", "a"]}, {2})
+    figure = drawn(record)
+    made = [one for one in record.designs if one.made]
+    panels = [("measuring_time", 0), ("cpu_seconds", 0), ("measuring_time", 1), ("cpu_seconds", 1)]
+    for axes, (cost, row) in zip(figure.axes, panels, strict=True):
+        found = markers(axes)
+        assert len(found) == len(made) == 5
+        for line, one in zip(found, made, strict=True):
+            place = (line.get_xdata()[0], line.get_ydata()[0])
+            assert place == (getattr(one, cost), getattr(one, NUMBERS[row]))
+            colour = PALETTE[one.criterion == "a"]
+            assert line.get_color() == colour
+            assert line.get_markerfacecolor() == (colour if one.certified else "white")
+        assert {text.get_text() for text in axes.texts} == {f"harmonics {n}" for n in (2, 3, 4)}
+    (legend,) = figure.legends
+    assert [text.get_text() for text in legend.get_texts()] == ["criterion d", "criterion a"]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_names_hide_no_other(record_of, seed):
+    record = record_of({"design.seed": list(range(10)), "design.starts": [1, 2]}, seed=seed)
+    figure = drawn(record)
+    for axes in figure.axes:
+        frame = axes.get_window_extent()
+        boxes = [text.get_window_extent() for text in axes.texts if text.get_text()]
+        assert len(boxes) == 20
+        assert not any(one.overlaps(other) for one, other in combinations(boxes, 2))
+        assert all(frame.overlaps(box) for box in boxes)
+
+
+def test_a_sweep_without_any_design(record_of):
+    figure = drawn(record_of({"design.seed": [0, 1]}, {1, 2}))
+    assert [text.get_text() for axes in figure.axes for text in axes.texts] == ["no design"] * 4
+
+
+@given(st.lists(st.tuples(st.integers(0, 9), st.integers(0, 9)), min_size=1, max_size=12))
+def test_the_line_joins_those_that_no_other_beats(places):
+    points = np.array(places, dtype=float)
+    best = _unbeaten(points, range(len(points)))
+    for one, following in pairwise(best):
+        assert points[one, 0] < points[following, 0]
+        assert points[one, 1] > points[following, 1]
+    for place in points:
+        assert any(np.all(points[k] <= place) for k in best)
