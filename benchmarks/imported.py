@@ -25,7 +25,7 @@ _LINUXCNC = Path(
     "/usr/share/doc/linuxcnc/examples/sample-configs/sim/axis/vismach/hexapod-sim/hexapod.ini"
 )
 _PI = Path(__file__).parents[1] / "tests/robotfile/machines/h811.yaml"
-_SEARCH = {"starts": 2, "seed": 0}
+_SEARCH = {"starts": 2, "search": "restarts", "seed": 0}
 
 
 def rows() -> Iterator[dict[str, Any]]:

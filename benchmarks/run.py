@@ -38,6 +38,7 @@ NAMES = (
     "own_machine",
     "certificate",
     "certified_robots",
+    "speed",
 )
 
 

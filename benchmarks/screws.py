@@ -114,7 +114,7 @@ def _run() -> dict[str, Any]:
         "name": "screws",
         "robot": robot,
         "trajectory": {"harmonics": 3, "frequency": ["0.12 Hz", "0.6 Hz"], "samples": 40},
-        "design": {"starts": 1, "seed": 0},
+        "design": {"starts": 1, "search": "restarts", "seed": 0},
         "experiment": {"periods": 10, "sampling": "250 Hz"},
         "estimate": {"estimators": list(ESTIMATORS), "noise": "given"},
         "workers": 1,
