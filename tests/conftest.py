@@ -71,7 +71,13 @@ _TINY = {
         "samples": 24,
         "controller_period": 0.01,
     },
-    "design": {"starts": 1, "seed": 0, "smoothing": [0.4, 0.2], "max_iterations": 10},
+    "design": {
+        "starts": 1,
+        "seed": 0,
+        "search": "restarts",
+        "smoothing": [0.4, 0.2],
+        "max_iterations": 10,
+    },
     "experiment": {"sampling": 100, "periods": 3},
     "workers": 1,
 }

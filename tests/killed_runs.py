@@ -16,7 +16,7 @@ import warnings
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-_TIMES = {"seconds", "finished"}
+_TIMES = {"seconds", "cpu_seconds", "finished"}
 _LEFT_OUT = {"manifest.json"}
 _STAMPS = re.compile(
     rb"\d+(\.\d+)?(e-?\d+)?\s*(min|ms|s|h)\b( \d+ (min|s)\b)?"  # how long it took

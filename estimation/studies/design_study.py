@@ -41,12 +41,11 @@ from estimation.twin.record import true_values
 from estimation.uncertainty.differences import FAMILY_LEVEL
 from expdesign.configuration import RunConfiguration
 from expdesign.experiment import DesignRecord
+from expdesign.experiment.several import FOLDER, design_folder
 from expdesign.mechanism.catalogue import TERMS, parameter_unit
 from expdesign.robot import robot_from
 from expdesign.runfolder import RowTable
 from expdesign.workers import Monitor
-
-FOLDER = "designs"
 
 _CLEAR = 4.0
 """Standard errors by which determinants must differ, and within which predictions must agree."""
@@ -97,7 +96,7 @@ class DesignStudy(Study):
         return [
             path
             for trial in self.trials
-            for path in DesignRecord.of(trial.design).write(folder / FOLDER / trial.name)
+            for path in DesignRecord.of(trial.design).write(design_folder(folder, trial.name))
         ]
 
     def claims(self) -> Iterator[Claim]:

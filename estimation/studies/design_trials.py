@@ -20,7 +20,8 @@ from estimation.studies.study import (
 from estimation.twin import Twin
 from expdesign.configuration import InputError, Problem, RunConfiguration
 from expdesign.configuration.sections.experiment import Kinematics
-from expdesign.experiment import DesignResult, design
+from expdesign.experiment import DesignResult
+from expdesign.experiment.several import designed
 from expdesign.information.periodic_noise import PeriodicNoise
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.robot import Robot
@@ -73,7 +74,7 @@ def run_trials(
     pairs = [(k, c) for k in range(1, section.sets + 1) for c in section.criteria]
     total = len(pairs) * (1 + len(section.kinematics))
     build = partial(replace, configuration)
-    jobs = [Job(_designed, pair) for pair in pairs]
+    jobs = [Job(_designed, (_variant(configuration, *pair),)) for pair in pairs]
     designs = list(results_of(configuration, build, jobs, monitor, (0, total)))
     wanted = [(index, k) for index in range(len(pairs)) for k in section.kinematics]
     jobs = [Job(_executed, (index, designs[index], k)) for index, k in wanted]
@@ -138,16 +139,21 @@ def trial_name(number: int, criterion: str) -> str:
     return f"{number}-{criterion}"
 
 
-def _designed(
-    configuration: RunConfiguration, monitor: Monitor, number: int, criterion: str
-) -> DesignResult:
+def _variant(configuration: RunConfiguration, number: int, criterion: str) -> RunConfiguration:
+    """Return the run of one trial's design alone."""
     run = configuration.run
     changed = configuration.with_section(
         "design", criterion=criterion, seed=run.design.seed + number - 1
     )
     name = f"{run.name}-{trial_name(number, criterion)}"
-    own = changed.run.model_copy(update={"name": name, "workers": 1, "study": None})
-    return design(RunConfiguration(own, configuration.robot, configuration.file), monitor)
+    own = changed.run.model_copy(update={"name": name, "study": None})
+    return RunConfiguration(own, configuration.robot, configuration.file)
+
+
+def _designed(
+    _built: RunConfiguration, monitor: Monitor, variant: RunConfiguration
+) -> DesignResult:
+    return designed(variant, monitor)
 
 
 def _executed(

@@ -167,9 +167,9 @@ class SearchDisplay:
 
         A finish takes about as long as a start.
         """
-        from expdesign.solver.search import CANDIDATES
+        from expdesign.solver.search import FINISHED
 
-        finishes = max(min(CANDIDATES, self._total), self._finished)
+        finishes = max(min(FINISHED, self._total), self._finished)
         running = sum(event.share for event in self._running.values())
         share = (self._ended + self._finished + running) / (self._total + finishes)
         return left_text(time.monotonic() - self._searches, share)

@@ -155,6 +155,7 @@ def design_task(configuration: RunConfiguration) -> DesignTask:
         controller_period=run.controller_period,
         hum=known_hum(configuration),
         workers=run.workers or 1,
+        scheduler=run.scheduler,
         max_seconds=run.design.max_seconds,
     )
     evaluator = Evaluator(robot, covariance, criterion, scaling, names, memory)
@@ -323,8 +324,6 @@ def _warnings(
         for one in task.plan.hum.distances(trajectory.omega)
         if not one.kept
     ]
-    if configuration.run.scheduler is not None:
-        found.append("the design runs in local processes; the scheduler serves the Monte Carlo")
     return tuple(found)
 
 

@@ -59,6 +59,10 @@ class SolverRecord:
     best_start: int
     finish: dict[str, Any]
     starts: tuple[TimedStart, ...]
+    ended: str = ""
+    """Why the search went no further; empty in folders of earlier versions."""
+    # Earlier versions did not measure it.
+    cpu_seconds: OpenNumber = np.nan
 
     @classmethod
     def of(cls, result: DesignResult) -> Self:
@@ -76,6 +80,7 @@ class SolverRecord:
             iterations=sum(stage.iterations for stage in stages),
             evaluations=dict(evaluations),
             seconds=search.seconds,
+            cpu_seconds=search.cpu_seconds,
             best_start=search.best.index,
             finish={
                 "shrink": search.finished.shrink,
@@ -92,6 +97,7 @@ class SolverRecord:
                 )
                 for start in search.starts
             ),
+            ended=search.ended,
         )
 
 
@@ -183,8 +189,10 @@ class DesignFile(TrajectoryFile):
         SolverRecord,
         described(
             "",
-            "name, iterations, evaluations, seconds of all starts, best_start, finish (shrink, "
-            "record), starts: of each the columns of tables/starts.csv, seconds and stages",
+            "name, iterations, evaluations, seconds of all starts, cpu_seconds (of the processors, "
+            "without building the problem), best_start, ended (why it went no further), finish "
+            "(shrink, record), starts: of each the columns of tables/starts.csv, seconds and "
+            "stages",
         ),
     ]
     limits: Annotated[

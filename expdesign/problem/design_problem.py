@@ -11,6 +11,7 @@ from functools import partial
 from typing import Any, Protocol, Self
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
 from constraints.arrays import Array, Mask
@@ -119,8 +120,10 @@ class Path(Protocol):
     def states(self, variables: Array, points: Any) -> Array:
         """Return the states (K, 18), or (K, 24) with the pose's third derivative, at points."""
 
-    def to_variables(self, variables: Array, points: Any, sensitivities: Array) -> Array:
-        """Carry derivatives (K, r, 18 or 24) to the states over to the variables: (K, r, z)."""
+    def to_variables(
+        self, variables: Array, points: Any, slopes: Array, at: NDArray[np.intp]
+    ) -> Array:
+        """Carry derivatives (J, 18 or 24) to the states at points `at` (J,) over: (J, z)."""
 
 
 class LimitedProgram:
@@ -160,7 +163,7 @@ class LimitedProgram:
         margins: Array | None = None,
     ) -> None:
         self._limits, self._path, self._points, self._mask = limits, path, points, mask
-        self._width = width
+        self._width, self._at = width, np.nonzero(mask)[0]
         self._scale = np.broadcast_to(limits.scale, mask.shape)[mask]
         self.row_lower, self.row_upper = (
             np.broadcast_to(side, mask.shape)[mask] / self._scale
@@ -184,8 +187,10 @@ class LimitedProgram:
         """Return the scaled limit rows and their Jacobian."""
         states = self._path.states(x, self._points)
         values, slopes = self._limits.smooth_slopes(states, self._width)
-        dense = self._path.to_variables(x, self._points, slopes)[self._mask]
-        return values[self._mask] / self._scale, dense / self._scale[:, None]
+        # Most rows of most points are far from their bounds: only those in the program are carried.
+        scaled = slopes[self._mask] / self._scale[:, None]
+        jacobian = self._path.to_variables(x, self._points, scaled, self._at)
+        return values[self._mask] / self._scale, jacobian
 
     def excess(self, x: Array) -> float:
         """Return how far the rows are broken at most, in the program's own scaling."""

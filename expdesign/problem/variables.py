@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from constraints.arrays import Array
 from expdesign.mechanism.hexapod import COORDINATES
@@ -125,23 +126,24 @@ class DesignVariables:
         """Return pose, rate and acceleration at the basis's phases, (N, 18)."""
         return np.concatenate(basis.samples(*self.amplitudes(variables)), axis=1)
 
-    def to_variables(self, variables: Array, basis: PhaseBasis, sensitivities: Array) -> Array:
-        """Carry sensitivities to the states over to the variables, sample by sample.
+    def to_variables(
+        self, variables: Array, basis: PhaseBasis, slopes: Array, at: NDArray[np.intp]
+    ) -> Array:
+        """Carry slopes (J, 18) of J quantities to the state of their instant over: (J, size).
 
-        (N, r, 18), of r quantities of each sample with respect to its state, become (N, r, size).
+        `at` (J,) has the instant of each, an index of the basis's phases.
         """
         omega = float(variables[-1] * self.omega_scale)
-        count, rows = sensitivities.shape[:2]
-        steps = self._steps(basis, omega)
-        by_coordinate = sensitivities.reshape(count, rows, 3, COORDINATES).transpose(0, 1, 3, 2)
-        linear = np.matmul(by_coordinate.reshape(count, rows * COORDINATES, 3), steps)
-        linear = linear.reshape(count, rows, COORDINATES, self.per_coordinate) * self.scale[:, None]
-        drift = self.state_slope_to_omega(variables, basis)
-        to_omega = np.einsum("nrs,ns->nr", sensitivities, drift)
-        return np.concatenate(
-            [linear.reshape(count, rows, COORDINATES * self.per_coordinate), to_omega[:, :, None]],
-            axis=2,
+        by_coordinate = slopes.reshape(-1, 3, COORDINATES).transpose(0, 2, 1)
+        linear = np.matmul(by_coordinate, self._steps(basis, omega)[at])
+        carried = np.empty((len(slopes), self.size))
+        np.multiply(
+            linear,
+            self.scale[:, None],
+            out=carried[:, :-1].reshape(linear.shape, copy=False),
         )
+        carried[:, -1] = np.sum(slopes * self.state_slope_to_omega(variables, basis)[at], axis=1)
+        return carried
 
     def accumulate(self, variables: Array, basis: PhaseBasis, sensitivities: Array) -> Array:
         """Carry sensitivities over to the variables, summed over the samples.

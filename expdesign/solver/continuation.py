@@ -94,15 +94,22 @@ def continuation_stages(
     return stages
 
 
-def hop_stages(problem: DesignProblem, widths: Sequence[float], iterations: int) -> list[Stage]:
+def hop_stages(
+    problem: DesignProblem, widths: Sequence[float], iterations: int, *, far: bool = False
+) -> list[Stage]:
     """Return the stages of one hop.
 
     The first holds every limit: thrown into its limits, a motion has none near its bound, and
     with few rows the solver runs out of all the others at once (measured). It is sharp from the
-    start: a blunt one, which finds the basin, would lead back.
+    start, and does not lead far. A `far` hop has the stages of a start, from blunt to sharp, which
+    find other basins.
     """
     n, samples = problem.variables.harmonics, problem.cost.samples
     coarse, fine = coarse_points(n), fine_points(n)
+    if far:
+        first, *others = continuation_stages(problem, widths, max(10, iterations // 2))
+        every = replace(first, harmonics=None, points=coarse, samples=min(samples, coarse))
+        return [every, *others]
     thrown = Stage(
         name="hop",
         width=widths[-1],
@@ -111,7 +118,7 @@ def hop_stages(problem: DesignProblem, widths: Sequence[float], iterations: int)
         points=coarse,
         near=_EVERYTHING,
         radius=_HOP_RADIUS,
-        iterations=max(10, 3 * iterations // 4),
+        iterations=max(10, 3 * iterations // 8),
     )
     settled = replace(
         thrown,
@@ -120,23 +127,29 @@ def hop_stages(problem: DesignProblem, widths: Sequence[float], iterations: int)
         points=fine,
         near=_NEAR,
         radius=_RADIUS,
+        iterations=max(10, iterations // 2),
         barrier=_SETTLED,
     )
     return [thrown, settled]
 
 
-def finish_stage(problem: DesignProblem, widths: Sequence[float], iterations: int) -> Stage:
-    """Return the settings of each round of the finish: a small box, the sharpest smoothing."""
+def finish_stage(
+    problem: DesignProblem, widths: Sequence[float], iterations: int, *, proving: bool = True
+) -> Stage:
+    """Return the settings of each round of the finish: a small box, the sharpest smoothing.
+
+    Motions that are only compared with others have as many samples in the cost as the stage before.
+    """
     n = problem.variables.harmonics
     points = fine_points(n)
     return Stage(
         name="finish",
         width=widths[-1],
         level=problem.criterion.levels[-1],
-        samples=min(problem.cost.samples, 2 * points),
+        samples=min(problem.cost.samples, (1 + proving) * points),
         points=points,
         near=_FINISH_NEAR,
         radius=_FINISH_RADIUS,
-        iterations=max(10, iterations // 2),
+        iterations=max(10, iterations // 4),
         barrier=_NEARLY_THERE,
     )

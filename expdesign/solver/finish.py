@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import brentq
 
 from constraints.arrays import Array
 from expdesign.problem.design_problem import DesignProblem, hidden_by_smoothing
@@ -21,7 +22,6 @@ from expdesign.recheck.fine_grid import grid_points, local_worst, states_at, wor
 from expdesign.recheck.information import Evaluator
 from expdesign.recheck.limit_check import TOLERANCE, Recheck
 from expdesign.solver.hum_distance import KnownHum
-from expdesign.solver.initial import largest
 from expdesign.solver.stage import Report, Stage, StageRecord, TracePoint, solve_rows
 from expdesign.trajectory import FourierTrajectory
 
@@ -29,7 +29,7 @@ _CHECKS = 4
 _WORTHWHILE = 2e-3
 _LARGEST_MARGIN = 0.2
 SMALLEST_FACTOR = 0.8
-_BISECTIONS = 14
+_RESOLUTION = 1e-6
 
 GRID_MARGIN = 5e-5
 """Share of each range that is kept free on the fine grid: what it can miss between its points."""
@@ -82,6 +82,7 @@ def finish(
     rounds: int,
     report: Report,
     proving: bool = True,
+    settled: bool = False,
 ) -> Finished:
     """Bring a solution within the limits between the samples as well.
 
@@ -89,13 +90,14 @@ def finish(
     of at most `rounds` is a solve with the stage's settings; the evaluator decides which of their
     trajectories is the best. With `proving` limits are proved after each, and the last solve is
     Ipopt's; without it they are looked at on the fine grid, to compare motions with one another.
+    What was finished before without a proof is `settled`: the first solve may be the last.
     """
     x = start.copy()
     x[-1] = problem.variables.bounds()[0][-1]
     best = candidate = _checked(problem, x, proving=proving)
     kept = x
     best_merit = evaluator.merit(best.trajectory, problem.cost.samples)
-    record, last_merit, settled = StageRecord.of(stage), best_merit, False
+    record, last_merit = StageRecord.of(stage), best_merit
     # Worst moments of earlier rounds stay: without their rows what they held comes back.
     seen: NDArray[np.bool_] = np.zeros(
         (grid_points(problem.cost.samples), len(problem.limits.keys)), dtype=bool
@@ -122,10 +124,10 @@ def finish(
         )
         if standing > before or (standing == before and candidate.check.passed and gain > 0):
             best, best_merit, kept = candidate, merit, x
-        if last or status == "User_Requested_Stop":
-            break
         # A round that falls back shows rows and margins that the next one puts right (measured).
         good = best.check.certified if proving else best.check.passed
+        if number == rounds or (last and good) or status == "User_Requested_Stop":
+            break
         settled = good and abs(evaluator.gain(merit, last_merit)) < _WORTHWHILE
         if settled and not proving:
             break
@@ -242,14 +244,16 @@ def shrink_to_limits(
     decisive = _decisive(rows)
     near, limits = times[np.any(decisive, axis=1)], problem.limits.among(decisive)
 
-    def kept(factor: float) -> bool:
+    def excess(factor: float) -> float:
         states = states_at(_scaled(trajectory, factor), near)
-        return bool(np.max(limits.violations(states), initial=-np.inf) <= -margin)
+        worst = np.max(limits.violations(states), initial=-1.0)
+        return float(np.clip(worst, -1.0, 1.0)) + margin
 
-    low, high = SMALLEST_FACTOR, 1.0
-    if not kept(low):
-        return Shrunk(_scaled(trajectory, low), low, kept=False)
-    factor = largest(kept, low, high, _BISECTIONS)
+    if excess(SMALLEST_FACTOR) > 0:
+        return Shrunk(_scaled(trajectory, SMALLEST_FACTOR), SMALLEST_FACTOR, kept=False)
+    factor = brentq(excess, SMALLEST_FACTOR, 1.0, xtol=_RESOLUTION) if excess(1.0) > 0 else 1.0
+    while excess(factor) > 0:
+        factor -= _RESOLUTION
     return Shrunk(_scaled(trajectory, factor), factor, kept=True)
 
 

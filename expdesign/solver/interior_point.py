@@ -70,6 +70,8 @@ def solve_by_interior_point(
     *,
     most: int,
     barrier: float = 0.1,
+    feasible: float = FEASIBLE,
+    curvature: float = 1e-8,
     report: Report | None = None,
 ) -> Solution:
     """Minimise, with the cost's own curvature; return the last iterate whatever the status.
@@ -82,17 +84,29 @@ def solve_by_interior_point(
         Most iterations.
     barrier : float
         μ at the beginning: the larger, the farther from its start it may end.
+    feasible : float
+        Excess of a row that counts as none, where the objective stands still.
+    curvature : float
+        Added to the Hessian in every direction: in place of that of the rows, which is left out.
     report : callable, optional
         Called once per iteration; False stops the solver.
     """
-    return _InteriorPoint(program, most, report).solve(start, barrier)
+    return _InteriorPoint(program, most, feasible, curvature, report).solve(start, barrier)
 
 
 class _InteriorPoint:
     """One solve: see `solve_by_interior_point`."""
 
-    def __init__(self, program: LimitedProgram, most: int, report: Report | None) -> None:
+    def __init__(
+        self,
+        program: LimitedProgram,
+        most: int,
+        feasible: float,
+        curvature: float,
+        report: Report | None,
+    ) -> None:
         self._program, self._most, self._report = program, most, report
+        self._feasible, self._curvature = feasible, curvature
         self._bounds = Bounds.of(program)
         self._counts = {"f": 0, "grad_f": 0, "g": 0, "jac_g": 0}
         self._penalty = 1.0
@@ -122,7 +136,7 @@ class _InteriorPoint:
             if self._error(point, slacks, duals, products) < _TOLERANCE:
                 status = "Solve_Succeeded"
                 break
-            if still >= _ROUNDS and violation < FEASIBLE:
+            if still >= _ROUNDS and violation < self._feasible:
                 status = "Solved_To_Acceptable_Level"
                 break
             if done == self._most:
@@ -138,7 +152,7 @@ class _InteriorPoint:
                 break
             point, slacks, duals = moved
             stood = abs(point.cost - before) <= _STILL * max(1.0, abs(before))
-            still = still + 1 if stood and violation < FEASIBLE else 0
+            still = still + 1 if stood and violation < self._feasible else 0
             done += 1
         return Solution(
             x=point.x,
@@ -208,8 +222,10 @@ class _InteriorPoint:
         curvature = duals.lower / gaps[0] + duals.upper / gaps[1]
         towards = duals.values + below - above
         apart = point.values - slacks
-        matrix = point.hessian + (point.jacobian.T * curvature) @ point.jacobian
-        matrix[np.diag_indices_from(matrix)] += 1e-8
+        # A product with itself takes half the work of one of two matrices.
+        weighted = np.sqrt(curvature)[:, None] * point.jacobian
+        matrix = point.hessian + weighted.T @ weighted
+        matrix[np.diag_indices_from(matrix)] += self._curvature
         right = -point.gradient - point.jacobian.T @ (duals.values + curvature * apart - towards)
         if not (np.all(np.isfinite(matrix)) and np.all(np.isfinite(right))):
             return None

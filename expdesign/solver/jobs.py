@@ -1,8 +1,8 @@
-"""What worker processes do: starts, hops and finishes; and the population of what they found."""
+"""What worker processes do: starts, hops and finishes."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,12 +20,10 @@ from expdesign.solver.finish import Finished, controller_omega, finish
 from expdesign.solver.hum_distance import KnownHum
 from expdesign.solver.initial import InfeasibleLimitsError, perturbed, random_start
 from expdesign.solver.stage import Watch
-from expdesign.solver.start import Screening, StartResult, run_start
+from expdesign.solver.start import Screening, StartResult, judged, run_stages
 from expdesign.workers import Monitor
 
 _FINISH_ROUNDS = 4
-CAPACITY = 3
-"""Motions that are kept. From a single one a hundred hops were seen to gain 0.04 in log det F."""
 
 
 @dataclass(frozen=True)
@@ -45,6 +43,8 @@ class SearchPlan:
     hum: KnownHum
     """What the finished frequency keeps away from."""
     workers: int
+    scheduler: str | None
+    """Address of a Dask cluster, instead of the workers."""
     max_seconds: float | None
 
 
@@ -69,8 +69,6 @@ class Candidate:
     """The judged criterion, larger is better."""
     finished: Finished
     start: StartResult
-    lineage: int
-    """Index of the random start that it descends from."""
 
     @property
     def rank(self) -> tuple[bool, bool, float]:
@@ -79,50 +77,8 @@ class Candidate:
         return check.certified, check.passed, self.merit if check.passed else -check.worst
 
 
-@dataclass(frozen=True)
-class Population:
-    """At most `CAPACITY` candidates, the best first, one of each lineage."""
-
-    members: tuple[Candidate, ...]
-
-    @property
-    def best(self) -> Candidate:
-        """The best member."""
-        return self.members[0]
-
-    @property
-    def least(self) -> Candidate | None:
-        """The member that a new lineage must be as good as; None while there is room."""
-        passed = [member for member in self.members if member.finished.check.passed]
-        return passed[-1] if len(passed) == CAPACITY else None
-
-    def origin(self, turn: int) -> Candidate:
-        """Return the member whose turn it is, counted from 0."""
-        return self.members[turn % len(self.members)]
-
-    @classmethod
-    def of(cls, candidates: Iterable[Candidate]) -> Population:
-        """Return the best of them, which must be of different lineages."""
-        ranked = sorted(candidates, key=lambda candidate: candidate.rank, reverse=True)
-        return cls(tuple(ranked[:CAPACITY]))
-
-    def admit(self, candidate: Candidate) -> Population:
-        """Return the population with a candidate, if it is good enough.
-
-        It takes the place of its ancestor if it is better. Of a new lineage it joins, and the
-        worst leaves if there are too many.
-        """
-        others = [member for member in self.members if member.lineage != candidate.lineage]
-        same = [member for member in self.members if member.lineage == candidate.lineage]
-        if same and same[0].rank >= candidate.rank:
-            return self
-        return Population.of([*others, candidate])
-
-
-def random_job(
-    task: DesignTask, monitor: Monitor, index: int, screening: Screening | None = None
-) -> StartResult:
-    """Start from a random motion; with a `screening` it may be given up."""
+def rough_job(task: DesignTask, monitor: Monitor, index: int) -> StartResult:
+    """Draw a motion and run its rough search."""
     problem, plan = task.problem, task.plan
     stages = continuation_stages(problem, plan.widths, plan.iterations)
     first = problem.with_variables(harmonics=stages[0].harmonics or problem.variables.harmonics)
@@ -133,38 +89,47 @@ def random_job(
         # No shrinking brings it within the limits.
         Watch(monitor, index).tell("done", 0, -np.inf, np.inf, str(error))
         nowhere = np.full(problem.variables.size, np.nan)
-        return StartResult(index, "random", nowhere, -np.inf, str(error))
-    watch = Watch(monitor, index)
-    return run_start(problem, task.evaluator, stages, start, "random", watch, screening)
+        return StartResult(index, "random", nowhere, status=str(error))
+    return run_stages(problem, stages, StartResult(index, "random", start), monitor, until=1)
 
 
-def newcomer_job(
-    task: DesignTask, monitor: Monitor, index: int, screening: Screening
-) -> tuple[StartResult, Candidate | None]:
-    """Start from a random motion, and finish what is not given up."""
-    result = random_job(task, monitor, index, screening)
-    return _finished(task, monitor, result, lineage=index)
+def refined_job(task: DesignTask, monitor: Monitor, begun: StartResult) -> StartResult:
+    """Run the refinements of a start."""
+    problem, plan = task.problem, task.plan
+    stages = continuation_stages(problem, plan.widths, plan.iterations)
+    reached = run_stages(problem, stages, begun, monitor)
+    return judged(problem, task.evaluator, reached, monitor)
 
 
 def hop_job(
-    task: DesignTask, monitor: Monitor, index: int, origin: Candidate
-) -> tuple[StartResult, Candidate | None]:
-    """Hop, and finish what is not given up: only finished motions can be compared."""
+    task: DesignTask, monitor: Monitor, index: int, origin: StartResult, far: bool
+) -> StartResult:
+    """Throw a motion out of its basin, and run the stages of a hop."""
     problem, plan = task.problem, task.plan
-    start = problem.variables.pack(origin.finished.trajectory)
-    start = perturbed(problem, start, _rng(plan.seed, index), plan.widths[-1])
-    stages, watch = hop_stages(problem, plan.widths, plan.iterations), Watch(monitor, index)
-    screening = Screening(origin.start.stages)
-    result = run_start(problem, task.evaluator, stages, start, "hop", watch, screening)
-    return _finished(task, monitor, result, origin.lineage)
+    rng = _rng(plan.seed, index)
+    thrown = perturbed(problem, origin.variables, rng, plan.widths[-1], far=far)
+    reached = run_stages(
+        problem,
+        hop_stages(problem, plan.widths, plan.iterations, far=far),
+        StartResult(index, "hop", thrown),
+        monitor,
+        screening=Screening(origin.stages),
+    )
+    return judged(problem, task.evaluator, reached, monitor)
 
 
 def finish_job(
-    task: DesignTask, monitor: Monitor, index: int, variables: Array, *, proving: bool = False
+    task: DesignTask,
+    monitor: Monitor,
+    index: int,
+    variables: Array,
+    *,
+    proving: bool = False,
+    settled: bool = False,
 ) -> tuple[float, Finished]:
     """Finish what a start reached; return what it is worth, too.
 
-    Most motions are only compared with others: see `proving` of `finish`.
+    Most motions are only compared with others: see `proving` and `settled` of `finish`.
     """
     problem, plan = task.problem, task.plan
     watch = Watch(monitor, index)
@@ -173,11 +138,18 @@ def finish_job(
     if bounds[0] < bounds[1]:
         omega, _ = controller_omega(omega, bounds, plan.controller_period, plan.hum)
     fixed = problem.with_variables(omega_bounds=(omega, omega))
-    stage = finish_stage(problem, plan.widths, plan.iterations)
+    stage = finish_stage(problem, plan.widths, plan.iterations, proving=proving)
     report = watch.of_stage(replace(stage, rounds=_FINISH_ROUNDS), problem)
     rounds = 0 if monitor.stop_requested() else _FINISH_ROUNDS
     finished = finish(
-        fixed, task.evaluator, variables, stage, rounds=rounds, report=report, proving=proving
+        fixed,
+        task.evaluator,
+        variables,
+        stage,
+        rounds=rounds,
+        report=report,
+        proving=proving,
+        settled=settled,
     )
     merit = task.evaluator.merit(finished.trajectory, problem.cost.samples)
     value = merit if task.evaluator.criterion.larger_is_better else -merit
@@ -191,16 +163,8 @@ def proof_job(
 ) -> tuple[float, Finished]:
     """Finish once more what was finished without a proof, and prove it."""
     variables = task.problem.variables.pack(finished.trajectory)
-    return finish_job(task, monitor, index, variables, proving=True)
-
-
-def _finished(
-    task: DesignTask, monitor: Monitor, result: StartResult, lineage: int
-) -> tuple[StartResult, Candidate | None]:
-    if not np.isfinite(result.merit) or monitor.stop_requested():
-        return result, None
-    merit, finished = finish_job(task, monitor, result.index, result.variables)
-    return result, Candidate(merit, finished, result, lineage)
+    settled = finished.record is not None and finished.record.converged
+    return finish_job(task, monitor, index, variables, proving=True, settled=settled)
 
 
 def _rng(seed: int, index: int) -> np.random.Generator:

@@ -1,39 +1,47 @@
-"""The search: random starts in parallel, the finish of the best, and hops from it if wanted."""
+"""The search: many rough searches, the best refined, hops from these, the finish and the proof."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-
-import numpy as np
+from operator import attrgetter
 
 from expdesign.configuration import ComputationError
+from expdesign.solver.crew import Crew
 from expdesign.solver.finish import Finished
 from expdesign.solver.jobs import (
-    CAPACITY,
     Build,
     Candidate,
-    Population,
     SearchPlan,
     finish_job,
     hop_job,
-    newcomer_job,
     proof_job,
-    random_job,
+    refined_job,
+    rough_job,
 )
-from expdesign.solver.start import Screening, StartResult
-from expdesign.workers import Job, Monitor, StoppedError, run_jobs
+from expdesign.solver.start import StartResult, given_up
+from expdesign.workers import Job, Monitor, StoppedError
 
-HOPS_AT_ONCE = 4
-"""Hops from the same motions before they are renewed: the result must not depend on the workers."""
+REFINED = 24
+"""Starts that go on after the rough search, the best of all."""
+BREADTHS = (12, 6, 3)
+"""From how many motions hops set out, the best, in the first part of all hops, the second, the
+third. Which of them hops bring farthest is not to be seen before some have been made (measured)."""
+FINISHED = 4
+"""Motions that are finished, the best first; more only when none of them keeps the limits."""
+PROVED = 3
+"""Finished motions that are proved, the best first, until one is."""
+NEAR = 3
+"""Hops near a motion, one after the other without a better one, before they lead far: what is near
+is exhausted after half a dozen (measured)."""
+PATIENCE = 40
+"""Hops without a better motion after which no more are made."""
+_BETTER = 1e-3
+"""Difference in cost that counts: 0.1 % of D-efficiency."""
+_CONFIDENCE = 0.95
 
-_EVERY = 2
-"""Of so many hops one is a new random start: the best basin may be far from all that are known."""
-
-CANDIDATES = 2
-"""Starts that are finished, the best first, as many as the population has room for if hops follow.
-More only when none of them keeps the limits."""
+_rank = attrgetter("rank")
 
 
 @dataclass(frozen=True)
@@ -46,6 +54,11 @@ class SearchResult:
     finished_merits: dict[int, float]
     interrupted: bool
     seconds: float
+    cpu_seconds: float
+    """Of all starts, hops, finishes and proofs, in whichever process; without building the problem
+    and its derivatives."""
+    ended: str
+    """Why it went no further, in words."""
 
 
 class NoDesignError(ComputationError):
@@ -64,93 +77,138 @@ def search(build: Build, plan: SearchPlan, monitor: Monitor) -> SearchResult:
     """
     began = time.perf_counter()
 
-    def late_or_asked() -> bool:
-        late = plan.max_seconds is not None and time.perf_counter() - began > plan.max_seconds
-        return late or monitor.stop_requested()
+    def late() -> bool:
+        return plan.max_seconds is not None and time.perf_counter() - began > plan.max_seconds
 
-    clock = Monitor(late_or_asked, monitor.report)
-    jobs = [Job(random_job, (index,)) for index in range(1, plan.starts + 1)]
-    results: list[StartResult] = list(run_jobs(build, jobs, plan.workers, clock))
-    ranked = sorted(results, key=lambda result: (-result.merit, result.index))
-    if not ranked or not np.isfinite(ranked[0].merit):
+    clock = Monitor(lambda: late() or monitor.stop_requested(), monitor.report)
+    crew = Crew(build, plan)
+    starts = _starts(crew, plan, clock)
+    motions = [start for start in starts if start.usable]
+    if not motions:
         if monitor.stop_requested():
             raise StoppedError("the search was stopped before any start had a result")
-        states = "; ".join(sorted({result.status for result in ranked}))
+        states = "; ".join(sorted({start.status for start in starts}))
         raise NoDesignError(
-            f"none of {len(ranked)} starts reached a motion that keeps the limits and excites the "
+            f"none of {len(starts)} starts reached a motion that keeps the limits and excites the "
             f"parameters ({states})"
-            if ranked
+            if starts
             else "design.max_seconds were over before any start had a result",
-            ranked,
+            starts,
         )
-    tried = _finish_best(build, ranked, plan, monitor)
-    population = Population.of(tried)
-    for first in range(0, plan.hops, HOPS_AT_ONCE):
-        if clock.stop_requested():
-            break
-        batch = range(first, min(first + HOPS_AT_ONCE, plan.hops))
-        jobs = [_hop(population, plan.starts + 1, k) for k in batch]
-        for result, candidate in run_jobs(build, jobs, plan.workers, clock):
-            results.append(result)
-            if candidate is not None:
-                tried.append(candidate)
-                population = population.admit(candidate)
-    best = _proved(build, tried, plan, monitor)
-    tried.append(best)
+    motions, hops, ended = _hopped(crew, motions, plan, clock)
+    if clock.stop_requested():
+        ended = "stopped" if monitor.stop_requested() else "design.max_seconds were over"
+    tried = _finished(crew, motions, monitor)
+    best = _proved(crew, tried, monitor)
     return SearchResult(
         best.finished,
         best.start,
-        tuple(sorted(results, key=lambda result: result.index)),
-        {candidate.start.index: candidate.merit for candidate in tried},
+        tuple(sorted([*starts, *hops], key=attrgetter("index"))),
+        {candidate.start.index: candidate.merit for candidate in [*tried, best]},
         interrupted=monitor.stop_requested(),
         seconds=time.perf_counter() - began,
+        cpu_seconds=crew.cpu_seconds,
+        ended=ended,
     )
 
 
-def _hop(population: Population, first: int, k: int) -> Job:
-    """Return the k-th hop, from the member whose turn it is, or every other time a newcomer."""
-    turn, newcomer = divmod(k, _EVERY)
-    if newcomer:
-        least = population.least
-        # Its last stage is the only one that a hop has, too, and the one that tells enough.
-        reference = least.start.stages[-1:] if least is not None else ()
-        return Job(newcomer_job, (first + k, Screening(reference)))
-    return Job(hop_job, (first + k, population.origin(turn)))
+def _starts(crew: Crew, plan: SearchPlan, clock: Monitor) -> list[StartResult]:
+    """Return what all starts came to: the best of the rough searches are refined.
 
-
-def _proved(
-    build: Build, tried: Sequence[Candidate], plan: SearchPlan, monitor: Monitor
-) -> Candidate:
-    """Return the best motion of which every limit is proved to be kept, of the best few.
-
-    Where there is none, the best of those that were looked at.
+    More of them only when none of the first reaches a motion that keeps the limits.
     """
-    seen: list[Candidate] = []
-    for candidate in sorted(tried, key=lambda one: one.rank, reverse=True)[:CAPACITY]:
-        job = Job(proof_job, (candidate.start.index, candidate.finished))
-        ((merit, finished),) = run_jobs(build, [job], plan.workers, monitor, after_stop=True)
-        seen.append(replace(candidate, merit=merit, finished=finished))
-        if finished.check.certified or monitor.stop_requested():
-            break
-    return max(seen, key=lambda one: one.rank)
+    jobs = [Job(rough_job, (index,)) for index in range(1, plan.starts + 1)]
+    rough: list[StartResult] = list(crew.done(jobs, clock))
+    left = sorted((start for start in rough if not start.status), key=_rank, reverse=True)
+    ended = [start for start in rough if start.status]
+    while left and not any(start.usable for start in ended):
+        jobs = [Job(refined_job, (start,)) for start in left[:REFINED]]
+        left = left[REFINED:]
+        ended += crew.done(jobs, clock, after_stop=True)
+    return [*ended, *(given_up(start, clock) for start in left)]
 
 
-def _finish_best(
-    build: Build, ranked: Sequence[StartResult], plan: SearchPlan, monitor: Monitor
-) -> list[Candidate]:
-    usable = [result for result in ranked if np.isfinite(result.merit)]
+@dataclass(frozen=True)
+class _Motion:
+    """A motion that hops set out from, and how many have come to nothing since it was reached."""
+
+    start: StartResult
+    failed: int = 0
+
+    @property
+    def rank(self) -> tuple[bool, bool, float]:
+        return self.start.rank
+
+    def after(self, hop: StartResult) -> _Motion:
+        """Return what a hop leaves: the better of the two."""
+        return _Motion(hop) if hop.rank > self.rank else replace(self, failed=self.failed + 1)
+
+
+def _hopped(
+    crew: Crew, motions: Sequence[StartResult], plan: SearchPlan, clock: Monitor
+) -> tuple[list[StartResult], list[StartResult], str]:
+    """Return the best motion of every start's descent, all hops, and why there were no more."""
+    best = sorted((_Motion(start) for start in motions), key=_rank, reverse=True)
+    made: list[StartResult] = []
+    since = 0
+    while len(made) < plan.hops and not clock.stop_requested():
+        if since >= PATIENCE:
+            return [one.start for one in best], made, _nothing_better(since)
+        part = len(made) * len(BREADTHS) // plan.hops
+        origins = best[: min(BREADTHS[part], plan.hops - len(made))]
+        first = plan.starts + len(made) + 1
+        jobs = [
+            Job(hop_job, (first + k, origin.start, origin.failed >= NEAR))
+            for k, origin in enumerate(origins)
+        ]
+        results: list[StartResult] = list(crew.done(jobs, clock))
+        known = best[0].rank
+        for hop in results:
+            best[hop.index - first] = origins[hop.index - first].after(hop)
+        best.sort(key=_rank, reverse=True)
+        *standing, cost = best[0].rank
+        *before, reached = known
+        since = 0 if standing > before or cost > reached + _BETTER else since + len(results)
+        made += results
+    return [one.start for one in best], made, "all starts and hops were made"
+
+
+def _nothing_better(hops: int) -> str:
+    """Return what so many hops without a better motion say of the next one."""
+    chance = 1 - (1 - _CONFIDENCE) ** (1 / hops)
+    return (
+        f"the last {hops} hops found nothing better: the chance that one more would is at most "
+        f"{100 * chance:.2g} % (with a confidence of {100 * _CONFIDENCE:g} %)"
+    )
+
+
+def _finished(crew: Crew, motions: Sequence[StartResult], monitor: Monitor) -> list[Candidate]:
+    """Finish the best motions, and more until one keeps the limits."""
+    ranked = sorted(motions, key=_rank, reverse=True)
     tried: list[Candidate] = []
-    size = CAPACITY if plan.hops else CANDIDATES
-    for first in range(0, len(usable), size):
-        batch = usable[first : first + size]
+    for first in range(0, len(ranked), FINISHED):
+        batch = ranked[first : first + FINISHED]
         jobs = [Job(finish_job, (result.index, result.variables)) for result in batch]
-        outcomes: Iterator[tuple[float, Finished]] = run_jobs(
-            build, jobs, plan.workers, monitor, after_stop=True
-        )
+        outcomes: Iterator[tuple[float, Finished]] = crew.done(jobs, monitor, after_stop=True)
         tried += [
-            Candidate(merit, finished, result, result.index)
+            Candidate(merit, finished, result)
             for result, (merit, finished) in zip(batch, outcomes, strict=True)
         ]
         if any(item.finished.check.passed for item in tried) or monitor.stop_requested():
             break
     return tried
+
+
+def _proved(crew: Crew, tried: Sequence[Candidate], monitor: Monitor) -> Candidate:
+    """Return the best motion of which every limit is proved to be kept, of the best few.
+
+    Where there is none, the best of those that were looked at.
+    """
+    seen: list[Candidate] = []
+    for candidate in sorted(tried, key=_rank, reverse=True)[:PROVED]:
+        job = Job(proof_job, (candidate.start.index, candidate.finished))
+        ((merit, finished),) = crew.done([job], monitor, after_stop=True)
+        seen.append(replace(candidate, merit=merit, finished=finished))
+        if finished.check.certified or monitor.stop_requested():
+            break
+    return max(seen, key=_rank)

@@ -9,7 +9,7 @@ import pytest
 from expdesign.configuration.robot import load_robot_description
 
 PLANTED = dict(zip(("o1", "o2", "o3", "o4", "o5", "o6"), (8, -5, 12, -9, 4, 6), strict=True))
-QUICK = {"starts": 1, "max_iterations": 4}
+QUICK = {"starts": 1, "search": "restarts", "max_iterations": 4}
 
 
 @pytest.fixture

@@ -16,7 +16,7 @@ SMALL = {
         "samples": 40,
         "controller_period": "20 ms",
     },
-    "design": {"starts": 1, "max_iterations": 12},
+    "design": {"starts": 1, "search": "restarts", "max_iterations": 12},
     # With five periods of so small a design the difference test rejects one in four.
     "experiment": {"periods": 20, "sampling": "50 Hz"},
 }

@@ -13,7 +13,7 @@ import pytest
 from expdesign.configuration import load_run, resolved_yaml
 from expdesign.stages.outcome import Outcome
 
-QUICK = {"starts": 1, "max_iterations": 4}
+QUICK = {"starts": 1, "search": "restarts", "max_iterations": 4}
 
 
 @pytest.fixture

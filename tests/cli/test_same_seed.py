@@ -6,7 +6,7 @@ import pytest
 from ruamel.yaml import YAML
 
 STAGES = {
-    "design": {"starts": 2, "smoothing": [0.4], "max_iterations": 4},
+    "design": {"starts": 2, "search": "restarts", "smoothing": [0.4], "max_iterations": 4},
     "experiment": {"seed": 3},
     "montecarlo": {"repetitions": 3, "estimators": ["ls", "ml"]},
     "estimate": {},
@@ -34,7 +34,7 @@ def folders(tiny, few_limits, tmp_path, monkeypatch, expdesign):
 
 def without_times(value):
     if isinstance(value, dict):
-        return {k: without_times(v) for k, v in value.items() if k != "seconds"}
+        return {k: without_times(v) for k, v in value.items() if not k.endswith("seconds")}
     return [without_times(v) for v in value] if isinstance(value, list) else value
 
 

@@ -39,7 +39,7 @@ def test_the_main_job():
     assert run.trajectory.frequency == (0.1, 0.6)
     assert run.trajectory.samples == 200
     assert run.trajectory.controller_period == 0.001
-    assert (run.design.criterion, run.design.starts, run.design.seed) == ("d", 8, 0)
+    assert (run.design.criterion, run.design.search, run.design.seed) == ("d", "hopping", 0)
     assert run.workers == 2
 
 

@@ -295,11 +295,11 @@ def test_round_trip_of_everything(tmp_path, run_mapping):
 @pytest.mark.parametrize(
     ("limits", "widths"),
     [
-        ({}, (0.4, 0.2, 0.1)),  # PaLiDA: 2 m/s
-        ({"strut_speed": "0.4 m/s"}, (0.08, 0.04, 0.02)),
-        ({"strut_speed": [0.5, 0.5, 0.5, 0.5, 0.5, 0.8]}, (0.16, 0.08, 0.04)),
-        ({"strut_speed": [-0.6, 0.2]}, (0.12, 0.06, 0.03)),
-        ({"strut_speed": "0.5 mm/s"}, (1e-4, 5e-5, 2.5e-5)),
+        ({}, (0.8, 0.2, 0.1)),  # PaLiDA: 2 m/s
+        ({"strut_speed": "0.4 m/s"}, (0.16, 0.04, 0.02)),
+        ({"strut_speed": [0.5, 0.5, 0.5, 0.5, 0.5, 0.8]}, (0.32, 0.08, 0.04)),
+        ({"strut_speed": [-0.6, 0.2]}, (0.24, 0.06, 0.03)),
+        ({"strut_speed": "0.5 mm/s"}, (2e-4, 5e-5, 2.5e-5)),
     ],
 )
 def test_smoothing_follows_the_speed_limit(limits, widths, tmp_path):
@@ -320,7 +320,7 @@ def test_smoothing_without_a_speed_limit():
     robot = load_run("palida").robot.description.model_dump(mode="json", by_alias=True)
     del robot["limits"]["strut_speed"]
     run = load_run({"name": "a", "robot": robot}).run
-    assert run.design.smoothing == (0.4, 0.2, 0.1)
+    assert run.design.smoothing == (0.8, 0.2, 0.1)
 
 
 def test_every_default_is_printed():

@@ -44,9 +44,11 @@ from expdesign.configuration.sections.experiment import (
     ValidationMotion,
 )
 from expdesign.configuration.sections.export import OFFERS
+from expdesign.configuration.sections.sweep import MOST_DESIGNS, path_units
 from expdesign.configuration.values.quantity import unit_dimension, unit_symbols
 from expdesign.experiment.design_file import DesignFile
 from expdesign.experiment.record import DesignRecord
+from expdesign.experiment.sweep_record import SweepFile, sweep_table
 from expdesign.export.formats import table_formats
 from expdesign.export.record import ExportsRecord
 from expdesign.information.criteria import CRITERIA
@@ -237,7 +239,7 @@ def test_the_readme_has_a_row_for_every_command_and_option():
     commands = get_command(app).commands
     rows = {codes(row[0])[0].split()[1]: row[0] for row in table(ROOT / "README.md", "## Commands")}
     assert set(rows) == set(commands)
-    called = {"experiment": "simulate", "study": "run"}
+    called = {"experiment": "simulate", "study": "run", "sweep": "run"}
     assert {called.get(name, name) for name in STAGES} <= set(rows)
     for name, row in rows.items():
         options = {option for parameter in commands[name].params for option in parameter.opts}
@@ -321,10 +323,12 @@ def test_columns_of_the_tables():
         MonteCarloFile,
         ExportsRecord,
         StudySummary,
+        SweepFile,
     ],
 )
 def test_keys_of_json_files(kind):
-    heading = "### montecarlo.json" if kind is MonteCarloFile else f"## {kind.FILE}"
+    level = "###" if kind in (MonteCarloFile, SweepFile) else "##"
+    heading = f"{level} {kind.FILE}"
     keys = [key for row in table(RUN_FOLDER, heading) for key in codes(row[0])]
     assert sorted(keys) == sorted(
         ["format", *(column.name for _, (column,) in field_columns(kind))]
@@ -349,6 +353,22 @@ def test_columns_of_the_study():
     page = RUN_FOLDER.read_text(encoding="utf-8")
     for name in repetition_table(()).names:
         assert f"`{name}`" in page
+
+
+def test_columns_of_the_sweep():
+    rows = table(RUN_FOLDER, "### Columns of sweep.csv")
+    names = [name for row in rows for name in codes(row[0])]
+    (path, *columns) = sweep_table(["design.seed"]).names
+    assert (path, names) == ("design.seed", columns)
+
+
+def test_key_paths_of_a_sweep():
+    rows = [name for row in table(RUN_FILES, "## sweep") for name in codes(row[0])]
+    shapes = {name.replace("KEY", "*").replace("COMPONENT", "*") for name in rows}
+    for path in path_units():
+        assert any(fnmatch(path, shape) for shape in shapes), path
+    text = RUN_FILES.read_text(encoding="utf-8")
+    assert f"combination, {MOST_DESIGNS} at most" in text.replace("\n", " ")
 
 
 def test_figures_of_the_study():

@@ -33,7 +33,7 @@ def mapping(tiny, few_limits):
     return tiny(
         robot=robot,
         trajectory={"harmonics": 3, "samples": 16},
-        design={"starts": 1, "max_iterations": 6},
+        design={"starts": 1, "search": "restarts", "max_iterations": 6},
         experiment={"periods": 4, "sampling": "100 Hz"},
         estimate={"estimators": ["gm", "ml"], "harmonics": 3, "noise": "given"},
     )

@@ -220,8 +220,10 @@ def test_rescaled_parameters_change_no_d_optimal_trajectory(tiny, cheap_finish):
     np.testing.assert_allclose(
         other_hessian, hessian, rtol=1e-5, atol=1e-5 * np.max(np.abs(hessian))
     )
-    # Read in SI units, both say the same.
-    assert rescaled.readable(other) == pytest.approx(problem.cost.readable(value), abs=1e-6)
+    # Read in SI units, both say the same, but for what rounding does to the smallest eigenvalues.
+    rounding = np.finfo(float).eps * np.linalg.cond(rescaled.information(x, 0.4))
+    assert rounding < 1e-3
+    assert rescaled.readable(other) == pytest.approx(problem.cost.readable(value), abs=rounding)
 
 
 def test_a_subset_of_the_parameters(tiny, cheap_finish):
@@ -298,7 +300,7 @@ def test_one_harmonic_cannot_start_at_rest(tiny):
 @pytest.mark.slow
 def test_a_design_may_start_at_rest(tiny, cheap_finish):
     """One that the search finds from random motions, and by a hop from one of them."""
-    search = {"start": "rest", "search": "hopping", "hops": 1}
+    search = {"start": "rest", "search": "hopping", "hops": 1, "max_iterations": 40}
     run = tiny(design=search, trajectory={"harmonics": 3})
     result = expdesign.design(run)
     start = result.trajectory.sample(0.0)

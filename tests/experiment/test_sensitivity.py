@@ -55,7 +55,7 @@ def run():
             "name": "small",
             "robot": "palida",
             "trajectory": {"harmonics": 2, "frequency": [0.2, 0.6], "samples": 24},
-            "design": {"starts": 1, "smoothing": [0.4, 0.2]},
+            "design": {"starts": 1, "search": "restarts", "smoothing": [0.4, 0.2]},
             "experiment": {"sampling": 100},
             "workers": 1,
         }

@@ -168,9 +168,9 @@ def test_sensitivities_of_the_states(variables):
     rng = np.random.default_rng(2)
     values = np.append(rng.normal(size=42), 0.7)
     basis = PhaseBasis.at(np.linspace(0, 6, 5), 3)
-    identity = np.tile(np.eye(18), (5, 1, 1))
-    slopes = variables.to_variables(values, basis, identity)
-    assert slopes.shape == (5, 18, 43)
+    identity = np.tile(np.eye(18), (5, 1))
+    slopes = variables.to_variables(values, basis, identity, np.repeat(np.arange(5), 18))
+    slopes = slopes.reshape(5, 18, 43)
     expected = _central(lambda x: variables.states(x, basis), values, h=1e-3)
     np.testing.assert_allclose(slopes, expected, rtol=1e-9, atol=1e-9)
 
@@ -181,8 +181,9 @@ def test_both_ways_to_carry_sensitivities_agree(rows, variables):
     values = np.append(rng.normal(size=42), 0.7)
     basis = PhaseBasis.at(rng.uniform(0, 6, 9), 3)
     sensitivities = rng.normal(size=(9, rows, 18))
-    one_by_one = variables.to_variables(values, basis, sensitivities)
-    assert one_by_one.shape == (9, rows, 43)
+    instants = np.repeat(np.arange(9), rows)
+    one_by_one = variables.to_variables(values, basis, sensitivities.reshape(-1, 18), instants)
+    one_by_one = one_by_one.reshape(9, rows, 43)
     summed = variables.accumulate(values, basis, sensitivities.transpose(0, 2, 1)).T
     np.testing.assert_allclose(summed, one_by_one.sum(axis=0), rtol=1e-11, atol=1e-11)
 

@@ -82,7 +82,8 @@ def test_a_longer_series_at_rest_holds_the_same_motion(at_rest, point):
 def test_sensitivities_at_rest_against_differences(at_rest, point):
     basis = PhaseBasis.at(np.array([0.3, 2.0]), at_rest.harmonics)
     unit = np.broadcast_to(np.eye(18), (2, 18, 18))
-    slopes = at_rest.to_variables(point, basis, unit)
+    instants = np.repeat([0, 1], 18)
+    slopes = at_rest.to_variables(point, basis, unit.reshape(-1, 18), instants).reshape(2, 18, -1)
     h = 1e-6
     for k in range(point.size):
         step = np.zeros_like(point)

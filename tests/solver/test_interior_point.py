@@ -173,3 +173,32 @@ def test_a_report_stops_it(stop_at):
     assert result.status == "User_Requested_Stop"
     assert not result.converged
     assert result.iterations == stop_at - 1
+
+
+def test_rows_are_kept_as_exactly_as_is_asked_and_curvature_takes_the_place_of_theirs():
+    class Straight(Fit):
+        """Without a curvature of its own; all that bends is the circle."""
+
+        def f(self, x):
+            return 1000 - x[0]
+
+        def slope(self, x):
+            return np.array([-1.0, 0.0])
+
+        def curvature(self, x):
+            return np.zeros((2, 2))
+
+    def excess(**asked):
+        program = Straight(([-INF] * 2, [INF] * 2), ([-INF], [1.0]))
+        start = np.array([0.5, 0.1])
+        result = solve_by_interior_point(program, start, most=60, barrier=1e-3, **asked)
+        return result.x @ result.x - 1, result.converged
+
+    rough, enough = excess(curvature=1.0)
+    assert enough
+    assert 1e-4 < rough <= 1e-3
+    exact, _ = excess(curvature=1.0, feasible=1e-6)
+    assert exact < 1e-4
+    lost, known = excess()
+    assert lost > 1
+    assert not known

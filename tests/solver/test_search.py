@@ -3,13 +3,14 @@
 import dataclasses
 import importlib
 import pickle
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from expdesign.solver.jobs import Candidate, hop_job, newcomer_job, random_job
+from expdesign.solver.jobs import Candidate, hop_job, refined_job, rough_job
 from expdesign.solver.search import NoDesignError, search
-from expdesign.solver.start import GIVEN_UP, Screening
+from expdesign.solver.start import GIVEN_UP
 from expdesign.workers import Job, Monitor, run_jobs
 
 QUICK = {"max_iterations": 4}
@@ -87,120 +88,218 @@ def test_seeds_differ(task):
     reached = []
     for seed in (1, 2):
         plan = dataclasses.replace(task.plan, seed=seed, iterations=2)
-        reached.append(random_job(dataclasses.replace(task, plan=plan), Monitor(), 1))
+        reached.append(rough_job(dataclasses.replace(task, plan=plan), Monitor(), 1))
     assert np.max(np.abs(reached[0].variables - reached[1].variables)) > 1e-2
 
 
-def test_hopping_is_never_worse_than_the_starts_alone(hopped, one_start, task):
-    alone = one_start
-    assert [start.kind for start in hopped.starts] == ["random", "hop", "random", "hop"]
+def test_hopping_is_never_worse_than_the_starts_alone(hopped, one_start):
+    """By the smoothed objective: what the finish gains on top is not the same for all."""
+    assert [start.kind for start in hopped.starts] == ["random", "hop", "hop", "hop"]
     assert [start.index for start in hopped.starts] == [1, 2, 3, 4]
-    np.testing.assert_array_equal(hopped.starts[0].variables, alone.starts[0].variables)
-    assert merit(hopped, task) >= merit(alone, task)
+    np.testing.assert_array_equal(hopped.starts[0].variables, one_start.starts[0].variables)
+    assert hopped.best.rank >= one_start.best.rank
     assert hopped.finished.check.passed
     assert hopped.best.index in {start.index for start in hopped.starts}
 
 
-def test_every_other_hop_is_the_random_start_of_that_number(hopped, build):
-    newcomer, alone = hopped.starts[2], random_job(build(design=QUICK)(), Monitor(), 3)
-    assert newcomer.kind == "random"
-    shared = min(len(newcomer.trace), len(alone.trace))
-    assert shared > 0
-    assert newcomer.trace[:shared] == alone.trace[:shared]
+@pytest.fixture
+def reached(one_start, task):
+    """Return what makes a motion that has reached an objective."""
+    one, size = one_start.starts[0], task.problem.variables.size
+
+    def at(index, objective, kind="hop", **changes):
+        last = dataclasses.replace(one.stages[-1], objective=objective, violation=0.0)
+        start = dataclasses.replace(
+            one, index=index, kind=kind, variables=np.full(size, objective), stages=(last,)
+        )
+        return dataclasses.replace(start, **changes)
+
+    return at
+
+
+@pytest.fixture
+def module(monkeypatch, one_start):
+    """Return the search's module; finish and proof are given by what a motion has reached."""
+    found = importlib.import_module("expdesign.solver.search")
+    finished = one_start.finished
+
+    def finish(_task, _monitor, _index, variables):
+        return -float(variables[0]), finished
+
+    monkeypatch.setattr(found, "finish_job", finish)
+    monkeypatch.setattr(found, "proof_job", lambda _task, _monitor, index, one: (index, one))
+    return found
+
+
+def test_the_best_of_the_rough_searches_are_refined(run, module, reached, monkeypatch):
+    rough = {1: 5.0, 2: 3.0, 3: 4.0, 4: 9.0, 5: 1.0}
+    refined = []
+
+    def refine(_task, _monitor, begun):
+        refined.append(begun.index)
+        return reached(begun.index, rough[begun.index], "random")
+
+    monkeypatch.setattr(module, "REFINED", 2)
+    monkeypatch.setattr(
+        module,
+        "rough_job",
+        lambda _task, _monitor, index: reached(
+            index, rough[index], "random", status="", merit=-np.inf
+        ),
+    )
+    monkeypatch.setattr(module, "refined_job", refine)
+    monitor = Recorder()
+    result = run(monitor, starts=5)
+    assert refined == [5, 2]
+    assert [start.status == GIVEN_UP for start in result.starts] == [True, False, True, True, False]
+    assert {event.start for event in monitor.events if event.phase == "done"} == {1, 3, 4}
+    assert result.finished_merits.keys() == {2, 5}
+    assert result.best.index == 5
+
+
+def test_others_are_refined_when_the_best_come_to_nothing(run, module, reached, monkeypatch):
+    def refine(_task, _monitor, begun):
+        useless = {"merit": -np.inf, "status": "broken"} if begun.index < 3 else {}
+        return reached(begun.index, float(begun.index), "random", **useless)
+
+    monkeypatch.setattr(module, "REFINED", 2)
+    monkeypatch.setattr(
+        module,
+        "rough_job",
+        lambda _task, _monitor, index: reached(
+            index, float(index), "random", status="", merit=-np.inf
+        ),
+    )
+    monkeypatch.setattr(module, "refined_job", refine)
+    result = run(starts=5)
+    assert result.best.index == 3
+    assert [start.status for start in result.starts][:2] == ["broken"] * 2
+    assert result.starts[-1].status == GIVEN_UP
 
 
 class Hops:
-    """Stands for hops and newcomers; what they gain is given, and what they set out from kept."""
+    """Stands for hops: what they reach is given, and what they set out from kept."""
 
-    def __init__(self, gains, one):
-        self.gains, self.one, self.seen = gains, one, []
+    def __init__(self, reached, objectives):
+        self.reached, self.objectives, self.origins, self.far = reached, objectives, [], []
 
-    def hop(self, task, monitor, index, origin):
-        self.seen.append(("hop", origin.merit))
-        return self._result(index, "hop", origin.lineage)
+    def __call__(self, _task, _monitor, index, origin, far):
+        self.origins.append((index, origin.index))
+        self.far.append(far)
+        return self.reached(index, self.objectives.get(index, 1e3))
 
-    def newcomer(self, task, monitor, index, screening):
-        self.seen.append(("newcomer", *(one.objective for one in screening.reference)))
-        return self._result(index, "random", index)
 
-    def _result(self, index, kind, lineage):
-        gain = self.gains[len(self.seen) - 1]
-        record = dataclasses.replace(self.one.starts[0].stages[-1], objective=gain)
-        result = dataclasses.replace(
-            self.one.starts[0], index=index, kind=kind, stages=(record, record)
+@pytest.fixture
+def hopping(run, module, reached, monkeypatch):
+    """Return what searches with three starts that reached 3, 4, 5 and hops that reach given."""
+
+    def searched(objectives, hops, **changes):
+        stand_in = Hops(reached, objectives)
+        monkeypatch.setattr(module, "hop_job", stand_in)
+        monkeypatch.setattr(
+            module,
+            "rough_job",
+            lambda _task, _monitor, index: reached(
+                index, float(index), "random", status="", merit=-np.inf
+            ),
         )
-        if not np.isfinite(gain):
-            return dataclasses.replace(result, merit=gain), None
-        # Marked by its gain, to tell whose motion is the search's result.
-        mu = self.one.finished.trajectory.mu.copy()
-        mu[0, 0] = gain
-        trajectory = dataclasses.replace(self.one.finished.trajectory, mu=mu)
-        finished = dataclasses.replace(self.one.finished, trajectory=trajectory)
-        return result, Candidate(1000.0 + gain, finished, result, lineage)
+        monkeypatch.setattr(
+            module,
+            "refined_job",
+            lambda _task, _monitor, begun: reached(begun.index, 2.0 + begun.index, "random"),
+        )
+        for name, value in changes.items():
+            monkeypatch.setattr(module, name, value)
+        return run(starts=3, hops=hops), stand_in
+
+    return searched
 
 
-def test_hops_set_out_from_the_best_of_the_batches_before_in_turn(
-    run, one_start, monkeypatch, task
-):
-    """Four at a time, whoever is first; what was given up changes nothing."""
-    module = importlib.import_module("expdesign.solver.search")
-    one = one_start
-    hops = Hops([2.0, 1.0, -np.inf, -np.inf, 1.5, 3.0, -2000.0, 0.5, 4.0, -np.inf], one)
-    monkeypatch.setattr(module, "hop_job", hops.hop)
-    monkeypatch.setattr(module, "newcomer_job", hops.newcomer)
-    monkeypatch.setattr(module, "proof_job", lambda _task, _monitor, _index, one: (1.0, one))
-    result = run(starts=1, hops=10)
-    # The start's motion as it is before anything is proved of it.
-    known = hops.seen[0][1]
-    assert np.isfinite(known)
-    assert hops.seen[:4] == [("hop", known), ("newcomer",)] * 2
-    # The first hop's 1002 took the start's place, the newcomer's 1001 is second. There is room.
-    assert hops.seen[4:8] == [("hop", 1002.0), ("newcomer",), ("hop", 1001.0), ("newcomer",)]
-    # Neither the 1001.5 from 1002 nor the -1000 from 1001 is any better. 1003 joined, the 1000.5
-    # was the fourth: whoever comes is measured by the 1001. The fifth turn is the second's.
-    assert hops.seen[8:] == [("hop", 1002.0), ("newcomer", 1.0)]
-    assert result.finished.trajectory.mu[0, 0] == 4.0
-    assert result.best.index == 10
-    assert len(result.starts) == 11
+def test_hops_set_out_from_the_best_and_from_fewer_and_fewer(hopping):
+    """A hop takes its origin's place only when it is better."""
+    objectives = {5: 2.5, 6: 4.5, 8: 2.4, 9: 4.9, 11: 1.0}
+    result, hops = hopping(objectives, 9, BREADTHS=(3, 2, 1))
+    origins = hops.origins
+    # The second start's hop reached 2.5: the best now. The third start's came from 5 to 4.5.
+    assert origins[:3] == [(4, 1), (5, 2), (6, 3)]
+    # 2.4 is better than the 3 of the first start, whose hop it is; 4.9 was not asked for any more.
+    assert origins[3:5] == [(7, 5), (8, 1)]
+    assert origins[5:7] == [(9, 8), (10, 5)]
+    assert origins[7:] == [(11, 8), (12, 11)]
+    assert result.best.index == 11
+    assert len(result.starts) == 12
+    assert result.ended == "all starts and hops were made"
 
 
-def test_a_newcomer_and_a_hop_know_their_descent_and_are_given_up(task, one_start, cheap_finish):
-    """A newcomer begins a lineage of its own, a hop goes on with its origin's."""
-    start = one_start.starts[0]
+def test_hops_end_when_none_finds_anything_better(hopping):
+    result, hops = hopping({5: 2.5}, 500, BREADTHS=(2,), PATIENCE=20)
+    # Two that count, and twenty since.
+    assert len(hops.origins) == 22
+    # 0.05 = (1 - p)^20
+    assert "14 %" in result.ended
+    assert result.best.index == 5
+
+
+def test_hops_lead_far_when_what_is_near_is_exhausted(hopping):
+    # 7 is better than what it set out from: near it again.
+    _, hops = hopping({7: 2.5}, 9, BREADTHS=(1,), NEAR=2)
+    assert hops.far == [False, False, True, True, False, False, True, True, True]
+    assert hops.origins[4] == (8, 7)
+
+
+def test_a_hop_knows_its_origin_and_is_given_up(task, one_start):
     quick = dataclasses.replace(task, plan=dataclasses.replace(task.plan, iterations=4))
+    start = one_start.starts[0]
+    lax = dataclasses.replace(start, stages=())
+    hop, far = (hop_job(quick, Monitor(), 6, lax, far) for far in (False, True))
+    assert (hop.kind, hop.index) == ("hop", 6)
+    assert hop.usable
+    assert [stage.name for stage in far.stages] == [stage.name for stage in start.stages]
+    assert np.max(np.abs(far.variables - hop.variables)) > 1e-3
     out_of_reach = tuple(dataclasses.replace(one, objective=-1e9) for one in start.stages)
-    result, newcomer = newcomer_job(quick, Monitor(), 5, Screening(()))
-    assert (newcomer.lineage, newcomer.start.index) == (5, 5)
-    assert newcomer.merit == merit(newcomer, quick)
-    given_up, nobody = newcomer_job(quick, Monitor(), 5, Screening(out_of_reach[-1:]))
-    assert nobody is None
-    assert given_up.merit == -np.inf
+    behind = dataclasses.replace(start, stages=out_of_reach)
+    given_up = hop_job(quick, Monitor(), 6, behind, far=False)
+    assert not given_up.usable
     assert given_up.status == GIVEN_UP
-    assert len(given_up.stages) == len(result.stages)
-
-    lax = dataclasses.replace(newcomer, start=dataclasses.replace(result, stages=()))
-    _, descendant = hop_job(quick, Monitor(), 6, lax)
-    assert (descendant.lineage, descendant.start.index) == (5, 6)
-    far = dataclasses.replace(newcomer, start=dataclasses.replace(result, stages=out_of_reach))
-    given_up, nobody = hop_job(quick, Monitor(), 6, far)
-    assert nobody is None
-    assert given_up.status == GIVEN_UP
+    assert given_up.rank < hop.rank
 
 
-def test_hops_and_newcomers_in_other_processes_are_the_same(build, tiny_result):
-    found = tiny_result.search
-    out_of_reach = tuple(dataclasses.replace(one, objective=-1e9) for one in found.best.stages)
-    start = dataclasses.replace(found.best, stages=out_of_reach)
-    origin = Candidate(0.0, found.finished, start, lineage=1)
-    jobs = [Job(hop_job, (6, origin)), Job(newcomer_job, (7, Screening(out_of_reach[-1:])))]
+def test_a_start_goes_on_where_its_rough_search_ended(task, one_start):
+    quick = dataclasses.replace(task, plan=dataclasses.replace(task.plan, iterations=4))
+    rough = rough_job(quick, Monitor(), 1)
+    assert (len(rough.stages), rough.status, rough.usable) == (1, "", False)
+    refined = refined_job(quick, Monitor(), rough)
+    whole = one_start.starts[0]
+    assert refined.stages[0] == rough.stages[0]
+    assert refined.trace == whole.trace
+    np.testing.assert_array_equal(refined.variables, whole.variables)
+    assert refined.seconds >= rough.seconds
+
+
+def test_starts_and_hops_in_other_processes_are_the_same(build, tiny_result):
     make = build(design={"max_iterations": 2})
+    first = rough_job(make(), Monitor(), 7)
+    jobs = [Job(hop_job, (6, tiny_result.search.best, True)), Job(refined_job, (first,))]
     one, two = (list(run_jobs(make, jobs, workers, Monitor())) for workers in (1, 2))
-    for (a, nobody), (b, no_other) in zip(one, two, strict=True):
-        assert nobody is no_other is None
+    for a, b in zip(one, two, strict=True):
         np.testing.assert_array_equal(a.variables, b.variables)
-        assert (a.trace, a.status) == (b.trace, GIVEN_UP)
-    again = pickle.loads(pickle.dumps(origin))
-    assert (again.rank, again.lineage) == (origin.rank, origin.lineage)
+        assert (a.trace, a.status, a.merit) == (b.trace, b.status, b.merit)
+    assert pickle.loads(pickle.dumps(one[0])).rank == one[0].rank
+
+
+def test_finished_motions_that_keep_the_limits_come_first_the_others_by_their_worst():
+    def candidate(merit, *, passed=True, certified=True, worst=0.0):
+        check = SimpleNamespace(passed=passed, certified=passed and certified, worst=worst)
+        return Candidate(merit, SimpleNamespace(check=check), SimpleNamespace())
+
+    ranked = [
+        candidate(1.0),
+        candidate(5.0, certified=False),
+        candidate(9.0, passed=False, worst=0.1),
+        candidate(99.0, passed=False, worst=0.2),
+    ]
+    mixed = [ranked[k] for k in (2, 0, 3, 1)]
+    assert sorted(mixed, key=lambda one: one.rank, reverse=True) == ranked
 
 
 def test_no_start_keeps_the_limits(run, monkeypatch):

@@ -15,6 +15,7 @@ from expdesign.cli import shown
 from expdesign.configuration import RunDescription, load_run
 from expdesign.configuration.run import STAGES as NAMED
 from expdesign.experiment import DesignRecord
+from expdesign.experiment.sweep_record import SweepRecord
 from expdesign.runfolder.manifest import Manifest
 from expdesign.stages.record import stage_inputs
 from expdesign.stages.report import reported_stages
@@ -28,6 +29,7 @@ RECORDS = {
     "estimate": EstimateRecord,
     "validate": ValidationRecord,
     "study": StudyRecord,
+    "sweep": SweepRecord,
 }
 
 NEEDS = {"design", "recording", "estimate", "folder"}
@@ -43,6 +45,7 @@ CHANGED = {
     "estimate": {"estimators": ["ls"]},
     "validate": [{"motion": "circle"}],
     "study": {"kind": "validation"},
+    "sweep": {"design.seed": [0, 1]},
     "export": ["csv"],
     "report": {"title": "other"},
     "workers": 1,

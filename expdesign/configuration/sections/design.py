@@ -95,14 +95,14 @@ class DesignSection(Section):
     """Settings of the optimal design."""
 
     criterion: Annotated[str, one_of(CRITERIA)] = "d"
-    starts: Annotated[int, whole(1, _MOST_SOLVES)] = 8
-    """Number of random starts."""
+    starts: Annotated[int, whole(1, _MOST_SOLVES)] = 128
+    """Number of random starts; the best of their rough searches go on."""
     seed: Seed = 0
     """Of the random starts and of the hops."""
-    search: Annotated[Search, one_of(Search)] = "restarts"
-    """Only restarts, or then hops from the best motions, and new starts, in turn."""
-    hops: Annotated[int, whole(0, _MOST_SOLVES)] = 100
-    """Number of hops, of which every second is a new start; without effect on restarts."""
+    search: Annotated[Search, one_of(Search)] = "hopping"
+    """Only restarts, or then hops from the best motions."""
+    hops: Annotated[int, whole(0, _MOST_SOLVES)] = 108
+    """Number of hops at most; without effect on restarts."""
     start: Annotated[Start, one_of(Start)] = "periodic"
     """Whether the series starts at rest (rate and acceleration zero at t = 0)."""
     scaling: Annotated[Scaling, one_of(Scaling)] = "si"
@@ -118,7 +118,7 @@ class DesignSection(Section):
     """Falling widths of the smoothed friction sign, m/s of the struts: the problem is solved with
     the first, then, from that solution, with the next. None until the run is resolved: then
     shares of the largest strut speed that is allowed."""
-    max_iterations: Annotated[int, whole(1, _MOST_SOLVES)] = 80
+    max_iterations: Annotated[int, whole(1, _MOST_SOLVES)] = 160
     """Of each smoothing width, within one start."""
     max_seconds: Annotated[Duration, Positive] | None = None
     """Time for all starts, s."""

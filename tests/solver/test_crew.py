@@ -1,0 +1,53 @@
+"""The search on a Dask cluster of two worker processes: what one process finds."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from expdesign.solver.crew import Crew
+from expdesign.solver.jobs import rough_job
+from expdesign.solver.search import search
+from expdesign.solver.start import StartResult
+from expdesign.workers import Job, Monitor
+from tests.solver.test_search import QUICK, Recorder
+
+
+@pytest.fixture(scope="module")
+def address():
+    distributed = pytest.importorskip("distributed")
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0"
+    ) as cluster:
+        yield cluster.scheduler_address
+
+
+@pytest.mark.slow
+def test_a_cluster_finds_the_same(address, build, task):
+    make = build(design=QUICK)
+    plan = dataclasses.replace(task.plan, iterations=4, starts=2, hops=2)
+    monitor = Recorder()
+    local = search(make, plan, Monitor())
+    remote = search(make, dataclasses.replace(plan, scheduler=address), monitor)
+    assert remote.best.index == local.best.index
+    assert [start.index for start in remote.starts] == [1, 2, 3, 4]
+    for here, there in zip(local.starts, remote.starts, strict=True):
+        np.testing.assert_array_equal(there.variables, here.variables)
+        assert (there.status, there.merit) == (here.status, here.merit)
+    np.testing.assert_array_equal(
+        remote.finished.trajectory.vector(), local.finished.trajectory.vector()
+    )
+    assert {event.start for event in monitor.events if event.phase == "done"} == {1, 2, 3, 4}
+    assert remote.cpu_seconds > 0
+
+
+@pytest.mark.slow
+def test_nothing_begins_on_the_cluster_after_a_stop(address, build, task):
+    plan = dataclasses.replace(task.plan, iterations=4, scheduler=address)
+    crew = Crew(build(design=QUICK), plan)
+    stopped = Monitor(lambda: True)
+    jobs = [Job(rough_job, (index,)) for index in (1, 2)]
+    assert list(crew.done(jobs, stopped)) == []
+    results = list(crew.done(jobs, stopped, after_stop=True))
+    assert [result.index for result in results] == [1, 2]
+    assert all(isinstance(result, StartResult) for result in results)
