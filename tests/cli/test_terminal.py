@@ -69,13 +69,13 @@ def test_what_breaks_a_limit_is_never_the_best(display):
 
 
 def test_the_time_left_counts_what_is_under_way_and_the_finish(display, monkeypatch):
-    """Three starts and two finishes; one start is done and half of the next one: 1.5 of 5."""
+    """Three starts and three finishes; one start is done and half of the next one: 1.5 of 6."""
     display.report(event("blunt", 90.0, share=0.1))
     display.report(event("done", 1300.0, "converged"))
     display.report(event("sharp", 1300.0, share=0.5))
     began = display._searches
     monkeypatch.setattr("expdesign.cli.terminal.time.monotonic", lambda: began + 15.0)
-    assert "35 s" in display._left()
+    assert "45 s" in display._left()
 
 
 def test_a_table_of_the_running_starts_fits_into_80_columns(display):

@@ -181,11 +181,15 @@ def test_ctrl_c_in_the_search_of_a_run_leaves_the_best_so_far(
     monkeypatch.setattr("results.record_figures", lambda *_: ())
     folder = tmp_path / "out"
     with pytest.raises(expdesign.StageFailed, match="the best so far is saved, and marked"):
-        expdesign.run(tiny(design={"starts": 3}), out=folder, progress=Impatient())
+        expdesign.run(
+            tiny(design={"starts": 2, "search": "hopping", "hops": 8}),
+            out=folder,
+            progress=Impatient(),
+        )
     assert statuses(folder) == {"design": "interrupted"}
     design = json.loads((folder / "design.json").read_text())
     assert design["status"] == "interrupted"
-    assert len(design["solver"]["starts"]) == 1
+    assert len(design["solver"]["starts"]) == 2
 
 
 def test_ctrl_c_in_the_study_of_a_run_leaves_what_is_done_and_the_run_goes_on(run_of, tmp_path):
