@@ -1,4 +1,4 @@
-"""Several designs of one run, as studies and sweeps make them: a process and a folder each."""
+"""Several designs of one run, as studies and sweeps make them: a folder each."""
 
 from __future__ import annotations
 
@@ -20,6 +20,11 @@ def design_folder(folder: Path, name: str) -> Path:
 
 
 def designed(configuration: RunConfiguration, monitor: Monitor) -> DesignResult:
-    """Make one of the designs with the errors of `design`, in this process alone."""
-    alone = configuration.run.model_copy(update={"workers": 1, "scheduler": None})
-    return design(replace(configuration, run=alone), monitor)
+    """Make one of the designs with the errors of `design`: in this process alone, or on a cluster.
+
+    Where the run states a scheduler the search of every design has the whole cluster.
+    """
+    if configuration.run.scheduler is None:
+        alone = configuration.run.model_copy(update={"workers": 1})
+        configuration = replace(configuration, run=alone)
+    return design(configuration, monitor)

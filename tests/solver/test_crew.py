@@ -5,6 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
+import expdesign
+from expdesign.solver import crew
 from expdesign.solver.crew import Crew
 from expdesign.solver.jobs import rough_job
 from expdesign.solver.search import search
@@ -51,3 +53,25 @@ def test_nothing_begins_on_the_cluster_after_a_stop(address, build, task):
     results = list(crew.done(jobs, stopped, after_stop=True))
     assert [result.index for result in results] == [1, 2]
     assert all(isinstance(result, StartResult) for result in results)
+
+
+@pytest.mark.slow
+def test_the_designs_of_a_sweep_are_searched_for_on_the_cluster(
+    address, tiny, few_limits, tmp_path, monkeypatch
+):
+    monkeypatch.setattr("results.record_figures", lambda *_: ())
+    asked = []
+    on_cluster = crew.cluster_jobs
+
+    def counted(scheduler, build, jobs, stopped):
+        asked.append((scheduler, len(jobs)))
+        return on_cluster(scheduler, build, jobs, stopped)
+
+    monkeypatch.setattr(crew, "cluster_jobs", counted)
+    quick = {"starts": 2, "max_iterations": 4}
+    run = tiny(robot=few_limits, design=quick, sweep={"trajectory.harmonics": [1, 2]})
+    del run["workers"]
+    expdesign.run(run | {"scheduler": address}, out=tmp_path / "out")
+    assert len(list((tmp_path / "out" / "designs").iterdir())) == 2
+    assert {scheduler for scheduler, _ in asked} == {address}
+    assert sum(jobs == 2 for _, jobs in asked) >= 2
