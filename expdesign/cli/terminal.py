@@ -72,8 +72,8 @@ class Terminal(Progress):
         from expdesign.information.criteria import CRITERIA
 
         section = configuration.run.design
-        total = section.starts + (section.hops if section.search == "hopping" else 0)
-        display = SearchDisplay(self._console, CRITERIA[section.criterion], total)
+        hops = section.hops if section.search == "hopping" else 0
+        display = SearchDisplay(self._console, CRITERIA[section.criterion], section.starts, hops)
         hidden = nullcontext() if self._activity is None else self._activity.hidden()
         with hidden, display.shown(), told_to(display.told):
             yield display.report
@@ -96,14 +96,16 @@ class SearchDisplay:
         On a terminal the display is redrawn in place; elsewhere a line is written when a start
         ends and, at most every five seconds, for the start that moves.
     criterion : Criterion
-    total : int
-        Number of starts and hops.
+    starts, hops : int
+        How many there are, at most.
     """
 
-    def __init__(self, console: Console, criterion: Criterion, total: int) -> None:
-        self._console, self._criterion, self._total = console, criterion, total
+    def __init__(self, console: Console, criterion: Criterion, starts: int, hops: int) -> None:
+        self._console, self._criterion = console, criterion
+        self._starts, self._hops, self._total = starts, hops, starts + hops
         self._running: dict[int, SearchEvent] = {}
         self._best: SearchEvent | None = None
+        self._waited: set[int] = set()
         self._ended = self._finished = 0
         self._began = self._spoke = time.monotonic()
         self._searches = self._began
@@ -128,6 +130,9 @@ class SearchDisplay:
                 better = max if self._criterion.larger_is_better else min
                 self._best = better(best, event, key=lambda one: one.objective)
             self._line(self._ended_text(event))
+        elif event.phase == "waiting":
+            self._running.pop(event.start, None)
+            self._waited.add(event.start)
         else:
             self._running[event.start] = event
             if not self._console.is_terminal and time.monotonic() - self._spoke > HEARTBEAT:
@@ -165,13 +170,22 @@ class SearchDisplay:
     def _left(self) -> str:
         """Return how long the search will take still; empty while that is not known.
 
-        A finish takes about as long as a start.
+        The rough search of a start takes about half as long as its refinements, a hop or a finish.
         """
-        from expdesign.solver.search import FINISHED
+        from expdesign.solver.search import FINISHED, REFINED
 
+        refined = min(REFINED, self._starts)
         finishes = max(min(FINISHED, self._total), self._finished)
-        running = sum(event.share for event in self._running.values())
-        share = (self._ended + self._finished + running) / (self._total + finishes)
+        rough, others = float(len(self._waited)), float(self._finished)
+        hops = max(self._ended - self._starts, 0)
+        others += min(self._ended - hops, refined) + hops
+        for number, event in self._running.items():
+            if number <= self._starts and event.place[0] == 1 < event.place[1]:
+                rough += event.share * event.place[1]
+            else:
+                others += event.share
+        rough = max(rough, min(self._ended, self._starts))
+        share = (rough + 2 * others) / (self._starts + 2 * (refined + self._hops + finishes))
         return left_text(time.monotonic() - self._searches, share)
 
     def _objective(self, event: SearchEvent) -> str:

@@ -81,16 +81,22 @@ def rough_job(task: DesignTask, monitor: Monitor, index: int) -> StartResult:
     """Draw a motion and run its rough search."""
     problem, plan = task.problem, task.plan
     stages = continuation_stages(problem, plan.widths, plan.iterations)
+    watch = Watch(monitor, index)
     first = problem.with_variables(harmonics=stages[0].harmonics or problem.variables.harmonics)
     points = coarse_points(first.variables.harmonics)
     try:
         start = random_start(first, _rng(plan.seed, index), points, plan.widths[0])
     except InfeasibleLimitsError as error:
         # No shrinking brings it within the limits.
-        Watch(monitor, index).tell("done", 0, -np.inf, np.inf, str(error))
+        watch.tell("done", 0, -np.inf, np.inf, str(error))
         nowhere = np.full(problem.variables.size, np.nan)
         return StartResult(index, "random", nowhere, status=str(error))
-    return run_stages(problem, stages, StartResult(index, "random", start), monitor, until=1)
+    result = run_stages(problem, stages, StartResult(index, "random", start), monitor, until=1)
+    reached = result.stages[-1]
+    watch.tell(
+        "waiting", result.iterations, problem.cost.readable(reached.objective), reached.violation
+    )
+    return result
 
 
 def refined_job(task: DesignTask, monitor: Monitor, begun: StartResult) -> StartResult:

@@ -135,8 +135,8 @@ class SearchEvent:
     start: int
     """Number of the start, from 1; hops go on counting."""
     phase: str
-    """``"blunt"``, ``"sharp"``, ``"hop"``, then ``"done"``; for some ``"finish"``, then
-    ``"finished"``."""
+    """``"blunt"``, then ``"waiting"`` for the other starts, ``"sharp"``; of hops ``"hop"``; then
+    ``"done"``; for some ``"finish"``, then ``"finished"``."""
     iteration: int
     objective: float
     """The criterion in the units in which it is reported (log det F for ``d``): smoothed, and that

@@ -15,7 +15,7 @@ CONDITION = dataclasses.replace(CRITERIA["condition"], flat=True)
 
 @pytest.fixture
 def display():
-    return SearchDisplay(Console(file=io.StringIO(), width=200, soft_wrap=True), CONDITION, 3)
+    return SearchDisplay(Console(file=io.StringIO(), width=200, soft_wrap=True), CONDITION, 3, 0)
 
 
 def said(display):
@@ -69,13 +69,25 @@ def test_what_breaks_a_limit_is_never_the_best(display):
 
 
 def test_the_time_left_counts_what_is_under_way_and_the_finish(display, monkeypatch):
-    """Three starts and three finishes; one start is done and half of the next one: 1.5 of 6."""
-    display.report(event("blunt", 90.0, share=0.1))
+    """Three rough searches, three refinements and three finishes of twice their time: 15.
+
+    Two rough searches, and a refinement with half of another: 5.
+    """
+    display.report(event("blunt", 90.0, share=0.1, place=(1, 3)))
+    for start in (1, 2):
+        display.report(dataclasses.replace(event("waiting", 100.0), start=start))
     display.report(event("done", 1300.0, "converged"))
-    display.report(event("sharp", 1300.0, share=0.5))
+    display.report(dataclasses.replace(event("sharp", 1300.0, share=0.5, place=(2, 3)), start=2))
     began = display._searches
     monkeypatch.setattr("expdesign.cli.terminal.time.monotonic", lambda: began + 15.0)
-    assert "45 s" in display._left()
+    assert "30 s" in display._left()
+
+
+def test_what_waits_for_others_is_not_shown_as_running(display):
+    display.report(event("blunt", 90.0, place=(1, 3)))
+    display.report(event("waiting", 100.0))
+    assert not display._running
+    assert display._ended == 0
 
 
 def test_a_table_of_the_running_starts_fits_into_80_columns(display):
