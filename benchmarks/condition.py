@@ -13,6 +13,8 @@ import expdesign
 
 TITLE = "Condition number against log det"
 
+_SEARCH = {"search": "restarts"}
+
 
 def rows(starts: int = 4) -> Iterator[dict[str, Any]]:
     """Yield a row for the D-optimal design, then one for each scaling of the condition number."""
@@ -22,7 +24,7 @@ def rows(starts: int = 4) -> Iterator[dict[str, Any]]:
             {
                 "name": f"{criterion}-{scaling}",
                 "robot": "palida",
-                "design": {"criterion": criterion, "scaling": scaling, "starts": starts},
+                "design": {"criterion": criterion, "scaling": scaling, "starts": starts} | _SEARCH,
             }
         )
         nominal = np.abs(result.robot.parameters)

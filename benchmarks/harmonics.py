@@ -30,7 +30,7 @@ def rows(cases: Sequence[tuple[int, int, int]] = _CASES) -> Iterator[dict[str, A
                 "name": f"palida-{harmonics}-{samples}",
                 "robot": "palida",
                 "trajectory": {"harmonics": harmonics, "samples": samples},
-                "design": {"starts": starts},
+                "design": {"starts": starts, "search": "restarts"},
             }
         )
         known = BEST_KNOWN.get(harmonics) if samples == _KNOWN_FOR else None

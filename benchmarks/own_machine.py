@@ -33,7 +33,7 @@ _FULL = """\
 name: press
 robot: press.yaml
 trajectory: {harmonics: 5, frequency: [0.12 Hz, 0.6 Hz], samples: 200, controller_period: 1 ms}
-design: {starts: 8}
+design: {starts: 8, search: restarts}
 experiment: {periods: 10, sampling: 1 kHz}
 """
 

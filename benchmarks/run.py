@@ -25,7 +25,6 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 NAMES = (
     "design_seeds",
     "condition",
-    "hopping",
     "harmonics",
     "montecarlo",
     "roundtrip",

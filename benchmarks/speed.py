@@ -26,7 +26,7 @@ from benchmarks.design_seeds import BEST_KNOWN
 from expdesign.export.formats import table_formats
 
 TITLE = "Speed"
-BEFORE = "b64af2b6"
+BEFORE = "b64af2b5a"
 """The commit before."""
 
 Row = dict[str, Any]
