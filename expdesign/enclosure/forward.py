@@ -266,7 +266,9 @@ def _sharpened(
     # Both hold: what was known, which is this far from the new polynomials, and what is proved.
     shift = np.abs(steps).sum(axis=0)
     before = np.stack([model.radius + shift[:, i] for i, model in enumerate(pose)], axis=1)
-    before += 4 * EPS * np.stack([model.sizes[0] for model in moved], axis=1)
+    before += (
+        4 * EPS * np.stack([np.abs(model.coefficients).sum(axis=0) for model in moved], axis=1)
+    )
     least = np.max(before / scale, axis=1) * _UP
     off = [a - b for a, b in zip(kinematics.lengths(moved), lengths, strict=True)]
     error, _ = _proved(kinematics, moved, off, np.where(np.isfinite(least), least, 0.0))

@@ -8,10 +8,12 @@ their equation, of the others by the remainder of their Taylor series.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
 from constraints.arrays import Array, Mask
+from expdesign.enclosure.arithmetic import invert, take_root
 from expdesign.enclosure.taylor_model import EPS, TERMS, TINY, TaylorModel
 
 _POWERS = TERMS + 2
@@ -19,22 +21,8 @@ _POWERS = TERMS + 2
 
 
 def reciprocal(a: TaylorModel) -> TaylorModel:
-    """Return 1/a; unknown in cells where a may be zero.
-
-    With y close to 1/a and e = 1 − a y: 1/a = y/(1 − e).
-    """
-    c = a.coefficients
-    count = 1 if len(c) == 1 else TERMS
-    y = np.zeros((count, c.shape[1]))
-    y[0] = 1 / c[0]
-    for k in range(1, count):
-        for j in range(1, min(k, len(c) - 1) + 1):
-            y[k] -= c[j] * y[k - j]
-        y[k] *= y[0]
-    close = TaylorModel(_finite(y), np.zeros(1))
-    error = (TaylorModel.number(1.0) - a * close).size
-    bound = np.where(error < 1, close.sizes[0] * error / (1 - error), np.inf)
-    return _with_radius(close, bound + TINY)
+    """Return 1/a; unknown in cells where a may be zero."""
+    return _made(invert, a)
 
 
 def divided(a: TaylorModel, b: TaylorModel) -> TaylorModel:
@@ -43,32 +31,14 @@ def divided(a: TaylorModel, b: TaylorModel) -> TaylorModel:
 
 
 def root(a: TaylorModel) -> TaylorModel:
-    """Return √a, of what is not negative; near zero only what it lies between.
+    """Return √a, of what is not negative; near zero only what it lies between."""
+    return _made(take_root, a)
 
-    With y close to √a: √a − y = (a − y²)/(√a + y).
-    """
-    c = a.coefficients
-    low, high = a.bounds()
-    positive = low > 0
-    count = 1 if len(c) == 1 else TERMS
-    y = np.zeros((count, c.shape[1]))
-    y[0] = np.sqrt(np.where(c[0] > 0, c[0], 1.0))
-    for k in range(1, count):
-        y[k] = c[k] if k < len(c) else 0.0
-        for j in range(1, k):
-            y[k] -= y[j] * y[k - j]
-        y[k] /= 2 * y[0]
-    close = TaylorModel(_finite(y), np.zeros(1))
-    error = (a - close.squared()).size
-    least = close.bounds()[0] + np.sqrt(np.maximum(low, 0)) * (1 - 2 * EPS)
-    good = positive & (least > 0)
-    bound = np.where(good, error / np.where(good, least, 1.0), np.inf)
-    found = _with_radius(close, bound + TINY)
-    if np.all(np.isfinite(found.radius)):
-        return found
-    largest = np.sqrt(np.maximum(high, 0)) * (1 + 4 * EPS) + TINY
-    between = TaylorModel.within(np.zeros_like(largest), np.where(high >= 0, largest, np.inf))
-    return chosen(np.isfinite(found.radius), found, between)
+
+def _made(write: Callable[[Array, int, Array, Array], int], a: TaylorModel) -> TaylorModel:
+    """Return the model that a function of packed models writes."""
+    room = np.empty((4, TERMS + 1, a.cells))
+    return TaylorModel.unpacked(room[0], write(*a.packed(a.cells), room[0], room[1:]))
 
 
 def sine(a: TaylorModel) -> TaylorModel:
@@ -231,7 +201,3 @@ def _of_circle(values: Array) -> TaylorModel:
 def _with_radius(model: TaylorModel, radius: Array) -> TaylorModel:
     radius = np.where(np.isnan(radius), np.inf, radius) * (1 + 16 * EPS)
     return TaylorModel(model.coefficients, radius)
-
-
-def _finite(coefficients: Array) -> Array:
-    return np.where(np.isfinite(coefficients), coefficients, 0.0)

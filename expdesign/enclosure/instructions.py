@@ -3,21 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from expdesign.enclosure import functions as f
-from expdesign.enclosure.taylor_model import TaylorModel
+from expdesign.enclosure import program
+from expdesign.enclosure.taylor_model import TERMS, TaylorModel
 
-_ONE: dict[int, Callable[[TaylorModel], TaylorModel]] = {
-    ca.OP_ASSIGN: lambda a: a,
-    ca.OP_NEG: lambda a: -a,
-    ca.OP_SQ: TaylorModel.squared,
-    ca.OP_TWICE: lambda a: a.scaled(2.0),
-    ca.OP_INV: f.reciprocal,
-    ca.OP_SQRT: f.root,
+_COMPILED = {
+    ca.OP_ASSIGN: program.ASSIGN,
+    ca.OP_NEG: program.NEGATE,
+    ca.OP_TWICE: program.TWICE,
+    ca.OP_INV: program.INVERT,
+    ca.OP_SQRT: program.ROOT,
+    ca.OP_ADD: program.ADD,
+    ca.OP_SUB: program.SUBTRACT,
+    ca.OP_MUL: program.MULTIPLY,
+}
+_CALLED: dict[int, Callable[..., TaylorModel]] = {
     ca.OP_SIN: f.sine,
     ca.OP_COS: f.cosine,
     ca.OP_TAN: lambda a: f.divided(f.sine(a), f.cosine(a)),
@@ -27,12 +35,6 @@ _ONE: dict[int, Callable[[TaylorModel], TaylorModel]] = {
     ca.OP_EXP: f.exponential,
     ca.OP_SIGN: f.sign,
     ca.OP_FABS: f.absolute,
-}
-_TWO: dict[int, Callable[[TaylorModel, TaylorModel], TaylorModel]] = {
-    ca.OP_ADD: TaylorModel.__add__,
-    ca.OP_SUB: TaylorModel.__sub__,
-    ca.OP_MUL: TaylorModel.__mul__,
-    ca.OP_DIV: f.divided,
     ca.OP_ATAN2: f.arc_tangent,
     ca.OP_HYPOT: lambda a, b: f.root(a.squared() + b.squared()),
     ca.OP_FMIN: f.smaller,
@@ -61,60 +63,110 @@ class EnclosedFunction:
         function = ca.Function(
             "enclosed", list(inputs), [ca.densify(one) for one in outputs], {"cse": True}
         )
-        self._slots = int(function.sz_w()) + 1
         self.sizes = tuple(int(function.nnz_out(k)) for k in range(function.n_out()))
-        self._steps = [_step(function, k) for k in range(function.n_instructions())]
-        self._needed = lru_cache(maxsize=64)(self._needed_for)
+        # What is given, and what comes out, have places of their own behind those of the work.
+        given = [int(function.nnz_in(k)) for k in range(function.n_in())]
+        work = int(function.sz_w()) + 1
+        ends = np.cumsum([work, *given, *self.sizes]).tolist()
+        self._given, self._found = ends[: len(given)], ends[len(given) : -1]
+        self._places = ends[-1]
+        spare = work - 1
+        steps = [s for k in range(function.n_instructions()) for s in _steps(function, k, spare)]
+        self._steps = [self._placed(step) for step in steps]
+        self._constants = np.array([step.constant for step in steps])
+        self._parts = lru_cache(maxsize=64)(self._parts_for)
 
     def __call__(
         self, inputs: Sequence[Sequence[TaylorModel]], wanted: Iterable[int] | None = None
     ) -> list[list[TaylorModel]]:
         """Return the models of each output that is wanted (all by default), of models of inputs."""
         which = frozenset(range(len(self.sizes)) if wanted is None else wanted)
-        work: list[TaylorModel] = [TaylorModel.number(0.0)] * self._slots
-        found: dict[tuple[int, ...], TaylorModel] = {}
+        cells = max(model.cells for part in inputs for model in part)
+        work = np.empty((self._places, TERMS + 1, cells))
+        counts = np.zeros(self._places, dtype=np.int64)
+        for start, models in zip(self._given, inputs, strict=True):
+            for place, model in enumerate(models, start):
+                counts[place] = model.write(work[place])
+        room = np.empty((program.ROOM, TERMS + 1, cells))
         with np.errstate(all="ignore"):
-            for do, target, source in self._needed(which):
-                if do is _INPUT:
-                    work[target[0]] = inputs[source[0]][source[1]]
-                elif do is _OUTPUT:
-                    found[target] = work[source[0]]
-                else:
-                    work[target[0]] = do(*(work[k] for k in source))
+            for part in self._parts(which):
+                if isinstance(part, np.ndarray):
+                    program.run(part, self._constants, work, counts, room)
+                    continue
+                models = [TaylorModel.unpacked(work[k], counts[k]) for k in part.sources]
+                counts[part.target] = part.function(*models).write(work[part.target])
         return [
-            [found[k, place] for place in range(size)] if k in which else []
-            for k, size in enumerate(self.sizes)
+            [
+                TaylorModel.unpacked(work[place].copy(), counts[place])
+                for place in range(start, start + size)
+            ]
+            if k in which
+            else []
+            for k, (start, size) in enumerate(zip(self._found, self.sizes, strict=True))
         ]
 
-    def _needed_for(self, wanted: frozenset[int]) -> list[_Step]:
-        """Return the instructions that some outputs need."""
+    def _placed(self, step: _Step) -> _Step:
+        """Return an instruction with inputs and outputs at their places."""
+        if step.input is not None:
+            return replace(step, sources=(self._given[step.input[0]] + step.input[1],))
+        if step.output is not None:
+            return replace(step, target=self._found[step.output[0]] + step.output[1])
+        return step
+
+    def _parts_for(self, wanted: frozenset[int]) -> list[NDArray[np.int64] | _Call]:
+        """Return what some outputs need: programs, and between them functions that are called."""
         live: set[int] = set()
-        kept = []
-        for step in reversed(self._steps):
-            do, target, source = step
-            if do is _OUTPUT:
-                if target[0] not in wanted:
-                    continue
-                live.add(source[0])
-            elif target[0] not in live:
+        kept: list[tuple[int, _Step]] = []
+        for number, step in reversed(list(enumerate(self._steps))):
+            if step.output is None and step.target not in live:
                 continue
-            else:
-                live.remove(target[0])
-                if do is not _INPUT:
-                    live.update(source)
-            kept.append(step)
-        return kept[::-1]
+            if step.output is not None and step.output[0] not in wanted:
+                continue
+            live.discard(step.target)
+            live.update(step.sources)
+            kept.append((number, step))
+        parts: list[NDArray[np.int64] | _Call] = []
+        rows: list[tuple[int, ...]] = []
+        for number, step in reversed(kept):
+            if step.called is None:
+                first, second = (*step.sources, 0, 0)[:2] if step.sources else (number, 0)
+                rows.append((step.compiled, step.target, first, second))
+                continue
+            call = _Call(step.called, step.target, step.sources)
+            parts += [np.array(rows, dtype=np.int64).reshape(-1, 4), call]
+            rows = []
+        return [*parts, np.array(rows, dtype=np.int64).reshape(-1, 4)]
 
 
-_Step = tuple[Callable[..., TaylorModel], tuple[int, ...], tuple[int, ...]]
+class _Call(NamedTuple):
+    """A function of models between two programs."""
+
+    function: Callable[..., TaylorModel]
+    target: int
+    sources: tuple[int, ...]
 
 
-def _INPUT() -> TaylorModel:  # noqa: N802 - a mark, not a function that is called
-    raise NotImplementedError
+@dataclass(frozen=True)
+class _Step:
+    """One instruction, by the program or by a function that is called."""
+
+    target: int
+    sources: tuple[int, ...] = ()
+    compiled: int = program.ASSIGN
+    called: Callable[..., TaylorModel] | None = None
+    constant: float = 0.0
+    input: tuple[int, int] | None = None
+    """Which input, and which of its elements, it reads."""
+    output: tuple[int, int] | None = None
 
 
-def _OUTPUT() -> TaylorModel:  # noqa: N802
-    raise NotImplementedError
+def _steps(function: ca.Function, k: int, spare: int) -> tuple[_Step, ...]:
+    """Return what an instruction is done by; a place of the work that no other uses is spare."""
+    if function.instruction_id(k) != ca.OP_DIV:
+        return (_step(function, k),)
+    (target,), (above, below) = function.instruction_output(k), function.instruction_input(k)
+    inverse = _Step(spare, (below,), program.INVERT)
+    return inverse, _Step(target, (above, spare), program.MULTIPLY)
 
 
 def _step(function: ca.Function, k: int) -> _Step:
@@ -122,14 +174,16 @@ def _step(function: ca.Function, k: int) -> _Step:
     target = tuple(function.instruction_output(k))
     source = tuple(function.instruction_input(k))
     if operation == ca.OP_INPUT:
-        return _INPUT, target, source
+        return _Step(target[0], input=(source[0], source[1]))
     if operation == ca.OP_OUTPUT:
-        return _OUTPUT, target, source
+        return _Step(-1, (source[0],), output=(target[0], target[1]))
     if operation == ca.OP_CONST:
-        number = TaylorModel.number(function.instruction_constant(k))
-        return (lambda: number), target, ()
-    if operation in _ONE:
-        return _ONE[operation], target, source
-    if operation in _TWO:
-        return _TWO[operation], target, source
+        number = function.instruction_constant(k)
+        return _Step(target[0], compiled=program.NUMBER, constant=number)
+    if operation == ca.OP_SQ:
+        return _Step(target[0], source * 2, program.MULTIPLY)
+    if operation in _COMPILED:
+        return _Step(target[0], source, _COMPILED[operation])
+    if operation in _CALLED:
+        return _Step(target[0], source, called=_CALLED[operation])
     raise NoEnclosureError(f"no enclosure of CasADi's operation {operation}")

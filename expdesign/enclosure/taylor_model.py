@@ -16,16 +16,13 @@ from __future__ import annotations
 import numpy as np
 
 from constraints.arrays import Array
+from expdesign.enclosure import arithmetic
+from expdesign.enclosure.arithmetic import EPS, TERMS, TINY
 
-TERMS = 6
-"""Coefficients of a polynomial at most: powers of τ from 0 to 5."""
-EPS = 2.0**-52
-TINY = 1e-300
-"""More than what a few operations can lose below the smallest normal number."""
-_UP = 1 + 2.0**-44
+__all__ = ["EPS", "TERMS", "TINY", "TaylorModel"]
+
 _NEWTON_STEPS = 2
 _BISECTIONS = 50
-_ROUNDED = 4 * TERMS * EPS
 
 
 class TaylorModel:
@@ -39,12 +36,11 @@ class TaylorModel:
         Infinite where nothing is known.
     """
 
-    __slots__ = ("_sizes", "coefficients", "radius")
+    __slots__ = ("coefficients", "radius")
 
     def __init__(self, coefficients: Array, radius: Array) -> None:
         self.coefficients = coefficients
         self.radius = radius
-        self._sizes: Array | None = None
 
     @classmethod
     def number(cls, value: float) -> TaylorModel:
@@ -61,25 +57,34 @@ class TaylorModel:
         """Return the model of what lies between two numbers, (N,) each, in every cell."""
         middle = low + (high - low) / 2
         radius = np.maximum(high - middle, middle - low)
-        return cls(middle[None, :], _outward(radius + EPS * np.abs(middle)))
+        return cls(middle[None, :], arithmetic.all_outward(radius + EPS * np.abs(middle)))
+
+    @classmethod
+    def unpacked(cls, packed: Array, count: int) -> TaylorModel:
+        """Return the model of a packed one, (TERMS + 1, N), with so many coefficients: a view."""
+        return cls(packed[:count], packed[TERMS])
+
+    def write(self, packed: Array) -> int:
+        """Write it into a packed model, (TERMS + 1, N); return how many coefficients it has."""
+        count = len(self.coefficients)
+        packed[:count] = self.coefficients
+        packed[TERMS] = self.radius
+        return count
 
     @property
-    def sizes(self) -> Array:
-        """(k + 1, N): at i the sum of the sizes of the coefficients from i on."""
-        if self._sizes is None:
-            count, cells = self.coefficients.shape
-            sizes = np.empty((count + 1, cells))
-            sizes[count] = 0.0
-            np.abs(self.coefficients, out=sizes[:count])
-            for i in range(count - 2, -1, -1):
-                sizes[i] += sizes[i + 1]
-            self._sizes = sizes
-        return self._sizes
+    def cells(self) -> int:
+        """Number of cells; 1 may stand for all."""
+        return max(self.coefficients.shape[1], len(self.radius))
+
+    def packed(self, cells: int) -> tuple[Array, int]:
+        """Return it packed, (TERMS + 1, cells), and how many coefficients it has."""
+        packed = np.empty((TERMS + 1, cells))
+        return packed, self.write(packed)
 
     @property
     def size(self) -> Array:
         """(N,) what no value is larger than in size."""
-        return _outward(self.sizes[0] + self.radius)
+        return arithmetic.size(*self.packed(self.cells))
 
     def bounds(self) -> tuple[Array, Array]:
         """Return what no value is below and none above, (N,) each.
@@ -87,28 +92,7 @@ class TaylorModel:
         That of the first three powers together is exact, each further one counts with its size.
         Where a coefficient is too large for a number, nothing is known.
         """
-        low, high = self._bounds()
-        return np.fmax(low, -np.inf), np.fmin(high, np.inf)
-
-    def _bounds(self) -> tuple[Array, Array]:
-        """Return the same; NaN where a coefficient is not a number."""
-        c, outside = self.coefficients, 4 * EPS * self.sizes[0] + TINY
-        if len(c) > 3:  # noqa: PLR2004 - powers beyond the square
-            outside = outside + self.sizes[3]
-        rest = _outward(self.radius + outside)
-        low, high = c[0] - rest, c[0] + rest
-        if len(c) == 1:
-            return low, high
-        slope = np.abs(c[1])
-        if len(c) == 2:  # noqa: PLR2004 - a straight line
-            return low - slope, high + slope
-        with np.errstate(all="ignore"):
-            # The vertex of c₁ τ + c₂ τ², where it lies within the cell.
-            # c₁² may vanish below the smallest number where c₁² / c₂ does not.
-            vertex = np.where(slope < 2 * np.abs(c[2]), -slope * (slope / (4 * c[2])), 0.0)
-            most = np.maximum(c[2] + slope, np.where(c[2] < 0, vertex, -np.inf))
-            least = np.minimum(c[2] - slope, np.where(c[2] > 0, vertex, np.inf))
-            return low + least, high + most
+        return arithmetic.bounds(*self.packed(self.cells))
 
     def extremes(self) -> list[Array]:
         """Return where in each cell the polynomial may be largest or smallest, τ, (N,) each.
@@ -164,42 +148,19 @@ class TaylorModel:
         return self._sum(other, -1.0)
 
     def _sum(self, other: TaylorModel, sign: float) -> TaylorModel:
-        a, b = self.coefficients, other.coefficients
-        if len(a) == len(b):
-            total = a + b if sign > 0 else a - b
-        else:
-            cells = max(a.shape[1], b.shape[1])
-            both, add = min(len(a), len(b)), np.add if sign > 0 else np.subtract
-            total = np.empty((max(len(a), len(b)), cells))
-            add(a[:both], b[:both], out=total[:both])
-            if len(a) > both:
-                total[both:] = a[both:]
-            else:
-                np.multiply(b[both:], sign, out=total[both:])
-        found = TaylorModel(total, self.radius)
-        found.radius = _outward(self.radius + other.radius + EPS * found.sizes[0])
-        return found
+        cells = max(self.cells, other.cells)
+        out = np.empty((TERMS + 1, cells))
+        count = arithmetic.add(*self.packed(cells), *other.packed(cells), sign, out)
+        return TaylorModel.unpacked(out, count)
 
     def __neg__(self) -> TaylorModel:
-        found = TaylorModel(-self.coefficients, self.radius)
-        found._sizes = self._sizes
-        return found
+        return TaylorModel(-self.coefficients, self.radius)
 
     def __mul__(self, other: TaylorModel) -> TaylorModel:
-        if len(self.coefficients) > len(other.coefficients):
-            return other * self
-        a, b = self.coefficients, other.coefficients
-        own, others = self.sizes, other.sizes
-        product = a * b if len(a) == 1 else _product(a, b)
-        # The product of the sizes first: where that is too large for a number, nothing is known.
-        radius = own[0] * other.radius + _ROUNDED * (own[0] * others[0])
-        radius = radius + self.radius * (others[0] + other.radius) + TINY
-        first = max(1, TERMS + 1 - len(b))
-        if first < len(a):
-            # Powers from TERMS on: aᵢ with every bⱼ for which i + j ≥ TERMS.
-            rest = others[TERMS - first : TERMS - len(a) : -1]
-            radius = radius + np.einsum("in,in->n", np.abs(a[first:]), rest)
-        return TaylorModel(product, _outward(radius))
+        cells = max(self.cells, other.cells)
+        out, room = np.empty((2, TERMS + 1, cells))
+        count = arithmetic.multiply(*self.packed(cells), *other.packed(cells), out, room)
+        return TaylorModel.unpacked(out, count)
 
     def squared(self) -> TaylorModel:
         """Return the square."""
@@ -208,24 +169,3 @@ class TaylorModel:
     def scaled(self, factor: float) -> TaylorModel:
         """Return the model times a number that is known exactly."""
         return TaylorModel.number(factor) * self
-
-
-def _product(a: Array, b: Array) -> Array:
-    """Return the product of polynomials, up to the highest power that is kept.
-
-    Its power k is the sum of aᵢ bₖ₋ᵢ: in one operation, on a view of b in which it lies at [i, k],
-    zero where b has no such power.
-    """
-    count = min(TERMS, len(a) + len(b) - 1)
-    padded = np.zeros((len(a) - 1 + count, b.shape[1]))
-    padded[len(a) - 1 : len(a) - 1 + len(b)] = b
-    row, cell = padded.strides
-    shifted = np.ndarray(
-        (len(a), count, b.shape[1]), np.float64, padded, (len(a) - 1) * row, (-row, row, cell)
-    )
-    return np.einsum("in,ikn->kn", a, shifted)
-
-
-def _outward(radius: Array) -> Array:
-    """Return a radius that was computed, enlarged by more than its own roundings; NaN is ∞."""
-    return np.fmin(radius * _UP, np.inf)

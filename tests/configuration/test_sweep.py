@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from expdesign.configuration import InputError, load_run, resolved_yaml
@@ -66,6 +66,7 @@ def written(sweep, place):
 
 
 @given(GRIDS)
+@settings(max_examples=30)
 def test_a_point_is_the_run_with_its_values_in_place(sweep):
     points = load_run(run(sweep=sweep)).grid
     places = list(np.ndindex(*(len(values) for values in sweep.values())))
@@ -80,6 +81,7 @@ def test_a_point_is_the_run_with_its_values_in_place(sweep):
 
 
 @given(GRIDS)
+@settings(max_examples=30)
 def test_the_resolved_run_has_the_same_points(sweep):
     sections = {"limits": {"tilt": "15 deg"}, "trajectory": {"samples": 100}, "design": {}}
     one = load_run(run(sweep=sweep, **sections))
