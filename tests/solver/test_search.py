@@ -72,8 +72,11 @@ def test_seed_and_starts(run, one_start, build, task):
 def _events_tell_everything(events, result):
     for start in result.starts:
         mine = [event for event in events if event.start == start.index]
-        own = [event for event in mine if event.phase not in {"done", "finish", "finished"}]
+        ends = {"waiting", "done", "finish", "finished"}
+        own = [event for event in mine if event.phase not in ends]
         assert [event.iteration for event in own] == [point.iteration for point in start.trace]
+        (waits,) = (event for event in mine if event.phase == "waiting")
+        assert waits.iteration == start.stages[0].iterations
         (done,) = (event for event in mine if event.phase == "done")
         assert done.status == start.status
         assert done.objective == start.merit
