@@ -99,6 +99,16 @@ def tiny():
     return mapping
 
 
+@pytest.fixture(scope="module")
+def address():
+    """Return the address of a Dask cluster of two worker processes."""
+    distributed = pytest.importorskip("distributed")
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0"
+    ) as cluster:
+        yield cluster.scheduler_address
+
+
 @pytest.fixture(scope="session")
 def few_limits():
     """Return PaLiDA without those limits whose derivatives take processes of their own seconds."""

@@ -170,7 +170,7 @@ class SearchDisplay:
     def _left(self) -> str:
         """Return how long the search will take still; empty while that is not known.
 
-        The rough search of a start takes about half as long as its refinements, a hop or a finish.
+        A rough search counts half of what refinements, a hop or a finish count.
         """
         from expdesign.solver.search import FINISHED, REFINED
 

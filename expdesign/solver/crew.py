@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 from expdesign.solver.jobs import Build, DesignTask, SearchPlan
-from expdesign.solver.stage import Watch
-from expdesign.solver.start import StartResult
+from expdesign.solver.stage import ENDS, SearchEvent
 from expdesign.workers import Job, Monitor, cluster_jobs, run_jobs
 
 
@@ -30,11 +29,11 @@ class Crew:
         if self._plan.scheduler is not None:
             yield from self._in_cluster(self._plan.scheduler, timed, monitor, after_stop=after_stop)
             return
-        for _, result, seconds in run_jobs(
+        for done in run_jobs(
             self._build, timed, self._plan.workers, monitor, after_stop=after_stop
         ):
-            self.cpu_seconds += seconds
-            yield result
+            self.cpu_seconds += done.seconds
+            yield done.result
 
     def _in_cluster(
         self, scheduler: str, jobs: Sequence[Job], monitor: Monitor, *, after_stop: bool
@@ -46,17 +45,32 @@ class Crew:
         def stopped() -> bool:
             return monitor.stop_requested() and not after_stop
 
-        for number, result, seconds in cluster_jobs(scheduler, self._build, jobs, stopped):
-            self.cpu_seconds += seconds
-            found[number] = result
-            if isinstance(result, StartResult) and result.status:
-                # The cluster's own monitors are silent.
-                watch = Watch(monitor, result.index, began=time.perf_counter() - result.seconds)
-                watch.tell("done", result.iterations, result.merit, 0.0, result.status)
+        for done in cluster_jobs(scheduler, self._build, jobs, stopped):
+            self.cpu_seconds += done.seconds
+            found[done.number] = done.result
+            for event in done.ends:  # the cluster's own monitors are silent
+                monitor.report(event)
         yield from (result for _, result in sorted(found.items()))
 
 
-def _timed(task: DesignTask, monitor: Monitor, number: int, job: Job) -> tuple[int, Any, float]:
-    began = time.process_time()
-    result = job.function(task, monitor, *job.arguments)
-    return number, result, time.process_time() - began
+class _Done(NamedTuple):
+    """What a job came to."""
+
+    number: int
+    result: Any
+    seconds: float
+    """Processor time."""
+    ends: tuple[SearchEvent, ...]
+    """How what it did ended, as it was reported there."""
+
+
+def _timed(task: DesignTask, monitor: Monitor, number: int, job: Job) -> _Done:
+    began, ends = time.process_time(), list[SearchEvent]()
+
+    def report(event: SearchEvent) -> None:
+        if event.phase in ENDS:
+            ends.append(event)
+        monitor.report(event)
+
+    result = job.function(task, Monitor(monitor.stop_requested, report), *job.arguments)
+    return _Done(number, result, time.process_time() - began, tuple(ends))

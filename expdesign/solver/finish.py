@@ -247,7 +247,8 @@ def shrink_to_limits(
     def excess(factor: float) -> float:
         states = states_at(_scaled(trajectory, factor), near)
         worst = np.max(limits.violations(states), initial=-1.0)
-        return float(np.clip(worst, -1.0, 1.0)) + margin
+        # What is not a number is not kept either.
+        return float(np.nan_to_num(np.clip(worst, -1.0, 1.0), nan=1.0)) + margin
 
     if excess(SMALLEST_FACTOR) > 0:
         return Shrunk(_scaled(trajectory, SMALLEST_FACTOR), SMALLEST_FACTOR, kept=False)

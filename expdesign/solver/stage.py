@@ -128,6 +128,10 @@ class TracePoint:
     violation: float
 
 
+ENDS = ("waiting", "done", "finished")
+"""Phases of events that end something."""
+
+
 @dataclass(frozen=True)
 class SearchEvent:
     """One iteration, or the end, of one start."""

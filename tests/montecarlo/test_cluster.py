@@ -16,15 +16,6 @@ def on_cluster(address, repetitions=4):
     return small(repetitions, workers=None, scheduler=address)
 
 
-@pytest.fixture(scope="module")
-def address():
-    distributed = pytest.importorskip("distributed")
-    with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0"
-    ) as cluster:
-        yield cluster.scheduler_address
-
-
 @pytest.mark.slow
 def test_a_cluster_gives_the_same_digits(address, study, tmp_path):
     journal = tmp_path / "journal"

@@ -10,36 +10,35 @@ from expdesign.solver import crew
 from expdesign.solver.crew import Crew
 from expdesign.solver.jobs import rough_job
 from expdesign.solver.search import search
+from expdesign.solver.stage import ENDS
 from expdesign.solver.start import StartResult
 from expdesign.workers import Job, Monitor
 from tests.solver.test_search import QUICK, Recorder
 
 
-@pytest.fixture(scope="module")
-def address():
-    distributed = pytest.importorskip("distributed")
-    with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0"
-    ) as cluster:
-        yield cluster.scheduler_address
+def told(monitor):
+    """Return how everything ended, as a display is told."""
+    ends = [event for event in monitor.events if event.phase in ENDS]
+    return sorted((e.phase, e.start, e.iteration, e.objective, e.status) for e in ends)
 
 
 @pytest.mark.slow
 def test_a_cluster_finds_the_same(address, build, task):
     make = build(design=QUICK)
     plan = dataclasses.replace(task.plan, iterations=4, starts=2, hops=2)
-    monitor = Recorder()
-    local = search(make, plan, Monitor())
+    here, monitor = Recorder(), Recorder()
+    local = search(make, plan, here)
     remote = search(make, dataclasses.replace(plan, scheduler=address), monitor)
     assert remote.best.index == local.best.index
     assert [start.index for start in remote.starts] == [1, 2, 3, 4]
-    for here, there in zip(local.starts, remote.starts, strict=True):
-        np.testing.assert_array_equal(there.variables, here.variables)
-        assert (there.status, there.merit) == (here.status, here.merit)
+    for mine, theirs in zip(local.starts, remote.starts, strict=True):
+        np.testing.assert_array_equal(theirs.variables, mine.variables)
+        assert (theirs.status, theirs.merit) == (mine.status, mine.merit)
     np.testing.assert_array_equal(
         remote.finished.trajectory.vector(), local.finished.trajectory.vector()
     )
-    assert {event.start for event in monitor.events if event.phase == "done"} == {1, 2, 3, 4}
+    assert told(monitor) == told(here)
+    assert {start for phase, start, *_ in told(monitor) if phase == "done"} == {1, 2, 3, 4}
     assert remote.cpu_seconds > 0
 
 

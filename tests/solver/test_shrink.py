@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from expdesign.recheck.fine_grid import grid_points, states_at
+from expdesign.robot import LimitModel
 from expdesign.solver.finish import GRID_MARGIN, SMALLEST_FACTOR, shrink_to_limits
 from expdesign.solver.initial import random_start
 
@@ -62,3 +63,19 @@ def test_a_motion_far_outside_is_given_up(problem, too_large):
     assert not shrunk.kept
     assert shrunk.factor == SMALLEST_FACTOR
     assert worst(problem, shrunk.trajectory) > 0
+
+
+def test_what_is_not_a_number_is_not_kept(problem, too_large, monkeypatch):
+    """The limits of the decisive rows alone, as they are shrunk by, have no value."""
+
+    def unknown(model, states):
+        return np.full((len(states), len(model.keys)), np.nan)
+
+    among = LimitModel.among
+
+    def without_values(model, mask):
+        monkeypatch.setattr(LimitModel, "violations", unknown)
+        return among(model, mask)
+
+    monkeypatch.setattr(LimitModel, "among", without_values)
+    assert not shrink_to_limits(problem, too_large).kept
