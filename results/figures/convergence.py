@@ -27,6 +27,8 @@ FLOOR = TOLERANCE
 """Smaller violations are drawn here: the recheck counts such a limit as kept."""
 _SETTLED = 0.25
 """The scale of the objective leaves out this first part of every start."""
+_BEYOND = 0.25
+"""Of what the written design is above the worst in view: that much above it is in view, too."""
 _LOGARITHMIC = 50.0
 """Objectives that differ by more than this factor get a logarithmic axis."""
 
@@ -152,6 +154,9 @@ def _objective_axis(axes: Axes, record: DesignRecord, found: Sequence[Trace]) ->
     axes.set_ylabel(f"{title} ({'SI units' if invariant else scaling})")
     settled, value = _settled(found), summary.criterion_value
     shown = np.append(settled, value) if np.isfinite(value) else settled
+    if np.isfinite(value) and criterion is not None and criterion.larger_is_better:
+        # What is better by far has left the limits behind, and does not set the scale.
+        shown = np.minimum(shown, value + _BEYOND * (value - np.min(shown)))
     if shown.size and np.min(shown) > 0 and np.max(shown) > _LOGARITHMIC * np.min(shown):
         axes.set_yscale("log")
         axes.set_ylim(np.min(shown) / 1.5, np.max(shown) * 1.5)

@@ -336,6 +336,18 @@ def test_convergence(run):
     assert texts(objective) == [STAGE_TITLES["blunt"], STAGE_TITLES["sharp"]]
 
 
+def test_a_start_that_left_the_limits_does_not_set_the_scale(run):
+    path = run.folder / "tables/convergence.csv"
+    head, *rows = path.read_text().splitlines()
+    place = head.split(",").index("objective")
+    cells = rows[-1].split(",")
+    cells[place] = "500.0"
+    path.write_text("\n".join([head, *rows[:-1], ",".join(cells), ""]))
+    objective, _ = draw(run, "convergence").axes
+    low, high = objective.get_ylim()
+    assert low < 97.25 < high < 200
+
+
 def test_convergence_of_another_criterion_begins_where_its_numbers_do(run):
     """The blunt stage maximises log det F: its numbers are on no common axis with the rest."""
     design = json.loads((run.folder / "design.json").read_text())
