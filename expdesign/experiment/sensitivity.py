@@ -139,9 +139,9 @@ def _active_rows(problem: DesignProblem, x: Array, width: float, near: float) ->
     program = problem.program(
         phases, mask, width=width, level=problem.criterion.levels[-1], samples=_POINTS
     )
-    values, slopes = program.rows_jacobian(x)
+    rows = program.linear_rows(x)
     _, columns = np.nonzero(mask)
-    above = values - program.row_upper > program.row_lower - values
+    above = rows.values - program.row_upper > program.row_lower - rows.values
     keys = [problem.limits.keys[column] for column in columns]
     sign = np.where(above, 1.0, -1.0)
     wider, reserved = (
@@ -151,7 +151,7 @@ def _active_rows(problem: DesignProblem, x: Array, width: float, near: float) ->
     bounds = _frequency_rows(problem, x, near)
     return _ActiveRows(
         [*keys, *[FREQUENCY] * len(bounds)],
-        np.concatenate([sign[:, None] * slopes, bounds]),
+        np.concatenate([sign[:, None] * rows.jacobian(), bounds]),
         np.concatenate([wider, np.full(len(bounds), WIDER)]),
         np.concatenate([reserved, np.zeros(len(bounds))]),
     )

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from constraints.arrays import Array, Mask
 from expdesign.mechanism.hexapod import COORDINATES
@@ -20,6 +19,7 @@ from expdesign.motion.spline import (
     scaled_derivatives,
 )
 from expdesign.problem.design_problem import LimitedProgram
+from expdesign.problem.path_slope import PathSlope
 from expdesign.robot import LimitModel
 
 _SHORTEST, _LONGEST = 0.02, 10.0
@@ -60,7 +60,7 @@ class RampProblem:
         first, first_slope = end_coefficients(self.intervals, duration, self.start)
         backwards = reversed_in_time(self.end)
         last, last_slope = end_coefficients(self.intervals, duration, backwards)
-        inner = x[:-1].reshape(self.free, COORDINATES) * self.scale + self.start.pose
+        inner = x[:-1].reshape(COORDINATES, self.free).T * self.scale + self.start.pose
         none = np.zeros_like(inner)
         return (
             np.concatenate([first, inner, last[::-1]]),
@@ -83,7 +83,7 @@ class RampProblem:
         """Return the scaled variables of a ramp between the same ends."""
         inner = ramp.coefficients[FIXED:-FIXED]
         shares = (inner - self.start.pose) / self.scale
-        return np.append(shares.ravel(), ramp.duration / self.time_scale)
+        return np.append(shares.T.ravel(), ramp.duration / self.time_scale)
 
     def basis(self, shares: Array) -> Array:
         """Return what states at shares (K,) of the duration are made with, (4, K, N)."""
@@ -94,19 +94,15 @@ class RampProblem:
         coefficients, _ = self.coefficients(x)
         return np.hstack(list(scaled_derivatives(basis, coefficients, self.duration(x))))
 
-    def to_variables(self, x: Array, basis: Array, slopes: Array, at: NDArray[np.intp]) -> Array:
-        """Carry slopes (J, 24) to pose, rate, acceleration and jerk at instants `at` (J,) over."""
+    def slope(self, x: Array, basis: Array) -> PathSlope:
+        """Return the derivatives of those states to the variables."""
         coefficients, drift = self.coefficients(x)
         duration = self.duration(x)
         orders = np.arange(4.0)
-        powers = duration**-orders
-        scaled = basis * powers[:, None, None]
+        scaled = basis * (duration**-orders)[:, None, None]
         by_duration = scaled @ drift - (scaled @ coefficients) * (orders / duration)[:, None, None]
-        split = slopes.reshape(-1, 4, COORDINATES)
-        inner = scaled[:, :, FIXED:-FIXED].transpose(1, 2, 0)
-        linear = np.matmul(inner[at], split) * self.scale
-        timed = np.sum(split * by_duration.transpose(1, 0, 2)[at], axis=(1, 2)) * self.time_scale
-        return np.concatenate([linear.reshape(len(slopes), -1), timed[:, None]], axis=1)
+        inner, timed = (part.transpose(1, 0, 2) for part in (scaled, by_duration))
+        return PathSlope(inner[:, :, FIXED:-FIXED], self.scale, timed * self.time_scale)
 
 
 class RampProgram(LimitedProgram):
@@ -161,7 +157,7 @@ class RampProgram(LimitedProgram):
         rough = self._middle @ coefficients / problem.scale
         gradient = np.empty(problem.size)
         back = 2 * self._weight * (self._middle.T @ rough)
-        gradient[:-1] = back[FIXED:-FIXED].ravel()
+        gradient[:-1] = back[FIXED:-FIXED].T.ravel()
         gradient[-1] = 1 + np.sum(back / problem.scale * drift) * problem.time_scale
         return float(x[-1] + self._weight * np.sum(rough**2)), gradient
 
@@ -170,7 +166,7 @@ class RampProgram(LimitedProgram):
         problem = self._problem
         value, gradient = self.cost_gradient(x)
         _, drift = problem.coefficients(x)
-        inner = np.einsum("kf,cd->kcfd", self._middle[:, FIXED:-FIXED], np.eye(COORDINATES))
+        inner = np.einsum("kf,cd->kcdf", self._middle[:, FIXED:-FIXED], np.eye(COORDINATES))
         timed = (self._middle @ drift / problem.scale * problem.time_scale)[:, :, None]
         slope = np.concatenate([inner.reshape(*timed.shape[:2], -1), timed], axis=2)
         flat = slope.reshape(-1, problem.size)

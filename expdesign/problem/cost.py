@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 
 import casadi as ca
 import numpy as np
@@ -64,14 +64,15 @@ class InformationCost:
     memory: PeriodicNoise | None = None
     """The noise where it is not white: then in place of Σ."""
 
+    @cached_property
     def basis(self) -> PhaseBasis:
-        """Return the Fourier basis at the samples."""
+        """The Fourier basis at the samples."""
         phases = 2 * np.pi * np.arange(self.samples) / self.samples
         return PhaseBasis.at(phases, self.variables.harmonics)
 
     def information(self, variables: Array, width: float) -> Array:
         """Return the scaled, smoothed F per sample, (k, k)."""
-        states = self.variables.states(variables, self.basis())
+        states = self.variables.states(variables, self.basis)
         (regressors,) = _kernel(self.terms, slopes=False)(states, self.machine, np.array([width]))
         return self._information(regressors, self._omega(variables))
 
@@ -85,7 +86,7 @@ class InformationCost:
         self, variables: Array, width: float, level: float
     ) -> tuple[float, Array, Array]:
         """Return cost, gradient (z,) and positive semidefinite Gauss–Newton Hessian (z, z)."""
-        basis = self.basis()
+        basis = self.basis
         states = self.variables.states(variables, basis)
         fixed = self.machine, np.array([width])
         (regressors,) = _kernel(self.terms, slopes=False)(states, *fixed)
@@ -95,6 +96,7 @@ class InformationCost:
         # In the eigenbasis: one factor rotated here, the other after the sum over the samples.
         rotated = (weighted @ cost.basis).transpose(0, 2, 1)
         summed = np.zeros((variables.size, k * k))
+        slope = self.variables.slope(variables, basis)
         for first in range(0, count, _AT_ONCE):
             block = slice(first, first + _AT_ONCE)
             _, flat = _kernel(self.terms, slopes=True)(states[block], *fixed)
@@ -102,22 +104,22 @@ class InformationCost:
             by_state = flat.reshape(len(flat), -1, actuators, regressors.shape[2])
             chosen = by_state if every else by_state[..., self.columns]
             products = np.matmul(rotated[block, None], chosen).reshape(len(flat), -1, k * k)
-            summed += self.variables.accumulate(variables, basis.part(block), products)
-        summed /= count
-        columns = self.scaling[:, None] * cost.basis
+            summed += slope.part(block).accumulated(products)
+        columns = self.scaling[:, None] * cost.basis / count
         half = np.matmul(columns.T, summed.reshape(-1, k, k).transpose(0, 2, 1))
         change = half + half.transpose(0, 2, 1)
         if self.memory is not None:
             change[-1] += cost.basis.T @ self._spectrum_slope(weighted, variables) @ cost.basis
         own = np.einsum("zii->zi", change)
         gradient = own @ cost.slope
-        mixed = change.reshape(len(change), -1)
-        hessian = own @ cost.diagonal @ own.T + (mixed * cost.mixing.ravel()) @ mixed.T
+        # A product with itself takes half the work of one of two matrices.
+        mixed = (change * np.sqrt(cost.mixing)).reshape(len(change), -1)
+        hessian = own @ cost.diagonal @ own.T + mixed @ mixed.T
         return cost.value, gradient, hessian
 
     def gradient(self, variables: Array, width: float, level: float) -> tuple[float, Array]:
         """Return cost and gradient (z,) alone, by one sweep in reverse in place of a Jacobian."""
-        basis = self.basis()
+        basis = self.basis
         states = self.variables.states(variables, basis)
         fixed = self.machine, np.array([width])
         (regressors,) = _kernel(self.terms, slopes=False)(states, *fixed)
@@ -129,7 +131,8 @@ class InformationCost:
         by_regressor[..., self.columns] = by_factor * self.scaling * (2 / len(weighted))
         flat = by_regressor.reshape(len(weighted), -1)
         (by_state,) = _pulled_kernel(self.terms)(states, flat, *fixed)
-        summed = self.variables.accumulate(variables, basis, by_state[:, :, None])[:, 0]
+        slope = self.variables.slope(variables, basis)
+        summed = slope.accumulated(by_state[:, :, None])[:, 0]
         if self.memory is not None:
             summed[-1] += np.sum(by_information * self._spectrum_slope(weighted, variables))
         return cost.value, summed
@@ -147,7 +150,7 @@ class InformationCost:
         cost = spectral_cost(self._of_factor(factor, omega), self.criterion, level)
         if self.memory is not None:
             return self.memory.weighted(factor, omega), cost
-        return np.matmul(whitening(self.covariance).T, factor), cost
+        return np.matmul(self._white.T, factor), cost
 
     def compile(self) -> None:
         """Make the machine code of what the search evaluates, where it can be made."""
@@ -159,6 +162,10 @@ class InformationCost:
         """Return the criterion that a cost stands for: F over all samples, SI for ``d``."""
         k = self.scaling.size
         return self.criterion.from_cost(cost, k, self.samples, float(np.sum(np.log(self.scaling))))
+
+    @cached_property
+    def _white(self) -> Array:
+        return whitening(self.covariance)
 
     def _omega(self, variables: Array) -> float:
         return float(variables[-1] * self.variables.omega_scale)
@@ -177,7 +184,7 @@ class InformationCost:
     def _factor(self, regressors: Array) -> Array:
         """Return the scaled columns that are judged, whitened if the noise has no memory."""
         chosen = regressors[..., self.columns] * self.scaling
-        return np.matmul(whitening(self.covariance), chosen) if self.memory is None else chosen
+        return np.matmul(self._white, chosen) if self.memory is None else chosen
 
     def _spectrum_slope(self, weighted: Array, variables: Array) -> Array:
         """Return what the scaled ω changes F per sample by through the spectrum alone, (k, k)."""

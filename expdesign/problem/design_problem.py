@@ -11,13 +11,13 @@ from functools import partial
 from typing import Any, Protocol, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
 from constraints.arrays import Array, Mask
 from expdesign.information.periodic_noise import PeriodicNoise
 from expdesign.information.spectral import Criterion
 from expdesign.problem.cost import InformationCost
+from expdesign.problem.path_slope import LinearRows, PathSlope
 from expdesign.problem.variables import DesignVariables, coordinate_reach
 from expdesign.robot import LimitModel, Robot
 from expdesign.trajectory import PhaseBasis
@@ -120,10 +120,8 @@ class Path(Protocol):
     def states(self, variables: Array, points: Any) -> Array:
         """Return the states (K, 18), or (K, 24) with the pose's third derivative, at points."""
 
-    def to_variables(
-        self, variables: Array, points: Any, slopes: Array, at: NDArray[np.intp]
-    ) -> Array:
-        """Carry derivatives (J, 18 or 24) to the states at points `at` (J,) over: (J, z)."""
+    def slope(self, variables: Array, points: Any) -> PathSlope:
+        """Return the derivatives of those states to the variables (z,)."""
 
 
 class LimitedProgram:
@@ -163,7 +161,7 @@ class LimitedProgram:
         margins: Array | None = None,
     ) -> None:
         self._limits, self._path, self._points, self._mask = limits, path, points, mask
-        self._width, self._at = width, np.nonzero(mask)[0]
+        self._width, self._used = width, np.flatnonzero(np.any(mask, axis=0))
         self._scale = np.broadcast_to(limits.scale, mask.shape)[mask]
         self.row_lower, self.row_upper = (
             np.broadcast_to(side, mask.shape)[mask] / self._scale
@@ -183,14 +181,17 @@ class LimitedProgram:
         states = self._path.states(x, self._points)
         return self._limits.smooth_values(states, self._width)[self._mask] / self._scale
 
-    def rows_jacobian(self, x: Array) -> tuple[Array, Array]:
-        """Return the scaled limit rows and their Jacobian."""
+    def linear_rows(self, x: Array) -> LinearRows:
+        """Return the scaled limit rows with their derivatives."""
         states = self._path.states(x, self._points)
         values, slopes = self._limits.smooth_slopes(states, self._width)
-        # Most rows of most points are far from their bounds: only those in the program are carried.
-        scaled = slopes[self._mask] / self._scale[:, None]
-        jacobian = self._path.to_variables(x, self._points, scaled, self._at)
-        return values[self._mask] / self._scale, jacobian
+        return LinearRows(
+            values[self._mask] / self._scale,
+            self._path.slope(x, self._points),
+            # Of quantities without a row nowhere nothing is computed.
+            slopes[:, self._used] / self._limits.scale[self._used, None],
+            self._mask[:, self._used],
+        )
 
     def excess(self, x: Array) -> float:
         """Return how far the rows are broken at most, in the program's own scaling."""

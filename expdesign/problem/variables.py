@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from constraints.arrays import Array
 from expdesign.mechanism.hexapod import COORDINATES
+from expdesign.problem.path_slope import PathSlope
 from expdesign.robot import LimitModel
 from expdesign.trajectory import FourierTrajectory, PhaseBasis
 
@@ -126,47 +126,15 @@ class DesignVariables:
         """Return pose, rate and acceleration at the basis's phases, (N, 18)."""
         return np.concatenate(basis.samples(*self.amplitudes(variables)), axis=1)
 
-    def to_variables(
-        self, variables: Array, basis: PhaseBasis, slopes: Array, at: NDArray[np.intp]
-    ) -> Array:
-        """Carry slopes (J, 18) of J quantities to the state of their instant over: (J, size).
-
-        `at` (J,) has the instant of each, an index of the basis's phases.
-        """
-        omega = float(variables[-1] * self.omega_scale)
-        by_coordinate = slopes.reshape(-1, 3, COORDINATES).transpose(0, 2, 1)
-        linear = np.matmul(by_coordinate, self._steps(basis, omega)[at])
-        carried = np.empty((len(slopes), self.size))
-        np.multiply(
-            linear,
-            self.scale[:, None],
-            out=carried[:, :-1].reshape(linear.shape, copy=False),
-        )
-        carried[:, -1] = np.sum(slopes * self.state_slope_to_omega(variables, basis)[at], axis=1)
-        return carried
-
-    def accumulate(self, variables: Array, basis: PhaseBasis, sensitivities: Array) -> Array:
-        """Carry sensitivities over to the variables, summed over the samples.
-
-        (N, 18, r), the states before the quantities, become (size, r): that way nothing is copied.
-        """
-        omega = float(variables[-1] * self.omega_scale)
-        count, _, rows = sensitivities.shape
-        steps = self._steps(basis, omega).reshape(3 * count, self.per_coordinate).T
-        split = sensitivities.reshape(3 * count, COORDINATES, rows)
-        blocks = [(steps * self.scale[i]) @ split[:, i] for i in range(COORDINATES)]
-        drift = self.state_slope_to_omega(variables, basis)
-        to_omega = drift.reshape(1, -1) @ sensitivities.reshape(-1, rows)
-        return np.concatenate([*blocks, to_omega])
-
-    def _steps(self, basis: PhaseBasis, omega: float) -> Array:
-        """Return how a coordinate's state over its scale depends on its variables.
-
-        (N, 3, per_coordinate).
-        """
+    def slope(self, variables: Array, basis: PhaseBasis) -> PathSlope:
+        """Return the derivatives of the states at the basis's phases to the scaled variables."""
+        table, omega = self.amplitudes(variables)
         steps = np.stack([basis.value, omega * basis.first, omega**2 * basis.second], axis=1)
         steps = steps * self._shares
-        return steps @ _at_rest(self.harmonics) if self.rest else steps
+        drift = np.zeros((len(steps), 3, COORDINATES))
+        drift[:, 1] = basis.first @ table.T
+        drift[:, 2] = 2 * omega * (basis.second @ table.T)
+        return PathSlope(self.reduced(steps), self.scale, drift * self.omega_scale)
 
     def _table(self, variables: Array) -> Array:
         """Return the scaled centre and amplitudes, (6, 2 n + 1)."""
@@ -174,17 +142,8 @@ class DesignVariables:
         return table @ _at_rest(self.harmonics).T if self.rest else table.copy()
 
     def reduced(self, table: Array) -> Array:
-        """Return the variables (6, per_coordinate) of a table, or of the nearest one at rest."""
+        """Return the variables (…, per_coordinate) of a table, or of the nearest one at rest."""
         return table @ _at_rest(self.harmonics) if self.rest else table
-
-    def state_slope_to_omega(self, variables: Array, basis: PhaseBasis) -> Array:
-        """Return the derivative of the states (N, 18) with respect to the scaled ω."""
-        table, omega = self.amplitudes(variables)
-        zero = np.zeros((basis.value.shape[0], COORDINATES))
-        slope = np.concatenate(
-            [zero, basis.first @ table.T, 2 * omega * (basis.second @ table.T)], axis=1
-        )
-        return slope * self.omega_scale
 
 
 @cache

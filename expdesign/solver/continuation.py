@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from expdesign.information.criteria import CRITERIA
 from expdesign.problem.design_problem import DesignProblem
@@ -16,10 +16,8 @@ _EVERYTHING = 10.0
 _NEAR = 0.15
 _RADIUS = 0.6
 _HOP_RADIUS = 1.0
-_SETTLED = 0.01
-"""Barrier of a stage that begins near its optimum."""
-_NEARLY_THERE = 1e-3
-"""Barrier of the finish."""
+_SETTLED = 1e-3
+"""At the beginning of a stage near its optimum: from 0.01 it goes far away and comes back."""
 _FINISH_NEAR = 0.1
 _FINISH_RADIUS = 0.2
 
@@ -94,43 +92,52 @@ def continuation_stages(
     return stages
 
 
-def hop_stages(
-    problem: DesignProblem, widths: Sequence[float], iterations: int, *, far: bool = False
-) -> list[Stage]:
-    """Return the stages of one hop.
+@dataclass(frozen=True)
+class Hop:
+    """A way out of a basin."""
 
-    The first holds every limit: thrown into its limits, a motion has none near its bound, and
-    with few rows the solver runs out of all the others at once (measured). It is sharp from the
-    start, and does not lead far. A `far` hop has the stages of a start, from blunt to sharp, which
-    find other basins.
+    size: float
+    """Of the noise, in scaled variables."""
+    blunt: bool
+    """Whether it goes through all stages of a start, from blunt friction to sharp."""
+    barrier: float
+    """At the beginning of its first stage: the larger, the farther from its start it may end."""
+
+
+NEAR_HOPS = (Hop(0.1, blunt=False, barrier=0.01), Hop(0.15, blunt=False, barrier=0.01))
+FAR_HOPS = (Hop(0.2, blunt=True, barrier=0.1),)
+
+
+def hop_stages(
+    problem: DesignProblem, widths: Sequence[float], iterations: int, hop: Hop
+) -> list[Stage]:
+    """Return the stages of one hop: those of a start, with fewer iterations, or two sharp ones.
+
+    The first one holds every limit: thrown into its limits, a motion has none near its bound, and
+    with few rows the solver runs out of all the others at once (measured).
     """
     n, samples = problem.variables.harmonics, problem.cost.samples
-    coarse, fine = coarse_points(n), fine_points(n)
-    if far:
-        first, *others = continuation_stages(problem, widths, max(10, iterations // 2))
-        every = replace(first, harmonics=None, points=coarse, samples=min(samples, coarse))
-        return [every, *others]
-    thrown = Stage(
-        name="hop",
-        width=widths[-1],
-        level=problem.criterion.levels[-1],
-        samples=min(samples, coarse),
+    first, *others = continuation_stages(problem, widths, max(10, iterations // 2))
+    coarse = coarse_points(n)
+    thrown = replace(
+        first,
         points=coarse,
-        near=_EVERYTHING,
-        radius=_HOP_RADIUS,
-        iterations=max(10, 3 * iterations // 8),
+        samples=min(samples, coarse),
+        barrier=hop.barrier,
+        harmonics=None,
     )
-    settled = replace(
+    if hop.blunt:
+        return [thrown, *others]
+    last = others[-1]
+    sharp = replace(
         thrown,
-        name="sharp",
-        samples=min(samples, fine),
-        points=fine,
-        near=_NEAR,
-        radius=_RADIUS,
-        iterations=max(10, iterations // 2),
-        barrier=_SETTLED,
+        name="hop",
+        width=last.width,
+        level=last.level,
+        radius=_HOP_RADIUS,
+        criterion=None,
     )
-    return [thrown, settled]
+    return [sharp, last]
 
 
 def finish_stage(
@@ -151,5 +158,5 @@ def finish_stage(
         near=_FINISH_NEAR,
         radius=_FINISH_RADIUS,
         iterations=max(10, iterations // 4),
-        barrier=_NEARLY_THERE,
+        barrier=_SETTLED,
     )

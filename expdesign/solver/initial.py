@@ -17,8 +17,6 @@ _DECAY = 0.7
 _BISECTIONS = 16
 _LARGEST_SHARE = 4.0
 _INSIDE = 0.95
-_HOP_SIZES = (0.1, 0.15)
-_FAR_SIZES = (0.2,)
 _HOP_BISECTIONS = 12
 _HOP_INSIDE = 0.98
 
@@ -87,20 +85,13 @@ def largest(kept: Callable[[float], bool], low: float, high: float, steps: int) 
 
 
 def perturbed(
-    problem: DesignProblem,
-    origin: Array,
-    rng: np.random.Generator,
-    width: float,
-    *,
-    far: bool = False,
+    problem: DesignProblem, origin: Array, rng: np.random.Generator, width: float, size: float
 ) -> Array:
-    """Add normal noise to the scaled variables, then shrink the motion into its limits.
+    """Add normal noise of a size to the scaled variables, then shrink the motion into its limits.
 
-    Larger noise seldom leads anywhere better: 58 % of hops with 0.1 did, 6 % with 0.4.
     `origin` has scaled variables (z,); dry friction has a width in m/s.
     """
     variables = problem.variables
-    size = rng.choice(_FAR_SIZES if far else _HOP_SIZES)
     noise = rng.normal(size=(COORDINATES, variables.per_coordinate))
     table = origin[:-1].reshape(COORDINATES, -1) + size * noise
     lower, upper = variables.bounds()

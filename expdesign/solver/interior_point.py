@@ -13,10 +13,12 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from constraints.arrays import Array
 from expdesign.problem.design_problem import LimitedProgram, largest_excess
+from expdesign.problem.path_slope import LinearRows
 from expdesign.solver.barrier import Bounds, Pair
 from expdesign.solver.solution import FEASIBLE, WEIGHT, Report, Solution
 
@@ -38,14 +40,36 @@ _STILL, _ROUNDS = 2e-4, 5
 
 @dataclass(frozen=True)
 class _Point:
-    """Objective and bounded values at a point, with their derivatives."""
+    """Objective and bounded values at a point, with their derivatives.
+
+    What is bounded are some variables, whose own derivatives are one, and the rows.
+    """
 
     x: Array
     cost: float
     gradient: Array
     hessian: Array
     values: Array
-    jacobian: Array
+    variables: NDArray[np.intp]
+    rows: LinearRows
+
+    def moved(self, step: Array) -> Array:
+        """Return what a step changes the bounded values by."""
+        return np.concatenate([step[self.variables], self.rows.moved(step)])
+
+    def pulled(self, weights: Array) -> Array:
+        """Return the weighted sum of their gradients."""
+        own = len(self.variables)
+        pulled = self.rows.pulled(weights[own:])
+        pulled[self.variables] += weights[:own]
+        return pulled
+
+    def curvature(self, weights: Array) -> Array:
+        """Return the weighted sum of every gradient times itself, (z, z)."""
+        own = len(self.variables)
+        curvature = self.rows.curvature(weights[own:])
+        curvature[self.variables, self.variables] += weights[:own]
+        return curvature
 
 
 @dataclass
@@ -186,15 +210,15 @@ class _InteriorPoint:
                 np.full(x.size, np.nan),
                 np.full((x.size,) * 2, np.nan),
             )
-        rows, jacobian = self._program.rows_jacobian(x)
-        own = np.eye(x.size)[self._bounds.variables]
+        rows = self._program.linear_rows(x)
         return _Point(
             x,
             WEIGHT * cost,
             WEIGHT * gradient,
             WEIGHT * hessian,
-            self._with_rows(x, rows),
-            np.concatenate([own, jacobian]),
+            self._with_rows(x, rows.values),
+            self._bounds.variables,
+            rows,
         )
 
     def _error(self, point: _Point, slacks: Array, duals: _Duals, products: Array) -> float:
@@ -202,7 +226,7 @@ class _InteriorPoint:
         size = sum(float(np.sum(np.abs(part))) for part in multipliers)
         scale = max(100.0, size / max(1, 2 * len(duals.values))) / 100
         dual = (
-            point.gradient + point.jacobian.T @ duals.values,
+            point.gradient + point.pulled(duals.values),
             duals.upper - duals.lower - duals.values,
             products,
         )
@@ -222,15 +246,13 @@ class _InteriorPoint:
         curvature = duals.lower / gaps[0] + duals.upper / gaps[1]
         towards = duals.values + below - above
         apart = point.values - slacks
-        # A product with itself takes half the work of one of two matrices.
-        weighted = np.sqrt(curvature)[:, None] * point.jacobian
-        matrix = point.hessian + weighted.T @ weighted
+        matrix = point.hessian + point.curvature(curvature)
         matrix[np.diag_indices_from(matrix)] += self._curvature
-        right = -point.gradient - point.jacobian.T @ (duals.values + curvature * apart - towards)
+        right = -point.gradient - point.pulled(duals.values + curvature * apart - towards)
         if not (np.all(np.isfinite(matrix)) and np.all(np.isfinite(right))):
             return None
         x = _solved(matrix, right)
-        moved = point.jacobian @ x + apart
+        moved = point.moved(x) + apart
         values = curvature * moved - towards
         lower = below - duals.lower - duals.lower / gaps[0] * moved
         upper = above - duals.upper + duals.upper / gaps[1] * moved

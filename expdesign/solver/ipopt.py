@@ -100,8 +100,8 @@ def solve_with_ipopt(
     slopes = program.cost_gradient if quasi_newton else program.cost_derivatives
 
     def rows_jacobian(x: Array, _p: Array) -> list[Any]:
-        values, matrix = at("jac_g", x, program.rows_jacobian)
-        return [values, ca.DM(matrix)]
+        rows = at("jac_g", x, program.linear_rows)
+        return [rows.values, ca.DM(rows.jacobian())]
 
     def hessian(x: Array, _p: Array, weight: Array, _rows: Array) -> list[Any]:
         _, _, matrix = at("grad_f", x, program.cost_derivatives)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,6 +11,7 @@ from constraints.arrays import Array
 from expdesign.problem.design_problem import DesignProblem
 from expdesign.recheck.information import Evaluator
 from expdesign.solver.continuation import (
+    Hop,
     coarse_points,
     continuation_stages,
     finish_stage,
@@ -108,15 +109,16 @@ def refined_job(task: DesignTask, monitor: Monitor, begun: StartResult) -> Start
 
 
 def hop_job(
-    task: DesignTask, monitor: Monitor, index: int, origin: StartResult, far: bool
+    task: DesignTask, monitor: Monitor, index: int, origin: StartResult, kinds: Sequence[Hop]
 ) -> StartResult:
-    """Throw a motion out of its basin, and run the stages of a hop."""
+    """Throw a motion out of its basin by one of the kinds of hops, and run its stages."""
     problem, plan = task.problem, task.plan
     rng = _rng(plan.seed, index)
-    thrown = perturbed(problem, origin.variables, rng, plan.widths[-1], far=far)
+    hop = kinds[int(rng.integers(len(kinds)))]
+    thrown = perturbed(problem, origin.variables, rng, plan.widths[-1], hop.size)
     reached = run_stages(
         problem,
-        hop_stages(problem, plan.widths, plan.iterations, far=far),
+        hop_stages(problem, plan.widths, plan.iterations, hop),
         StartResult(index, "hop", thrown),
         monitor,
         screening=Screening(origin.stages),

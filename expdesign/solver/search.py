@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from operator import attrgetter
 
 from expdesign.configuration import ComputationError
+from expdesign.solver.continuation import FAR_HOPS, NEAR_HOPS
 from expdesign.solver.crew import Crew
 from expdesign.solver.finish import Finished
 from expdesign.solver.jobs import (
@@ -25,7 +26,7 @@ from expdesign.workers import Job, Monitor, StoppedError
 
 REFINED = 24
 """Starts that go on after the rough search, the best of all."""
-BREADTHS = (12, 6, 3)
+BREADTHS = (12, 6, 4)
 """From how many motions hops set out, the best, in the first part of all hops, the second, the
 third. Which of them hops bring farthest is not to be seen before some have been made (measured)."""
 FINISHED = 4
@@ -33,9 +34,8 @@ FINISHED = 4
 PROVED = 3
 """Finished motions that are proved, the best first, until one is."""
 NEAR = 3
-"""Hops near a motion, one after the other without a better one, before they lead far: then far
-ones gain three times as much (measured)."""
-PATIENCE = 40
+"""Hops near a motion, one after the other without a better one, before they lead far."""
+PATIENCE = 80
 """Hops without a better motion after which no more are made."""
 _BETTER = 1e-3
 """Difference in cost that counts: 0.1 % of D-efficiency."""
@@ -158,7 +158,10 @@ def _hopped(
         origins = best[: min(BREADTHS[part], plan.hops - len(made))]
         first = plan.starts + len(made) + 1
         jobs = [
-            Job(hop_job, (first + k, origin.start, origin.failed >= NEAR))
+            Job(
+                hop_job,
+                (first + k, origin.start, FAR_HOPS if origin.failed >= NEAR else NEAR_HOPS),
+            )
             for k, origin in enumerate(origins)
         ]
         results: list[StartResult] = list(crew.done(jobs, clock))

@@ -10,7 +10,7 @@ from typing import Any
 
 from expdesign.configuration import ComputationError
 from expdesign.workers.job import Job, Monitor
-from expdesign.workers.process import Answer, WorkerProcess, given_back, taken
+from expdesign.workers.process import Answer, WorkerProcess, any_idle, given_back, taken
 from expdesign.workers.served import ERROR, EVENT
 
 _POLL = 0.1
@@ -53,10 +53,10 @@ def run_jobs(
         What a job has raised.
     """
     recipe = pickle.dumps(build)
-    if min(workers, len(jobs)) > 1:
-        yield from _in_processes(
-            recipe, jobs, min(workers, len(jobs)), monitor, after_stop=after_stop
-        )
+    used = min(workers, len(jobs))
+    # One that is there already has built what the job needs, and this process has not.
+    if used > 1 or (used == 1 < workers and any_idle()):
+        yield from _in_processes(recipe, jobs, used, monitor, after_stop=after_stop)
         return
     for job in jobs:
         if monitor.stop_requested() and not after_stop:

@@ -128,6 +128,12 @@ def taken(count: int, answers: queue.Queue[tuple[WorkerProcess, Answer]]) -> lis
     return team
 
 
+def any_idle() -> bool:
+    """Tell whether there is a worker without a job."""
+    with _lock:
+        return any(worker.is_fit for worker in _idle)
+
+
 def given_back(workers: Iterable[WorkerProcess]) -> None:
     """Keep workers without a job for the next that has some."""
     for worker in workers:

@@ -168,11 +168,12 @@ def test_sensitivities_of_the_states(variables):
     rng = np.random.default_rng(2)
     values = np.append(rng.normal(size=42), 0.7)
     basis = PhaseBasis.at(np.linspace(0, 6, 5), 3)
-    identity = np.tile(np.eye(18), (5, 1))
-    slopes = variables.to_variables(values, basis, identity, np.repeat(np.arange(5), 18))
-    slopes = slopes.reshape(5, 18, 43)
+    slope = variables.slope(values, basis)
+    slopes = slope.carried(np.tile(np.eye(18), (5, 1, 1)))
     expected = _central(lambda x: variables.states(x, basis), values, h=1e-3)
     np.testing.assert_allclose(slopes, expected, rtol=1e-9, atol=1e-9)
+    step = np.random.default_rng(2).normal(size=43)
+    np.testing.assert_allclose(slope.moved(step), expected @ step, rtol=1e-9, atol=1e-8)
 
 
 @pytest.mark.parametrize("rows", [1, 4, 37])
@@ -181,10 +182,9 @@ def test_both_ways_to_carry_sensitivities_agree(rows, variables):
     values = np.append(rng.normal(size=42), 0.7)
     basis = PhaseBasis.at(rng.uniform(0, 6, 9), 3)
     sensitivities = rng.normal(size=(9, rows, 18))
-    instants = np.repeat(np.arange(9), rows)
-    one_by_one = variables.to_variables(values, basis, sensitivities.reshape(-1, 18), instants)
-    one_by_one = one_by_one.reshape(9, rows, 43)
-    summed = variables.accumulate(values, basis, sensitivities.transpose(0, 2, 1)).T
+    slope = variables.slope(values, basis)
+    one_by_one = slope.carried(sensitivities)
+    summed = slope.accumulated(sensitivities.transpose(0, 2, 1)).T
     np.testing.assert_allclose(summed, one_by_one.sum(axis=0), rtol=1e-11, atol=1e-11)
 
 
@@ -396,13 +396,29 @@ def test_jacobian_of_the_limits(program, points):
     program, mask = program
     assert np.count_nonzero(mask) == program.row_lower.size == program.row_upper.size
     for x in points:
-        values, jacobian = program.rows_jacobian(x)
+        rows = program.linear_rows(x)
+        values, jacobian = rows.values, rows.jacobian()
         assert jacobian.shape == (np.count_nonzero(mask), x.size)
         np.testing.assert_allclose(values, program.rows(x), rtol=1e-12, atol=1e-12)
         expected = _central(program.rows, x, h=1e-4)
         # Some rows are constant (a clearance next to the base): differences see their rounding.
         floor = 1e-4 * np.maximum(np.abs(values), 1)[:, None]
         _assert_close(jacobian, expected, 1e-6, floor)
+
+
+def test_products_with_the_jacobian_of_the_rows(program, points):
+    program, _ = program
+    rng = np.random.default_rng(0)
+    rows = program.linear_rows(points[0])
+    jacobian = rows.jacobian()
+    weights, step = rng.normal(size=len(jacobian)), rng.normal(size=jacobian.shape[1])
+    for found, expected in (
+        (rows.moved(step), jacobian @ step),
+        (rows.pulled(weights), jacobian.T @ weights),
+        (rows.curvature(weights), jacobian.T @ np.diag(weights) @ jacobian),
+    ):
+        size = np.max(np.abs(expected))
+        np.testing.assert_allclose(found, expected, rtol=1e-11, atol=1e-12 * size)
 
 
 def test_rows_are_the_limits_of_the_model(problem, program, points):
@@ -488,9 +504,10 @@ def test_trust_region(problem):
 def test_a_program_without_rows(problem, points):
     mask = np.zeros((3, problem.limits.scale.size), dtype=bool)
     program = _program(problem, np.arange(3.0), mask)
-    values, jacobian = program.rows_jacobian(points[0])
-    assert values.shape == program.rows(points[0]).shape == (0,)
-    assert jacobian.shape == (0, 31)
+    rows = program.linear_rows(points[0])
+    assert rows.values.shape == program.rows(points[0]).shape == (0,)
+    assert rows.jacobian().shape == (0, 31)
+    assert not np.any(rows.curvature(np.empty(0)))
     assert np.isfinite(program.cost(points[0]))
 
 
@@ -503,7 +520,7 @@ def test_a_robot_without_limits(points):
     assert problem.smooth_violations(points[0], np.arange(3.0), WIDTH).shape == (3, 0)
     assert np.all(problem.variables.scale > 0)
     program = _program(problem, np.arange(3.0), np.zeros((3, 0), dtype=bool))
-    assert program.rows_jacobian(points[0])[1].shape == (0, 31)
+    assert program.linear_rows(points[0]).jacobian().shape == (0, 31)
 
 
 # --- the statement --------------------------------------------------------------------------------

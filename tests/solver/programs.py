@@ -5,6 +5,25 @@ import numpy as np
 INF = np.inf
 
 
+class DenseRows:
+    """Rows about a point whose Jacobian is a matrix."""
+
+    def __init__(self, values, matrix):
+        self.values, self.matrix = values, matrix
+
+    def jacobian(self):
+        return self.matrix
+
+    def moved(self, step):
+        return self.matrix @ step
+
+    def pulled(self, weights):
+        return self.matrix.T @ weights
+
+    def curvature(self, weights):
+        return self.matrix.T @ (weights[:, None] * self.matrix)
+
+
 class Counted:
     """A program that counts its own calls."""
 
@@ -35,9 +54,9 @@ class Counted:
         self.calls["rows"] += 1
         return self.g(x)
 
-    def rows_jacobian(self, x):
+    def linear_rows(self, x):
         self.calls["jacobian"] += 1
-        return self.g(x), self.row_slopes(x)
+        return DenseRows(self.g(x), self.row_slopes(x))
 
 
 class Quadratic(Counted):

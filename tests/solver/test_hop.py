@@ -2,7 +2,12 @@ import numpy as np
 import pytest
 
 from expdesign.information.criteria import CRITERIA
-from expdesign.solver.continuation import continuation_stages, hop_stages
+from expdesign.solver.continuation import (
+    FAR_HOPS,
+    NEAR_HOPS,
+    continuation_stages,
+    hop_stages,
+)
 from expdesign.solver.initial import perturbed, random_start
 from expdesign.solver.stage import StageRecord
 from expdesign.solver.start import Screening
@@ -17,7 +22,7 @@ def origin(problem):
 
 @pytest.mark.parametrize("seed", range(6))
 def test_a_hop_keeps_the_limits_and_moves(problem, origin, seed):
-    x = perturbed(problem, origin, np.random.default_rng(seed), WIDTH)
+    x = perturbed(problem, origin, np.random.default_rng(seed), WIDTH, 0.15)
     assert x.shape == origin.shape
     phases = 2 * np.pi * np.arange(24) / 24
     assert np.max(problem.smooth_violations(x, phases, WIDTH)) <= 0
@@ -31,7 +36,7 @@ def test_a_hop_keeps_the_limits_and_moves(problem, origin, seed):
 def test_the_generator_decides_and_the_origin_stays(problem, origin):
     before = origin.copy()
     first, again, other = (
-        perturbed(problem, origin, np.random.default_rng(seed), WIDTH) for seed in (1, 1, 2)
+        perturbed(problem, origin, np.random.default_rng(seed), WIDTH, 0.15) for seed in (1, 1, 2)
     )
     np.testing.assert_array_equal(first, again)
     assert np.max(np.abs(first - other)) > 1e-3
@@ -42,7 +47,7 @@ def test_a_fixed_frequency_stays(problem, origin):
     omega = problem.variables.trajectory(origin).omega
     fixed = problem.with_variables(omega_bounds=(omega, omega))
     for seed in range(3):
-        x = perturbed(fixed, origin, np.random.default_rng(seed), WIDTH)
+        x = perturbed(fixed, origin, np.random.default_rng(seed), WIDTH, 0.15)
         assert fixed.variables.trajectory(x).omega == pytest.approx(omega, rel=1e-15)
 
 
@@ -95,9 +100,11 @@ def test_a_hops_last_stage_can_be_compared_with_a_starts(problem, harmonics, key
     """And with no other stage of a start: what a start is measured by is its last stage."""
     case = problem.with_criterion(CRITERIA[key]).with_variables(harmonics=harmonics)
     stages = continuation_stages(case, widths, 10)
-    settled = hop_stages(case, widths, 10)[-1]
-    for name in ("name", "width", "level", "samples", "points"):
-        assert getattr(settled, name) == getattr(stages[-1], name)
+    for hop in (*NEAR_HOPS, *FAR_HOPS):
+        first, *_, settled = hop_stages(case, widths, 10, hop)
+        for name in ("name", "width", "level", "samples", "points"):
+            assert getattr(settled, name) == getattr(stages[-1], name)
+        assert first.width == widths[0 if hop.blunt else -1]
     kinds = [(one.name, one.width, one.level, one.points) for one in stages]
     assert kinds.count(kinds[-1]) == 1
     assert stages[-1].points == 16 * harmonics + 20

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from expdesign.solver.continuation import FAR_HOPS, NEAR_HOPS
 from expdesign.solver.jobs import Candidate, hop_job, refined_job, rough_job
 from expdesign.solver.search import NoDesignError, search
 from expdesign.solver.start import GIVEN_UP
@@ -186,9 +187,9 @@ class Hops:
     def __init__(self, reached, objectives):
         self.reached, self.objectives, self.origins, self.far = reached, objectives, [], []
 
-    def __call__(self, _task, _monitor, index, origin, far):
+    def __call__(self, _task, _monitor, index, origin, kinds):
+        self.far.append(kinds is FAR_HOPS)
         self.origins.append((index, origin.index))
-        self.far.append(far)
         return self.reached(index, self.objectives.get(index, 1e3))
 
 
@@ -254,14 +255,15 @@ def test_a_hop_knows_its_origin_and_is_given_up(task, one_start):
     quick = dataclasses.replace(task, plan=dataclasses.replace(task.plan, iterations=4))
     start = one_start.starts[0]
     lax = dataclasses.replace(start, stages=())
-    hop, far = (hop_job(quick, Monitor(), 6, lax, far) for far in (False, True))
+    hop, far = (hop_job(quick, Monitor(), 6, lax, kinds) for kinds in (NEAR_HOPS, FAR_HOPS))
     assert (hop.kind, hop.index) == ("hop", 6)
     assert hop.usable
-    assert [stage.name for stage in far.stages] == [stage.name for stage in start.stages]
+    assert len(hop.stages) == 2
+    assert len(far.stages) == len(start.stages)
     assert np.max(np.abs(far.variables - hop.variables)) > 1e-3
     out_of_reach = tuple(dataclasses.replace(one, objective=-1e9) for one in start.stages)
     behind = dataclasses.replace(start, stages=out_of_reach)
-    given_up = hop_job(quick, Monitor(), 6, behind, far=False)
+    given_up = hop_job(quick, Monitor(), 6, behind, NEAR_HOPS)
     assert not given_up.usable
     assert given_up.status == GIVEN_UP
     assert given_up.rank < hop.rank
@@ -282,7 +284,7 @@ def test_a_start_goes_on_where_its_rough_search_ended(task, one_start):
 def test_starts_and_hops_in_other_processes_are_the_same(build, tiny_result):
     make = build(design={"max_iterations": 2})
     first = rough_job(make(), Monitor(), 7)
-    jobs = [Job(hop_job, (6, tiny_result.search.best, True)), Job(refined_job, (first,))]
+    jobs = [Job(hop_job, (6, tiny_result.search.best, FAR_HOPS)), Job(refined_job, (first,))]
     one, two = (list(run_jobs(make, jobs, workers, Monitor())) for workers in (1, 2))
     for a, b in zip(one, two, strict=True):
         np.testing.assert_array_equal(a.variables, b.variables)

@@ -93,9 +93,17 @@ def test_no_jobs(workers):
     assert list(run_jobs(build, [], workers, Recorder())) == []
 
 
-def test_one_job_stays_in_this_process():
-    ((_, process, *_),) = run_jobs(build, [Job(sleeper, (0, 0.0))], 2, Recorder())
-    assert process == os.getpid()
+def test_one_job_goes_to_a_worker_only_where_one_is_there(monkeypatch):
+    monkeypatch.setattr("expdesign.workers.process._idle", [])
+
+    def places(count, workers=2):
+        jobs = [Job(sleeper, (k, 0.2)) for k in range(count)]
+        return {process for _, process, *_ in run_jobs(build, jobs, workers, Recorder())}
+
+    assert places(1) == {os.getpid()}
+    others = places(2)
+    assert places(1) < others
+    assert places(1, workers=1) == {os.getpid()}
 
 
 @pytest.mark.parametrize("workers", WORKERS)

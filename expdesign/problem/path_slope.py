@@ -1,0 +1,127 @@
+"""How the states along a path follow from its variables, and the rows of a program from those.
+
+The variables of a coordinate move it alone, by the same basis as the other coordinates'; the last
+variable (ω of a series, the duration of a ramp) moves all. What is taken through this structure
+costs a part of what the dense Jacobian (r, z) would.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from constraints.arrays import Array, Mask
+from expdesign.mechanism.hexapod import COORDINATES
+
+
+@dataclass(frozen=True)
+class PathSlope:
+    """Derivatives of the states at K points to the variables (z,), z = 6 v + 1.
+
+    States are a coordinate's D derivatives in time, beginning with itself, (K, 6 D), six side by
+    side.
+    """
+
+    basis: Array
+    """(K, D, v), derivatives of a coordinate over its scale to its own variables."""
+    scale: Array
+    """(6,), m, rad."""
+    drift: Array
+    """(K, D, 6), derivatives of the states to the last variable."""
+
+    @property
+    def size(self) -> int:
+        """Number z of variables."""
+        return COORDINATES * self.basis.shape[2] + 1
+
+    def part(self, points: slice | NDArray[np.intp]) -> PathSlope:
+        """Return the derivatives at some of the points."""
+        return replace(self, basis=self.basis[points], drift=self.drift[points])
+
+    def moved(self, step: Array) -> Array:
+        """Return what a step (z,) of the variables changes the states by, (K, 6 D)."""
+        table = step[:-1].reshape(COORDINATES, -1) * self.scale[:, None]
+        change = self.basis @ table.T + self.drift * step[-1]
+        return change.reshape(len(change), -1)
+
+    def carried(self, slopes: Array) -> Array:
+        """Carry derivatives (K, q, 6 D) to the states over to the variables: (K, q, z)."""
+        points, rows, width = slopes.shape
+        _, derivatives, own = self.basis.shape
+        split = slopes.reshape(points, rows, derivatives, COORDINATES).transpose(0, 1, 3, 2)
+        linear = split.reshape(points, rows * COORDINATES, derivatives) @ self.basis
+        carried = np.empty((points, rows, self.size))
+        np.multiply(
+            linear.reshape(points, rows, COORDINATES, own),
+            self.scale[:, None],
+            out=carried[..., :-1].reshape(points, rows, COORDINATES, own, copy=False),
+        )
+        carried[..., -1] = (slopes @ self.drift.reshape(points, width, 1))[..., 0]
+        return carried
+
+    def accumulated(self, sensitivities: Array) -> Array:
+        """Carry sensitivities over, summed over the points.
+
+        (K, 6 D, q), the states before the quantities, become (z, q): that way nothing is copied.
+        """
+        quantities, own = sensitivities.shape[2], self.basis.shape[2]
+        split = sensitivities.reshape(self.drift.size // COORDINATES, COORDINATES, quantities)
+        found = np.zeros((self.size, quantities))
+        blocks = found[:-1].reshape(COORDINATES, own, quantities)
+        for coordinate, steps in enumerate(self._stacked):
+            both = steps @ split[:, coordinate]
+            blocks[coordinate] = both[:-1]
+            found[-1] += both[-1]
+        return found
+
+    @cached_property
+    def _stacked(self) -> Array:
+        """(6, v + 1, K D), derivatives to a coordinate's own variables, then to the last one."""
+        own = self.basis.reshape(-1, self.basis.shape[2])
+        stacked = np.empty((COORDINATES, own.shape[1] + 1, len(own)))
+        np.multiply(own.T, self.scale[:, None, None], out=stacked[:, :-1])
+        stacked[:, -1] = self.drift.reshape(-1, COORDINATES).T
+        return stacked
+
+
+@dataclass(frozen=True)
+class LinearRows:
+    """The r rows of a program about a point: their values, and products with their Jacobian J."""
+
+    values: Array
+    """(r,)."""
+    path: PathSlope
+    slopes: Array
+    """(K, c, 6 D), derivatives of c quantities to the states at every point."""
+    mask: Mask
+    """(K, c), which of them are rows."""
+
+    def jacobian(self) -> Array:
+        """Return J, (r, z)."""
+        at = np.nonzero(self.mask)[0]
+        return self.path.part(at).carried(self.slopes[self.mask][:, None])[:, 0]
+
+    def moved(self, step: Array) -> Array:
+        """Return J s, (r,), of a step (z,)."""
+        states = self.path.moved(step)
+        return np.asarray((self.slopes @ states[:, :, None])[..., 0][self.mask])
+
+    def pulled(self, weights: Array) -> Array:
+        """Return Jᵀ w, (z,), of weights (r,)."""
+        by_state = self._spread(weights)[:, None] @ self.slopes
+        return self.path.accumulated(by_state.transpose(0, 2, 1))[:, 0]
+
+    def curvature(self, weights: Array) -> Array:
+        """Return Jᵀ diag(w) J, (z, z), of weights (r,)."""
+        weighted = self.slopes * self._spread(weights)[:, :, None]
+        by_state = weighted.transpose(0, 2, 1) @ self.slopes
+        return self.path.accumulated(self.path.carried(by_state))
+
+    def _spread(self, weights: Array) -> Array:
+        """Return weights as (K, c); zero where there is no row."""
+        spread = np.zeros(self.mask.shape)
+        spread[self.mask] = weights
+        return spread
