@@ -27,6 +27,7 @@ from benchmarks.studies import (
     ratio_text,
     sampled_experiment,
     study_folder,
+    summary,  # noqa: F401 - what runs benchmarks asks for it here
     unbiased,
 )
 from estimation.identification.estimate import parameter_knowledge, run_estimators

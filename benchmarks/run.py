@@ -62,10 +62,11 @@ def _wanted(words: list[str], parser: argparse.ArgumentParser) -> list[tuple[str
     """Return benchmarks with their sections, None for those that have none."""
     chosen: list[tuple[str, list[str]]] = []
     for word in words:
-        if word in NAMES:
-            chosen.append((word, []))
-        elif chosen and word in _sections(chosen[-1][0]):
+        # Of a word that is both, the section of the benchmark before it is meant.
+        if chosen and word in _sections(chosen[-1][0]):
             chosen[-1][1].append(word)
+        elif word in NAMES:
+            chosen.append((word, []))
         else:
             known = f"; its sections are {', '.join(_sections(chosen[-1][0]))}" if chosen else ""
             parser.error(f"unknown benchmark '{word}'; there are {', '.join(NAMES)}{known}")

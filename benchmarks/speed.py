@@ -53,7 +53,11 @@ class Version:
         with tempfile.TemporaryFile() as output:
             began = time.perf_counter()
             process = subprocess.Popen(
-                [str(part) for part in command], env=environment, stdout=output, stderr=output
+                [str(part) for part in command],
+                env=environment,
+                cwd=self.folder,  # Python looks there first for what it runs
+                stdout=output,
+                stderr=output,
             )
             _, status, used = os.wait4(process.pid, 0)
             seconds = time.perf_counter() - began

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Annotated, Any, Self
 
 import numpy as np
+import scipy
 from pydantic import Field, model_serializer
-from scipy import stats
 
 from constraints.arrays import Array
 from estimation.diagnostics.cause import Cause
@@ -108,7 +108,7 @@ class CauseResult:
     def of(cls, test: CauseTest, beside: Conditional) -> Self:
         """State a test."""
         cause = test.cause
-        far = stats.norm.isf(np.exp(test.limit) / 2) + stats.norm.ppf(POWER)
+        far = scipy.stats.norm.isf(np.exp(test.limit) / 2) + scipy.stats.norm.ppf(POWER)
         rows = []
         own = slice(test.first, test.first + cause.columns.count)
         information = np.where(beside.seen[own], np.diag(beside.information)[own], np.nan)

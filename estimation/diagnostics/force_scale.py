@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import stats
 
 from constraints.arrays import Array
 from estimation.diagnostics.finding import listed
@@ -56,7 +56,7 @@ class ForceScale:
         if factor > 0 and not far and _unit_of(size) is None:
             return None
         gaps = np.abs(values - expected)[alike] / std[alike]
-        return cls(factor, alike, float(stats.norm.sf(np.min(gaps))))
+        return cls(factor, alike, float(scipy.stats.norm.sf(np.min(gaps))))
 
     def where(self, names: tuple[str, ...]) -> str:
         """Return the parameters in words."""

@@ -17,8 +17,8 @@ from dataclasses import dataclass, field
 from typing import Annotated
 
 import numpy as np
+import scipy
 from pydantic import Field
-from scipy import stats
 
 from constraints.arrays import Array
 from estimation.diagnostics.channel_test import LACK_OF_FIT, ChannelTest, OfEach, no_numbers
@@ -66,7 +66,7 @@ def chi_square(residuals: Array, counts: Array, law: ResidualLaw) -> ChiSquare:
     if law.noise.includes_model_error:
         refused = "the noise comes from these residuals: their χ² says nothing"
     elif not np.isfinite(law.noise.freedom):
-        upper, lower = stats.chi2.sf(value, freedom), stats.chi2.cdf(value, freedom)
+        upper, lower = scipy.stats.chi2.sf(value, freedom), scipy.stats.chi2.cdf(value, freedom)
     else:
         p, h, nu = channels, freedom / channels, law.noise.freedom
         big = (nu + h - p - 1) * (nu - 1) / ((nu - p - 3) * (nu - p))
@@ -75,7 +75,7 @@ def chi_square(residuals: Array, counts: Array, law: ResidualLaw) -> ChiSquare:
         c = a * (b - 2) / (b * (nu - p - 1))
         f = value / nu / c
         ratio = value / (nu * p * h / (nu - p - 1))
-        upper, lower = stats.f.sf(f, a, b), stats.f.cdf(f, a, b)
+        upper, lower = scipy.stats.f.sf(f, a, b), scipy.stats.f.cdf(f, a, b)
     return ChiSquare(value, freedom, ratio, float(upper), float(lower), refused)
 
 

@@ -6,7 +6,7 @@ import textwrap
 from pathlib import Path
 
 import numpy as np
-from scipy import stats
+import scipy
 
 from constraints.arrays import Array
 from estimation.diagnostics.noise_density import NoiseDensity
@@ -71,7 +71,7 @@ def noise_block(noise: NoiseFile, densities: dict[str, NoiseDensity]) -> str:
 def _correlation(kind: str, covariance: Array, freedom: float) -> list[str]:
     correlation = correlation_of(covariance)
     upper = np.abs(correlation[np.triu_indices(len(correlation), 1)])
-    seen = stats.norm.isf(_LEVEL / len(upper) / 2) / np.sqrt(freedom)
+    seen = scipy.stats.norm.isf(_LEVEL / len(upper) / 2) / np.sqrt(freedom)
     if np.max(upper) <= max(seen, _NOTICEABLE):
         return []
     # Rounding must leave it positive definite.

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Annotated, Self
 
 import numpy as np
-from scipy import stats
+import scipy
 
 from constraints.arrays import Array, ComplexArray
 from estimation.processing import Channels
@@ -66,7 +66,7 @@ class NoiseDensity:
         """Return lower and upper ends of the densities' 95 % intervals, (K, 6) each."""
         freedom = np.where(self.freedom > 0, self.freedom, np.inf)[:, None]
         with np.errstate(invalid="ignore"):
-            ends = [freedom / stats.chi2.isf(p, freedom) for p in (0.025, 0.975)]
+            ends = [freedom / scipy.stats.chi2.isf(p, freedom) for p in (0.025, 0.975)]
         low, high = (np.where(np.isfinite(freedom), end, 1.0) for end in ends)
         return self.density * low, self.density * high
 

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
+import scipy
 from pydantic import BeforeValidator
-from scipy import stats
 
 from constraints.arrays import Array
 from estimation.diagnostics.finding import Finding
@@ -115,9 +115,9 @@ class Quantiles:
         rank = np.unique(np.concatenate([tail, middle, count - 1 - tail]))
         centred = samples - samples.mean(axis=0)
         return cls(
-            stats.norm.ppf((rank + 0.5) / count),
-            stats.norm.ppf(stats.beta.ppf(0.025, rank + 1, count - rank)),
-            stats.norm.ppf(stats.beta.ppf(0.975, rank + 1, count - rank)),
+            scipy.stats.norm.ppf((rank + 0.5) / count),
+            scipy.stats.norm.ppf(scipy.stats.beta.ppf(0.025, rank + 1, count - rank)),
+            scipy.stats.norm.ppf(scipy.stats.beta.ppf(0.975, rank + 1, count - rank)),
             np.sort(centred / centred.std(axis=0, ddof=1), axis=0)[rank],
         )
 

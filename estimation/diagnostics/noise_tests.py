@@ -14,9 +14,9 @@ from dataclasses import dataclass, field
 from typing import Annotated
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 from pydantic import Field
-from scipy import stats
 
 from constraints.arrays import Array
 from estimation.diagnostics.channel_test import NOISE, ChannelTest, OfEach, below_level, no_numbers
@@ -83,7 +83,7 @@ def whiteness(
         correlation[:, lag - 1] = products / pairs
         normalised[:, lag - 1] = products / np.sqrt(pairs)
     statistic = np.max(np.abs(normalised), axis=1)
-    p_values = np.minimum(1.0, 2 * lags * stats.norm.sf(statistic))
+    p_values = np.minimum(1.0, 2 * lags * scipy.stats.norm.sf(statistic))
     return Whiteness(
         lags=lags,
         autocorrelation=correlation,
@@ -137,19 +137,19 @@ def normality(values: Array, level: float = NOISE) -> Normality:
     scale = np.median(centred, axis=(0, 1)) / NORMAL_MEDIAN
     far = centred > _FAR * np.where(scale > 0, scale, np.inf)
     outliers = np.count_nonzero(np.any(far, axis=0), axis=0)
-    chance = -np.expm1(len(values) * np.log1p(-2 * stats.norm.sf(_FAR)))
+    chance = -np.expm1(len(values) * np.log1p(-2 * scipy.stats.norm.sf(_FAR)))
     expected = float(values.shape[1] * chance)
-    test = stats.normaltest(samples, axis=0)
+    test = scipy.stats.normaltest(samples, axis=0)
     return Normality(
         mean=samples.mean(axis=0),
         std=samples.std(axis=0, ddof=1),
-        skewness=stats.skew(samples, axis=0),
-        kurtosis=stats.kurtosis(samples, axis=0),
+        skewness=scipy.stats.skew(samples, axis=0),
+        kurtosis=scipy.stats.kurtosis(samples, axis=0),
         statistic=np.asarray(test.statistic),
         p_values=np.asarray(test.pvalue),
         outliers=outliers,
         outliers_expected=expected,
-        outlier_p_values=stats.poisson.sf(outliers - 1, expected),
+        outlier_p_values=scipy.stats.poisson.sf(outliers - 1, expected),
         samples=len(samples),
         level=level,
     )
@@ -210,7 +210,7 @@ def drift(values: Array, block: NDArray[np.intp], phases: int, level: float = NO
         std_error=np.sqrt(variance * (1 - 1 / count) / sizes.mean()),
         slope=number @ centred / np.sum(number**2),
         statistic=statistic,
-        p_values=stats.f.sf(statistic, count - 1, freedom),
+        p_values=scipy.stats.f.sf(statistic, count - 1, freedom),
         level=level,
     )
 

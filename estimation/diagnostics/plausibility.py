@@ -6,8 +6,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import stats
+from scipy.special import ndtr
 
 from estimation.diagnostics.finding import Assumption, Finding, listed
 from estimation.diagnostics.force_scale import ForceScale
@@ -27,7 +28,7 @@ SIGMAS = 3.0
 
 _OF_BODIES = {"kg": 0, "kg m": 1, "kg m^2": 2}
 """Unit → power of the length."""
-_LEVEL = float(stats.norm.sf(SIGMAS))
+_LEVEL = float(ndtr(-SIGMAS))
 _TOLD = 4
 
 _PLAUSIBLE = Assumption(
@@ -120,7 +121,7 @@ def _single(
         size = max(mass * length ** _OF_BODIES.get(parameter.unit, 0), *alike)
         freedom = float(estimate.freedom[k])
         found = [
-            _Doubt(parameter.name, sentence, float(stats.t.sf(gap / std, freedom)))
+            _Doubt(parameter.name, sentence, float(scipy.stats.t.sf(gap / std, freedom)))
             for gap, sentence in _gaps(
                 parameter, float(estimate.values[k]), std, robot.parameters[k], size
             )
@@ -204,11 +205,15 @@ def _lump(
     free = np.diag(estimate.covariance)[places] > 0
     freedom = float(np.min(estimate.freedom[places][free]))
     sigmas = -float(slope @ values) / np.sqrt(variance)
-    p = float(stats.t.sf(sigmas, freedom))
+    p = float(scipy.stats.t.sf(sigmas, freedom))
     if len(whole) > 1:
         rank = np.count_nonzero(free)
         # F with endless freedom below is chi-square.
-        law = stats.chi2(rank) if np.isinf(freedom) else stats.f(rank, freedom, scale=rank)
+        law = (
+            scipy.stats.chi2(rank)
+            if np.isinf(freedom)
+            else scipy.stats.f(rank, freedom, scale=rank)
+        )
         p = float(law.sf(sigmas**2))
     first, last = lump.parameters[0], lump.parameters[-1]
     which = f"{first} … {last}" if len(lump.parameters) > _TOLD else listed(lump.parameters)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
-from scipy import stats
+import scipy
 
 from constraints.arrays import Array
 from estimation.diagnostics.linearisation import Linearisation
@@ -105,4 +105,4 @@ def _binned(over: Array, forces: Array, weights: Array) -> Array:
     total = np.bincount(bins, weights, count)[used]
     centres = np.bincount(bins, weights * over, count)[used] / total
     means = np.bincount(bins, weights * forces, count)[used] / total
-    return np.stack([centres, means, stats.norm.ppf(0.975) / np.sqrt(total)], axis=1)
+    return np.stack([centres, means, scipy.stats.norm.ppf(0.975) / np.sqrt(total)], axis=1)

@@ -9,7 +9,7 @@ quadratic forms by Kuonen (Biometrika 86, 1999), has relative errors of about a 
 from __future__ import annotations
 
 import numpy as np
-from scipy import stats
+import scipy
 from scipy.optimize import brentq
 from scipy.special import gammaln
 
@@ -23,10 +23,10 @@ _NEAR_MEAN = 1e-2
 def log_two_sided(values: Array, freedom: float) -> Array:
     """Return log P(|t| > |value|) for Student's t, or the normal one for infinite freedom."""
     size = np.abs(values)
-    normal = np.log(2) + stats.norm.logsf(size)
+    normal = np.log(2) + scipy.stats.norm.logsf(size)
     if not np.isfinite(freedom):
         return normal
-    direct = 2 * stats.t.sf(size, freedom)
+    direct = 2 * scipy.stats.t.sf(size, freedom)
     # Beyond what numbers hold, the leading term of the tail.
     far = np.log(2 / np.sqrt(2 * np.pi)) - np.log(np.maximum(size, 1.0))
     far = far - 0.5 * freedom * np.log1p(size**2 / freedom)
@@ -47,10 +47,10 @@ def log_tail(statistic: Array, count: Array, freedom: float) -> Array:
     """
     half = np.asarray(count) / 2
     if np.isfinite(freedom):
-        direct = stats.f.sf(statistic / (2 * half), 2 * half, freedom)
+        direct = scipy.stats.f.sf(statistic / (2 * half), 2 * half, freedom)
         size = freedom * np.log1p(statistic / freedom) / 2
     else:
-        direct, size = stats.chi2.sf(statistic, 2 * half), np.asarray(statistic) / 2
+        direct, size = scipy.stats.chi2.sf(statistic, 2 * half), np.asarray(statistic) / 2
     # Beyond what numbers hold, the leading term of the tail.
     far = (half - 1) * np.log(np.maximum(size, 1.0)) - size - gammaln(half)
     return np.where(direct > _SMALLEST, np.log(np.maximum(direct, _SMALLEST)), far)
@@ -98,6 +98,6 @@ def ratio_tail(value: float, weights: Array, freedom: float) -> float:
     w = np.sign(point) * np.sqrt(max(-2 * cumulant, 0.0))
     if abs(w) < _NEAR_MEAN:
         third = 8 * (counts @ terms**3) + (0.0 if known else 8 * freedom * below**3)
-        return float(stats.norm.sf(w + third / (6 * curvature**1.5)))
+        return float(scipy.stats.norm.sf(w + third / (6 * curvature**1.5)))
     v = point * np.sqrt(curvature)
-    return float(np.clip(stats.norm.sf(w + np.log(v / w) / w), 0.0, 1.0))
+    return float(np.clip(scipy.stats.norm.sf(w + np.log(v / w) / w), 0.0, 1.0))

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy import stats
+import scipy
 
 from constraints.arrays import Array
 from estimation.estimators.influence import Covariance, Influence, difference_covariance
@@ -53,7 +53,7 @@ class ParameterEstimate:
         """Return the parameter whose variance colour raises most, its ratio, and its p."""
         k = int(np.argmax(self.colour))
         ratio, freedom = float(self.colour[k]), float(self.freedom[k])
-        p = float(stats.chi2.sf(ratio * freedom, freedom)) if np.isfinite(freedom) else 1.0
+        p = float(scipy.stats.chi2.sf(ratio * freedom, freedom)) if np.isfinite(freedom) else 1.0
         return k, ratio, min(1.0, len(self.values) * p)
 
     @property

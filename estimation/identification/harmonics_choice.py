@@ -18,9 +18,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 import scipy.linalg as sla
 from numpy.typing import NDArray
-from scipy import stats
 
 from constraints.arrays import Array
 from estimation.diagnostics.tails import ratio_tail
@@ -146,7 +146,7 @@ class _Series:
         if not len(gains):
             return self.least
         cheapest = int(np.argmin(np.cumsum(np.append(0.0, _PER_UNKNOWN * _UNKNOWNS - gains))))
-        single = stats.chi2.sf(gains, _UNKNOWNS) < _FAMILY_LEVEL / len(gains)
+        single = scipy.stats.chi2.sf(gains, _UNKNOWNS) < _FAMILY_LEVEL / len(gains)
         return self.least + max([cheapest, *(np.flatnonzero(single) + 1).tolist()])
 
     def contradicted(self, harmonics: int) -> bool:

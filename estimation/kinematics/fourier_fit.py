@@ -19,8 +19,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 import scipy.linalg as sla
-from scipy import stats
 
 from constraints.arrays import Array, ComplexArray
 from estimation.measurement_model import HarmonicMotion, predict_lengths
@@ -249,7 +249,7 @@ def _highest_needed(fit: MotionFit, least: int, level: float) -> int:
         amplitudes = fit.motion.table.ravel()[places]
         block = fit.covariance[np.ix_(places, places)]
         statistic = float(amplitudes @ np.linalg.solve(block, amplitudes))
-        if stats.chi2.sf(statistic, len(places)) < level:
+        if scipy.stats.chi2.sf(statistic, len(places)) < level:
             return harmonic
     return least
 
@@ -296,7 +296,7 @@ def _p_values(
         else:
             normal = turned(harmonic)
         statistic = float(right @ np.linalg.solve(normal, right))
-        values.append(float(stats.chi2.sf(statistic, len(right))))
+        values.append(float(scipy.stats.chi2.sf(statistic, len(right))))
     return np.array(values)
 
 

@@ -11,8 +11,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import signal
 
 from constraints.arrays import Array
 from estimation.kinematics.fourier_fit import MotionFitError
@@ -70,8 +70,8 @@ def pointwise_motion(
     pad = count if wrap else 0
     extended = np.concatenate([poses[count - pad :], poses, poses[:pad]]) if wrap else poses
     if cutoff is not None:
-        sections = signal.butter(_FILTER_ORDER, cutoff, fs=1 / record.step, output="sos")
-        extended = signal.sosfiltfilt(sections, extended, axis=0)
+        sections = scipy.signal.butter(_FILTER_ORDER, cutoff, fs=1 / record.step, output="sos")
+        extended = scipy.signal.sosfiltfilt(sections, extended, axis=0)
     rate = (extended[2:] - extended[:-2]) / (2 * record.step)
     acceleration = (extended[2:] - 2 * extended[1:-1] + extended[:-2]) / record.step**2
     state = np.concatenate([extended[1:-1], rate, acceleration], axis=1)

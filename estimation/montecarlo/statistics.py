@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
-from scipy import stats
+import scipy
 
 from constraints.arrays import Array
 from estimation.uncertainty.intervals import LEVEL
@@ -164,15 +164,15 @@ def share_interval(share: float, trials: float) -> tuple[float, float]:
     tail = (1 - LEVEL) / 2
     hits = share * trials
     misses = trials - hits
-    low = stats.beta.ppf(tail, hits, misses + 1) if hits > 0 else 0.0
-    high = stats.beta.ppf(1 - tail, hits + 1, misses) if misses > 0 else 1.0
+    low = scipy.stats.beta.ppf(tail, hits, misses + 1) if hits > 0 else 0.0
+    high = scipy.stats.beta.ppf(1 - tail, hits + 1, misses) if misses > 0 else 1.0
     return float(low), float(high)
 
 
 def _root_interval(root: float, freedom: float) -> tuple[float, float]:
     """Return the 95 % interval of a root mean square with so many degrees of freedom."""
     tail = (1 - LEVEL) / 2
-    quantiles = stats.chi2.ppf([1 - tail, tail], freedom)
+    quantiles = scipy.stats.chi2.ppf([1 - tail, tail], freedom)
     low, high = root * np.sqrt(freedom / quantiles)
     return float(low), float(high)
 

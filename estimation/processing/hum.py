@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+import scipy
 from scipy.optimize import minimize_scalar
 
 from constraints.arrays import Array, ComplexArray
@@ -103,8 +103,8 @@ def find_hum(periods: Array, step: float, spectrum: ComplexArray, freedom: float
         peaks.append((float(statistic[top]), float(grid[top]), local))
         largest = max(largest, float(statistic[top]))
     freedoms = (2 * channels, freedom)
-    critical = float(stats.f.isf(HUM / max(tried, 1), *freedoms))
-    p = min(1.0, tried * float(stats.f.sf(largest, *freedoms))) if tried else 1.0
+    critical = float(scipy.stats.f.isf(HUM / max(tried, 1), *freedoms))
+    p = min(1.0, tried * float(scipy.stats.f.sf(largest, *freedoms))) if tried else 1.0
     reach = 1 / (_OVERSAMPLING * count * samples * step)
     lines = tuple(
         local.line(frequency, reach, step) for value, frequency, local in peaks if value > critical

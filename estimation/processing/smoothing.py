@@ -15,8 +15,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 import scipy.linalg as sla
-from scipy import stats
 
 from constraints.arrays import Array, ComplexArray, Mask
 from estimation.processing.noise_lines import NoiseLines
@@ -182,8 +182,8 @@ def _own_size(lines: NoiseLines, spectrum: ComplexArray, freedom: Array) -> Arra
     level = _STANDING_OUT / count / 2
     each = _diagonal(lines.matrices) / _diagonal(spectrum)
     whole = np.einsum("lii->l", np.linalg.solve(spectrum, lines.matrices)).real / channels
-    line_out = stats.f.sf(whole, channels * doubled, 2 * freedom) < level
-    channel_out = stats.f.sf(each, doubled[:, None], 2 * freedom[:, None]) < level / channels
+    line_out = scipy.stats.f.sf(whole, channels * doubled, 2 * freedom) < level
+    channel_out = scipy.stats.f.sf(each, doubled[:, None], 2 * freedom[:, None]) < level / channels
     size = np.where(line_out[:, None], whole[:, None], 1.0)
     if lines.freedom < _FEWEST_CONTRASTS:
         return np.sqrt(size)

@@ -15,7 +15,7 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from scipy import stats
+import scipy
 
 from constraints.arrays import Array, Mask
 from estimation.data.measurement import Measurement
@@ -289,7 +289,7 @@ def bias_bound(parameters: int, experiments: int) -> float:
     the parameters is beyond the bound then has a probability of at most `FAMILY_LEVEL`, whatever
     their correlation (Bonferroni).
     """
-    return float(stats.t.isf(FAMILY_LEVEL / (2 * parameters), experiments - 1))
+    return float(scipy.stats.t.isf(FAMILY_LEVEL / (2 * parameters), experiments - 1))
 
 
 def bias_claim(

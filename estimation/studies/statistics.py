@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy import special, stats
+import scipy
+from scipy import special
 
 from constraints.arrays import Array
 from estimation.montecarlo.statistics import share_interval
@@ -97,7 +98,7 @@ def mean_difference(first: Array, second: Array) -> Differences:
     std = np.sqrt(variances[0] + variances[1])
     z = difference / std
     welch = std**4 / sum(v**2 / nu for v, nu in zip(variances, freedoms, strict=True))
-    p_values = holm(2 * stats.t.sf(np.abs(z), welch))
+    p_values = holm(2 * scipy.stats.t.sf(np.abs(z), welch))
     root = np.linalg.inv(np.linalg.cholesky(total))
     size = len(difference)
     scaled = [root @ part @ root.T for part in parts]
@@ -107,5 +108,5 @@ def mean_difference(first: Array, second: Array) -> Differences:
     )
     statistic = float(np.sum((root @ difference) ** 2))
     rest = joint - size + 1
-    p_joint = float(stats.f.sf(statistic * rest / (joint * size), size, rest))
+    p_joint = float(scipy.stats.f.sf(statistic * rest / (joint * size), size, rest))
     return Differences(difference, std, z, p_values, statistic, size, p_joint)

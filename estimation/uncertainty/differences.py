@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import stats
 
 from constraints.arrays import Array
 
@@ -89,7 +89,7 @@ def difference_test(
     std = np.sqrt(np.where(judged, variance, np.nan))
     z = difference / std
     p_values = np.full(difference.size, np.nan)
-    p_values[judged] = holm(2 * stats.norm.sf(np.abs(z[judged])))
+    p_values[judged] = holm(2 * scipy.stats.norm.sf(np.abs(z[judged])))
     statistic, freedom, p_joint = 0.0, 0.0, float("nan")
     if np.any(judged):
         unit = std[judged] if own is None else np.sqrt(np.diag(own)[judged])
@@ -105,7 +105,7 @@ def difference_test(
         size, square = float(np.sum(shares)), float(np.sum(shares**2))
         if square > 0:
             statistic = float(np.sum(along**2 / np.maximum(values, least))) * size / square
-            p_joint = float(stats.chi2.sf(statistic, size**2 / square))
+            p_joint = float(scipy.stats.chi2.sf(statistic, size**2 / square))
             freedom = size**2 / square if np.any(told) else 0.0
     return Differences(difference, std, z, p_values, statistic, freedom, p_joint)
 

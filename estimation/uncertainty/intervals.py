@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Annotated, Any
 
 import numpy as np
+import scipy
 from pydantic import model_serializer
-from scipy import stats
 
 from constraints.arrays import Array
 from estimation.estimators import Knowledge, ParameterEstimate
@@ -103,8 +103,8 @@ def interval_widths(freedom: Array) -> Array:
     """Return half the widths of 95 % intervals in standard deviations of so much freedom."""
     tail = 0.5 + LEVEL / 2
     known = np.isinf(freedom)
-    student = stats.t.ppf(tail, np.where(known, 1.0, freedom))
-    return np.where(known, stats.norm.ppf(tail), student)
+    student = scipy.stats.t.ppf(tail, np.where(known, 1.0, freedom))
+    return np.where(known, scipy.stats.norm.ppf(tail), student)
 
 
 def correlation(covariance: Array) -> Array:

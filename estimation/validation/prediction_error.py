@@ -19,7 +19,8 @@ from enum import StrEnum
 from typing import Annotated
 
 import numpy as np
-from scipy import stats
+import scipy
+from scipy.special import ndtri
 
 from constraints.arrays import Array
 from estimation.diagnostics.channel_test import LACK_OF_FIT
@@ -31,7 +32,7 @@ from expdesign.noise.fourier_lines import lines_of, multiplicity
 from expdesign.robot import Robot
 from expdesign.runfolder import OpenNumber, described
 
-_SIDES = float(stats.norm.ppf(0.975))
+_SIDES = float(ndtri(0.975))
 """Of a 95 % interval, in standard deviations."""
 
 _FOUND = 0.9
@@ -94,7 +95,7 @@ def _of_actuator(
     rows = len(residuals)
     rms = np.sqrt(np.maximum([spread.excess(residuals), low, high], 0.0) / rows)
     # Simultaneous over all phases.
-    reach = float(stats.norm.ppf(1 - 0.025 / rows)) * np.sqrt(spread.variances)
+    reach = float(scipy.stats.norm.ppf(1 - 0.025 / rows)) * np.sqrt(spread.variances)
     kept, allowed = Kept.UNKNOWN, np.nan
     if tolerance is not None:
         allowed = tolerance.force(span)
@@ -216,7 +217,7 @@ class _Spread:
 
     def detectable(self) -> float:
         """Return the Σ b² that the test of one actuator finds with the probability stated."""
-        level = float(stats.norm.isf(LACK_OF_FIT / ACTUATORS)) * np.sqrt(self.uncertainty)
-        z, slope = float(stats.norm.ppf(_FOUND)), self.squares / max(self.trace, 1e-300)
+        level = float(scipy.stats.norm.isf(LACK_OF_FIT / ACTUATORS)) * np.sqrt(self.uncertainty)
+        z, slope = float(scipy.stats.norm.ppf(_FOUND)), self.squares / max(self.trace, 1e-300)
         middle = level + 2 * z**2 * slope
         return float(middle + np.sqrt(middle**2 - level**2 + z**2 * self.uncertainty))

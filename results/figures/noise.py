@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from scipy import stats
 
 from constraints.arrays import Array
 from estimation.diagnostics.noise_record import NoisePictures, NoiseRecord, correlation_of
@@ -43,7 +43,7 @@ def noise_distribution_figure(figure: Figure, pictures: NoisePictures) -> None:
             linewidth=0,
         )
         grid = np.linspace(-reach, reach, 400)
-        curve = stats.norm.pdf(grid, test.mean[j], test.std[j])
+        curve = scipy.stats.norm.pdf(grid, test.mean[j], test.std[j])
         axes.plot(grid, curve, color=INK, linewidth=1.0)
         axes.set_xlim(-reach, reach)
         axes.grid(visible=False, axis="x")

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import scipy
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from scipy import stats
 
 from constraints.arrays import Array
 from estimation.studies.design_study import DesignStudy, rigid_body, shown_kinematics
@@ -204,7 +204,7 @@ def distributions_figure(figure: Figure, study: DesignStudy) -> None:
             axes.hist(values, bins=_BINS, density=True, color=colour, alpha=0.22, linewidth=0)
             axes.plot(
                 grid,
-                stats.norm.pdf(grid, values.mean(), values.std(ddof=1)),
+                scipy.stats.norm.pdf(grid, values.mean(), values.std(ddof=1)),
                 color=colour,
                 label=f"criterion '{trial.criterion}'",
             )
