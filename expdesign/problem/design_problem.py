@@ -185,12 +185,15 @@ class LimitedProgram:
         """Return the scaled limit rows with their derivatives."""
         states = self._path.states(x, self._points)
         values, slopes = self._limits.smooth_slopes(states, self._width)
+        # Nothing is computed of quantities without any row; where one of the others is no row, it
+        # need not even be a number.
+        mask = self._mask[:, self._used]
+        scaled = slopes[:, self._used] / self._limits.scale[self._used, None]
         return LinearRows(
             values[self._mask] / self._scale,
             self._path.slope(x, self._points),
-            # Of quantities without a row nowhere nothing is computed.
-            slopes[:, self._used] / self._limits.scale[self._used, None],
-            self._mask[:, self._used],
+            np.where(mask[:, :, None], scaled, 0.0),
+            mask,
         )
 
     def excess(self, x: Array) -> float:

@@ -45,7 +45,7 @@ class PathSlope:
         """Return what a step (z,) of the variables changes the states by, (K, 6 D)."""
         table = step[:-1].reshape(COORDINATES, -1) * self.scale[:, None]
         change = self.basis @ table.T + self.drift * step[-1]
-        return change.reshape(len(change), -1)
+        return change.reshape(len(change), change.shape[1] * COORDINATES)
 
     def carried(self, slopes: Array) -> Array:
         """Carry derivatives (K, q, 6 D) to the states over to the variables: (K, q, z)."""
@@ -95,7 +95,8 @@ class LinearRows:
     """(r,)."""
     path: PathSlope
     slopes: Array
-    """(K, c, 6 D), derivatives of c quantities to the states at every point."""
+    """(K, c, 6 D), derivatives of c quantities to the states at every point; zero where there is no
+    row."""
     mask: Mask
     """(K, c), which of them are rows."""
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from operator import attrgetter
 
 from expdesign.configuration import ComputationError
+from expdesign.progress import tell
 from expdesign.solver.continuation import FAR_HOPS, NEAR_HOPS
 from expdesign.solver.crew import Crew
 from expdesign.solver.finish import Finished
@@ -208,6 +209,7 @@ def _proved(crew: Crew, tried: Sequence[Candidate], monitor: Monitor) -> Candida
     Where there is none, the best of those that were looked at.
     """
     seen: list[Candidate] = []
+    tell("proving the limits")
     for candidate in sorted(tried, key=_rank, reverse=True)[:PROVED]:
         job = Job(proof_job, (candidate.start.index, candidate.finished))
         ((merit, finished),) = crew.done([job], monitor, after_stop=True)

@@ -144,10 +144,6 @@ class PhaseBasis:
             np.concatenate([zero, -(orders**2) * sin, -(orders**2) * cos], axis=1),
         )
 
-    def part(self, points: slice) -> PhaseBasis:
-        """Return the basis at some of its phases."""
-        return PhaseBasis(self.value[points], self.first[points], self.second[points])
-
     def samples(self, table: Array, omega: float) -> PoseSamples:
         """Return the motion at ω of centre and displacement amplitudes, (6, 2 n + 1): m, rad."""
         return PoseSamples(

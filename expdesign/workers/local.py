@@ -54,7 +54,7 @@ def run_jobs(
     """
     recipe = pickle.dumps(build)
     used = min(workers, len(jobs))
-    # One that is there already has built what the job needs, and this process has not.
+    # One that is there already may have built what the job needs.
     if used > 1 or (used == 1 < workers and any_idle()):
         yield from _in_processes(recipe, jobs, used, monitor, after_stop=after_stop)
         return

@@ -18,6 +18,7 @@ from expdesign.problem.design_problem import build_problem
 from expdesign.problem.variables import DesignVariables
 from expdesign.recheck.information import Evaluator
 from expdesign.robot import load_robot, robot_from
+from expdesign.solver.interior_point import solve_by_interior_point
 from expdesign.trajectory import FourierTrajectory, PhaseBasis
 
 HARMONICS, SAMPLES = 2, 24
@@ -421,6 +422,26 @@ def test_products_with_the_jacobian_of_the_rows(program, points):
         np.testing.assert_allclose(found, expected, rtol=1e-11, atol=1e-12 * size)
 
 
+def test_what_is_no_row_need_not_be_a_number(problem, points, monkeypatch):
+    phases = np.array([0.2, 1.0, 2.9])
+    mask = np.zeros((3, problem.limits.scale.size), dtype=bool)
+    mask[0, 0] = mask[1, 1] = True
+    program = _program(problem, phases, mask)
+    x = points[0]
+    expected = program.linear_rows(x)
+    slopes = type(problem.limits).smooth_slopes
+
+    def with_gaps(limits, states, width):
+        values, found = slopes(limits, states, width)
+        found[0, 1], found[1, 0] = np.nan, np.inf
+        return values, found
+
+    monkeypatch.setattr(type(problem.limits), "smooth_slopes", with_gaps)
+    rows, weights = program.linear_rows(x), np.array([2.0, 3.0])
+    np.testing.assert_array_equal(rows.curvature(weights), expected.curvature(weights))
+    np.testing.assert_array_equal(rows.pulled(weights), expected.pulled(weights))
+
+
 def test_rows_are_the_limits_of_the_model(problem, program, points):
     """For a tiny width the smooth rows are the transforms of what users read."""
     phases = np.array([0.2, 1.0, 2.9])
@@ -507,7 +528,11 @@ def test_a_program_without_rows(problem, points):
     rows = program.linear_rows(points[0])
     assert rows.values.shape == program.rows(points[0]).shape == (0,)
     assert rows.jacobian().shape == (0, 31)
+    assert rows.moved(points[0]).shape == (0,)
+    assert not np.any(rows.pulled(np.empty(0)))
     assert not np.any(rows.curvature(np.empty(0)))
+    solved = solve_by_interior_point(program, points[0], most=3)
+    assert np.all(np.isfinite(solved.x))
     assert np.isfinite(program.cost(points[0]))
 
 

@@ -14,6 +14,7 @@ from threadpoolctl import threadpool_info
 from expdesign.interruption import ENDING
 from expdesign.solver.stage import SearchEvent
 from expdesign.workers import Job, Monitor, WorkerDiedError, run_jobs
+from expdesign.workers import process as process_module
 
 WORKERS = (1, 2)
 
@@ -94,16 +95,20 @@ def test_no_jobs(workers):
 
 
 def test_one_job_goes_to_a_worker_only_where_one_is_there(monkeypatch):
-    monkeypatch.setattr("expdesign.workers.process._idle", [])
+    monkeypatch.setattr(process_module, "_idle", [])
 
     def places(count, workers=2):
         jobs = [Job(sleeper, (k, 0.2)) for k in range(count)]
         return {process for _, process, *_ in run_jobs(build, jobs, workers, Recorder())}
 
-    assert places(1) == {os.getpid()}
-    others = places(2)
-    assert places(1) < others
-    assert places(1, workers=1) == {os.getpid()}
+    try:
+        assert places(1) == {os.getpid()}
+        others = places(2)
+        assert places(1) < others
+        assert places(1, workers=1) == {os.getpid()}
+    finally:
+        for worker in process_module._idle:
+            worker.end()
 
 
 @pytest.mark.parametrize("workers", WORKERS)
