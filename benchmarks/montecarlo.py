@@ -27,7 +27,7 @@ from benchmarks.studies import (
     ratio_text,
     sampled_experiment,
     study_folder,
-    summary,  # noqa: F401 - what runs benchmarks asks for it here
+    summary,
     unbiased,
 )
 from estimation.identification.estimate import parameter_knowledge, run_estimators
@@ -39,6 +39,8 @@ from expdesign.configuration import load_run
 from expdesign.robot import robot_from
 from results.figures.drawing import save_figures
 from results.figures.montecarlo import bias_figure
+
+__all__ = ["SECTIONS", "TITLE", "rows", "summary"]
 
 TITLE = "Monte-Carlo study"
 
