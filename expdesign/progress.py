@@ -1,20 +1,23 @@
 """What a computation is at, told to whoever listens.
 
 As with logging, who computes does not know who listens: `tell` costs next to nothing when nobody
-does. What a worker process tells stays in it, but for the events of its jobs.
+does. What a worker process tells stays in it, but for the events of its jobs: these may be what is
+told, for `passed_on`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from contextvars import ContextVar
+from contextvars import ContextVar, copy_context
 from typing import TypeVar
 
 T = TypeVar("T")
 
+Told = tuple[str, int, int]
+"""What is being done now, how many of its steps are done, and of how many; 0: not known."""
 Listener = Callable[[str, int, int], None]
-"""Takes what is being done now, how many of its steps are done, and of how many; 0: not known."""
+"""Takes the same."""
 
 _listener: ContextVar[Listener | None] = ContextVar("listener", default=None)
 _parts: ContextVar[tuple[str, ...]] = ContextVar("parts", default=())
@@ -46,9 +49,16 @@ def part(name: str) -> Iterator[None]:
 
 @contextmanager
 def told_to(listener: Listener) -> Iterator[None]:
-    """Let a listener take what is told within this."""
-    before = _listener.set(listener)
+    """Let a listener take what is told within this, without the parts around it."""
+    listening, parts = _listener.set(listener), _parts.set(())
     try:
         yield
     finally:
-        _listener.reset(before)
+        _listener.reset(listening)
+        _parts.reset(parts)
+
+
+def passed_on() -> Callable[[Told], None]:
+    """Return what tells here what another thread or process is at."""
+    context = copy_context()
+    return lambda told: context.run(tell, *told)

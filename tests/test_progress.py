@@ -2,7 +2,7 @@
 
 import threading
 
-from expdesign.progress import part, tell, told, told_to
+from expdesign.progress import part, passed_on, tell, told, told_to
 
 
 def test_nobody_has_to_listen():
@@ -45,3 +45,18 @@ def test_the_listener_before_hears_again_and_other_threads_are_not_heard():
         thread.join()
         tell("two")
     assert (outer, inner) == (["two"], ["one"])
+
+
+def test_what_another_thread_is_at_is_heard_where_it_is_passed_on():
+    heard = []
+
+    def work(report):
+        with told_to(lambda *told: report(told)), part("file"):
+            tell("rows", 1, 2)
+
+    with told_to(lambda *one: heard.append(one)), part("table"):
+        thread = threading.Thread(target=work, args=(passed_on(),))
+        thread.start()
+        thread.join()
+        work(passed_on())
+    assert heard == [("table: file: rows", 1, 2)] * 2

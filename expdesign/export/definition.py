@@ -239,6 +239,11 @@ class Settings:
         return [self.number(value) for value in values]
 
 
+def rounded(times: Array, digits: int) -> Array:
+    """Return times (N,), s, with these digits after the decimal point."""
+    return np.round(times, digits)
+
+
 @dataclass(frozen=True)
 class TableFormat:
     """A file format for controller tables; digits, units and names of axes are defaults."""

@@ -26,11 +26,12 @@ from expdesign.export.read_back import ReadBack, read_back
 from expdesign.export.row_times import chosen_times, ideal_rows, whole_motion
 from expdesign.export.text_table import write_lines
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES, POSE
-from expdesign.progress import tell
+from expdesign.progress import part, tell, told_to
 from expdesign.robot import Robot
 from expdesign.runfolder.atomic import naming
 from expdesign.runfolder.leftovers import remove_leftovers, temporary_prefix
 from expdesign.runfolder.manifest import file_hash
+from expdesign.workers import Monitor
 
 TOLERANCES = {
     Interpolation.LINEAR: 10e-6,
@@ -63,6 +64,11 @@ class ExportError(ComputationError):
             f"{name}: {'; '.join(check.failures)}. The file was not kept{advice}.",
             {"failures": list(check.failures)},
         )
+        self._made_of = name, check, settings
+
+    def __reduce__(self) -> tuple[type[ExportError], tuple[str, ReadBack, Settings]]:
+        """Be made again from the same: it comes from worker processes, too."""
+        return type(self), self._made_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,6 +178,20 @@ def export_table(
             # Of the table that stood here before.
             path.with_name(f"{path.stem}{ending}").unlink(missing_ok=True)
     return Export(path, digest, settings, check, places)
+
+
+def export_job(
+    task: Task, monitor: Monitor, section: ExportSection, path: Path, place: str, name: str
+) -> Export | InputError | ComputationError:
+    """Do `export_table` in a worker process; report what is told meanwhile, under a name.
+
+    Why there is no table is returned: those of other jobs are written all the same.
+    """
+    with told_to(lambda *told: monitor.report(told)), part(name):
+        try:
+            return export_table(section, task, path, place)
+        except (InputError, ComputationError) as error:
+            return error
 
 
 def _write_beside(path: Path, rows: Rows, settings: Settings) -> dict[str, Path]:

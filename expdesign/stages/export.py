@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from copy import copy
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from constraints.arrays import Array
-from expdesign.configuration import ExportSection, InputError, RunConfiguration
+from expdesign.configuration import (
+    ComputationError,
+    ExportSection,
+    InputError,
+    RunConfiguration,
+)
 from expdesign.experiment.design import judged_parameters
 from expdesign.export.definition import Task
 from expdesign.export.exporting import (
     Export,
+    export_job,
     export_table,
     file_name,
     refuse_missing_library,
@@ -31,15 +40,17 @@ from expdesign.export.record import (
 from expdesign.motion.executable import ExecutableMotion
 from expdesign.motion.limits import check_motion, has_enclosure
 from expdesign.motion.planning import executable_motion
-from expdesign.progress import part, tell
+from expdesign.progress import part, passed_on, tell
 from expdesign.robot import robot_from
 from expdesign.runfolder.atomic import write_text
+from expdesign.runfolder.leftovers import remove_leftovers
 from expdesign.runfolder.manifest import package_versions, text_hash
 from expdesign.stages.folder import refuse_unwritable
 from expdesign.stages.outcome import Outcome, short
 from expdesign.stages.record import added_to, clear_outdated, keep_configuration, sections_text
 from expdesign.stages.workspace import Workspace, trajectory_text
 from expdesign.trajectory import FourierTrajectory
+from expdesign.workers import Job, Monitor, run_jobs
 
 NAME = "export"
 README = "README.txt"
@@ -63,21 +74,43 @@ def perform(work: Workspace) -> Outcome:
     files = _described_files(before, motion, own, work)
     places = target / RECORD, target / README
     described = _describe(ExportsRecord(motion, files), *places) if files else ()
-    made = []
-    for number, section in enumerate(sections, start=1):
-        path = target / file_name(section)
-        with part(f"{path.name}, table {number} of {len(sections)}"):
-            made.append(export_table(section, task, path, f"export[{number}]"))
-        # After each: when the next one fails, this one is not without its description, and
+    made, refused = [], list[Exception]()
+    for one in _exported(task, sections, target, configuration.run.workers or 1):
+        if isinstance(one, Exception):
+            refused.append(one)
+            continue
+        made.append(one)
+        # After each: when another one fails, this one is not without its description, and
         # `expdesign export` does not replace it by one with the options of an earlier run.
-        files[path.name] = FileEntry.of(made[-1])
+        files[one.path.name] = FileEntry.of(one)
         described = _describe(ExportsRecord(motion, files), *places)
         keep_configuration(configuration, work.folder)
+    if refused:
+        for error in refused[1:]:
+            work.progress.warn(f"failed, too: {error}")
+        raise refused[0]
     return Outcome(
         result=made,
         files=(*(path for one in made for path in (one.path, *one.beside)), *described),
         summary=_summary(motion, made),
     )
+
+
+def _exported(
+    task: Task, sections: Sequence[ExportSection], target: Path, workers: int
+) -> Iterator[Export | InputError | ComputationError]:
+    """Yield the tables in their order, which worker processes write, or why there is none."""
+    jobs = [
+        Job(export_job, (section, target / name, f"export[{k}]", f"{name}, table {k} of {count}"))
+        for count in [len(sections)]
+        for k, section in enumerate(sections, start=1)
+        for name in [file_name(section)]
+    ]
+    try:
+        yield from run_jobs(partial(copy, task), jobs, workers, Monitor(report=passed_on()))
+    finally:
+        # Of a worker that was ended in the midst of a table.
+        remove_leftovers(target)
 
 
 def export_one(section: ExportSection, work: Workspace, out: Path | None) -> Outcome:

@@ -471,12 +471,33 @@ def measured_run(file, options):
     return file
 
 
-def test_a_table_of_the_stage_is_described_though_the_next_one_fails(expdesign, folder, run_file):
+def test_tables_do_not_depend_on_the_number_of_workers(expdesign, folder, run_file):
+    wanted = [{"format": "xps-pvt", **GIVEN}, {"format": "linuxcnc-strut", **COARSE}]
+    measured, found = folder.parent / "measured.csv", {}
+    measured.write_text("t\n")  # so that `experiment` simulates nothing
+    for workers in (1, 2):
+        more = {"data": {"file": str(measured)}, "workers": workers}
+        file = run_file(wanted)
+        file.write_text(json.dumps(json.loads(file.read_text()) | more))
+        place = folder.with_name(f"by{workers}")
+        shutil.copytree(folder, place)
+        status, _, messages = expdesign("run", file, "--out", place)
+        assert status == 0, messages
+        # Nothing hidden is left behind either.
+        found[workers] = {path.name: path.read_bytes() for path in (place / "exports").iterdir()}
+    assert found[1] == found[2]
+    assert sorted(found[2]) == ["README.txt", "exports.json", "linuxcnc-strut.txt", "xps-pvt.trj"]
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_table_of_the_stage_is_described_though_the_next_one_fails(
+    workers, expdesign, folder, run_file
+):
     mine = {"format": "xps-pvt", "units": "mm", **GIVEN}
     file = run_file([mine, {"format": "csv", "segment": "80 ms"}])
     measured = folder.parent / "measured.csv"
     measured.write_text("t\n")
-    data = json.loads(file.read_text()) | {"data": {"file": str(measured)}}
+    data = json.loads(file.read_text()) | {"data": {"file": str(measured)}, "workers": workers}
     file.write_text(json.dumps(data))
     command = ("export", folder, "--format", "xps-pvt")
     assert expdesign(*command, "--units", "um", *BY_HAND)[0] == 0

@@ -9,8 +9,10 @@ from ruamel.yaml import YAML
 from scipy.spatial.transform import Rotation
 
 from expdesign.configuration import ExportSection
+from expdesign.export.definition import LENGTH_UNITS, Interpolation
 from expdesign.export.exporting import ExportError, export_table, file_name
 from expdesign.export.formats import table_formats
+from expdesign.export.row_times import SHARE, STEPS
 from expdesign.mechanism.rotation import rotation_matrix
 from tests.export import reading
 from tests.export.motions import CASES, task
@@ -25,9 +27,9 @@ POSE_MM = np.repeat([MM, DEG], 3)
 # options, reader, axes' units for m and rad, half a unit of the last digit
 EXPORTS = {
     "xps-pvt": ({}, reading.xps, STRUT_MM, 0.5e-8),
-    "pmac-pvt": (GIVEN, reading.pmac, STRUT_MM, 0.5e-6),
-    "pmac-pvt pose": (GIVEN | {"space": "pose"}, reading.pmac, POSE_MM, 0.5e-6),
-    "pvt-csv": (GIVEN, reading.zaber, STRUT_MM, 0.5e-6),
+    "pmac-pvt": (GIVEN, reading.pmac, STRUT_MM, 0.5e-8),
+    "pmac-pvt pose": (GIVEN | {"space": "pose"}, reading.pmac, POSE_MM, 0.5e-8),
+    "pvt-csv": (GIVEN, reading.zaber, STRUT_MM, 0.5e-8),
     # Longer lines break limits.
     "linuxcnc-gcode": ({"segment": 2e-3, "tolerance": "50 um"}, reading.gcode, POSE_MM, 0.5e-6),
     "linuxcnc-strut": (UNIFORM, reading.rows_alone(STEP), STRUT_MM, 0.5e-6),
@@ -35,7 +37,7 @@ EXPORTS = {
     "csv": (UNIFORM, reading.csv, np.ones(6), 1e-12),
     "mat": (UNIFORM, reading.mat, STRUT_MM, 1e-9),
     "mat pose": (UNIFORM | {"space": "pose"}, reading.mat, POSE_MM, 1e-9),
-    "ros2": ({}, reading.joint_yaml, np.ones(6), 0.5e-9),
+    "ros2": ({}, reading.joint_yaml, np.ones(6), 0.5e-11),
     "ros2 mcap": (GIVEN | {"encoding": "mcap"}, reading.joint_bag, np.ones(6), 1e-12),
 }
 
@@ -65,6 +67,15 @@ def designed(key, work, times):
 
 CHECKED = ("xps-pvt", "ros2", "linuxcnc-gcode")
 """Formats of which it is tested what the check says: PVT, a message, and line segments."""
+
+
+def test_rounding_moves_no_acceleration_even_where_rows_are_closest():
+    largest = 30.0  # m/s², as of a strut
+    for name, form in table_formats().items():
+        if form.interpolation is not Interpolation.LINEAR and form.digits is not None:
+            apart = 0.5 * 10.0**-form.digits / LENGTH_UNITS["mm"]
+            # Of a Hermite cubic both of whose ends are off by that, in opposite directions.
+            assert 12 * apart / min(STEPS) ** 2 <= SHARE * 2 * largest / 10, name
 
 
 def test_all_formats_are_here():

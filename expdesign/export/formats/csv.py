@@ -5,21 +5,18 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 
 from expdesign.export.definition import Interpolation, Rows, Settings, TableFormat
 from expdesign.export.row_times import COLUMNS
-from expdesign.export.text_table import lines_after, numbers
+from expdesign.export.text_table import lines_after, numbers, write_lines
 from expdesign.mechanism.hexapod import numbered
 
 _HEADER = [f"{column.name} [{column.unit}]" for column in COLUMNS]
 
 
 def _write(path: Path, rows: Rows, _settings: Settings) -> None:
-    table = pd.DataFrame(
-        {head: rows.record[column.name] for head, column in zip(_HEADER, COLUMNS, strict=True)}
-    )
-    table.to_csv(path, index=False, lineterminator="\n")
+    table = np.column_stack([rows.record[column.name] for column in COLUMNS]).tolist()
+    write_lines(path, [",".join(_HEADER), *(",".join(map(repr, row)) for row in table)])
 
 
 def _read(path: Path, _settings: Settings) -> Rows:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from expdesign.export.definition import (
     TableError,
     TableFormat,
     edge_rows,
+    rounded,
 )
 from expdesign.export.text_table import lines, number, refuse_motion_at_end, write_lines
 from expdesign.export.trigger import switched_at, switching
@@ -120,8 +122,9 @@ FORMAT = TableFormat(
         "further (Isx50 as it is). For a table of poses the coordinate system needs your "
         "kinematic programs."
     ),
+    digits=8,
     axes={"strut": LETTERS, "pose": LETTERS},
-    written_times=lambda times: np.round(times, _TIME_DIGITS),
+    written_times=partial(rounded, digits=_TIME_DIGITS),
     trigger=(
         "M{number} is 1 from {on} s to {off} s after the start, else 0: it is assigned (==) when "
         "the move at that time begins. Let M{number} point to a digital output, as the suggested "

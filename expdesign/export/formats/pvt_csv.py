@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from expdesign.export.definition import Interpolation, Rows, Settings, TableError, TableFormat
+from expdesign.export.definition import (
+    Interpolation,
+    Rows,
+    Settings,
+    TableError,
+    TableFormat,
+    rounded,
+)
 from expdesign.export.text_table import lines_after, numbers, refuse_motion_at_end, write_lines
 from expdesign.mechanism.hexapod import ACTUATORS, numbered
 
@@ -53,5 +61,6 @@ FORMAT = TableFormat(
         "row."
     ),
     axes={"strut": numbered("S")},
-    written_times=lambda times: np.round(times, _TIME_DIGITS),
+    digits=8,
+    written_times=partial(rounded, digits=_TIME_DIGITS),
 )

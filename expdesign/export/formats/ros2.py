@@ -8,6 +8,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass, replace
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -24,6 +25,7 @@ from expdesign.export.definition import (
     Settings,
     TableError,
     TableFormat,
+    rounded,
 )
 from expdesign.export.ros_messages import (
     FRAME,
@@ -217,5 +219,6 @@ FORMAT = TableFormat(
     units="m",
     angles="rad",
     axes={"strut": numbered("strut_"), "pose": POSE_AXES},
-    written_times=lambda times: np.round(times, _TIME_DIGITS),
+    digits=8,
+    written_times=partial(rounded, digits=_TIME_DIGITS),
 )

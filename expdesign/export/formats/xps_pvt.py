@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from expdesign.export.definition import (
     Settings,
     TableError,
     TableFormat,
+    rounded,
 )
 from expdesign.export.text_table import lines, numbers, refuse_motion_at_end, write_lines
 from expdesign.export.trigger import switched_at, switching
@@ -105,7 +107,7 @@ FORMAT = TableFormat(
     ),
     digits=8,
     axes={"strut": numbered("S"), "pose": POSE_AXES},
-    written_times=lambda times: np.round(times, _TIME_DIGITS),
+    written_times=partial(rounded, digits=_TIME_DIGITS),
     trigger=(
         "Output {number} of GPIO1 is on from {on} s to {off} s after the start, switched by two "
         "events that {beside} has. Send its lines to the controller before every execution, with "
