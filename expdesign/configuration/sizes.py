@@ -105,11 +105,10 @@ STUDY_ESTIMATES = Size("estimates of a study", 1000)
 def design_samples(harmonics: int) -> Size:
     """Return the size of the samples of a design with so many harmonics.
 
-    Each has twenty points in the recheck; and rows of limits in the problem, with a derivative to
-    every variable.
+    Each has rows of limits in the problem, with a derivative to every variable.
     """
     variables = 2 * COORDINATES * harmonics + COORDINATES + 1
-    return Size(f"samples with {harmonics} harmonics", 60_000 + 2200 * variables)
+    return Size(f"samples with {harmonics} harmonics", 50_000 + 2200 * variables)
 
 
 def oversized(run: RunDescription, document: Document) -> Iterator[Problem]:
