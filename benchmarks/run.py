@@ -31,6 +31,7 @@ NAMES = (
     "departures",
     "multibody",
     "tolerances",
+    "constants",
     "calls",
     "screws",
     "imported",

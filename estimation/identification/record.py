@@ -19,6 +19,7 @@ from estimation.identification.budget_record import (
     budget_rows,
     deviation_rows,
 )
+from estimation.identification.constants_record import ConstantRow, constant_rows
 from estimation.identification.estimate_file import EstimateFile
 from estimation.identification.identified_robot import FILE as IDENTIFIED_ROBOT
 from estimation.identification.identified_robot import identified_robot
@@ -130,6 +131,7 @@ class EstimateRecord(FolderRecord):
         "precision": RowTable("tables/precision.csv", _WRITTEN_BY, PrecisionRow),
         "budget": RowTable("tables/budget.csv", _WRITTEN_BY, BudgetRow),
         "deviations": RowTable("tables/deviations.csv", _WRITTEN_BY, DeviationRow),
+        "constants": RowTable("tables/constants.csv", _WRITTEN_BY, ConstantRow),
         "noise": RowTable("tables/noise.csv", _WRITTEN_BY, NoiseRow),
         "rows": ESTIMATES,
     }
@@ -188,7 +190,8 @@ class EstimateRecord(FolderRecord):
     def contents(self) -> Contents:
         """Yield the tables, with those of each recording before the estimates themselves."""
         exact = () if self.budget else (self.TABLES["budget"], self.TABLES["deviations"])
-        unsaid = (*exact, ESTIMATES)
+        known = () if self.constants else (self.TABLES["constants"],)
+        unsaid = (*exact, *known, ESTIMATES)
         yield from ((table, part) for table, part in super().contents() if table not in unsaid)
         numbers = self.summary.numbers
         for n, motion in self.motions.items():
@@ -255,7 +258,7 @@ class EstimateRecord(FolderRecord):
         return [
             row
             for estimator, entry in self.summary.estimators.items()
-            if entry.systematic is not None
+            if entry.systematic is not None and entry.systematic.groups
             for row in budget_rows(estimator, names, entry.covariance, entry.systematic)
         ]
 
@@ -267,6 +270,15 @@ class EstimateRecord(FolderRecord):
             for estimator, entry in self.summary.estimators.items()
             if entry.systematic is not None
             for row in deviation_rows(estimator, entry.systematic)
+        ]
+
+    @property
+    def constants(self) -> list[ConstantRow]:
+        """Constants of terms that were estimated; empty where none was."""
+        return [
+            row
+            for estimator, entry in self.summary.estimators.items()
+            for row in constant_rows(estimator, entry.constants)
         ]
 
     @property

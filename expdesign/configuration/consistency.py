@@ -27,6 +27,7 @@ def inconsistencies(
     yield from _unknown_spectrum(run, robot, document)
     yield from _long_delay(run, document)
     yield from _nothing_to_estimate(run, robot, document)
+    yield from _unfitted_constants(run, robot, document)
 
 
 def _unknown_parameters(
@@ -142,4 +143,18 @@ def _nothing_to_estimate(
             "only maximum likelihood estimates what has a tolerance, and estimate.estimators "
             "does not name ml",
             "budget or none; or ml among estimate.estimators",
+        )
+
+
+def _unfitted_constants(
+    run: RunDescription, robot: ResolvedRobot, document: Document
+) -> Iterator[Problem]:
+    """Name a differentiation along which no constant of a term is estimated."""
+    named = ", ".join(robot.estimated_constants)
+    if named and run.estimate.differentiation != "fourier":
+        yield document.problem(
+            ("estimate", "differentiation"),
+            f"the robot {robot.name} has {named} estimated, which takes a motion that is a Fourier "
+            f"series; '{run.estimate.differentiation}' differentiation has none",
+            "fourier, or estimate: false with the constants",
         )
