@@ -12,6 +12,7 @@ from expdesign.configuration.problem import Problem, nearest
 from expdesign.configuration.robot import ResolvedRobot
 from expdesign.configuration.run import RunDescription
 from expdesign.configuration.sizes import PERIOD_ROWS, oversized
+from expdesign.mechanism.catalogue import TERMS
 
 _ROUNDING = 1e-12
 _LEAST_HARMONICS_AT_REST = 2
@@ -27,6 +28,7 @@ def inconsistencies(
     yield from _unknown_spectrum(run, robot, document)
     yield from _long_delay(run, document)
     yield from _nothing_to_estimate(run, robot, document)
+    yield from _nothing_to_select(run, robot, document)
 
 
 def _unknown_parameters(
@@ -142,4 +144,27 @@ def _nothing_to_estimate(
             "only maximum likelihood estimates what has a tolerance, and estimate.estimators "
             "does not name ml",
             "budget or none; or ml among estimate.estimators",
+        )
+
+
+def _nothing_to_select(
+    run: RunDescription, robot: ResolvedRobot, document: Document
+) -> Iterator[Problem]:
+    """Name candidates that the robot has already, and a prior that knows nothing of them."""
+    if run.estimate.select is None:
+        return
+    present = [term.name for term in robot.terms]
+    others = ", ".join(name for name in TERMS if name not in present)
+    for candidate in run.estimate.select.candidates:
+        if candidate.name in present:
+            yield document.problem(
+                ("estimate", "select", "candidates"),
+                f"the robot {robot.name} has the term '{candidate.name}' already: it is estimated",
+                f"terms that it lacks: {others}",
+            )
+    if run.estimate.prior_from != "none":
+        yield document.problem(
+            ("estimate", "prior_from"),
+            "an earlier estimate is a prior of its own terms, and estimate.select tries others",
+            "none, or no estimate.select",
         )
