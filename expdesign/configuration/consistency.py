@@ -114,6 +114,17 @@ def folded_hum(run: RunDescription) -> list[str]:
     return [f"experiment.hum: {reason}" for reason in reasons if reason]
 
 
+def unselected(run: RunDescription) -> list[str]:
+    """Return which stages of a run estimate without a selection that it names."""
+    if run.estimate.select is None:
+        return []
+    return [
+        f"{stage} estimates the robot's own terms: estimate.select has no part in it"
+        for stage in ("montecarlo", "study")
+        if stage in run.stages
+    ]
+
+
 def _long_delay(run: RunDescription, document: Document) -> Iterator[Problem]:
     """Name a delay of the twin that no period holds."""
     delay, longest = run.experiment.delay, 1 / run.trajectory.frequency[0]
