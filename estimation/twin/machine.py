@@ -8,13 +8,26 @@ from dataclasses import dataclass
 import numpy as np
 
 from constraints.arrays import Array, Mask
-from expdesign.mechanism.terms import passive_friction, rigid_platform, struts
+from expdesign.mechanism.terms import (
+    gravity_compensation,
+    passive_friction,
+    payload,
+    rigid_platform,
+    struts,
+)
 from expdesign.recheck.fine_grid import Motion
 from expdesign.robot import Robot
 from expdesign.trajectory import PoseSamples
 
 CARRIED = frozenset(
-    term.name for term in (struts.TERM, rigid_platform.GENERAL, passive_friction.TERM)
+    term.name
+    for term in (
+        struts.TERM,
+        rigid_platform.GENERAL,
+        passive_friction.TERM,
+        payload.TERM,
+        gravity_compensation.TERM,
+    )
 )
 """Terms of the bodies and of the passive joints: their forces pass through the elastic struts.
 All others, such as friction of the actuators, act beside the motor."""

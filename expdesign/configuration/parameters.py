@@ -75,6 +75,10 @@ def _terms(value: object) -> tuple[TermDescription, ...]:
         described = item if isinstance(item, TermDescription) else _term(item, wanted)
         if described.name in found:
             raise refusal(f"the term '{described.name}' is listed twice", "each one once")
+        beside = TERMS[described.name].beside
+        if beside and beside not in found:
+            reason = f"the term '{described.name}' takes the constants of '{beside}'"
+            raise refusal(reason, f"{beside} listed before {described.name}")
         found[described.name] = described
     return tuple(found.values())
 
@@ -130,7 +134,10 @@ def _quantities(
             return default
         if name not in given:
             raise PydanticCustomError("missing", "the key is missing")
-        return dimension_of(expected[name].unit).parse(value)
+        number = dimension_of(expected[name].unit).parse(value)
+        if isinstance(one := expected[name], Constant) and one.positive and number <= 0:
+            raise refusal(f"{number:g} is not positive", "a value above 0")
+        return number
 
     return each_read(dict.fromkeys(expected) | dict(given), read, place)
 

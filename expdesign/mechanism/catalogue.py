@@ -7,11 +7,18 @@ from collections.abc import Iterable
 from expdesign.mechanism.term import Parameter, Term, parameters_of
 from expdesign.mechanism.terms import (
     actuator_friction,
+    asymmetric_friction,
     cable,
+    cogging,
+    cogging_second,
+    cubic_friction,
     drive_inertia,
     force_offset,
+    gravity_compensation,
     load_friction,
     passive_friction,
+    payload,
+    quadratic_friction,
     rigid_platform,
     stribeck,
     struts,
@@ -25,10 +32,17 @@ TERMS: dict[str, Term] = {
         drive_inertia.TERM,
         passive_friction.TERM,
         actuator_friction.TERM,
+        asymmetric_friction.TERM,
+        quadratic_friction.TERM,
+        cubic_friction.TERM,
         force_offset.TERM,
         stribeck.TERM,
         load_friction.TERM,
         cable.TERM,
+        cogging.TERM,
+        cogging_second.TERM,
+        gravity_compensation.TERM,
+        payload.TERM,
     )
 }
 """By their keys in the robot file's `terms`; the platform in its general form."""

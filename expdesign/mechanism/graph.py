@@ -173,8 +173,10 @@ class HexapodGraph:
         found = [ca.SX(count * ACTUATORS, 0) for count in (1, 2, 1, 1)]
         load = ca.SX.zeros(ACTUATORS)
         values = iter(ca.vertsplit(self.constants))
+        constants: dict[str, dict[str, ca.SX]] = {"": {}}
         for term in terms:
-            own = {constant.name: next(values) for constant in term.constants}
+            constants[term.name] = {constant.name: next(values) for constant in term.constants}
+            own = constants[term.name] | constants[term.beside]
             signs = {rate: instant.signs[rate] for rate in term.rates}
             columns = term.columns(replace(instant, signs=signs, constants=own, load=load))
             none = ca.SX(ACTUATORS, len(term.parameters))
@@ -250,7 +252,7 @@ class HexapodGraph:
         )
         borne = ca.SX.sym("borne", ACTUATORS)
         slope = self.carried @ ca.jacobian(wrench - self.transposed @ borne, by)
-        slope = ca.substitute(slope, borne, self.carried @ wrench)
+        slope = ca.substitute(slope, borne, ca.densify(self.carried @ wrench))
         return ca.cse(ca.densify(slope + ca.jacobian(along, by)))
 
     def _with_signs(self, columns: ca.SX, friction: Friction) -> ca.SX:

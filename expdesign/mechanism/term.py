@@ -25,15 +25,19 @@ class Scale:
     """
 
     text: str
-    mass: int = 0
-    length: int = 0
-    gravity: int = 0
+    mass: float = 0
+    length: float = 0
+    gravity: float = 0
     share: float = 1.0
 
     def of(self, mass: float, length: float, gravity: float) -> float:
         """Return the scale, SI; 1 where a robot's is zero."""
-        size = self.share * mass**self.mass * length**self.length * gravity**self.gravity
-        return size or 1.0
+        scale = self.share
+        for size, power in (mass, self.mass), (length, self.length), (gravity, self.gravity):
+            if size == 0 and power != 0:
+                return 1.0
+            scale *= size**power
+        return scale
 
 
 ONE = Scale("1")
@@ -41,6 +45,8 @@ FIRST_MOMENT_SCALE = Scale("p10 L", mass=1, length=1)
 INERTIA_SCALE = Scale("p10 L²", mass=1, length=2)
 WEIGHT_SCALE = Scale("p10 g / 6", mass=1, gravity=1, share=1 / ACTUATORS)
 """The share of the platform's weight that one actuator bears."""
+DAMPING_SCALE = Scale("p10 √g / (6 √L)", mass=1, length=-0.5, gravity=0.5, share=1 / ACTUATORS)
+"""The same at the speed √(g L)."""
 
 
 @dataclass(frozen=True)
@@ -78,6 +84,8 @@ class Constant:
     meaning: str
     default: float | None = None
     """Value where the robot file gives none, SI; None: the file must give it."""
+    positive: bool = False
+    """Whether only values above zero make sense."""
 
 
 @dataclass(frozen=True)
@@ -160,8 +168,10 @@ class Term:
     columns: Callable[[Instant], Columns]
     """The columns for one of each parameter, in its unit."""
     rates: tuple[SlidingRate, ...] = ()
-    """Those whose signs the columns contain."""
+    """Those whose signs the columns contain. A term with any is friction, and no load."""
     constants: tuple[Constant, ...] = ()
+    beside: str = ""
+    """Name of the term whose constants its columns take, too: it must be listed before."""
     turning: bool = False
     """Whether the halves of the struts turn against each other on a thread, which moves the
     coordinates of the actuators."""

@@ -154,13 +154,13 @@ class Machine:
         def coordinates(step):
             at = self.at(plus(pose, rate, step))
             flat = [value for row in at.rotation for value in row]
-            return [*at.alpha, *at.beta, *flat, *itertools.chain(*at.directions)]
+            return [*at.alpha, *at.beta, *flat, *itertools.chain(*at.directions), *at.payload]
 
         now, moving = self.at(pose), difference(coordinates, mpf(0))
         alpha, beta, turning = moving[:6], moving[6:12], moving[12:21]
         swinging = [moving[21 + 3 * j : 24 + 3 * j] for j in STRUTS]
         p = self.parameter
-        energy = mpf(0)
+        energy = p("m_payload") * dot(moving[39:], moving[39:]) / 2
         for j in STRUTS:
             energy += (
                 p("p1") * alpha[j] ** 2
@@ -187,7 +187,15 @@ class Machine:
         energy = -p("p10") * dot(self.gravity, pose[:3]) - dot(self.gravity, first)
         for j in STRUTS:
             energy -= (p("p4") + p("p5")) * dot(self.gravity, at.directions[j])
+        energy -= p("m_payload") * dot(self.gravity, at.payload)
+        if "length" in self.constants:
+            stretched = at.compensated - self.constants["length"]
+            energy -= p("b_force") * stretched + p("b_stiffness") * stretched**2 / 2
         return energy
+
+    def point(self, *names):
+        """Return a point whose coordinates are constants, the origin where a robot has none."""
+        return [self.constants.get(name, mpf(0)) for name in names]
 
     def jacobian(self, of, pose):
         """Return the derivatives of six numbers of a pose to the pose, (6, 6)."""
@@ -237,6 +245,10 @@ class Machine:
             load[j] += p("m_drive") * accelerations[j] + p(f"o{j + 1}")
             if "rest_length" in self.constants:
                 load[j] += p(f"k{j + 1}") * (lengths[j] - self.constants["rest_length"])
+            for order, letter in ((1, "c"), (2, "d")) if "pitch" in self.constants else ():
+                angle = 2 * mpmath.pi * order * lengths[j] / self.constants["pitch"]
+                load[j] += p(f"{letter}s{j + 1}") * mpmath.sin(angle)
+                load[j] += p(f"{letter}c{j + 1}") * mpmath.cos(angle)
         rubbing = mpmath.zeros(6, 1)
         for of, name in ((lambda at: at.alpha, "r_alpha"), (lambda at: at.beta, "r_beta")):
             rates = difference(lambda t, of=of: of(self.at(self.pose(t))), time)
@@ -248,6 +260,8 @@ class Machine:
             found[j] += (
                 p(f"r{k}") * sign + p(f"v{k}") * speeds[j] + p(f"mu{k}") * abs(load[j]) * sign
             )
+            size = abs(speeds[j])
+            found[j] += p(f"a{k}") * size + (p(f"w{k}") + p(f"c{k}") * size) * size * speeds[j]
             if "velocity" in self.constants:
                 ratio = speeds[j] / self.constants["velocity"]
                 found[j] += p(f"s{k}") * mpmath.exp(-(ratio**2)) * sign
@@ -300,6 +314,20 @@ class Pose:
             [value / distance for value in span]
             for span, distance in zip(spans, self.distances, strict=True)
         ]
+
+        self.origin = pose[:3]
+
+    @cached_property
+    def payload(self):
+        own = turned(self.rotation, self._machine.point("x", "y", "z"))
+        return plus(self.origin, own)
+
+    @cached_property
+    def compensated(self):
+        """The distance of the points of a gravity compensation."""
+        names = (tuple(f"{end}_{axis}" for axis in "xyz") for end in ("base", "platform"))
+        base, own = (self._machine.point(*each) for each in names)
+        return norm(plus(plus(self.origin, turned(self.rotation, own)), base, -1))
 
     @cached_property
     def alpha(self):

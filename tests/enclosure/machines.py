@@ -36,18 +36,42 @@ def robot(name):
             "terms": [
                 *("struts", "rigid_platform", "drive_inertia", "force_offset"),
                 {"cable": {"rest_length": 0.6}},
+                *({"cogging": {"pitch": 0.024}}, "cogging_second"),
+                {"gravity_compensation": _COMPENSATION},
+                {"payload": {"x": 0.05, "y": -0.02, "z": 0.11}},
                 *("passive_friction", "actuator_friction"),
+                *("asymmetric_friction", "quadratic_friction", "cubic_friction"),
                 {"stribeck": {"velocity": 0.05}},
                 "load_friction",
             ],
             "drive": {"screw": {"lead": 0.02, "inertia": 2e-5}},
             "platform_cardan_axes": axes.tolist(),
-            "parameters": mapping["parameters"] | more,
+            "parameters": mapping["parameters"] | more | _ONCE,
         }
     return robot_from(load_run({"name": "n", "robot": mapping}).robot)
 
 
-_MORE = {"o": 4.0, "k": 35.0, "s": 6.0, "mu": 0.04}
+_MORE = {
+    "o": 4.0,
+    "k": 35.0,
+    "s": 6.0,
+    "mu": 0.04,
+    "cs": 3.0,
+    "cc": -2.0,
+    "ds": 0.7,
+    "dc": 1.1,
+    "a": 4.0,
+    "w": -3.0,
+    "c": 5.0,
+}
+_ONCE = {"b_force": 60.0, "b_stiffness": -40.0, "m_payload": 1.5}
+_COMPENSATION = {
+    "base_x": 0.1,
+    "base_y": -0.05,
+    "base_z": -1.3,
+    "platform_z": 0.04,
+    "length": 0.7,
+}
 
 
 @cache

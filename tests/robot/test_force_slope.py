@@ -12,8 +12,15 @@ from expdesign.robot import robot_from
 
 MORE = [
     "force_offset",
-    "load_friction",
     {"cable": {"rest_length": 0.6}},
+    {"cogging": {"pitch": 0.024}},
+    "cogging_second",
+    {"gravity_compensation": {"base_x": 0.1, "base_y": 0, "base_z": -1.3, "length": 0.7}},
+    {"payload": {"x": 0.05, "z": 0.11}},
+    "load_friction",
+    "asymmetric_friction",
+    "quadratic_friction",
+    "cubic_friction",
     {"stribeck": {"velocity": 0.05}},
 ]
 

@@ -39,5 +39,5 @@ TERM = Term(
     ),
     columns=_columns,
     rates=(STRUT_SPEED,),
-    constants=(Constant("velocity", "m/s", "speed at which it has fallen to 1/e"),),
+    constants=(Constant("velocity", "m/s", "speed at which it has fallen to 1/e", positive=True),),
 )

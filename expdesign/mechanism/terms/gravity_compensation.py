@@ -1,0 +1,81 @@
+"""What bears a part of the weight beside the actuators: a gas spring, a counterweight, a spring.
+
+It acts along the line from a fixed point of the base to a point of the platform, with the force
+
+    b_force + b_stiffness · (d − d₀)
+
+that pushes both apart, at their distance d. The cylinder of a motion platform that stands under its
+middle, on a tank of compressed gas, has a force above zero that hardly depends on d, and a small
+stiffness below zero; a counterweight that hangs on a rope over a pulley above the platform has a
+force below zero; a spring between the points has a stiffness above zero. A force of constant
+direction, such as that of the secondary mechanism of Baradat, Arakelian, Briot and Guegan (Journal
+of Mechanical Design 130, 2008), is that of a point of the base far away: from 1 km its direction
+changes by less than 1 mrad.
+
+Left out is the inertia of what moves along, such as the counterweight's.
+"""
+
+from __future__ import annotations
+
+import casadi as ca
+
+from expdesign.mechanism.term import (
+    Columns,
+    Constant,
+    Instant,
+    Parameter,
+    Scale,
+    Term,
+)
+
+_POINTS = {"base": "base frame", "platform": "platform frame"}
+
+
+def _columns(instant: Instant) -> Columns:
+    base, place = (
+        ca.vertcat(*(instant.constants[f"{end}_{axis}"] for axis in "xyz")) for end in _POINTS
+    )
+    arm = instant.kinematic["rotation_matrix"] @ place
+    line = instant.kinematic["position"] + arm - base
+    distance = ca.sqrt(ca.dot(line, line))
+    # What it bears the actuators need not.
+    force = -line / distance
+    force = ca.horzcat(force, force * (distance - instant.constants["length"]))
+    moments = ca.horzcat(*(ca.cross(arm, force[:, k]) for k in range(force.shape[1])))
+    return Columns(wrench=ca.vertcat(force, moments))
+
+
+TERM = Term(
+    name="gravity_compensation",
+    meaning="what bears a part of the weight, between a point of the base and one of the platform",
+    parameters=(
+        Parameter(
+            "b_force",
+            "N",
+            "force of the gravity compensation at its `length`, above zero where it pushes",
+            Scale("p10 g", mass=1, gravity=1),
+            default=0.0,
+        ),
+        Parameter(
+            "b_stiffness",
+            "N/m",
+            "what it changes by with its length",
+            Scale("p10 g / L", mass=1, gravity=1, length=-1),
+            default=0.0,
+        ),
+    ),
+    columns=_columns,
+    constants=(
+        *(
+            Constant(
+                f"{end}_{axis}",
+                "m",
+                f"{axis} of its point of the {end}, {frame}",
+                default=None if end == "base" else 0.0,
+            )
+            for end, frame in _POINTS.items()
+            for axis in "xyz"
+        ),
+        Constant("length", "m", "distance of the points at which the force is b_force"),
+    ),
+)
