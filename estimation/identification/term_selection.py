@@ -17,7 +17,7 @@ from estimation.selection.evidence import Evidence
 from estimation.selection.path import SelectionRow, select
 from expdesign.configuration import ComputationError, RunConfiguration
 from expdesign.configuration.added_terms import with_added_terms
-from expdesign.configuration.parameters import TermDescription, Terms
+from expdesign.configuration.parameters import FurtherTerms, TermDescription
 from expdesign.configuration.sections.data import DEFAULT_LEVEL, SelectionCriterion
 from expdesign.mechanism.term import parameters_of
 from expdesign.robot import Robot, robot_from
@@ -44,7 +44,7 @@ class Selection:
 
     by: Annotated[SelectionCriterion, described("", "criterion: bic, f or holdout")]
     level: Annotated[float | None, described("1", "of the F tests; null with other criteria")]
-    candidates: Annotated[Terms, described("", "terms that were tried, as in a robot file")]
+    candidates: Annotated[FurtherTerms, described("", "terms that were tried, as in a robot file")]
     chosen: Annotated[tuple[str, ...], described("", "those that were added, in order of entry")]
     dispersion: Annotated[
         float,
@@ -112,7 +112,8 @@ class Selection:
         level = (section.level or DEFAULT_LEVEL) if section.by == "f" else None
         try:
             evidence = Evidence.of(wide, loaded, knowledge, values, blocks)
-            judge = Judge(evidence, section.by, level or DEFAULT_LEVEL)
+            needs = {name: terms[name].beside for name in blocks if terms[name].beside in blocks}
+            judge = Judge(evidence, section.by, level or DEFAULT_LEVEL, needs)
         except LinAlgError as error:
             raise ComputationError(
                 f"the recordings do not determine the robot's own parameters beside all "

@@ -5,7 +5,7 @@ Each of them is a potential that every step must lower, so that no model comes t
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,8 +39,16 @@ class Tried:
 class Judge:
     """Weighs blocks against each other, each beside a model's others."""
 
-    def __init__(self, evidence: Evidence, by: SelectionCriterion, level: float) -> None:
+    def __init__(
+        self,
+        evidence: Evidence,
+        by: SelectionCriterion,
+        level: float,
+        needs: Mapping[str, str] | None = None,
+    ) -> None:
         self.evidence, self.by = evidence, by
+        self.needs = dict(needs or {})
+        """Candidates that belong into no model without another one, and this one."""
         self.dispersion = evidence.dispersion()
         self.samples = {term: evidence.samples(term) for term in evidence.blocks}
         self.limit = float(np.log(level / len(evidence.blocks)))

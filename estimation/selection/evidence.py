@@ -46,8 +46,6 @@ class RecordingShare:
     """What one recording says of (p, θ)."""
 
     whole: Share
-    periods: tuple[Share, ...]
-    """Period by period, whose sum is `whole`; empty where single periods are not known."""
     columns: Array
     """(u,), zᵀ W z of the forces' columns, with the noise's own spectrum."""
     columns_white: Array
@@ -56,7 +54,9 @@ class RecordingShare:
     """Single samples of the forces."""
     _system: JointSystem
     _elimination: Elimination
-    _kept: Places
+    _order: Places
+    """Of the system's unknowns: (p, θ), then the motion."""
+    _experiment: Experiment
 
     @classmethod
     def of(cls, suspects: Suspects, part: Linearisation, experiment: Experiment) -> Self:
@@ -82,49 +82,47 @@ class RecordingShare:
         whole = Share(reduced.information, reduced.gradient)
         return cls(
             whole=whole,
-            periods=_periods(whole, system, reduced, order, experiment),
             columns=columns,
             columns_white=np.concatenate([np.sum(flat_white**2, axis=0), tolerated]),
             samples=float(np.sum(part.counts)),
             _system=system,
             _elimination=reduced,
-            _kept=kept,
+            _order=order,
+            _experiment=experiment,
         )
 
     def left(self, step: Array) -> tuple[float, int]:
         """Return χ² of the forces after a step of (p, θ), (u,), and how many numbers they are."""
         motion = self._elimination.offset - self._elimination.slope @ step
-        whole = np.zeros(self._system.columns.shape[2])
-        whole[self._kept] = step
-        whole[np.setdiff1d(np.arange(len(whole)), self._kept)] = motion
+        whole = np.zeros(len(self._order))
+        whole[self._order] = np.concatenate([step, motion])
         rest = self._system.forces - self._system.columns @ whole
         return float(np.sum(rest**2)), rest.size
 
+    @cached_property
+    def periods(self) -> tuple[Share, ...]:
+        """Period by period, whose sum is `whole`; empty where single periods are not known.
 
-def _periods(
-    whole: Share,
-    system: JointSystem,
-    reduced: Elimination,
-    order: Places,
-    experiment: Experiment,
-) -> tuple[Share, ...]:
-    """Return what the single periods say: all have the same columns, and each its own noise."""
-    forces, lengths = experiment.record.forces, experiment.record.lengths
-    if not (forces.alike and lengths.alike) or forces.periods is None or lengths.periods is None:
-        return ()
-    count = len(forces.periods)
-    rows = system.columns.reshape(-1, system.columns.shape[2])
-    of_lengths = system.length_columns.reshape(-1, rows.shape[1])
-    shares = []
-    for force, length in zip(forces.periods, lengths.periods, strict=True):
-        gradient = rows.T @ system.force_rows(experiment.used(force - forces.values)).ravel()
-        if len(of_lengths):
-            gradient += of_lengths.T @ system.length_rows(length - lengths.values).ravel()
-        first = len(whole.gradient)
-        ordered = gradient[order]
-        own = ordered[:first] - reduced.slope.T @ ordered[first:]
-        shares.append(Share(whole.information / count, (whole.gradient + own) / count))
-    return tuple(shares)
+        All have the same columns, and each its own noise.
+        """
+        experiment, system = self._experiment, self._system
+        forces, lengths = experiment.record.forces, experiment.record.lengths
+        known = forces.alike and lengths.alike
+        if not known or forces.periods is None or lengths.periods is None:
+            return ()
+        count, first = len(forces.periods), len(self.whole.gradient)
+        rows = system.columns.reshape(-1, len(self._order))
+        of_lengths = system.length_columns.reshape(-1, len(self._order))
+        shares = []
+        for force, length in zip(forces.periods, lengths.periods, strict=True):
+            gradient = rows.T @ system.force_rows(experiment.used(force - forces.values)).ravel()
+            if len(of_lengths):
+                gradient += of_lengths.T @ system.length_rows(length - lengths.values).ravel()
+            ordered = gradient[self._order]
+            own = ordered[:first] - self._elimination.slope.T @ ordered[first:]
+            whole = self.whole
+            shares.append(Share(whole.information / count, (whole.gradient + own) / count))
+        return tuple(shares)
 
 
 @dataclass(frozen=True, eq=False)

@@ -41,7 +41,8 @@ def select(judge: Judge) -> tuple[tuple[str, ...], tuple[SelectionRow, ...]]:
 
     Forward, the candidate that is worth most enters, if it is worth anything; after each entry
     those that are worth nothing beside the others leave, the least worthy first. It ends when
-    neither changes the model, or brings back one that was there.
+    neither changes the model, or brings back one that was there. A term that takes the constants of
+    another enters after it, and leaves before it.
     """
     model: tuple[str, ...] = ()
     rows: list[SelectionRow] = []
@@ -63,7 +64,14 @@ def _step(
 ) -> tuple[tuple[str, ...], list[SelectionRow]]:
     """Return the model after one step of a kind, and what was tried."""
     adding = direction == "add"
-    terms = [term for term in judge.evidence.blocks if (term in model) != adding]
+    needed = judge.needs
+    held = {needed[term] for term in model if term in needed}
+    terms = [
+        term
+        for term in judge.evidence.blocks
+        if (term in model) != adding
+        and (needed.get(term, term) in (*model, term) if adding else term not in held)
+    ]
     found = []
     for term in terms:
         others = tuple(other for other in model if other != term)

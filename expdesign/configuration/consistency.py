@@ -164,14 +164,23 @@ def _nothing_to_select(
     """Name candidates that the robot has already, and a prior that knows nothing of them."""
     if run.estimate.select is None:
         return
+    key = ("estimate", "select", "candidates")
     present = [term.name for term in robot.terms]
     others = ", ".join(name for name in TERMS if name not in present)
-    for candidate in run.estimate.select.candidates:
+    for place, candidate in enumerate(run.estimate.select.candidates):
+        beside = TERMS[candidate.name].beside
         if candidate.name in present:
             yield document.problem(
-                ("estimate", "select", "candidates"),
+                (*key, place),
                 f"the robot {robot.name} has the term '{candidate.name}' already: it is estimated",
                 f"terms that it lacks: {others}",
+            )
+        before = (one.name for one in run.estimate.select.candidates[:place])
+        if beside and beside not in (*present, *before):
+            yield document.problem(
+                (*key, place),
+                f"the term '{candidate.name}' takes the constants of '{beside}'",
+                f"{beside} among the robot's terms, or listed before {candidate.name}",
             )
     if run.estimate.prior_from != "none":
         yield document.problem(

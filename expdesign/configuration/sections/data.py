@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
-from expdesign.configuration.parameters import Terms, known_parameter, parsed_parameter
+from expdesign.configuration.parameters import FurtherTerms, known_parameter, parsed_parameter
 from expdesign.configuration.problem import refusal, require, shown
 from expdesign.configuration.section import LATER, Section
 from expdesign.configuration.values.channels import ForceOffsets, Offsets, Order, Signs
@@ -256,7 +256,7 @@ DEFAULT_LEVEL = 0.01
 class SelectSection(Section):
     """Terms that the robot may lack, of which the data choose."""
 
-    candidates: Terms
+    candidates: FurtherTerms
     """As in a robot file's `terms`."""
     by: Annotated[SelectionCriterion, one_of(SelectionCriterion)] = "bic"
     """What judges a step: Schwarz's criterion, an F test, or forces that were not fitted."""
