@@ -29,6 +29,7 @@ NAMES = (
     "montecarlo",
     "roundtrip",
     "departures",
+    "term_selection",
     "multibody",
     "tolerances",
     "constants",

@@ -26,6 +26,7 @@ from results.figures.motion import WholeMotion, motion_figure
 from results.figures.noise import NOISE_FIGURES, SPECTRUM_FIGURES
 from results.figures.parameters import ESTIMATE_FIGURES
 from results.figures.residuals import DIAGNOSTIC_FIGURES, prediction_figure
+from results.figures.selection import selection_figure
 from results.figures.studies import RECORD_FIGURES, distributions_figure
 from results.figures.sweep import sweep_figure
 
@@ -114,6 +115,7 @@ def _parts(record: Drawn) -> Iterator[tuple[Iterable[FigureDefinition[Any]], Any
             yield SPECTRUM_FIGURES, record
         case EstimateRecord():
             yield ESTIMATE_FIGURES, record
+            yield [selection_figure] if record.selection else [], record
             for number, experiment in enumerate(record.experiments, start=1):
                 ending = f"_{number}" if len(record.experiments) > 1 else ""
                 own = (*DIAGNOSTIC_FIGURES, *NOISE_FIGURES)

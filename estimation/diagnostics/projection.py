@@ -69,18 +69,8 @@ class Projection:
 
     def beside(self, known: Sequence[int] | Places) -> Conditional:
         """Return the effects beside those at some places, which are fitted with them."""
-        places = np.asarray(known, dtype=np.intp)
-        whole = np.diag(self.gram)
-        if not len(places):
-            return Conditional(self.score, self.information, whole, self.freedom)
-        root, _ = _root(self.information[np.ix_(places, places)], whole[places])
-        explained = self.information[:, places] @ root
-        return Conditional(
-            self.score - explained @ (root.T @ self.score[places]),
-            self.information - explained @ explained.T,
-            whole,
-            self.freedom,
-        )
+        everything = Conditional(self.score, self.information, np.diag(self.gram), self.freedom)
+        return everything.beside(known)
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,6 +88,20 @@ class Conditional:
     def seen(self) -> NDArray[np.bool_]:
         """(q,) effects of which, one by one, something is left to be seen."""
         return np.diag(self.information) > SEEN * np.where(self.whole > 0, self.whole, np.inf)
+
+    def beside(self, known: Sequence[int] | Places) -> Conditional:
+        """Return the effects beside those at some places, too, which are fitted with them."""
+        places = np.asarray(known, dtype=np.intp)
+        if not len(places):
+            return self
+        root, _ = _root(self.information[np.ix_(places, places)], self.whole[places])
+        explained = self.information[:, places] @ root
+        return Conditional(
+            self.score - explained @ (root.T @ self.score[places]),
+            self.information - explained @ explained.T,
+            self.whole,
+            self.freedom,
+        )
 
     def fit(self, places: Sequence[int] | Places) -> Fit:
         """Fit the effects at some places together."""

@@ -23,17 +23,17 @@ from estimation.estimators import (
 )
 from estimation.identification.corrected import corrected, estimated_machine
 from estimation.identification.load import at_estimated_load
-from estimation.identification.noise_choice import residual_noise
 from estimation.identification.recording import prepare_recording
+from estimation.identification.residual_weights import with_residual_noise
 from estimation.identification.result import EstimationResult, RecordSummary, best_of
+from estimation.identification.term_selection import Selection
 from estimation.uncertainty.intervals import identified_combinations, parameter_rows
 from expdesign.configuration import ConfigurationLike, InputError, RunConfiguration, load_run
+from expdesign.configuration.added_terms import with_added_terms
 from expdesign.progress import tell, told
 from expdesign.robot import Robot, robot_from
 from expdesign.robot.deviation import Deviation, tolerated
 from expdesign.trajectory import FourierTrajectory
-
-_RESIDUAL_ROUNDS = 2
 
 
 def estimate(
@@ -79,6 +79,12 @@ def estimate(
             prepare_recording(configuration, robot, recording, trajectory)
             for recording, trajectory in told("the motion of each recording", pairs)
         )
+        selection = Selection.of(configuration, robot, [r.experiment for r in records])
+        if selection is not None and selection.chosen:
+            configuration = with_added_terms(configuration, selection.added)
+            robot = robot_from(configuration.robot)
+            knowledge = parameter_knowledge(configuration, robot)
+            records = tuple(replace(r, experiment=r.experiment.of_robot(robot)) for r in records)
         records = _with_residual_noise(robot, records, knowledge)
         robot, experiments = at_estimated_load(robot, [r.experiment for r in records], knowledge)
         records = tuple(
@@ -129,10 +135,12 @@ def estimate(
         rows=tuple(rows),
         combinations=combinations,
         bound=bound,
+        selection=selection,
         seconds=time.perf_counter() - began,
         warnings=(
             *configuration.warnings,
             *(warning for recording in recordings for warning in recording.warnings),
+            *(() if selection is None else selection.warnings),
             *_warnings(records, knowledge, estimates),
         ),
     )
@@ -188,18 +196,8 @@ def with_budget(
 def _with_residual_noise(
     robot: Robot, records: tuple[RecordSummary, ...], knowledge: Knowledge
 ) -> tuple[RecordSummary, ...]:
-    """Take Σ that nobody knows from residuals of Gauss–Markov estimates, which are made anew."""
-    present = [record.experiment for record in records]
-    used = int(np.count_nonzero(knowledge.free)) // len(present)
-    unknown = [n for n, e in enumerate(present) if e.noise.forces.includes_model_error]
-    for _ in range(_RESIDUAL_ROUNDS if unknown else 0):
-        values = linear_estimate(robot, present, knowledge, "gm").values
-        for number in unknown:
-            experiment = present[number]
-            rest = experiment.forces - experiment.fitted_regressors @ values
-            own = residual_noise(rest, experiment.record.forces.counts, used)
-            noise = replace(experiment.noise, forces=own)
-            present[number] = replace(experiment, noise=noise)
+    """Take Σ that nobody knows from residuals of Gauss–Markov estimates."""
+    present = with_residual_noise(robot, [record.experiment for record in records], knowledge)
     return tuple(replace(r, experiment=e) for r, e in zip(records, present, strict=True))
 
 

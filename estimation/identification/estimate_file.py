@@ -14,6 +14,7 @@ from estimation.estimators import ParameterEstimate, covariance_ml_less_gm
 from estimation.identification.budget_record import SystematicKeys
 from estimation.identification.constants_record import ConstantKeys, constants_found
 from estimation.identification.result import EstimationResult, RecordSummary
+from estimation.identification.term_selection import Selection
 from estimation.uncertainty.intervals import Combination
 from expdesign.configuration import Problem
 from expdesign.robot import robot_from
@@ -195,6 +196,10 @@ class EstimateFile(RunFile):
     diagnostics: Annotated[
         DiagnosisKeys | None, described("", "what the residuals say; null when not asked")
     ]
+    selection: Annotated[
+        Selection | None,
+        described("", "terms that were added to those of the robot file; null: none was tried"),
+    ] = None
     seconds: Annotated[float, described("s", "how long it took")]
     warnings: Annotated[tuple[str, ...], described("", "in words")]
 

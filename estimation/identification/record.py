@@ -24,6 +24,7 @@ from estimation.identification.estimate_file import EstimateFile
 from estimation.identification.identified_robot import FILE as IDENTIFIED_ROBOT
 from estimation.identification.identified_robot import identified_robot
 from estimation.identification.result import EstimationResult
+from estimation.selection.path import SelectionRow
 from estimation.uncertainty.intervals import ParameterRow, correlation
 from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.runfolder import (
@@ -133,6 +134,7 @@ class EstimateRecord(FolderRecord):
         "deviations": RowTable("tables/deviations.csv", _WRITTEN_BY, DeviationRow),
         "constants": RowTable("tables/constants.csv", _WRITTEN_BY, ConstantRow),
         "noise": RowTable("tables/noise.csv", _WRITTEN_BY, NoiseRow),
+        "selection": RowTable("tables/selection.csv", _WRITTEN_BY, SelectionRow),
         "rows": ESTIMATES,
     }
     summary: EstimateFile
@@ -189,9 +191,13 @@ class EstimateRecord(FolderRecord):
 
     def contents(self) -> Contents:
         """Yield the tables, with those of each recording before the estimates themselves."""
-        exact = () if self.budget else (self.TABLES["budget"], self.TABLES["deviations"])
-        known = () if self.constants else (self.TABLES["constants"],)
-        unsaid = (*exact, *known, ESTIMATES)
+        optional = {
+            "budget": self.budget,
+            "deviations": self.budget,
+            "constants": self.constants,
+            "selection": self.selection,
+        }
+        unsaid = (*(self.TABLES[name] for name, rows in optional.items() if not rows), ESTIMATES)
         yield from ((table, part) for table, part in super().contents() if table not in unsaid)
         numbers = self.summary.numbers
         for n, motion in self.motions.items():
@@ -280,6 +286,11 @@ class EstimateRecord(FolderRecord):
             for estimator, entry in self.summary.estimators.items()
             for row in constant_rows(estimator, entry.constants)
         ]
+
+    @property
+    def selection(self) -> tuple[SelectionRow, ...]:
+        """Every term that was tried; empty where none was."""
+        return () if self.summary.selection is None else self.summary.selection.steps
 
     @property
     def noise(self) -> list[NoiseRow]:

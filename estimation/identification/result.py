@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from constraints.arrays import Array
 from estimation.estimators import Experiment, Knowledge, ParameterEstimate
+from estimation.identification.term_selection import Selection
 from estimation.uncertainty.intervals import Combination, ParameterRow
 from expdesign.configuration import RunConfiguration
 from expdesign.robot import Robot
@@ -41,6 +42,7 @@ class EstimationResult:
     """Parameters with honest error bars."""
 
     configuration: RunConfiguration
+    """The run, its robot with the terms that were added."""
     robot: Robot
     knowledge: Knowledge
     records: tuple[RecordSummary, ...]
@@ -52,6 +54,8 @@ class EstimationResult:
     """(m, m) Cramér–Rao bound as a covariance, at the best estimate."""
     seconds: float
     warnings: tuple[str, ...]
+    selection: Selection | None = None
+    """Which terms were added to those of the robot file; None: none was tried."""
 
     @property
     def best(self) -> ParameterEstimate:

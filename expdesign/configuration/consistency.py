@@ -12,6 +12,7 @@ from expdesign.configuration.problem import Problem, nearest
 from expdesign.configuration.robot import ResolvedRobot
 from expdesign.configuration.run import RunDescription
 from expdesign.configuration.sizes import PERIOD_ROWS, oversized
+from expdesign.mechanism.catalogue import TERMS
 
 _ROUNDING = 1e-12
 _LEAST_HARMONICS_AT_REST = 2
@@ -28,6 +29,7 @@ def inconsistencies(
     yield from _long_delay(run, document)
     yield from _nothing_to_estimate(run, robot, document)
     yield from _unfitted_constants(run, robot, document)
+    yield from _nothing_to_select(run, robot, document)
 
 
 def _unknown_parameters(
@@ -113,6 +115,17 @@ def folded_hum(run: RunDescription) -> list[str]:
     return [f"experiment.hum: {reason}" for reason in reasons if reason]
 
 
+def unselected(run: RunDescription) -> list[str]:
+    """Return which stages of a run estimate without a selection that it names."""
+    if run.estimate.select is None:
+        return []
+    return [
+        f"{stage} estimates the robot's own terms: estimate.select has no part in it"
+        for stage in ("montecarlo", "study")
+        if stage in run.stages
+    ]
+
+
 def _long_delay(run: RunDescription, document: Document) -> Iterator[Problem]:
     """Name a delay of the twin that no period holds."""
     delay, longest = run.experiment.delay, 1 / run.trajectory.frequency[0]
@@ -157,4 +170,36 @@ def _unfitted_constants(
             f"the robot {robot.name} has {named} estimated, which takes a motion that is a Fourier "
             f"series; '{run.estimate.differentiation}' differentiation has none",
             "fourier, or estimate: false with the constants",
+        )
+
+
+def _nothing_to_select(
+    run: RunDescription, robot: ResolvedRobot, document: Document
+) -> Iterator[Problem]:
+    """Name candidates that the robot has already, and a prior that knows nothing of them."""
+    if run.estimate.select is None:
+        return
+    key = ("estimate", "select", "candidates")
+    present = [term.name for term in robot.terms]
+    others = ", ".join(name for name in TERMS if name not in present)
+    for place, candidate in enumerate(run.estimate.select.candidates):
+        beside = TERMS[candidate.name].beside
+        if candidate.name in present:
+            yield document.problem(
+                (*key, place),
+                f"the robot {robot.name} has the term '{candidate.name}' already: it is estimated",
+                f"terms that it lacks: {others}",
+            )
+        before = (one.name for one in run.estimate.select.candidates[:place])
+        if beside and beside not in (*present, *before):
+            yield document.problem(
+                (*key, place),
+                f"the term '{candidate.name}' takes the constants of '{beside}'",
+                f"{beside} among the robot's terms, or listed before {candidate.name}",
+            )
+    if run.estimate.prior_from != "none":
+        yield document.problem(
+            ("estimate", "prior_from"),
+            "an earlier estimate is a prior of its own terms, and estimate.select tries others",
+            "none, or no estimate.select",
         )

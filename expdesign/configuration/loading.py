@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from expdesign.configuration.consistency import folded_hum, inconsistencies
+from expdesign.configuration.consistency import folded_hum, inconsistencies, unselected
 from expdesign.configuration.document import Document, Placed, document_from_mapping
 from expdesign.configuration.finding import absolute, find_file
 from expdesign.configuration.grid import grid_points
@@ -106,6 +106,7 @@ def _loaded(document: Document) -> RunConfiguration:
         warnings=(
             *robot.warnings,
             *(missing_noise if users else ()),
+            *unselected(run),
             *of_the_twin,
         ),
         of_the_twin=of_the_twin,

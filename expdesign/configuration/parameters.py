@@ -65,8 +65,11 @@ class TermDescription(Section):
         }
 
 
-def _terms(value: object) -> tuple[TermDescription, ...]:
-    """Judge the list as a whole: each term once, constants of those that have them."""
+def _terms(value: object, *, alone: bool = True) -> tuple[TermDescription, ...]:
+    """Judge the list as a whole: each term once, constants of those that have them.
+
+    Beside a robot's terms, which are not `alone`, some may take constants of these.
+    """
     wanted = f"a list of terms: {', '.join(TERMS)}"
     if not isinstance(value, list | tuple) or not value:
         raise refusal(f"{shown(value)} is no list of terms", wanted)
@@ -76,7 +79,7 @@ def _terms(value: object) -> tuple[TermDescription, ...]:
         if described.name in found:
             raise refusal(f"the term '{described.name}' is listed twice", "each one once")
         beside = TERMS[described.name].beside
-        if beside and beside not in found:
+        if alone and beside and beside not in found:
             reason = f"the term '{described.name}' takes the constants of '{beside}'"
             raise refusal(reason, f"{beside} listed before {described.name}")
         found[described.name] = described
@@ -152,6 +155,9 @@ def whose(name: object) -> str:
 
 
 Terms = Annotated[tuple[TermDescription, ...], BeforeValidator(_terms)]
+
+FurtherTerms = Annotated[tuple[TermDescription, ...], BeforeValidator(partial(_terms, alone=False))]
+"""Terms that come to those of a robot."""
 
 DEFAULT_TERMS = _terms(DEFAULT)
 

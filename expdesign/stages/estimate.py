@@ -19,7 +19,6 @@ from estimation.validation.validate import validate
 from expdesign.configuration import InputError
 from expdesign.configuration.sizes import SAMPLES
 from expdesign.progress import tell, told
-from expdesign.robot import robot_from
 from expdesign.stages.outcome import Outcome, StageFailed
 from expdesign.stages.workspace import Workspace
 
@@ -85,8 +84,8 @@ def analyse_noise(work: Workspace) -> Outcome:
 
 def predict(work: Workspace) -> Outcome:
     """Predict motions that were not used for the estimate, and compare with what was measured."""
-    configuration = work.configuration
-    record = validate(configuration, work.estimate(robot_from(configuration.robot)))
+    configuration, saved = work.estimate()
+    record = validate(configuration, saved)
     summary, warnings = record.summary, record.summary.warnings
     return Outcome(
         result=record,
@@ -118,6 +117,7 @@ def _summary(result: EstimationResult, diagnosis: Diagnosis | None) -> dict[str,
         "estimates": {
             row.parameter: {"value": row.value, "std": row.std, "unit": row.unit} for row in best
         },
+        **({} if result.selection is None else {"terms_added": list(result.selection.chosen)}),
         "not_identified": [row.parameter for row in best if row.identified is False],
         "verdict": "not judged" if verdict is None else verdict.status.value,
         "findings": [] if verdict is None else [finding.sentence for finding in verdict.failed],

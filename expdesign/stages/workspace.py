@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from expdesign.configuration import InputError, RunConfiguration
+from expdesign.configuration.added_terms import with_added_terms
 from expdesign.configuration.identification import machine_name
 from expdesign.runfolder.manifest import Manifest, file_hash
 from expdesign.stages.outcome import Outcome, Progress
@@ -19,7 +20,6 @@ from expdesign.trajectory import FourierTrajectory, TrajectoryFile, fourier_keys
 if TYPE_CHECKING:
     from estimation.data.measurement import Measurement
     from estimation.identification.saved import SavedEstimate
-    from expdesign.robot import Robot
 
 _DESIGN, _EXPERIMENT, _ESTIMATE = "design", "experiment", "estimate"
 
@@ -156,15 +156,22 @@ class Workspace:
         named = [TrajectoryFile.read(path.absolute()).trajectory for path in given]
         return [*named] * (recordings if len(named) == 1 else 1)
 
-    def estimate(self, robot: Robot) -> SavedEstimate:
-        """Return the estimate that is to be validated."""
-        from estimation.identification.saved import read_estimate, saved_estimate
+    def estimate(self) -> tuple[RunConfiguration, SavedEstimate]:
+        """Return the estimate that is to be validated, and the run with the terms that it added."""
+        from estimation.identification.estimate_file import EstimateFile
+        from estimation.identification.saved import saved_estimate
+        from expdesign.robot import robot_from
 
         made = self.made.get(_ESTIMATE)
+        place = self._estimate_place()
+        path = place if place.is_file() else place / STAGES[_ESTIMATE].record
         if self.sources.estimate is None and made is not None and made.record is not None:
-            path = self.folder / STAGES[_ESTIMATE].record
-            return saved_estimate(made.record.summary, path, robot)
-        return read_estimate(self._estimate_place(), robot)
+            found = made.record.summary
+        else:
+            found = EstimateFile.read(place)
+        added = () if found.selection is None else found.selection.added
+        configuration = with_added_terms(self.configuration, added)
+        return configuration, saved_estimate(found, path, robot_from(configuration.robot))
 
     def made_from(self, need: str) -> str:
         """Return as text, with all digits, what a stage takes from elsewhere.

@@ -27,7 +27,11 @@ from expdesign.configuration.joint_ring import JointRing
 from expdesign.configuration.limits import CHARACTERISTIC_LENGTH
 from expdesign.configuration.robot_description import RobotDescription
 from expdesign.configuration.run import ReportSection
-from expdesign.configuration.sections.data import EstimateSection, MonteCarloSection
+from expdesign.configuration.sections.data import (
+    EstimateSection,
+    MonteCarloSection,
+    SelectSection,
+)
 from expdesign.configuration.sections.design import DesignSection, MotionSection, TrajectorySection
 from expdesign.configuration.sections.disturbances import (
     Cogging,
@@ -106,6 +110,7 @@ def _required(model):
         Outliers: {"share": 0.1},
         Hum: {"amplitude": 5},
         Lost: {"share": 0.1},
+        SelectSection: {"candidates": ["force_offset"]},
     }
     return small.get(model, {})
 
@@ -131,6 +136,7 @@ def _required(model):
         (Body, ROBOTS, "### Bodies"),
         (Screw, ROBOTS, "### Drives"),
         (EstimateSection, RUN_FILES, "## estimate"),
+        (SelectSection, RUN_FILES, "### select"),
         (ValidationMotion, RUN_FILES, "## validate"),
         (DataSection, DATA, "## data"),
         (ExportSection, TABLES_PAGE, "## Options"),

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
-from expdesign.configuration.parameters import known_parameter, parsed_parameter
+from expdesign.configuration.parameters import FurtherTerms, known_parameter, parsed_parameter
 from expdesign.configuration.problem import refusal, require, shown
 from expdesign.configuration.section import LATER, Section
 from expdesign.configuration.values.channels import ForceOffsets, Offsets, Order, Signs
@@ -200,6 +200,7 @@ FrequencyOrigin = Literal["known", "estimated"]
 PriorOrigin = Literal["none", "robot"]
 SystematicOrigin = Literal["budget", "estimated", "none"]
 Loss = Literal["squared", "huber"]
+SelectionCriterion = Literal["bic", "f", "holdout"]
 
 Estimators = Annotated[
     tuple[Annotated[Estimator, one_of(Estimator)], ...], at_least(1, "estimators"), Distinct
@@ -246,6 +247,30 @@ class Prior(Section):
     std: float
 
 
+_LEVEL_SHARE = require(
+    lambda value: 0 < value < 1, "{value:g} is no level of a test", "0 < level < 1, such as 0.01"
+)
+DEFAULT_LEVEL = 0.01
+
+
+class SelectSection(Section):
+    """Terms that the robot may lack, of which the data choose."""
+
+    candidates: FurtherTerms
+    """As in a robot file's `terms`."""
+    by: Annotated[SelectionCriterion, one_of(SelectionCriterion)] = "bic"
+    """What judges a step: Schwarz's criterion, an F test, or forces that were not fitted."""
+    level: Annotated[Number, _LEVEL_SHARE] | None = None
+    """Of the F tests: how often one of all candidates enters though none belongs there; None:
+    `DEFAULT_LEVEL`, where `by` is `f`."""
+
+    @model_validator(mode="after")
+    def _level_of_a_test(self) -> SelectSection:
+        if self.level is not None and self.by != "f":
+            raise refusal(f"by: {self.by} has no level", "level with by: f alone", key="level")
+        return self
+
+
 class EstimateSection(Section):
     """Settings of the estimation."""
 
@@ -284,6 +309,8 @@ class EstimateSection(Section):
         Field(default_factory=dict)
     )
     """Parameter → (min, max) in SI units."""
+    select: Annotated[SelectSection | None, LATER] = None
+    """Further terms that are estimated as far as the data support them; None: none is tried."""
 
     @model_validator(mode="after")
     def _one_prior(self) -> EstimateSection:

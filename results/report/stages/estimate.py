@@ -35,6 +35,7 @@ from results.report.findings import (
     verdict_level,
 )
 from results.report.folder import RunFolder
+from results.report.selection import selection_blocks
 from results.report.stages.noise import shows_noise
 from results.report.table import Column, ReportTable, Value
 
@@ -108,6 +109,7 @@ def _blocks(
         blocks.append(TextBlock(summary.intervals_note, Level.CAUTION))
     blocks.append(estimates_table(record, truth))
     blocks += constants_blocks(record)
+    blocks += selection_blocks(folder, record)
     blocks += budget_blocks(record)
     weak = [combination.text for combination in summary.best_estimator.combinations]
     if weak:

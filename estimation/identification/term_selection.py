@@ -1,0 +1,132 @@
+"""The run and its recordings with the terms that the data support."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Annotated, Self
+
+import numpy as np
+from numpy.linalg import LinAlgError
+
+from estimation.estimators import Experiment, Knowledge, linear_estimate
+from estimation.identification.load import at_estimated_load
+from estimation.identification.residual_weights import with_residual_noise
+from estimation.selection.criteria import Judge
+from estimation.selection.evidence import Evidence
+from estimation.selection.path import SelectionRow, select
+from expdesign.configuration import ComputationError, RunConfiguration
+from expdesign.configuration.added_terms import with_added_terms
+from expdesign.configuration.parameters import FurtherTerms, TermDescription
+from expdesign.configuration.sections.data import DEFAULT_LEVEL, SelectionCriterion
+from expdesign.mechanism.term import parameters_of
+from expdesign.robot import Robot, robot_from
+from expdesign.runfolder import described
+
+CAVEAT = (
+    "The standard deviations and intervals of an estimate after selection are those of the model "
+    "that was chosen, as if nobody had chosen it. They do not count that other data might have led "
+    "to another model, and a term that is weak enters only where noise makes it look strong: its "
+    "estimate is then too large. A term that was not chosen is not shown to be zero."
+)
+"""What is to be known of intervals after a selection."""
+
+SAME_MOTION = (
+    "held out were periods of the motion that was fitted: what the model lacks is the same in all "
+    "of them, so that a term that only imitates it is not punished. A recording of another motion "
+    "would tell"
+)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Selection:
+    """Which of the candidates were added to the robot's terms, and why."""
+
+    by: Annotated[SelectionCriterion, described("", "criterion: bic, f or holdout")]
+    level: Annotated[float | None, described("1", "of the F tests; null with other criteria")]
+    candidates: Annotated[FurtherTerms, described("", "terms that were tried, as in a robot file")]
+    chosen: Annotated[tuple[str, ...], described("", "those that were added, in order of entry")]
+    dispersion: Annotated[
+        float,
+        described(
+            "1", "by which chi-square was divided: what all candidates together leave, in noise"
+        ),
+    ]
+    held_out: Annotated[str, described("", "what was predicted: recordings or periods, or empty")]
+    steps: Annotated[tuple[SelectionRow, ...], described("", "every block that was tried")]
+    caveat: Annotated[str, described("", "what is to be known of the intervals")] = CAVEAT
+
+    @property
+    def added(self) -> tuple[TermDescription, ...]:
+        """The terms that were added, as in a robot file, in the order of the candidates."""
+        return tuple(term for term in self.candidates if term.name in self.chosen)
+
+    @property
+    def warnings(self) -> list[str]:
+        """What is to be known of how they were chosen, in words."""
+        found = []
+        if self.chosen:
+            found.append(f"estimate.select added {', '.join(self.chosen)}: {CAVEAT}")
+        if self.held_out == "periods":
+            found.append(f"estimate.select: {SAME_MOTION}")
+        return found
+
+    @classmethod
+    def of(
+        cls,
+        configuration: RunConfiguration,
+        robot: Robot,
+        experiments: Sequence[Experiment],
+    ) -> Self | None:
+        """Choose among the candidates of the run; None without any.
+
+        Parameters
+        ----------
+        robot : Robot
+            That of the run, by whose kinematics the motions of the experiments were found.
+
+        Raises
+        ------
+        InputError
+            The recordings hold nothing out that could be predicted.
+        UnidentifiableError
+            They do not determine the parameters of the robot's own terms.
+        """
+        section = configuration.run.estimate.select
+        if section is None:
+            return None
+        wide = robot_from(with_added_terms(configuration, section.candidates).robot)
+        terms = {term.name: term for term in wide.terms}
+        blocks = {
+            one.name: tuple(p.name for p in parameters_of((terms[one.name],)))
+            for one in section.candidates
+        }
+        knowledge = Knowledge.of(wide, configuration.run.estimate)
+        own = np.isin(knowledge.names, robot.parameter_names)
+        without = replace(knowledge, free=knowledge.free & own)
+        present = with_residual_noise(
+            wide, [experiment.of_robot(wide) for experiment in experiments], knowledge
+        )
+        wide, loaded = at_estimated_load(wide, present, without)
+        values = linear_estimate(wide, loaded, without, "gm").values
+        level = (section.level or DEFAULT_LEVEL) if section.by == "f" else None
+        try:
+            evidence = Evidence.of(wide, loaded, knowledge, values, blocks)
+            needs = {name: terms[name].beside for name in blocks if terms[name].beside in blocks}
+            judge = Judge(evidence, section.by, level or DEFAULT_LEVEL, needs)
+        except LinAlgError as error:
+            raise ComputationError(
+                f"the recordings do not determine the robot's own parameters beside all "
+                f"candidates of estimate.select: {error}"
+            ) from error
+        chosen, steps = select(judge)
+        held_out = "recordings" if len(present) > 1 else "periods"
+        return cls(
+            by=section.by,
+            level=level,
+            candidates=section.candidates,
+            chosen=chosen,
+            dispersion=judge.dispersion,
+            held_out=held_out if section.by == "holdout" else "",
+            steps=steps,
+        )

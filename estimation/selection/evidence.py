@@ -1,0 +1,254 @@
+"""What recordings say of the parameters of candidates, beside those of the robot's own terms.
+
+Everything is in the joint regression of the diagnostics (`estimation.diagnostics.joint_system`):
+forces and lengths behind the filters that make their noise white, one Gauss–Newton step in the
+parameters p, what is known within tolerances θ, and the motion ξ. The motion of every recording is
+eliminated by itself; what is left, F and g of (p, θ), is added over the recordings. The χ² by which
+a block of columns lowers −2 log L beside any others follows from F and g alone, so that thousands
+of models are compared without going back to the data.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, reduce
+from typing import Self
+
+import numpy as np
+
+from constraints.arrays import Array
+from estimation.diagnostics.joint_system import JointSystem, joint_systems
+from estimation.diagnostics.linearisation import Linearisation, linearise
+from estimation.diagnostics.projection import Conditional, Places
+from estimation.diagnostics.row_whitening import RowWhitening
+from estimation.diagnostics.shown_noise import shown_noise, with_memory
+from estimation.diagnostics.suspects import Suspects
+from estimation.estimators import Experiment, Knowledge
+from estimation.measurement_model.normal_equations import Elimination, NormalEquations
+from expdesign.robot import Robot
+
+
+@dataclass(frozen=True, eq=False)
+class Share:
+    """F, (u, u), and g, (u,), of some of the data: −2 log L falls by 2 gᵀs − sᵀ F s."""
+
+    information: Array
+    gradient: Array
+
+    def __add__(self, other: Share) -> Share:
+        """Return what both say."""
+        return Share(self.information + other.information, self.gradient + other.gradient)
+
+
+@dataclass(frozen=True, eq=False)
+class RecordingShare:
+    """What one recording says of (p, θ)."""
+
+    whole: Share
+    columns: Array
+    """(u,), zᵀ W z of the forces' columns, with the noise's own spectrum."""
+    columns_white: Array
+    """(u,), the same for white noise of the same covariance."""
+    samples: float
+    """Single samples of the forces."""
+    _system: JointSystem
+    _elimination: Elimination
+    _order: Places
+    """Of the system's unknowns: (p, θ), then the motion."""
+    _experiment: Experiment
+
+    @classmethod
+    def of(cls, suspects: Suspects, part: Linearisation, experiment: Experiment) -> Self:
+        """Linearise one recording and eliminate its motion."""
+        count = int(np.count_nonzero(part.free))
+        nothing = np.zeros((count, count)), np.zeros(count)
+        (system,) = joint_systems([part], [experiment.noise], nothing, held_out=False)
+        motion = system.columns.shape[2] - count
+        system = system.with_effects(suspects.tolerated()[0])
+        unknowns = system.columns.shape[2]
+        # (p, θ) first: the motion, which stands between them, is eliminated.
+        kept = np.r_[0:count, count + motion : unknowns]
+        order = np.r_[kept, count : count + motion]
+        flat = system.columns.reshape(-1, unknowns)
+        gradient = flat.T @ system.forces.ravel() + system.gradient
+        matrix = flat.T @ flat
+        columns = np.diag(matrix)[kept]
+        matrix = (matrix + system.information)[np.ix_(order, order)]
+        reduced = NormalEquations(0.0, matrix, gradient[order]).eliminated(len(kept))
+        white = RowWhitening.of(experiment.noise.forces.taken_for_white(), part.counts)
+        tolerated = np.zeros(len(kept) - count)
+        flat_white = white(part.regressors[:, :, part.free]).reshape(-1, count)
+        whole = Share(reduced.information, reduced.gradient)
+        return cls(
+            whole=whole,
+            columns=columns,
+            columns_white=np.concatenate([np.sum(flat_white**2, axis=0), tolerated]),
+            samples=float(np.sum(part.counts)),
+            _system=system,
+            _elimination=reduced,
+            _order=order,
+            _experiment=experiment,
+        )
+
+    def left(self, step: Array) -> tuple[float, int]:
+        """Return χ² of the forces after a step of (p, θ), (u,), and how many numbers they are."""
+        motion = self._elimination.offset - self._elimination.slope @ step
+        whole = np.zeros(len(self._order))
+        whole[self._order] = np.concatenate([step, motion])
+        rest = self._system.forces - self._system.columns @ whole
+        return float(np.sum(rest**2)), rest.size
+
+    @cached_property
+    def periods(self) -> tuple[Share, ...]:
+        """Period by period, whose sum is `whole`; empty where single periods are not known.
+
+        All have the same columns, and each its own noise.
+        """
+        experiment, system = self._experiment, self._system
+        forces, lengths = experiment.record.forces, experiment.record.lengths
+        known = forces.alike and lengths.alike
+        if not known or forces.periods is None or lengths.periods is None:
+            return ()
+        count, first = len(forces.periods), len(self.whole.gradient)
+        rows = system.columns.reshape(-1, len(self._order))
+        of_lengths = system.length_columns.reshape(-1, len(self._order))
+        shares = []
+        for force, length in zip(forces.periods, lengths.periods, strict=True):
+            gradient = rows.T @ system.force_rows(experiment.used(force - forces.values)).ravel()
+            if len(of_lengths):
+                gradient += of_lengths.T @ system.length_rows(length - lengths.values).ravel()
+            ordered = gradient[self._order]
+            own = ordered[:first] - self._elimination.slope.T @ ordered[first:]
+            whole = self.whole
+            shares.append(Share(whole.information / count, (whole.gradient + own) / count))
+        return tuple(shares)
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """What all recordings say of (p, θ), the candidates' parameters among p."""
+
+    blocks: Mapping[str, Places]
+    """Places of the parameters of each candidate among (p, θ)."""
+    prior: Share
+    """What is known of (p, θ) beside the recordings."""
+    recordings: tuple[RecordingShare, ...]
+    freedom: float
+    """Degrees of freedom behind the noise; inf where it was given."""
+
+    @classmethod
+    def of(
+        cls,
+        robot: Robot,
+        experiments: Sequence[Experiment],
+        knowledge: Knowledge,
+        values: Array,
+        blocks: Mapping[str, tuple[str, ...]],
+    ) -> Self:
+        """Linearise the recordings.
+
+        Parameters
+        ----------
+        robot : Robot
+            With all candidates among its terms.
+        knowledge : Knowledge
+            Of all its parameters.
+        values : (m,)
+            Parameters about which the model is linearised, SI.
+        blocks : mapping
+            Names of the parameters of each candidate.
+        """
+        shares, precision = [], np.zeros(0)
+        seen = [_as_shown(experiment) for experiment in experiments]
+        for experiment in seen:
+            motion = None if experiment.fit is None else experiment.motion
+            part = linearise(robot, experiment, values, knowledge.free, motion)
+            suspects = Suspects(robot, experiment, motion, values, part)
+            precision = suspects.tolerated()[1]
+            shares.append(RecordingShare.of(suspects, part, experiment))
+        names = [n for n, free in zip(knowledge.names, knowledge.free, strict=True) if free]
+        size = len(names) + len(precision)
+        information = np.zeros((size, size))
+        information[: len(names), : len(names)] = knowledge.precision
+        behind = np.arange(len(names), size)
+        information[behind, behind] = precision
+        off = np.zeros(size)
+        off[: len(names)] = (knowledge.prior_mean - values)[knowledge.free]
+        return cls(
+            {
+                term: np.array([names.index(name) for name in own], dtype=np.intp)
+                for term, own in blocks.items()
+            },
+            Share(information, information @ off),
+            tuple(shares),
+            min(each.noise.forces.weights_freedom for each in seen),
+        )
+
+    @cached_property
+    def whole(self) -> Share:
+        """All recordings, with what is known beside them."""
+        return reduce(Share.__add__, (each.whole for each in self.recordings), self.prior)
+
+    @property
+    def candidates(self) -> Places:
+        """Places of all parameters of candidates."""
+        return np.concatenate(list(self.blocks.values()))
+
+    @property
+    def own(self) -> Places:
+        """Places of what every model has."""
+        return np.setdiff1d(np.arange(len(self.prior.gradient)), self.candidates)
+
+    @cached_property
+    def _reduced(self) -> Elimination:
+        """The equations of the candidates, with all else eliminated."""
+        whole, order = self.whole, np.concatenate([self.candidates, self.own])
+        matrix, gradient = whole.information[np.ix_(order, order)], whole.gradient[order]
+        return NormalEquations(0.0, matrix, gradient).eliminated(len(self.candidates))
+
+    def beside_own(self) -> Conditional:
+        """Return what is seen of the candidates beside the robot's own terms.
+
+        Raises
+        ------
+        numpy.linalg.LinAlgError
+            The recordings do not determine the parameters of the robot's own terms.
+        """
+        reduced = self._reduced
+        columns = np.sum([each.columns for each in self.recordings], axis=0)[self.candidates]
+        return Conditional(reduced.gradient, reduced.information, columns, self.freedom)
+
+    def places(self, term: str) -> Places:
+        """Return the places of a candidate's parameters among those of all candidates."""
+        return np.flatnonzero(np.isin(self.candidates, self.blocks[term]))
+
+    def samples(self, term: str) -> float:
+        """Return the number n of independent samples that tell as much of a candidate.
+
+        The geometric mean over its parameters of zᵀ W z by what a single sample, of white noise
+        with the same covariance, tells on average: all samples where the noise is white.
+        """
+        at = self.blocks[term]
+        known = np.sum([each.columns[at] for each in self.recordings], axis=0)
+        white = np.sum([each.columns_white[at] for each in self.recordings], axis=0)
+        count = sum(each.samples for each in self.recordings)
+        seen = white > 0
+        if not np.any(seen):
+            return count
+        return float(np.exp(np.mean(np.log(count * known[seen] / white[seen]))))
+
+    def dispersion(self) -> float:
+        """Return how many times the noise the largest model leaves of the forces; 1 at least."""
+        fit = self.beside_own().fit(np.arange(len(self.candidates)))
+        step = np.zeros(len(self.prior.gradient))
+        step[self.candidates] = fit.values
+        step[self.own] = self._reduced.offset - self._reduced.slope @ fit.values
+        left, size = map(sum, zip(*(each.left(step) for each in self.recordings), strict=True))
+        return max(1.0, left / (size - len(self.own) - fit.rank))
+
+
+def _as_shown(experiment: Experiment) -> Experiment:
+    """Return an experiment with the noise that its periods show, with its spectrum."""
+    remembered = with_memory(experiment)
+    return replace(remembered, noise=shown_noise(remembered))
