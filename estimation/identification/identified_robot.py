@@ -11,6 +11,7 @@ from estimation.diagnostics.record import Diagnosis
 from estimation.estimators import ParameterEstimate
 from estimation.identification.result import EstimationResult
 from expdesign.configuration.identification import (
+    IDENTIFIED_ROBOT,
     Identification,
     IdentifiedDeviation,
     identified_name,
@@ -21,7 +22,7 @@ from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.robot import robot_from
 from expdesign.robot.deviation import as_in_a_file, deviated
 
-FILE = "identified-robot.yaml"
+FILE = IDENTIFIED_ROBOT
 
 
 def identified_robot(result: EstimationResult, diagnosis: Diagnosis | None) -> str:

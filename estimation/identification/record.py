@@ -22,6 +22,7 @@ from estimation.identification.budget_record import (
 from estimation.identification.estimate_file import EstimateFile
 from estimation.identification.identified_robot import FILE as IDENTIFIED_ROBOT
 from estimation.identification.identified_robot import identified_robot
+from estimation.identification.payload_record import PayloadRow, payload_rows
 from estimation.identification.result import EstimationResult
 from estimation.uncertainty.intervals import ParameterRow, correlation
 from expdesign.mechanism.hexapod import COORDINATES
@@ -130,6 +131,7 @@ class EstimateRecord(FolderRecord):
         "precision": RowTable("tables/precision.csv", _WRITTEN_BY, PrecisionRow),
         "budget": RowTable("tables/budget.csv", _WRITTEN_BY, BudgetRow),
         "deviations": RowTable("tables/deviations.csv", _WRITTEN_BY, DeviationRow),
+        "payload": RowTable("tables/payload.csv", _WRITTEN_BY, PayloadRow),
         "noise": RowTable("tables/noise.csv", _WRITTEN_BY, NoiseRow),
         "rows": ESTIMATES,
     }
@@ -188,7 +190,8 @@ class EstimateRecord(FolderRecord):
     def contents(self) -> Contents:
         """Yield the tables, with those of each recording before the estimates themselves."""
         exact = () if self.budget else (self.TABLES["budget"], self.TABLES["deviations"])
-        unsaid = (*exact, ESTIMATES)
+        carried = () if self.payload else (self.TABLES["payload"],)
+        unsaid = (*exact, *carried, ESTIMATES)
         yield from ((table, part) for table, part in super().contents() if table not in unsaid)
         numbers = self.summary.numbers
         for n, motion in self.motions.items():
@@ -267,6 +270,16 @@ class EstimateRecord(FolderRecord):
             for estimator, entry in self.summary.estimators.items()
             if entry.systematic is not None
             for row in deviation_rows(estimator, entry.systematic)
+        ]
+
+    @property
+    def payload(self) -> list[PayloadRow]:
+        """What the platform carries, by every estimator; empty without an earlier machine."""
+        return [
+            row
+            for estimator, entry in self.summary.estimators.items()
+            if entry.payload is not None
+            for row in payload_rows(estimator, entry.payload)
         ]
 
     @property

@@ -27,6 +27,7 @@ def inconsistencies(
     yield from _unknown_spectrum(run, robot, document)
     yield from _long_delay(run, document)
     yield from _nothing_to_estimate(run, robot, document)
+    yield from _unfit_payload(run, robot, document)
 
 
 def _unknown_parameters(
@@ -35,7 +36,7 @@ def _unknown_parameters(
     named = {
         ("design", "parameters"): run.design.parameters or (),
         ("estimate", "fixed"): run.estimate.fixed,
-        ("estimate", "prior"): run.estimate.prior,
+        ("estimate", "prior"): run.estimate.named_priors,
         ("estimate", "bounds"): run.estimate.bounds,
     }
     valid = robot.parameter_names
@@ -142,4 +143,24 @@ def _nothing_to_estimate(
             "only maximum likelihood estimates what has a tolerance, and estimate.estimators "
             "does not name ml",
             "budget or none; or ml among estimate.estimators",
+        )
+
+
+def _unfit_payload(
+    run: RunDescription, robot: ResolvedRobot, document: Document
+) -> Iterator[Problem]:
+    """Name what a payload is not understood with."""
+    if not run.experiment.payload:
+        return
+    if robot.platform == "symmetric":
+        yield document.problem(
+            ("experiment", "payload"),
+            f"the robot {robot.name} has a symmetric platform, and a payload has ten parameters",
+            "platform: general in the robot file",
+        )
+    if run.estimate.prior_from != "none":
+        yield document.problem(
+            ("estimate", "prior_from"),
+            "the robot's identification is no prior of a machine that carries a payload",
+            "none, and for the payload `estimate.prior` with the run folder of the identification",
         )
