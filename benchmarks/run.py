@@ -37,6 +37,7 @@ NAMES = (
     "screws",
     "imported",
     "own_machine",
+    "payload",
     "certificate",
     "certified_robots",
     "speed",

@@ -9,11 +9,51 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from constraints.arrays import Array
 from expdesign.configuration import InputError
+from expdesign.configuration.identification import Identification
+from expdesign.configuration.prior import identification_of
+from expdesign.configuration.robot_description import RobotDescription
 from expdesign.robot import Robot
 from expdesign.robot.deviation import Deviation, deviations
+
+PLATFORM = ("p10", "sx", "sy", "p9", "p6", "p7", "p8", "Ixy", "Ixz", "Iyz")
+"""Parameters that a payload adds to: mass, first moments, inertia about the TCP."""
+
+
+@dataclass(frozen=True, eq=False)
+class UnloadedMachine:
+    """A machine as it was identified before it carried a payload."""
+
+    values: Array
+    """(m,), p₀, SI."""
+    covariance: Array
+    """(m, m), P: its random share."""
+    platform: NDArray[np.intp]
+    """(10,), places of `PLATFORM`."""
+
+    @property
+    def known(self) -> NDArray[np.bool_]:
+        """(m,), false: it was held at its value."""
+        return np.diag(self.covariance) > 0
+
+    @property
+    def transfer(self) -> Array:
+        """(10, m), T = [1, −G]: what p' − p₀ says of the payload (`estimation.estimators.payload`).
+
+        G = P_ab P_bb⁻¹ is what a change of the other parameters makes expect of the platform's.
+        """
+        others = self.known.copy()
+        others[self.platform] = False
+        std = np.sqrt(np.diag(self.covariance))[others]
+        between = self.covariance[np.ix_(others, others)] / np.multiply.outer(std, std)
+        across = self.covariance[np.ix_(others, self.platform)] / std[:, None]
+        transfer = np.zeros((len(self.platform), len(self.values)))
+        transfer[:, others] = -np.linalg.solve(between, across).T / std
+        transfer[np.arange(len(self.platform)), self.platform] = 1.0
+        return transfer
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,6 +65,8 @@ class EarlierEstimate:
     deviations: tuple[Deviation, ...]
     response: Array
     """(m, t), what it moves by per unit of each deviation."""
+    unloaded: UnloadedMachine | None = None
+    """The machine that it was of, where that carries a payload now."""
 
     @classmethod
     def of(cls, robot: Robot) -> EarlierEstimate:
@@ -37,14 +79,11 @@ class EarlierEstimate:
         """
         about = robot.description
         found = about.description.identification
-        known = {one.name: one for one in deviations(robot)}
         wrong = ""
         if found is None:
             wrong = f"the robot {robot.name} was not identified: its file has no identification"
         elif found.parameters != robot.parameter_names:
             wrong = "the identification of the robot is that of other parameters"
-        elif any(one.name not in known for one in found.deviations):
-            wrong = "the identification names deviations that the robot does not have"
         if wrong or found is None:
             raise InputError(
                 wrong,
@@ -53,13 +92,54 @@ class EarlierEstimate:
                 allowed="none, or a robot such as the identified-robot.yaml of a run folder",
             )
         covariance = np.array(found.covariance_random)
-        std = np.sqrt(np.diag(covariance))
-        at = np.flatnonzero(std > 0)
-        precision = np.zeros_like(covariance)
-        scale = np.multiply.outer(std[at], std[at])
-        precision[np.ix_(at, at)] = np.linalg.inv(covariance[np.ix_(at, at)] / scale) / scale
-        return cls(
-            (precision + precision.T) / 2,
-            tuple(replace(known[one.name], std=one.tolerance) for one in found.deviations),
-            np.array(found.response).reshape(len(covariance), len(found.deviations)),
+        return cls(_precision(covariance), *_systematic(found, robot, "estimate.prior_from"))
+
+    @classmethod
+    def without_payload(cls, robot: Robot, machine: RobotDescription) -> EarlierEstimate:
+        """Take the identification of a machine that carries an unknown payload now.
+
+        Nothing is known of the platform's parameters with the payload; the others have the
+        covariance that they had together with the platform's.
+
+        Raises
+        ------
+        InputError
+            The identification names deviations that the robot does not have.
+        """
+        found, names = identification_of(machine), robot.parameter_names
+        unloaded = UnloadedMachine(
+            np.array([machine.parameters[name] for name in names]),
+            np.array(found.covariance_random),
+            np.array([names.index(name) for name in PLATFORM], dtype=np.intp),
         )
+        kept = unloaded.covariance.copy()
+        kept[unloaded.platform] = kept[:, unloaded.platform] = 0.0
+        return cls(_precision(kept), *_systematic(found, robot, "estimate.prior"), unloaded)
+
+
+def _precision(covariance: Array) -> Array:
+    """Return the inverse of a covariance, (m, m); zero where it has no variance."""
+    std = np.sqrt(np.diag(covariance))
+    at = np.flatnonzero(std > 0)
+    precision = np.zeros_like(covariance)
+    scale = np.multiply.outer(std[at], std[at])
+    precision[np.ix_(at, at)] = np.linalg.inv(covariance[np.ix_(at, at)] / scale) / scale
+    return (precision + precision.T) / 2
+
+
+def _systematic(
+    found: Identification, robot: Robot, key: str
+) -> tuple[tuple[Deviation, ...], Array]:
+    """Return the deviations of an identification and what each does to its parameters, (m, t)."""
+    known = {one.name: one for one in deviations(robot)}
+    if unknown := [one.name for one in found.deviations if one.name not in known]:
+        raise InputError(
+            f"the identification names deviations that the robot {robot.name} does not have: "
+            f"{', '.join(unknown)}",
+            key=key,
+            allowed=", ".join(known),
+        )
+    return (
+        tuple(replace(known[one.name], std=one.tolerance) for one in found.deviations),
+        np.array(found.response).reshape(len(found.parameters), len(found.deviations)),
+    )

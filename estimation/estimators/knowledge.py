@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from constraints.arrays import Array
-from estimation.estimators.earlier import EarlierEstimate
+from estimation.estimators.earlier import EarlierEstimate, UnloadedMachine
 from expdesign.configuration import ComputationError
+from expdesign.configuration.robot_description import RobotDescription
 from expdesign.configuration.sections.data import EstimateSection
 from expdesign.information.fisher import ScaledInformation
 from expdesign.mechanism.catalogue import known_parameters
@@ -75,7 +76,7 @@ class Knowledge:
         """Take what the run's `estimate:` section says, whose names the loader has checked."""
         known, nominal = robot.parameter_names, np.array(robot.parameters)
         fixed: Mapping[str, float | None] = section.fixed
-        priors, bounds = section.prior, section.bounds
+        priors, bounds = section.named_priors, section.bounds
         lower, upper = np.transpose([bounds.get(name, (-np.inf, np.inf)) for name in known])
 
         def values(given: Mapping[str, float | None]) -> Array:
@@ -83,7 +84,7 @@ class Knowledge:
             chosen = [given.get(name) for name in known]
             return np.array([n if c is None else c for n, c in zip(nominal, chosen, strict=True)])
 
-        return cls(
+        whole = cls(
             names=known,
             nominal=nominal,
             free=np.array([name not in fixed for name in known]),
@@ -94,6 +95,19 @@ class Knowledge:
             upper=upper,
             earlier=EarlierEstimate.of(robot) if section.prior_from == "robot" else None,
         )
+        if not isinstance(section.prior, RobotDescription):
+            return whole
+        earlier = EarlierEstimate.without_payload(robot, section.prior)
+        return whole if earlier.unloaded is None else whole.after(earlier, earlier.unloaded)
+
+    def after(self, earlier: EarlierEstimate, unloaded: UnloadedMachine) -> Knowledge:
+        """Return it with the prior of a machine that carries an unknown payload now.
+
+        What the identification held at a value stays there.
+        """
+        start = unloaded.values.copy()
+        start[unloaded.platform] = self.start[unloaded.platform]
+        return replace(self, free=unloaded.known, start=start, prior_mean=start, earlier=earlier)
 
     def with_deviations(self, deviations: Sequence[Deviation]) -> Knowledge:
         """Return it with entries of θ behind the parameters: their tolerances are priors."""

@@ -132,6 +132,8 @@ def with_prior(
     inherited = np.zeros_like(earlier.response)
     inherited[free] = gain @ earlier.response[free]
     if systematic is None:
+        if not any(one.std > 0 for one in earlier.deviations):
+            return None
         systematic = Systematic((), np.zeros((len(free), 0)), np.zeros(0), np.zeros(0))
     places = {(one.name, one.std): place for place, one in enumerate(systematic.deviations)}
     response, more = systematic.response.copy(), []

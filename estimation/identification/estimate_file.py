@@ -11,8 +11,10 @@ import numpy as np
 from estimation.diagnostics.noise_record import NoiseKeys, noise_keys
 from estimation.diagnostics.record import Diagnosis, DiagnosisKeys
 from estimation.estimators import ParameterEstimate, covariance_ml_less_gm
+from estimation.estimators.payload import TEN
 from estimation.identification.budget_record import SystematicKeys
 from estimation.identification.constants_record import ConstantKeys, constants_found
+from estimation.identification.payload_record import PayloadKeys
 from estimation.identification.result import EstimationResult, RecordSummary
 from estimation.identification.term_selection import Selection
 from estimation.uncertainty.intervals import Combination
@@ -147,6 +149,10 @@ class EstimatorKeys:
         tuple[ConstantKeys, ...],
         described("", "constants of terms that were estimated, as in tables/constants.csv"),
     ] = ()
+    payload: Annotated[
+        PayloadKeys | None,
+        described("", "what the platform carries beyond the machine identified before; null: none"),
+    ] = None
     combinations: Annotated[
         tuple[Combination, ...], described("", "what is known of parameters not identified")
     ]
@@ -168,6 +174,7 @@ class EstimatorKeys:
             values=dict(zip(result.knowledge.names, estimate.values.tolist(), strict=True)),
             systematic=SystematicKeys.of(estimate.systematic),
             constants=constants_found(robot_from(result.configuration.robot), estimate.systematic),
+            payload=PayloadKeys.of(result.payloads.get(estimate.estimator)),
             combinations=result.combinations[estimate.estimator],
             motions=tuple(copied(FourierKeys, motion) for motion in motions),
         )
@@ -227,6 +234,15 @@ class EstimateFile(RunFile):
                 yield from other_shape(
                     f"{place}.{key}", numbers if numbers.size else None, (count,), of
                 )
+            if found.payload is not None:
+                own = found.payload
+                yield from other_names(f"{place}.payload.values", own.values, TEN, "a payload")
+                for key in ("covariance", "covariance_systematic"):
+                    matrix = getattr(own, key)
+                    path = f"{place}.payload.{key}"
+                    yield from other_shape(path, matrix, (len(TEN),) * 2, "a payload")
+                path = f"{place}.payload.freedom"
+                yield from other_shape(path, own.freedom, (len(TEN),), "a payload")
             if found.systematic is not None:
                 yield from other_shape(
                     f"{place}.systematic.response",

@@ -11,6 +11,7 @@ from estimation.diagnostics.record import Diagnosis
 from estimation.estimators import ParameterEstimate
 from estimation.identification.result import EstimationResult
 from expdesign.configuration.identification import (
+    IDENTIFIED_ROBOT,
     Identification,
     IdentifiedDeviation,
     identified_name,
@@ -22,7 +23,7 @@ from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.robot import Robot, robot_from
 from expdesign.robot.deviation import Deviation, as_in_a_file, deviated, estimated_constants
 
-FILE = "identified-robot.yaml"
+FILE = IDENTIFIED_ROBOT
 
 
 def identified_robot(result: EstimationResult, diagnosis: Diagnosis | None) -> str:

@@ -23,6 +23,7 @@ from estimation.identification.constants_record import ConstantRow, constant_row
 from estimation.identification.estimate_file import EstimateFile
 from estimation.identification.identified_robot import FILE as IDENTIFIED_ROBOT
 from estimation.identification.identified_robot import identified_robot
+from estimation.identification.payload_record import PayloadRow, payload_rows
 from estimation.identification.result import EstimationResult
 from estimation.selection.path import SelectionRow
 from estimation.uncertainty.intervals import ParameterRow, correlation
@@ -133,6 +134,7 @@ class EstimateRecord(FolderRecord):
         "budget": RowTable("tables/budget.csv", _WRITTEN_BY, BudgetRow),
         "deviations": RowTable("tables/deviations.csv", _WRITTEN_BY, DeviationRow),
         "constants": RowTable("tables/constants.csv", _WRITTEN_BY, ConstantRow),
+        "payload": RowTable("tables/payload.csv", _WRITTEN_BY, PayloadRow),
         "noise": RowTable("tables/noise.csv", _WRITTEN_BY, NoiseRow),
         "selection": RowTable("tables/selection.csv", _WRITTEN_BY, SelectionRow),
         "rows": ESTIMATES,
@@ -195,6 +197,7 @@ class EstimateRecord(FolderRecord):
             "budget": self.budget,
             "deviations": self.budget,
             "constants": self.constants,
+            "payload": self.payload,
             "selection": self.selection,
         }
         unsaid = (*(self.TABLES[name] for name, rows in optional.items() if not rows), ESTIMATES)
@@ -291,6 +294,16 @@ class EstimateRecord(FolderRecord):
     def selection(self) -> tuple[SelectionRow, ...]:
         """Every term that was tried; empty where none was."""
         return () if self.summary.selection is None else self.summary.selection.steps
+
+    @property
+    def payload(self) -> list[PayloadRow]:
+        """What the platform carries, by every estimator; empty without an earlier machine."""
+        return [
+            row
+            for estimator, entry in self.summary.estimators.items()
+            if entry.payload is not None
+            for row in payload_rows(estimator, entry.payload)
+        ]
 
     @property
     def noise(self) -> list[NoiseRow]:

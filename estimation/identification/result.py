@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 from constraints.arrays import Array
 from estimation.estimators import Experiment, Knowledge, ParameterEstimate
+from estimation.estimators.payload import PayloadEstimate, payload_estimate
 from estimation.identification.term_selection import Selection
 from estimation.uncertainty.intervals import Combination, ParameterRow
 from expdesign.configuration import RunConfiguration
@@ -61,6 +63,14 @@ class EstimationResult:
     def best(self) -> ParameterEstimate:
         """The estimate to use: ML if there is one, else GM, else LS."""
         return best_of(self.estimates)
+
+    @cached_property
+    def payloads(self) -> dict[str, PayloadEstimate]:
+        """The payload by every estimator; empty where the prior is not of a machine without it."""
+        before = self.knowledge.earlier
+        if before is None or before.unloaded is None:
+            return {}
+        return {name: payload_estimate(found, before) for name, found in self.estimates.items()}
 
     @property
     def experiments(self) -> tuple[Experiment, ...]:

@@ -38,6 +38,7 @@ from estimation.twin.record import (
 from estimation.twin.sampling import SampleGrid
 from estimation.twin.table_motion import TableMotion, refuse_short_window, window_error
 from expdesign.configuration import InputError, ResolvedRobot, RunConfiguration
+from expdesign.configuration.bodies import payload_parameters
 from expdesign.configuration.sections.disturbances import Lost
 from expdesign.configuration.sections.experiment import ExperimentSection
 from expdesign.export.table_file import TableFile
@@ -137,6 +138,7 @@ class Twin:
             robot=robot.name,
             machine=None if configuration.truth is None else MachineKeys.of(true),
             parameters=dict(true.description.parameters),
+            payload=payload_parameters(section.payload) if section.payload else None,
             experiment=ExperimentKeys(
                 section.periods,
                 section.sampling,

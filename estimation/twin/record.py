@@ -201,6 +201,10 @@ class Truth(RunFile):
     parameters: Annotated[
         dict[str, float], described("SI", "true values by name, in the order of the regressor")
     ]
+    payload: Annotated[
+        dict[str, float] | None,
+        described("SI", "what of p6 … Iyz is the payload's (experiment.payload); null: none"),
+    ] = None
     experiment: Annotated[ExperimentKeys, described("", "length and sampling")]
     design: Annotated[Motion, described("", "the motion that was commanded")]
     executed: Annotated[Motion, described("", "the motion that was made")]

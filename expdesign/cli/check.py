@@ -79,7 +79,9 @@ def check(
     if missing := stages_without_design(configuration, run_folder(configuration, None)):
         warnings.append(f"expdesign run refuses this file. {missing.message}")
     about = configuration.robot
-    made = bodies_in_words(about.description.bodies, about.platform_joints, about.parameters)
+    made = bodies_in_words(
+        about.description.bodies, about.platform_joints, about.description.parameters
+    )
     found = {}
     if machine:
         found = _machine(configuration, robot, run_folder(configuration, out), quiet=as_json)

@@ -16,6 +16,7 @@ from expdesign.stages.outcome import Outcome, short
 
 if TYPE_CHECKING:
     from estimation.diagnostics.finding import Finding, Verdict
+    from estimation.identification.record import EstimateRecord
 
 
 def design(outcome: Outcome) -> None:
@@ -177,11 +178,30 @@ def estimate(outcome: Outcome) -> None:
                 f"{row.constant} = {with_error(row.value, row.std)} {row.unit} (estimated from "
                 f"{row.stated:.6g} on)"
             )
+    if outcome.record.payload:
+        console.print(_payload(outcome.record))
     for combination in result.combinations[result.best.estimator]:
         say(combination.text)
     if diagnosis is not None:
         _verdict(diagnosis.verdict)
     _place(outcome)
+
+
+def _payload(record: EstimateRecord) -> Table:
+    by_place = {(row.estimator, row.quantity): row for row in record.payload}
+    names = list(record.summary.estimators)
+    rows = [
+        (
+            quantity,
+            *(_concise(by_place[n, quantity].value, by_place[n, quantity].std) for n in names),
+            row.unit,
+        )
+        for (first, quantity), row in by_place.items()
+        if first == names[0]
+    ]
+    title = "The payload, in the platform frame (standard deviations of the last digits)"
+    heads = ("quantity", *(name.upper() for name in names), "unit")
+    return _table(title, heads, rows, ("quantity", "unit"))
 
 
 def validate(outcome: Outcome) -> None:

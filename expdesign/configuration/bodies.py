@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Annotated, Any
 
 import numpy as np
@@ -100,18 +100,18 @@ def _listed(value: object) -> object:
     return value if isinstance(value, list | tuple) else [value]
 
 
-_Fixed = Annotated[tuple[Body, ...], BeforeValidator(_listed)]
+FixedBodies = Annotated[tuple[Body, ...], BeforeValidator(_listed)]
 """A body, or a list of bodies that are fixed to each other."""
 
 
 class Bodies(Section):
     """What moves, part by part; a part that is not given has no mass."""
 
-    ring: _Fixed = ()
-    stator: _Fixed = ()
-    slider: _Fixed = ()
-    platform: _Fixed = ()
-    payload: _Fixed = ()
+    ring: FixedBodies = ()
+    stator: FixedBodies = ()
+    slider: FixedBodies = ()
+    platform: FixedBodies = ()
+    payload: FixedBodies = ()
 
     @model_validator(mode="after")
     def _something(self) -> Bodies:
@@ -179,6 +179,12 @@ class Bodies(Section):
         moments = max(made["p6"], made["p7"], made["p8"])
         sizes = {"s": np.sqrt(made[MASS] * moments), "I": moments}
         return {n: made[n] for n in LATERAL if abs(made[n]) > VANISHING * sizes[n[0]]}
+
+
+def payload_parameters(payload: Iterable[Body]) -> dict[str, float]:
+    """Return what bodies that are fixed to the platform add to its ten parameters, SI."""
+    carried = together(body.in_its_part for body in payload)
+    return platform_parameters(carried, 0.0, np.zeros((0, 3)))
 
 
 def bodies_in_words(

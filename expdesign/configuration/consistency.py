@@ -30,6 +30,7 @@ def inconsistencies(
     yield from _nothing_to_estimate(run, robot, document)
     yield from _unfitted_constants(run, robot, document)
     yield from _nothing_to_select(run, robot, document)
+    yield from _unfit_payload(run, robot, document)
 
 
 def _unknown_parameters(
@@ -38,7 +39,7 @@ def _unknown_parameters(
     named = {
         ("design", "parameters"): run.design.parameters or (),
         ("estimate", "fixed"): run.estimate.fixed,
-        ("estimate", "prior"): run.estimate.prior,
+        ("estimate", "prior"): run.estimate.named_priors,
         ("estimate", "bounds"): run.estimate.bounds,
     }
     valid = robot.parameter_names
@@ -202,4 +203,24 @@ def _nothing_to_select(
             ("estimate", "prior_from"),
             "an earlier estimate is a prior of its own terms, and estimate.select tries others",
             "none, or no estimate.select",
+        )
+
+
+def _unfit_payload(
+    run: RunDescription, robot: ResolvedRobot, document: Document
+) -> Iterator[Problem]:
+    """Name what a payload is not understood with."""
+    if not run.experiment.payload:
+        return
+    if robot.platform == "symmetric":
+        yield document.problem(
+            ("experiment", "payload"),
+            f"the robot {robot.name} has a symmetric platform, and a payload has ten parameters",
+            "platform: general in the robot file",
+        )
+    if run.estimate.prior_from != "none":
+        yield document.problem(
+            ("estimate", "prior_from"),
+            "the robot's identification is no prior of a machine that carries a payload",
+            "none, and for the payload `estimate.prior` with the run folder of the identification",
         )

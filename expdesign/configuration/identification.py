@@ -11,6 +11,9 @@ from expdesign.configuration.section import Section
 from expdesign.configuration.values.quantity import NotNegative, Number
 from expdesign.configuration.values.scalars import LONGEST_NAME, Text, at_least, one_of
 
+IDENTIFIED_ROBOT = "identified-robot.yaml"
+"""The robot that an estimate found, in its run folder."""
+
 IDENTIFIED = "-identified"
 """What the name of a robot ends in that an estimate found."""
 

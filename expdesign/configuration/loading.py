@@ -14,18 +14,21 @@ from expdesign.configuration.document import Document, Placed, document_from_map
 from expdesign.configuration.finding import absolute, find_file
 from expdesign.configuration.grid import grid_points
 from expdesign.configuration.noise import NoiseDescription
+from expdesign.configuration.prior import identification_of, payload_problems, prior_machine
 from expdesign.configuration.problem import InputError, Key, Problem
-from expdesign.configuration.robot import ResolvedRobot, resolve_robot
+from expdesign.configuration.robot import ResolvedRobot, as_general, carrying, resolve_robot
 from expdesign.configuration.robot_description import RobotDescription, read_robot
 from expdesign.configuration.run import RUN_FILE_KIND, RUN_FORMAT, RunConfiguration, RunDescription
 from expdesign.configuration.section import Section, validate
-from expdesign.configuration.sections.data import DataSection
+from expdesign.configuration.sections.data import DataSection, EstimateSection
+from expdesign.configuration.sections.design import DesignSection
 from expdesign.configuration.sections.experiment import ExperimentSection, ValidationMotion
 from expdesign.configuration.yaml_file import read_yaml
 from expdesign.library import robot_files, run_files
 
 S = TypeVar("S", bound=Section)
 F = TypeVar("F", DataSection, ValidationMotion)
+P = TypeVar("P", DesignSection, EstimateSection)
 
 _SMOOTHING = (0.4, 0.1, 0.05)
 _SMOOTHING_WITHOUT_LIMIT = (0.8, 0.2, 0.1)
@@ -69,6 +72,7 @@ def _loaded(document: Document) -> RunConfiguration:
     robot_source = _robot_source(named, ("robot",), document, problems)
     robot: ResolvedRobot | None = None
     truth: ResolvedRobot | None = None
+    priors: dict[str, RobotDescription] = {}
     limits = {} if run is None else run.limits
     tolerances = None if run is None else run.tolerances
     own_noise = (
@@ -90,6 +94,7 @@ def _loaded(document: Document) -> RunConfiguration:
             problems += error.problems
     if run is not None and robot is not None:
         problems += inconsistencies(run, robot, document)
+        priors = _priors(run, robot, document, problems)
     if problems or run is None or robot is None:
         raise InputError(problems)
     forces_known = robot.noise is not None and robot.noise.force_covariance is not None
@@ -99,18 +104,20 @@ def _loaded(document: Document) -> RunConfiguration:
         f"{'needs' if len(users) == 1 else 'need'} it"
     ]
     of_the_twin = (*folded_hum(run), *_other_warnings(truth, robot))
+    payload = run.experiment.payload
     return RunConfiguration(
-        run=_completed(run, robot, truth, document.folder),
-        robot=robot,
+        run=_completed(run, robot, truth, document.folder, priors),
+        robot=carrying(robot, payload),
         file=document.file,
         warnings=(
             *robot.warnings,
+            *_of_priors(priors),
             *(missing_noise if users else ()),
             *unselected(run),
             *of_the_twin,
         ),
         of_the_twin=of_the_twin,
-        truth=truth,
+        truth=None if truth is None else carrying(truth, payload),
         grid=() if run.sweep is None else grid_points(run.sweep, robot, document, _loaded),
     )
 
@@ -177,12 +184,42 @@ def _true_machine(
         if one.value.noise is not None
     ]
     bare = source.value.model_copy(update={"noise": None})
+    if experiment.payload:
+        bare = as_general(bare)
     return resolve_robot(
         Placed(bare, source.document, source.key),
         noise=[*noise, *run_noise],
         sampling=experiment.sampling,
         file_format=_format(document),
     )
+
+
+def _priors(
+    run: RunDescription, robot: ResolvedRobot, document: Document, problems: list[Problem]
+) -> dict[str, RobotDescription]:
+    """Return the identified machines that sections of the run have as a prior, by the section."""
+    found: dict[str, RobotDescription] = {}
+    for section in ("design", "estimate"):
+        source, key = getattr(run, section).prior, (section, "prior")
+        if source is None or isinstance(source, dict):
+            continue  # none, or those of single parameters
+        try:
+            found[section] = prior_machine(source, key, robot, document)
+        except InputError as error:
+            problems += error.problems
+    if "estimate" in found:
+        key = ("estimate", "prior")
+        problems += payload_problems(found["estimate"], robot, key, document)
+    return found
+
+
+def _of_priors(priors: Mapping[str, RobotDescription]) -> list[str]:
+    """Return what speaks against the machines that are priors."""
+    return [
+        f"{section}.prior: {text}"
+        for section, machine in priors.items()
+        for text in identification_of(machine).warnings
+    ]
 
 
 def _other_warnings(truth: ResolvedRobot | None, robot: ResolvedRobot) -> list[str]:
@@ -192,7 +229,11 @@ def _other_warnings(truth: ResolvedRobot | None, robot: ResolvedRobot) -> list[s
 
 
 def _completed(
-    run: RunDescription, robot: ResolvedRobot, truth: ResolvedRobot | None, folder: Path
+    run: RunDescription,
+    robot: ResolvedRobot,
+    truth: ResolvedRobot | None,
+    folder: Path,
+    priors: Mapping[str, RobotDescription],
 ) -> RunDescription:
     """Fill in what follows from other sections, and put the robots themselves into the run."""
     machine = None if truth is None else truth.description
@@ -204,7 +245,10 @@ def _completed(
             "noise": None,
             "tolerances": None,
             "trajectory": _filled(run.trajectory, controller_period=run.experiment.step),
-            "design": _filled(run.design, smoothing=smoothing_widths(robot)),
+            "design": _filled(
+                _with_prior(run.design, priors.get("design")), smoothing=smoothing_widths(robot)
+            ),
+            "estimate": _with_prior(run.estimate, priors.get("estimate")),
             "experiment": run.experiment.model_copy(update={"truth": machine}),
             "data": _with_absolute_file(run.data, folder),
             "validation": tuple(_with_absolute_file(motion, folder) for motion in run.validation),
@@ -213,6 +257,10 @@ def _completed(
     # A copy counts what is updated as named; a stage is named by the user alone.
     completed.model_fields_set.intersection_update(run.model_fields_set)
     return completed
+
+
+def _with_prior(section: P, machine: RobotDescription | None) -> P:
+    return section if machine is None else section.model_copy(update={"prior": machine})
 
 
 def _filled(section: S, **values: object) -> S:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ import numpy as np
 from constraints import Limit
 from constraints.arrays import Array
 from expdesign.configuration import geometry as geo
+from expdesign.configuration.bodies import Body, payload_parameters
 from expdesign.configuration.document import Placed
 from expdesign.configuration.drive import Drive
 from expdesign.configuration.finding import find_file
@@ -31,7 +32,7 @@ from expdesign.configuration.tolerances import Tolerances, merged_tolerances, to
 from expdesign.configuration.unit_slips import unit_slips
 from expdesign.configuration.values.scalars import read_only
 from expdesign.library import robot_files
-from expdesign.mechanism.term import Term
+from expdesign.mechanism.term import Term, parameters_of
 from expdesign.mechanism.terms import rigid_platform
 
 _ARRAYS = (
@@ -133,6 +134,20 @@ def load_robot_description(name_or_path: str | PathLike[str]) -> ResolvedRobot:
         singular at home.
     """
     return resolve_robot(read_robot(find_file(name_or_path, "robot", robot_files())))
+
+
+def as_general(description: RobotDescription) -> RobotDescription:
+    """Return the same machine with all ten parameters of its platform."""
+    terms = chosen_terms(description.terms, "general", description.drive)
+    values = {one.name: description.parameters.get(one.name, 0.0) for one in parameters_of(terms)}
+    return description.model_copy(update={"platform": "general", "parameters": values})
+
+
+def carrying(robot: ResolvedRobot, payload: Sequence[Body]) -> ResolvedRobot:
+    """Return a robot with a general platform with bodies on it; its `description` has none."""
+    carried = payload_parameters(payload)
+    values = {name: value + carried.get(name, 0.0) for name, value in robot.parameters.items()}
+    return replace(robot, parameters=values) if payload else robot
 
 
 def resolve_robot(

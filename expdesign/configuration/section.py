@@ -51,7 +51,7 @@ class ShortForm:
 Model = TypeVar("Model", bound=BaseModel)
 
 # Steps of pydantic's location that are no key of the document.
-_MARKS = ("[key]", "(inline)", "(name)")
+_MARKS = ("[key]", "(inline)", "(name)", "(names)")
 
 
 def validate(

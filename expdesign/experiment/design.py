@@ -13,6 +13,7 @@ from constraints.arrays import Array
 from expdesign.configuration import ConfigurationLike, InputError, RunConfiguration, load_run
 from expdesign.configuration.loading import smoothing_widths
 from expdesign.configuration.noise import NOISE_FROM_DATA
+from expdesign.configuration.prior import identification_of
 from expdesign.experiment.result import DesignResult, PredictedPrecision, imprecise, whole
 from expdesign.experiment.systematic import systematic_std
 from expdesign.information.criteria import CRITERIA
@@ -20,9 +21,9 @@ from expdesign.information.fisher import (
     EXCITABLE,
     ScaledInformation,
     SingularInformationError,
-    information_matrix,
     parameter_covariance,
 )
+from expdesign.information.marginal import PriorMachine
 from expdesign.information.periodic_noise import PeriodicNoise
 from expdesign.noise.hum import Hum
 from expdesign.problem.design_problem import DesignProblem, build_problem
@@ -113,6 +114,7 @@ def design(config: ConfigurationLike, monitor: Monitor | None = None) -> DesignR
             evaluator.names,
             evaluator.covariance,
             _length_covariance(configuration),
+            evaluator.prior,
         ),
         check=found.finished.check,
         search=found,
@@ -134,6 +136,7 @@ def design_task(configuration: RunConfiguration) -> DesignTask:
     scaling = robot.scales if run.design.scaling == "nominal" else np.ones(len(robot.scales))
     criterion = CRITERIA[run.design.criterion]
     covariance, memory = force_covariance(configuration), force_memory(configuration)
+    prior = prior_machine(configuration, robot, names)
     problem = build_problem(
         robot,
         harmonics=run.trajectory.harmonics,
@@ -143,7 +146,8 @@ def design_task(configuration: RunConfiguration) -> DesignTask:
         criterion=criterion,
         scaling=scaling,
         names=names,
-    ).with_noise(memory)
+    )
+    problem = problem.with_noise(memory).with_prior(prior, scaling)
     if run.design.start == "rest":
         problem = problem.with_variables(rest=True)
     plan = SearchPlan(
@@ -158,7 +162,7 @@ def design_task(configuration: RunConfiguration) -> DesignTask:
         scheduler=run.scheduler,
         max_seconds=run.design.max_seconds,
     )
-    evaluator = Evaluator(robot, covariance, criterion, scaling, names, memory)
+    evaluator = Evaluator(robot, covariance, criterion, scaling, names, memory, prior)
     return DesignTask(_well_scaled(problem, evaluator, plan), evaluator, plan)
 
 
@@ -167,7 +171,7 @@ def _well_scaled(problem: DesignProblem, evaluator: Evaluator, plan: SearchPlan)
 
     log det F does not depend on the scaling, but the digits that its eigenvalues keep do.
     """
-    information = evaluator.information(_probe(problem, plan, 0), problem.cost.samples)
+    information = evaluator.whole_information(_probe(problem, plan, 0), problem.cost.samples)
     sizes = np.sqrt(np.diag(information) / problem.cost.samples)
     scaling = 1 / np.where(sizes > 0, sizes, 1.0)
     return replace(problem, even_scaling=scaling).with_criterion(problem.criterion)
@@ -188,6 +192,23 @@ def _probe(problem: DesignProblem, plan: SearchPlan, number: int) -> FourierTraj
         else:
             return problem.variables.trajectory(x)
     raise AssertionError("the last attempt returns or raises")
+
+
+def prior_machine(
+    configuration: RunConfiguration, robot: Robot, names: tuple[str, ...]
+) -> PriorMachine | None:
+    """Return what `design.prior` knows of the robot; None without one.
+
+    The experiment's samples are those at the highest frequency that is allowed: motions are
+    compared at the same measuring time.
+    """
+    machine = configuration.run.design.prior
+    if machine is None:
+        return None
+    changed = np.array([robot.parameter_names.index(name) for name in names], dtype=np.intp)
+    experiment = configuration.run.experiment
+    samples = experiment.periods * experiment.sampling / configuration.run.trajectory.frequency[1]
+    return PriorMachine.of(identification_of(machine), changed, samples)
 
 
 def force_covariance(configuration: RunConfiguration) -> Array:
@@ -283,15 +304,17 @@ def _experiment_precision(
     total = int(np.ceil(experiment.periods * per_period * (1 - 1e-12)))
     count = whole(per_period)
     if count is not None:
-        information = evaluator.information(trajectory, count) * experiment.periods
+        information = evaluator.whole_information(trajectory, count) * experiment.periods
     elif evaluator.memory is not None:
         # What a period of nearly as many samples tells, for all of them.
         count = max(1, round(per_period))
-        information = evaluator.information(trajectory, count) * (total / count)
+        information = evaluator.whole_information(trajectory, count) * (total / count)
     else:
         motion = trajectory.sample(np.arange(total) / experiment.sampling)
-        regressors = evaluator.robot.regressor(*motion)
-        information = information_matrix(regressors[:, :, evaluator.columns], evaluator.covariance)
+        information = evaluator.of_regressors(evaluator.robot.regressor(*motion), trajectory.omega)
+    # All that was known before counts, and not what is the share of a measuring time.
+    counted = total if evaluator.prior is None else evaluator.prior.samples
+    information = evaluator.judged(information, counted)
     return _precision(evaluator, information, total, experiment.periods)
 
 

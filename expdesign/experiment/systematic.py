@@ -8,6 +8,12 @@ parameters: with L = ∂l/∂ξ
     D = F⁻¹ Σ Aᵀ Σ⁻¹ (Z_f − ∂(A p)/∂ξ · ∂ξ̂/∂θ).
 
 More periods do not make D smaller.
+
+Of a change π since an identification with the same tolerances, which have moved its parameters by
+D₀ θ, the part that both experiments share cancels: with S and R as of
+`expdesign.information.marginal`
+
+    D = S⁻¹ Rᵀ (Σ Aᵀ Σ⁻¹ (Z_f − …) − F D₀).
 """
 
 from __future__ import annotations
@@ -16,6 +22,7 @@ import numpy as np
 
 from constraints.arrays import Array
 from expdesign.information.fisher import whitening
+from expdesign.information.marginal import PriorMachine
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
 from expdesign.robot import Robot
 from expdesign.robot.deviation import tolerated
@@ -35,6 +42,7 @@ def systematic_std(
     names: tuple[str, ...],
     force_covariance: Array,
     length_covariance: Array | None,
+    prior: PriorMachine | None = None,
 ) -> dict[str, float]:
     """Return the standard deviation that the tolerances make, by parameter, SI.
 
@@ -51,9 +59,11 @@ def systematic_std(
         Σ, N².
     length_covariance : (6, 6) or None
         Δ, m²; None: all lengths count alike.
+    prior : PriorMachine, optional
+        What is known before: the names are then those that have changed.
     """
     chosen = tolerated(robot)
-    if not chosen:
+    if not chosen and (prior is None or not prior.moved):
         return {}
     times = np.arange(samples) * trajectory.period / samples
     bases = _bases(trajectory, times)
@@ -80,9 +90,18 @@ def systematic_std(
         for order in range(3)
     )
     white = whitening(force_covariance)
-    judged = [robot.parameter_names.index(name) for name in names]
+    used = names if prior is None else robot.parameter_names
+    judged = [robot.parameter_names.index(name) for name in used]
     regressors = _rows(forces.regressors[:, :, judged], white)
     unexplained = _rows(forces.columns, white) - _rows(np.asarray(slope), white) @ moved
+    if prior is not None:
+        seen = (regressors.T @ unexplained).T
+        change = {(o.name, o.std): row * o.std for o, row in zip(chosen, seen, strict=True)}
+        information = regressors.T @ regressors
+        for key, moved_before in prior.moved.items():
+            change[key] = change.get(key, 0.0) - information @ moved_before
+        response = prior.gain(information, samples) @ np.array(list(change.values())).T
+        return dict(zip(names, np.linalg.norm(response, axis=1).tolist(), strict=True))
     sizes = np.linalg.norm(regressors, axis=0)
     sizes = np.where(sizes > 0, sizes, 1.0)
     response = np.linalg.lstsq(regressors / sizes, unexplained, rcond=None)[0] / sizes[:, None]

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from constraints.arrays import Array
 from expdesign.evaluation.batch import BatchFunction
 from expdesign.information.fisher import whitening
+from expdesign.information.marginal import PriorMachine
 from expdesign.information.periodic_noise import PeriodicNoise
 from expdesign.information.spectral import Criterion, SpectralCost, spectral_cost
 from expdesign.mechanism.graph import Friction, hexapod_graph
@@ -56,13 +57,15 @@ class InformationCost:
     covariance: Array
     """(6, 6), full Σ of the force noise, N²."""
     columns: NDArray[np.intp]
-    """(k,), parameters that the criterion judges."""
+    """(k,), columns of A whose F is judged: all of them with a prior."""
     scaling: Array
     """(k,), every column of A is multiplied by it."""
     criterion: Criterion
     samples: int
     memory: PeriodicNoise | None = None
     """The noise where it is not white: then in place of Σ."""
+    prior: PriorMachine | None = None
+    """What is known before: the criterion then judges the information of the change alone."""
 
     @cached_property
     def basis(self) -> PhaseBasis:
@@ -78,7 +81,10 @@ class InformationCost:
 
     def value(self, variables: Array, width: float, level: float) -> float:
         """Return the cost alone."""
-        values = np.linalg.eigvalsh(self.information(variables, width))
+        information = self.information(variables, width)
+        if self._scaled_prior is not None:
+            information = self._scaled_prior.information(information, 1)
+        values = np.linalg.eigvalsh(information)
         values = np.maximum(values, np.finfo(float).eps ** 2 * values[-1])
         return self.criterion.cost(np.log(values), level)[0]
 
@@ -95,7 +101,8 @@ class InformationCost:
         every = np.array_equal(self.columns, np.arange(regressors.shape[2]))
         # In the eigenbasis: one factor rotated here, the other after the sum over the samples.
         rotated = (weighted @ cost.basis).transpose(0, 2, 1)
-        summed = np.zeros((variables.size, k * k))
+        directions = cost.basis.shape[1]
+        summed = np.zeros((variables.size, directions * k))
         slope = self.variables.slope(variables, basis)
         for first in range(0, count, _AT_ONCE):
             block = slice(first, first + _AT_ONCE)
@@ -103,10 +110,12 @@ class InformationCost:
             # ∂A/∂state, (samples, 18, 6, m)
             by_state = flat.reshape(len(flat), -1, actuators, regressors.shape[2])
             chosen = by_state if every else by_state[..., self.columns]
-            products = np.matmul(rotated[block, None], chosen).reshape(len(flat), -1, k * k)
+            products = np.matmul(rotated[block, None], chosen).reshape(
+                len(flat), -1, directions * k
+            )
             summed += slope.part(block).accumulated(products)
         columns = self.scaling[:, None] * cost.basis / count
-        half = np.matmul(columns.T, summed.reshape(-1, k, k).transpose(0, 2, 1))
+        half = np.matmul(columns.T, summed.reshape(-1, directions, k).transpose(0, 2, 1))
         change = half + half.transpose(0, 2, 1)
         if self.memory is not None:
             change[-1] += cost.basis.T @ self._spectrum_slope(weighted, variables) @ cost.basis
@@ -147,7 +156,11 @@ class InformationCost:
         """
         omega = self._omega(variables)
         factor = self._factor(regressors)
-        cost = spectral_cost(self._of_factor(factor, omega), self.criterion, level)
+        information = self._of_factor(factor, omega)
+        if self._scaled_prior is None:
+            cost = spectral_cost(information, self.criterion, level)
+        else:
+            cost = self._scaled_prior.cost(information, 1, self.criterion, level)
         if self.memory is not None:
             return self.memory.weighted(factor, omega), cost
         return np.matmul(self._white.T, factor), cost
@@ -160,8 +173,13 @@ class InformationCost:
 
     def readable(self, cost: float) -> float:
         """Return the criterion that a cost stands for: F over all samples, SI for ``d``."""
-        k = self.scaling.size
-        return self.criterion.from_cost(cost, k, self.samples, float(np.sum(np.log(self.scaling))))
+        judged = self.scaling if self.prior is None else self.scaling[self.prior.changed]
+        log_scale = float(np.sum(np.log(judged)))
+        return self.criterion.from_cost(cost, judged.size, self.samples, log_scale)
+
+    @cached_property
+    def _scaled_prior(self) -> PriorMachine | None:
+        return None if self.prior is None else self.prior.scaled(self.scaling)
 
     @cached_property
     def _white(self) -> Array:

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d
 
 from constraints.arrays import Array, Mask
+from expdesign.information.marginal import PriorMachine
 from expdesign.information.periodic_noise import PeriodicNoise
 from expdesign.information.spectral import Criterion
 from expdesign.problem.cost import InformationCost
@@ -33,8 +34,8 @@ class DesignProblem:
     names: tuple[str, ...]
     """Parameters that the criterion judges."""
     even_scaling: Array | None = None
-    """(k,), gives F of a typical motion a unit diagonal: for criteria that do not depend on the
-    scaling, but keep more digits in this one."""
+    """As the cost's scaling, gives F of a typical motion a unit diagonal: for criteria that do not
+    depend on the scaling, but keep more digits in this one."""
 
     @property
     def robot(self) -> Robot:
@@ -66,6 +67,16 @@ class DesignProblem:
     def with_noise(self, memory: PeriodicNoise | None) -> DesignProblem:
         """Return the same problem under noise that is not white; None: white."""
         return replace(self, cost=replace(self.cost, memory=memory))
+
+    def with_prior(self, prior: PriorMachine | None, scaling: Array) -> DesignProblem:
+        """Return the same problem for what its parameters have changed by; None: no prior.
+
+        `scaling`, (m,), is that of all parameters.
+        """
+        if prior is None:
+            return self
+        every = np.arange(len(scaling), dtype=np.intp)
+        return replace(self, cost=replace(self.cost, columns=every, scaling=scaling, prior=prior))
 
     def compile(self) -> None:
         """Make the machine code of everything that a search evaluates, for all its processes."""

@@ -15,6 +15,7 @@ from expdesign.information.fisher import (
     log_det,
     parameter_covariance,
 )
+from expdesign.information.marginal import PriorMachine
 from expdesign.information.periodic_noise import PeriodicNoise
 from expdesign.information.spectral import Criterion
 from expdesign.robot import Robot
@@ -23,7 +24,7 @@ from expdesign.trajectory import FourierTrajectory
 
 @dataclass(frozen=True)
 class Evaluator:
-    """How trajectories of a robot are judged: Σ, criterion, scaling and parameters."""
+    """How trajectories of a robot are judged: Σ, criterion, scaling, parameters and prior."""
 
     robot: Robot
     covariance: Array
@@ -34,15 +35,34 @@ class Evaluator:
     names: tuple[str, ...]
     memory: PeriodicNoise | None = None
     """The noise where it is not white: then in place of Σ."""
+    prior: PriorMachine | None = None
+    """What is known before: the judged parameters are then those that have changed."""
 
     def information(self, trajectory: FourierTrajectory, samples: int) -> Array:
-        """Return F of the judged parameters over one period of `samples` samples, SI, (k, k)."""
+        """Return F of the judged parameters over one period of `samples` samples, SI, (k, k).
+
+        With a prior it is S, what the samples tell of the change.
+        """
+        return self.judged(self.whole_information(trajectory, samples), samples)
+
+    def whole_information(self, trajectory: FourierTrajectory, samples: int) -> Array:
+        """Return F of one period before what is not judged is counted; see `judged`."""
         motion = trajectory.sample(trajectory.sample_times(samples))
-        regressors = self.robot.regressor(*motion)
-        chosen = regressors[:, :, self.columns]
+        return self.of_regressors(self.robot.regressor(*motion), trajectory.omega)
+
+    def of_regressors(self, regressors: Array, omega: float) -> Array:
+        """Return the same of A at the samples of one period, (N, 6, m)."""
+        chosen = regressors if self.prior is not None else regressors[:, :, self.columns]
         if self.memory is not None:
-            return self.memory.information(chosen, trajectory.omega)
+            return self.memory.information(chosen, omega)
         return information_matrix(chosen, self.covariance)
+
+    def judged(self, information: Array, samples: float) -> Array:
+        """Return of such an F over so many samples that of the judged parameters, (k, k).
+
+        A prior counts for as large a share as these are of its experiment.
+        """
+        return information if self.prior is None else self.prior.information(information, samples)
 
     @property
     def columns(self) -> NDArray[np.intp]:

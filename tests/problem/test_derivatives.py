@@ -10,6 +10,7 @@ from expdesign.configuration.limits import row_labels
 from expdesign.configuration.robot import load_robot_description
 from expdesign.information.criteria import CRITERIA
 from expdesign.information.fisher import information_matrix
+from expdesign.information.marginal import PriorMachine
 from expdesign.information.periodic_noise import PeriodicNoise
 from expdesign.noise.autoregressive import Autoregressive
 from expdesign.noise.hum import Hum
@@ -279,6 +280,73 @@ def test_gradient_for_some_of_the_parameters(palida, points):
     expected = _central(lambda y: problem.cost.value(y, WIDTH, 0.0), points[1], h=1e-4)
     _assert_close(gradient, expected, 1e-6)
     assert hessian.shape == (31, 31)
+
+
+@pytest.fixture(scope="module")
+def after_a_change(palida):
+    """A problem that judges what five parameters have changed by, the rest known so far."""
+    names = ("p6", "p7", "p8", "p9", "p10")
+    rng = np.random.default_rng(8)
+    # As much as the experiment's samples tell, with correlations.
+    spread = 0.05 * np.abs(palida.parameters)[:, None] * rng.normal(size=(24, 40)) / np.sqrt(40)
+    places = np.array([palida.parameter_names.index(name) for name in names])
+    prior = PriorMachine(places, spread, 500.0)
+    scaling = np.abs(palida.parameters)
+    return _problem(palida, names=names).with_prior(prior, scaling), prior, names
+
+
+@pytest.mark.parametrize("criterion", ["d", "a"])
+def test_gradient_for_a_change_with_a_prior(criterion, after_a_change, points):
+    problem = after_a_change[0].with_criterion(CRITERIA[criterion])
+    level = problem.criterion.levels[0]
+    for x in points[:2]:
+        value, gradient, hessian = problem.cost.derivatives(x, WIDTH, level)
+        assert value == pytest.approx(problem.cost.value(x, WIDTH, level), rel=1e-9)
+        expected = _central(lambda y: problem.cost.value(y, WIDTH, level), x, h=1e-4)
+        _assert_close(gradient, expected, 1e-6)
+        again, alone = problem.cost.gradient(x, WIDTH, level)
+        assert again == pytest.approx(value, rel=1e-12)
+        _assert_close(alone, gradient, 1e-9)
+        assert np.min(np.linalg.eigvalsh(hessian)) >= -1e-10 * np.max(np.abs(hessian))
+
+
+def test_hessian_for_a_change_is_gauss_newton(after_a_change, points):
+    """The second derivative of −log det S / k for dF linear in x, by the joint problem.
+
+    log det S = log det J − log det (F + P⁻¹), J with the columns that have changed twice.
+    """
+    problem, prior, names = after_a_change
+    x, scale = points[0], problem.cost.scaling
+    _, _, hessian = problem.cost.derivatives(x, WIDTH, 0.0)
+    factor = prior.factor / scale[:, None] * np.sqrt(prior.samples)
+    known = np.linalg.inv(factor @ factor.T)
+    twice = np.concatenate([np.eye(24)[:, prior.changed], np.eye(24)], axis=1)
+    joint = twice.T @ problem.cost.information(x, WIDTH) @ twice
+    joint[len(names) :, len(names) :] += known
+    changes = twice.T @ _changes(problem, x) @ twice
+
+    def curvature(matrix, slopes):
+        steps = np.linalg.solve(matrix, slopes)
+        return np.einsum("iab,jba->ij", steps, steps)
+
+    others = slice(len(names), None)
+    expected = curvature(joint, changes) - curvature(
+        joint[others, others], changes[:, others, others]
+    )
+    expected /= len(names)
+    size = np.sqrt(np.multiply.outer(np.diag(expected), np.diag(expected)))
+    np.testing.assert_allclose(hessian / size, expected / size, rtol=0, atol=1e-5)
+
+
+def test_readable_cost_of_a_change_is_the_evaluators(palida, after_a_change, points):
+    """The evaluator comes from the unsmoothed model and F in SI, the cost from scaled columns."""
+    problem, prior, names = after_a_change
+    covariance = palida.description.noise.force_covariance
+    evaluator = Evaluator(palida, covariance, problem.criterion, np.ones(24), names, prior=prior)
+    cost = problem.cost.value(points[0], 1e-9, 0.0)
+    found = evaluator.information(problem.variables.trajectory(points[0]), SAMPLES)
+    assert found.shape == (5, 5)
+    assert problem.cost.readable(cost) == pytest.approx(evaluator.value(found), abs=1e-6)
 
 
 def _changes(problem, x):

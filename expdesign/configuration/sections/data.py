@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from expdesign.configuration.parameters import FurtherTerms, known_parameter, parsed_parameter
 from expdesign.configuration.problem import refusal, require, shown
+from expdesign.configuration.robot_description import RobotDescription
 from expdesign.configuration.section import LATER, Section
 from expdesign.configuration.values.channels import ForceOffsets, Offsets, Order, Signs
 from expdesign.configuration.values.quantity import (
@@ -211,7 +213,10 @@ _LARGEST_HARMONICS = 500
 
 _FIXED = "a list of parameters, or parameters with their values"
 _BOUNDS = "parameters with their [min, max]"
-_PRIORS = "parameters with their {std: …} or {value: …, std: …}"
+_PRIORS = (
+    "parameters with their {std: …} or {value: …, std: …}; or the run folder of an estimate, for a "
+    "payload"
+)
 
 
 def _fixed(name: str, item: object) -> float | None:
@@ -238,6 +243,13 @@ def _prior(name: str, item: Any) -> dict[str, float | None]:
     if std <= 0:
         raise refusal(f"the standard deviation {std:g} is not positive", _PRIORS)
     return {"value": _fixed(name, item.get("value")), "std": std}
+
+
+def _prior_kind(value: object) -> str:
+    if isinstance(value, str):
+        return "(name)"
+    robot = isinstance(value, RobotDescription)
+    return "(inline)" if robot or (isinstance(value, dict) and "home" in value) else "(names)"
 
 
 class Prior(Section):
@@ -300,9 +312,13 @@ class EstimateSection(Section):
     ] = Field(default_factory=dict)
     """Parameter → value in SI units, None for the robot's value."""
     prior: Annotated[
-        dict[str, Prior],
-        by_key(_prior, _PRIORS, known_parameter),
+        Annotated[FilledText, Tag("(name)")]
+        | Annotated[RobotDescription, Tag("(inline)")]
+        | Annotated[dict[str, Prior], by_key(_prior, _PRIORS, known_parameter), Tag("(names)")],
+        Discriminator(_prior_kind),
     ] = Field(default_factory=dict)
+    """Of single parameters; or the machine as it was identified, which carries an unknown payload
+    now: a run folder, its identified-robot.yaml, or the machine itself."""
     prior_from: Annotated[PriorOrigin, one_of(PriorOrigin), LATER] = "none"
     """`robot`: what the robot file's `identification` knows is a prior, with its covariance."""
     bounds: Annotated[dict[str, tuple[float, float]], by_key(_bounds, _BOUNDS, known_parameter)] = (
@@ -317,7 +333,15 @@ class EstimateSection(Section):
         if self.prior and self.prior_from != "none":
             message = "prior and prior_from are both given"
             raise refusal(message, "one of them", key="prior_from")
+        if self.fixed and not isinstance(self.prior, dict):
+            message = "fixed, beside the prior of a whole machine: it holds what that held"
+            raise refusal(message, "prior or fixed", key="fixed")
         return self
+
+    @property
+    def named_priors(self) -> Mapping[str, Prior]:
+        """Those of single parameters."""
+        return self.prior if isinstance(self.prior, dict) else {}
 
 
 class MonteCarloSection(Section):

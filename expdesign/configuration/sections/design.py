@@ -5,11 +5,12 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import Annotated, Literal
 
-from pydantic import model_validator
+from pydantic import BeforeValidator, model_validator
 
 from expdesign.configuration.parameters import ParameterName
 from expdesign.configuration.problem import refusal, require
-from expdesign.configuration.section import Section
+from expdesign.configuration.robot_description import RobotSource
+from expdesign.configuration.section import LATER, Section
 from expdesign.configuration.values.quantity import Duration, Frequency, Jerk, Positive, Speed
 from expdesign.configuration.values.scalars import (
     Ascending,
@@ -21,6 +22,7 @@ from expdesign.configuration.values.scalars import (
     whole,
     word_for_none,
 )
+from expdesign.mechanism.terms import rigid_platform
 
 _LARGEST_HARMONICS = 100
 
@@ -84,6 +86,13 @@ Start = Literal["periodic", "rest"]
 Scaling = Literal["si", "nominal"]
 
 
+PAYLOAD = "payload"
+
+
+def _payload(value: object) -> object:
+    return [one.name for one in rigid_platform.GENERAL.parameters] if value == PAYLOAD else value
+
+
 _FALLING = require(
     lambda widths: all(a > b for a, b in pairwise(widths)),
     "the widths do not fall",
@@ -110,8 +119,14 @@ class DesignSection(Section):
     parameters: Annotated[
         Annotated[tuple[ParameterName, ...], Distinct] | None,
         *word_for_none("all", at_least(1, "parameters")),
+        BeforeValidator(_payload),
     ] = None
-    """Those that the experiment shall identify; None (``all`` in the YAML): all."""
+    """Those that the experiment shall identify; None (``all`` in the YAML): all. ``payload``
+    stands for the ten of the platform."""
+    prior: Annotated[RobotSource | None, LATER] = None
+    """The machine as it was identified, of which `parameters` have changed since by what is
+    unknown: a run folder, its identified-robot.yaml, or the machine itself. The criterion then
+    judges the change, with all parameters known as far as their covariance says."""
     smoothing: (
         Annotated[tuple[Annotated[Speed, Positive], ...], at_least(1, "widths"), _FALLING] | None
     ) = None
@@ -122,3 +137,13 @@ class DesignSection(Section):
     """Of each smoothing width, within one start."""
     max_seconds: Annotated[Duration, Positive] | None = None
     """Time for all starts, s."""
+
+    @model_validator(mode="after")
+    def _prior_of_a_change(self) -> DesignSection:
+        if self.prior is not None and self.parameters is None:
+            raise refusal(
+                "a prior, and nothing that has changed since: all parameters are judged",
+                f"{PAYLOAD}, or the names of those that have changed",
+                key="parameters",
+            )
+        return self

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
+from expdesign.configuration.bodies import FixedBodies
 from expdesign.configuration.parameters import ParameterName
 from expdesign.configuration.problem import refusal, require
 from expdesign.configuration.robot_description import RobotSource
@@ -75,6 +76,9 @@ class ExperimentSection(Section):
     truth: Annotated[RobotSource | None, LATER] = None
     """The machine that is measured, where it is not the run's robot: one that ships, a path
     relative to the run file, or the machine itself."""
+    payload: Annotated[FixedBodies, LATER] = ()
+    """What the platform carries beyond the robot's own bodies, as far as it is known: limits of
+    forces hold with it, and the machine that the twin measures has it."""
     force_constant: Annotated[ForceConstantError | None, LATER] = None
     hum: Annotated[Hum | None, LATER] = None
     delay: Annotated[Duration, LATER] = 0.0

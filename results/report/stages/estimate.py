@@ -35,6 +35,7 @@ from results.report.findings import (
     verdict_level,
 )
 from results.report.folder import RunFolder
+from results.report.payload import payload_blocks
 from results.report.selection import selection_blocks
 from results.report.stages.noise import shows_noise
 from results.report.table import Column, ReportTable, Value
@@ -107,6 +108,7 @@ def _blocks(
     blocks: list[Block] = [Facts(_details(folder, summary))]
     if not summary.intervals_cover:
         blocks.append(TextBlock(summary.intervals_note, Level.CAUTION))
+    blocks += payload_blocks(record, _true_payload(folder, record.summary))
     blocks.append(estimates_table(record, truth))
     blocks += constants_blocks(record)
     blocks += selection_blocks(folder, record)
@@ -160,13 +162,23 @@ def _noise_table(summary: EstimateFile) -> ReportTable:
     return ReportTable.of("noise", caption, columns, rows, folded=True)
 
 
-def _truth(folder: RunFolder, summary: EstimateFile) -> Mapping[str, float] | None:
-    """Return the true parameters when the estimate is of the folder's own simulated experiment."""
+def _own_truth(folder: RunFolder, summary: EstimateFile) -> Truth | None:
+    """Return what is true when the estimate is of the folder's own simulated experiment."""
     sources = [PurePath(recording.source).name for recording in summary.recordings]
     own = folder.configuration.run.data.file is None and sources == ["measurement.csv"]
-    if not own or not folder.has("experiment"):
+    return folder.record(Truth) if own and folder.has("experiment") else None
+
+
+def _true_payload(folder: RunFolder, summary: EstimateFile) -> Mapping[str, float] | None:
+    truth = _own_truth(folder, summary)
+    return None if truth is None else truth.payload
+
+
+def _truth(folder: RunFolder, summary: EstimateFile) -> Mapping[str, float] | None:
+    """Return the true parameters where they are known."""
+    truth, names = _own_truth(folder, summary), summary.parameters
+    if truth is None:
         return None
-    truth, names = folder.record(Truth), summary.parameters
     if truth.machine is None and not set(names) <= set(truth.parameters):
         return None
     return dict(zip(names, truth.values_of(names).tolist(), strict=True))

@@ -1,0 +1,122 @@
+"""A payload on a machine that was identified without it.
+
+The forces see p' = p + E π: the platform's ten parameters (a) with those of the payload π added,
+the others (b) as they were. Of p the identification knows p₀ with the covariance P, of π nothing is
+known. Integrated over π, the prior of p' is that of p_b alone, and p' is estimated with it. Then
+
+    π̂ = p̂'_a − p̂_a = T (p̂' − p₀),   T = [1, −G],   G = P_ab P_bb⁻¹,
+
+as the new recording has moved p_b, and with it what is expected of p_a. This is the estimate of the
+joint problem in (π, p) with P as the prior. The error of the identification e = p₀ − p enters p̂'
+by the gain H = F⁻¹ P_bb⁻¹ of its part b, which T e is not correlated with, so that
+
+    Cov(π̂) = T Cov(p̂') Tᵀ + T P Tᵀ.
+
+Deviations θ of the machine from its description (its tolerances) are the same in both recordings:
+what they do to the payload, T (D' − D₀) per unit, is a difference, whose equal parts cancel.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from constraints.arrays import Array
+from estimation.estimators.earlier import EarlierEstimate
+from estimation.estimators.result import ParameterEstimate
+from expdesign.mechanism.bodies import ENTRIES, RigidBody, inertia_of
+
+TEN = ("mass", "sx", "sy", "sz", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
+"""Names of a payload's parameters in the order of those they add to: mass, first moments and
+inertia about the TCP, in the axes of the platform frame; products as matrix entries."""
+ABOUT_CENTRE = ("cx", "cy", "cz", *(f"{name}_centre" for name in TEN[4:]))
+"""Names of what follows from them: the centre of mass, and the inertia about it."""
+
+
+@dataclass(frozen=True, eq=False)
+class PayloadEstimate:
+    """The ten parameters of a payload with their covariance, SI, in the order of `TEN`."""
+
+    values: Array
+    """(10,)."""
+    covariance: Array
+    """(10, 10), all shares together: of the new recordings and of the identification before."""
+    covariance_systematic: Array
+    """(10, 10), its share that tolerances make."""
+    freedom: Array
+    """(10,), degrees of freedom behind the standard deviations."""
+
+
+def payload_estimate(estimate: ParameterEstimate, before: EarlierEstimate) -> PayloadEstimate:
+    """Return what an estimate with an identification without payload as prior says of the payload.
+
+    Raises
+    ------
+    ValueError
+        The prior is that of a machine without a payload.
+    """
+    if before.unloaded is None:
+        raise ValueError("the prior is that of the machine as it is")
+    transfer = before.unloaded.transfer
+    own = transfer @ estimate.covariance_random @ transfer.T
+    random = own + transfer @ before.unloaded.covariance @ transfer.T
+    response = _shared_response(estimate, before)
+    systematic = transfer @ response @ response.T @ transfer.T
+    total = random + systematic
+    # What stands behind the noise of the new recordings does so for its share of the variance.
+    share = np.diag(own) / np.diag(total)
+    return PayloadEstimate(
+        transfer @ (estimate.values - before.unloaded.values),
+        total,
+        systematic,
+        estimate.freedom[before.unloaded.platform] / share**2,
+    )
+
+
+def _shared_response(estimate: ParameterEstimate, before: EarlierEstimate) -> Array:
+    """Return D' − D₀, (m, t), each times its tolerance: an equal tolerance is the same number."""
+    count = len(estimate.values)
+    found = (
+        {}
+        if estimate.systematic is None
+        else {
+            (one.name, one.std): column
+            for one, column in zip(
+                estimate.systematic.deviations, estimate.systematic.scaled.T, strict=True
+            )
+        }
+    )
+    for one, column in zip(before.deviations, before.response.T, strict=True):
+        key = one.name, one.std
+        found[key] = found.get(key, np.zeros(count)) - column * one.std
+    return np.array(list(found.values())).reshape(-1, count).T
+
+
+def about_centre(values: Array) -> tuple[Array, Array]:
+    """Return the centre of mass and the inertia about it, of a payload's ten parameters.
+
+    Returns
+    -------
+    derived : (9,)
+        In the order of `ABOUT_CENTRE`.
+    slope : (9, 10)
+        Its derivatives with respect to the ten: what the delta method takes.
+    """
+    mass, moment = float(values[0]), values[1:4]
+    centre = moment / mass
+    inertia = RigidBody(1.0, centre, inertia_of(values[4:] / mass)).about_centre * mass
+    slope = np.zeros((len(ABOUT_CENTRE), len(TEN)))
+    slope[:3, 0] = -centre / mass
+    slope[:3, 1:4] = np.eye(3) / mass
+    by_moment = [
+        -(2 * centre[k] * np.eye(3) - np.outer(axis, centre) - np.outer(centre, axis))
+        for k, axis in enumerate(np.eye(3))
+    ]
+    by_mass = (centre @ centre) * np.eye(3) - np.outer(centre, centre)
+    for row, (i, j) in enumerate(ENTRIES, start=3):
+        slope[row, 0] = by_mass[i, j]
+        slope[row, 1:4] = [each[i, j] for each in by_moment]
+    slope[3:, 4:] = np.eye(6)
+    derived = np.concatenate([centre, [inertia[i, j] for i, j in ENTRIES]])
+    return derived, slope

@@ -1,0 +1,127 @@
+"""Information of what has changed on a machine that was identified before.
+
+The machine's parameters p are known with the covariance P, and k of them have changed since by π,
+of which nothing is known: a payload adds its ten to those of the platform. The forces see
+Q = A (p + E π), with E the columns of the k. The joint information of (π, p) is
+
+    [[Eᵀ F E, Eᵀ F], [F E, F + P⁻¹]],
+
+and its Schur complement is what is known of π with p unknown as far as P says,
+
+    S = Eᵀ (F − F (F + P⁻¹)⁻¹ F) E = Eᵀ F (1 + P F)⁻¹ E.
+
+With P = L Lᵀ, M = 1 + Lᵀ F L, X = M⁻¹ Lᵀ F E and R = E − L X it is S = Rᵀ F R + Xᵀ X: a sum of
+squares, also where P or F is singular. Its derivatives are
+
+    dS = Rᵀ dF R,    d²S = −2 Rᵀ dF (L M⁻¹ Lᵀ) dF R.
+
+S is concave in F: a criterion that falls with S has a positive semidefinite curvature from d²S.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import numpy as np
+import scipy.linalg as sla
+from numpy.typing import NDArray
+
+from constraints.arrays import Array
+from expdesign.configuration.identification import Identification
+from expdesign.information.spectral import Criterion, SpectralCost, spectral_cost
+
+_NOTHING = 1e-14
+"""Eigenvalue of a correlation matrix, over the largest, that is rounding."""
+
+
+@dataclass(frozen=True, eq=False)
+class PriorMachine:
+    """What is known of all m parameters before an experiment, and which of them have changed."""
+
+    changed: NDArray[np.intp]
+    """(k,), places of the parameters whose change is judged."""
+    factor: Array
+    """(m, r), L with P = L Lᵀ, in the units of F's parameters."""
+    samples: float
+    """Over which the experiment's F is summed: it weighs the data against the prior."""
+    moved: Mapping[tuple[str, float], Array] = field(default_factory=dict)
+    """(m,), SI, what one standard deviation of what is not known exactly has moved the values by,
+    by its name and that tolerance."""
+
+    @classmethod
+    def of(cls, known: Identification, changed: NDArray[np.intp], samples: float) -> PriorMachine:
+        """Take the random share of an identification as P; what has no variance is exact."""
+        covariance, response = np.array(known.covariance_random), np.array(known.response)
+        std = np.sqrt(np.diag(covariance))
+        scale = np.where(std > 0, std, 1.0)
+        values, vectors = np.linalg.eigh(covariance / np.multiply.outer(scale, scale))
+        kept = values > _NOTHING * values[-1]
+        factor = std[:, None] * vectors[:, kept] * np.sqrt(values[kept])
+        moved = {
+            (one.name, one.tolerance): response[:, place] * one.tolerance
+            for place, one in enumerate(known.deviations)
+            if one.tolerance > 0
+        }
+        return cls(changed, factor, samples, moved)
+
+    def scaled(self, scaling: Array) -> PriorMachine:
+        """Return it for an F whose rows and columns were multiplied by `scaling`, (m,)."""
+        return replace(self, factor=self.factor / scaling[:, None])
+
+    def information(self, information: Array, samples: float) -> Array:
+        """Return S, (k, k), of F over so many samples, (m, m).
+
+        It counts the prior for as large a share as these are of the experiment.
+        """
+        return self._solved(information, samples).marginal
+
+    def gain(self, information: Array, samples: float) -> Array:
+        """Return S⁻¹ Rᵀ, (k, m): π̂ moves by it times Aᵀ Σ⁻¹ of what the forces change by."""
+        solved = self._solved(information, samples)
+        return np.asarray(np.linalg.solve(solved.marginal, solved.reduced.T), dtype=np.float64)
+
+    def cost(
+        self, information: Array, samples: float, criterion: Criterion, level: float
+    ) -> SpectralCost:
+        """Evaluate a criterion of S, with its derivatives with respect to F, (m, m).
+
+        The basis is (m, k + r): R times the eigenvectors of S, then L M^(−1/2).
+        """
+        solved = self._solved(information, samples)
+        own = spectral_cost(solved.marginal, criterion, level)
+        whitened = sla.solve_triangular(solved.root, solved.factor.T, lower=True).T
+        count, others = len(own.slope), whitened.shape[1]
+        mixing = np.zeros((count + others,) * 2)
+        mixing[:count, :count] = own.mixing
+        mixing[:count, count:] = np.maximum(-own.slope, 0.0)[:, None]
+        mixing[count:, :count] = mixing[:count, count:].T
+        return SpectralCost(
+            own.value,
+            np.concatenate([solved.reduced @ own.basis, whitened], axis=1),
+            np.concatenate([own.slope, np.zeros(others)]),
+            np.pad(own.diagonal, (0, others)),
+            mixing,
+        )
+
+    def _solved(self, information: Array, samples: float) -> _Solved:
+        factor = self.factor * np.sqrt(self.samples / samples)
+        seen = information @ factor
+        root = np.linalg.cholesky(np.eye(factor.shape[1]) + factor.T @ seen)
+        told = sla.cho_solve((root, True), seen[self.changed].T)
+        reduced = -factor @ told
+        reduced[self.changed, np.arange(len(self.changed))] += 1.0
+        marginal = reduced.T @ information @ reduced + told.T @ told
+        return _Solved((marginal + marginal.T) / 2, factor, root, reduced)
+
+
+class _Solved(NamedTuple):
+    marginal: Array
+    """(k, k), S."""
+    factor: Array
+    """(m, r), L as the samples count it."""
+    root: Array
+    """(r, r), lower triangular root of M."""
+    reduced: Array
+    """(m, k), R."""
