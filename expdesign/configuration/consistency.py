@@ -15,6 +15,8 @@ from expdesign.configuration.sizes import PERIOD_ROWS, oversized
 
 _ROUNDING = 1e-12
 _LEAST_HARMONICS_AT_REST = 2
+_SAMPLES_OF_A_SWING = 20
+"""Of a controller, at least."""
 
 
 def inconsistencies(
@@ -27,6 +29,7 @@ def inconsistencies(
     yield from _unknown_spectrum(run, robot, document)
     yield from _long_delay(run, document)
     yield from _nothing_to_estimate(run, robot, document)
+    yield from _uncontrollable(run, document)
 
 
 def _unknown_parameters(
@@ -142,4 +145,25 @@ def _nothing_to_estimate(
             "only maximum likelihood estimates what has a tolerance, and estimate.estimators "
             "does not name ml",
             "budget or none; or ml among estimate.estimators",
+        )
+
+
+def _uncontrollable(run: RunDescription, document: Document) -> Iterator[Problem]:
+    """Name what the closed loop cannot be simulated with."""
+    if "feedforward" not in run.stages:
+        return
+    sampling, bandwidth = 1 / run.controller_period, run.feedforward.bandwidth
+    if sampling < _SAMPLES_OF_A_SWING * bandwidth * (1 - _ROUNDING):
+        yield document.problem(
+            ("feedforward", "bandwidth"),
+            f"a controller that samples at {sampling:g} Hz cannot have a bandwidth of "
+            f"{bandwidth:g} Hz",
+            f"at most {sampling / _SAMPLES_OF_A_SWING:g} Hz, or a shorter "
+            "trajectory.controller_period",
+        )
+    if any(run.experiment.compliance) and run.data.file is None:
+        yield document.problem(
+            ("experiment", "compliance"),
+            "the forward dynamics of feedforward has rigid struts",
+            "no compliance in a run with `feedforward:`",
         )
