@@ -39,7 +39,7 @@ from expdesign.robot import Robot, robot_from
 from expdesign.runfolder import copied
 from expdesign.trajectory import FourierTrajectory, PoseSamples
 
-_WIDTH = 1e-3
+WIDTH = 1e-3
 """Of the smoothed friction, as a share of the fastest strut's largest speed."""
 _FEWEST = 5
 """Steps of the integration between two samples of the controller."""
@@ -48,7 +48,10 @@ _TRIED = 64
 
 
 def compare_feedforward(
-    configuration: RunConfiguration, saved: SavedEstimate, design: FourierTrajectory | None
+    configuration: RunConfiguration,
+    saved: SavedEstimate,
+    design: FourierTrajectory | None,
+    width: float = WIDTH,
 ) -> FeedforwardRecord:
     """Let the machine follow a motion with each feed-forward, as `feedforward:` of the run says.
 
@@ -59,6 +62,8 @@ def compare_feedforward(
         The identified model.
     design : FourierTrajectory or None
         The designed motion, where that is followed.
+    width : float
+        Of the smoothed friction, as a share of the fastest strut's largest speed.
 
     Raises
     ------
@@ -83,7 +88,7 @@ def compare_feedforward(
             "identified": Model(identified, saved.estimate.values),
             "true": truth.model,
         }
-        loop = _Loop(configuration, nominal, truth, motion, times)
+        loop = _Loop(configuration, nominal, truth, motion, times, width)
         forces = _feedforwards(models, motion, times + step / 2, truth.gains)
         found, numbers = loop.compared(forces)
     made = {case: _tracking(loop, found, place, last) for place, case in enumerate(forces)}
@@ -186,12 +191,13 @@ class _Loop:
         truth: TrueMachine,
         motion: FourierTrajectory,
         times: Array,
+        width: float,
     ) -> None:
         section, experiment = configuration.run.feedforward, configuration.run.experiment
         step, count = configuration.run.controller_period, len(times)
         self.states = motion.sample(times)
         struts = nominal.strut_motion(*self.states)
-        width = _WIDTH * float(np.max(np.abs(struts.length_rate)))
+        width *= float(np.max(np.abs(struts.length_rate)))
         self.machine = ForwardDynamics(truth.model, width, truth.cogging)
         limit = nominal.limit("actuator_force")
         endless = np.full(ACTUATORS, np.inf)

@@ -126,4 +126,4 @@ def _controller(summary: FeedforwardFile) -> ReportTable:
         f"{own.damping_ratio:g}, integral action from {own.integral_corner:g} Hz, filter of the "
         f"error's rate {own.filter:g} Hz, sampled at {own.sampling:g} Hz"
     )
-    return ReportTable.of("controller", caption, columns)
+    return ReportTable.of("feedforward_controller", caption, columns)
