@@ -40,6 +40,7 @@ NAMES = (
     "payload",
     "certificate",
     "certified_robots",
+    "feedforward",
     "speed",
 )
 

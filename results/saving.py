@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from estimation.diagnostics.noise_record import NoiseRecord
+from estimation.feedforward.record import FeedforwardRecord
 from estimation.identification.record import EstimateRecord
 from estimation.montecarlo.record import MonteCarloRecord
 from estimation.studies.design_study import DesignStudy
@@ -20,6 +21,7 @@ from expdesign.export.record import ExportsRecord
 from expdesign.robot import Robot
 from results.figures.design import DESIGN_FIGURES
 from results.figures.drawing import FORMATS, FigureDefinition, save_figures
+from results.figures.feedforward import feedforward_figure
 from results.figures.machine import machine_figure
 from results.figures.montecarlo import STUDY_FIGURES
 from results.figures.motion import WholeMotion, motion_figure
@@ -36,6 +38,7 @@ Drawn = (
     | NoiseRecord
     | EstimateRecord
     | ValidationRecord
+    | FeedforwardRecord
     | MonteCarloRecord
     | Study
 )
@@ -45,6 +48,12 @@ _NOTES = {
     "limits broken": "this design breaks a limit",
 }
 """What the figures of a design say that did not come to a good end, by its status."""
+
+_ONLY: dict[type[Any], FigureDefinition[Any]] = {
+    SweepRecord: sweep_figure,
+    FeedforwardRecord: feedforward_figure,
+}
+"""Records with one figure."""
 
 
 def record_figures(
@@ -108,8 +117,8 @@ def _parts(record: Drawn) -> Iterator[tuple[Iterable[FigureDefinition[Any]], Any
     match record:
         case DesignRecord():
             yield DESIGN_FIGURES, record
-        case SweepRecord():
-            yield [sweep_figure], record
+        case SweepRecord() | FeedforwardRecord():
+            yield [_ONLY[type(record)]], record
         case NoiseRecord():
             yield NOISE_FIGURES, record
             yield SPECTRUM_FIGURES, record

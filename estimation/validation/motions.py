@@ -9,8 +9,11 @@ from scipy.interpolate import CubicSpline
 
 from constraints.arrays import Array
 from expdesign.configuration import InputError, RunConfiguration, ValidationMotion
+from expdesign.configuration.sections.experiment import BenchmarkMotion
 from expdesign.configuration.sizes import SAMPLES
 from expdesign.mechanism.hexapod import COORDINATES
+from expdesign.recheck.certificate import recheck
+from expdesign.robot import LimitModel, Robot
 from expdesign.solver.finish import controller_omega
 from expdesign.trajectory import FourierTrajectory, PhaseBasis
 
@@ -26,12 +29,12 @@ _SLOWEST = 1e-3
 _FASTEST = 1e4
 
 
-def benchmark_motion(motion: ValidationMotion, home: Array, step: float) -> FourierTrajectory:
+def benchmark_motion(motion: BenchmarkMotion, home: Array, step: float) -> FourierTrajectory:
     """Return a motion as a series whose period is a whole number of controller steps.
 
     Parameters
     ----------
-    motion : ValidationMotion
+    motion : BenchmarkMotion
         ``circle`` about the home position, ``line`` to and fro between two poses (more are not
         used), or a closed ``spline`` through its poses; `speed` is that of the TCP: constant on
         the circle, the largest on line and spline.
@@ -65,7 +68,7 @@ def benchmark_motion(motion: ValidationMotion, home: Array, step: float) -> Four
 
 
 def motion_of_run(
-    configuration: RunConfiguration, motion: ValidationMotion, home: Array, key: str
+    configuration: RunConfiguration, motion: BenchmarkMotion, home: Array, key: str
 ) -> FourierTrajectory:
     """Return a motion that stands at this key of a run.
 
@@ -93,13 +96,27 @@ def refuse_unfit_motions(configuration: RunConfiguration, home: Array) -> None:
             raise InputError(excess.message, file, key=key, allowed=excess.allowed)
 
 
-def motion_name(motion: ValidationMotion) -> str:
+def broken_limits(robot: Robot, trajectory: FourierTrajectory, name: str) -> list[str]:
+    """Return a warning where a motion breaks a limit of the robot."""
+    check = recheck(LimitModel.of(robot), trajectory)
+    if check.passed:
+        return []
+    worst = max(check.limits, key=lambda limit: limit.violation)
+    return [
+        f"{name}: the motion breaks {worst.key} ({worst.row}: {worst.value:.4g} "
+        f"{worst.unit}, bound {worst.bound:.4g}); a real machine could not make it"
+    ]
+
+
+def motion_name(motion: BenchmarkMotion) -> str:
     """Return the name of a motion: what it is, or its file, and whether it is mirrored."""
-    name = Path(str(motion.file)).name if motion.motion == "file" else motion.motion
+    name: str = motion.motion
+    if isinstance(motion, ValidationMotion) and motion.motion == "file":
+        name = Path(str(motion.file)).name
     return name if motion.mirror == "none" else f"{name}, mirrored {motion.mirror}"
 
 
-def _circle(motion: ValidationMotion, home: Array) -> FourierTrajectory:
+def _circle(motion: BenchmarkMotion, home: Array) -> FourierTrajectory:
     """Counter-clockwise about the normal, from the direction of +x in its plane."""
     normal = np.asarray(motion.normal, dtype=float)
     normal = normal / np.linalg.norm(normal)
@@ -113,7 +130,7 @@ def _circle(motion: ValidationMotion, home: Array) -> FourierTrajectory:
     return FourierTrajectory.from_displacements(1.0, home, sine, cosine)
 
 
-def _line(motion: ValidationMotion, _home: Array) -> FourierTrajectory:
+def _line(motion: BenchmarkMotion, _home: Array) -> FourierTrajectory:
     ends = np.asarray(motion.poses, dtype=float)[:2]
     cosine = (ends[0] - ends[1])[:, None] / 2
     return FourierTrajectory.from_displacements(
@@ -121,7 +138,7 @@ def _line(motion: ValidationMotion, _home: Array) -> FourierTrajectory:
     )
 
 
-def _spline(motion: ValidationMotion, _home: Array) -> FourierTrajectory:
+def _spline(motion: BenchmarkMotion, _home: Array) -> FourierTrajectory:
     """Periodic cubic spline, in time proportional to the way between the poses, as a series."""
     poses = np.asarray(motion.poses, dtype=float)
     closed = np.concatenate([poses, poses[:1]])

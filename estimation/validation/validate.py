@@ -18,7 +18,7 @@ from estimation.identification import prepare_experiment
 from estimation.identification.corrected import corrected, estimated_machine
 from estimation.identification.saved import SavedEstimate
 from estimation.twin import Twin
-from estimation.validation.motions import motion_name, motion_of_run
+from estimation.validation.motions import broken_limits, motion_name, motion_of_run
 from estimation.validation.prediction_error import prediction_errors
 from estimation.validation.record import (
     ActuatorRow,
@@ -31,8 +31,7 @@ from estimation.validation.record import (
 from expdesign.configuration import InputError, RunConfiguration, ValidationMotion
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.progress import part, tell
-from expdesign.recheck.certificate import recheck
-from expdesign.robot import LimitModel, robot_from
+from expdesign.robot import robot_from
 from expdesign.trajectory import FourierTrajectory
 
 FIRST_REPETITION = 100_001
@@ -127,13 +126,7 @@ def _predicted(
         trajectory = motion_of_run(configuration, motion, robot.home, f"validate[{number}]")
         changed = configuration.with_section("experiment", periods=motion.periods, lost=None)
         data = Twin.of(changed, trajectory).measurement(FIRST_REPETITION + number - 1)
-        check = recheck(LimitModel.of(robot), trajectory)
-        if not check.passed:
-            worst = max(check.limits, key=lambda limit: limit.violation)
-            warnings.append(
-                f"{name}: the motion breaks {worst.key} ({worst.row}: {worst.value:.4g} "
-                f"{worst.unit}, bound {worst.bound:.4g}); a real machine could not make it"
-            )
+        warnings += broken_limits(robot, trajectory, name)
     loaded = robot.with_load_at(saved.estimate.values)
     data = corrected(data, machine)
     experiment = prepare_experiment(configuration, loaded, data, trajectory, held_out=True)

@@ -243,6 +243,28 @@ def validate(outcome: Outcome) -> None:
     _place(outcome)
 
 
+def feedforward(outcome: Outcome) -> None:
+    """Print how well the motion is followed with each feed-forward."""
+    summary = outcome.record.summary
+    rows = [
+        (
+            each.case,
+            f"{1e6 * each.rms_struts:.3g}",
+            f"{1e6 * each.max_struts:.3g}",
+            f"{1e6 * each.rms_position:.3g}",
+            f"{1e6 * each.max_position:.3g}",
+            f"{each.rms_feedback:.3g}",
+            f"{each.reduction:.3g}",
+        )
+        for each in summary.cases
+    ]
+    moved = {"twin": "the digital twin", "drawn": "a machine drawn from the estimate's covariance"}
+    title = f"Tracking error [µm] of {moved[summary.machine]}, {summary.motion}"
+    heads = ("feed-forward", "struts", "largest", "TCP", "largest", "feedback [N]", "better by")
+    results().print(_table(title, heads, rows, ("feed-forward",)))
+    _place(outcome)
+
+
 def study(outcome: Outcome) -> None:
     """Print the claims of a study."""
     words = {True: "yes", False: "no", None: ""}

@@ -16,6 +16,8 @@ from expdesign.mechanism.catalogue import TERMS
 
 _ROUNDING = 1e-12
 _LEAST_HARMONICS_AT_REST = 2
+_SAMPLES_OF_A_SWING = 20
+"""Of a controller, at least."""
 
 
 def inconsistencies(
@@ -31,6 +33,7 @@ def inconsistencies(
     yield from _unfitted_constants(run, robot, document)
     yield from _nothing_to_select(run, robot, document)
     yield from _unfit_payload(run, robot, document)
+    yield from _uncontrollable(run, document)
 
 
 def _unknown_parameters(
@@ -223,4 +226,25 @@ def _unfit_payload(
             ("estimate", "prior_from"),
             "the robot's identification is no prior of a machine that carries a payload",
             "none, and for the payload `estimate.prior` with the run folder of the identification",
+        )
+
+
+def _uncontrollable(run: RunDescription, document: Document) -> Iterator[Problem]:
+    """Name what the closed loop cannot be simulated with."""
+    if "feedforward" not in run.stages:
+        return
+    sampling, bandwidth = 1 / run.controller_period, run.feedforward.bandwidth
+    if sampling < _SAMPLES_OF_A_SWING * bandwidth * (1 - _ROUNDING):
+        yield document.problem(
+            ("feedforward", "bandwidth"),
+            f"a controller that samples at {sampling:g} Hz cannot have a bandwidth of "
+            f"{bandwidth:g} Hz",
+            f"at most {sampling / _SAMPLES_OF_A_SWING:g} Hz, or a shorter "
+            "trajectory.controller_period",
+        )
+    if any(run.experiment.compliance) and run.data.file is None:
+        yield document.problem(
+            ("experiment", "compliance"),
+            "the forward dynamics of feedforward has rigid struts",
+            "no compliance in a run with `feedforward:`",
         )

@@ -15,7 +15,7 @@ from expdesign.configuration.noise import NoiseDescription
 from expdesign.configuration.problem import format_number, refusal, require
 from expdesign.configuration.robot import ResolvedRobot
 from expdesign.configuration.robot_description import RobotSource
-from expdesign.configuration.section import Section, file_kind
+from expdesign.configuration.section import LATER, Section, file_kind
 from expdesign.configuration.sections.data import DataSection, EstimateSection, MonteCarloSection
 from expdesign.configuration.sections.design import DesignSection, MotionSection, TrajectorySection
 from expdesign.configuration.sections.experiment import (
@@ -24,6 +24,7 @@ from expdesign.configuration.sections.experiment import (
     ValidationMotion,
 )
 from expdesign.configuration.sections.export import ExportSections
+from expdesign.configuration.sections.feedforward import FeedforwardSection
 from expdesign.configuration.sections.sweep import Sweep
 from expdesign.configuration.tolerances import Tolerances
 from expdesign.configuration.values.scalars import (
@@ -99,6 +100,7 @@ class RunDescription(Section):
     validation: Annotated[tuple[ValidationMotion, ...], at_least(0, "motions"), _STAGE] = Field(
         default=(), alias="validate"
     )
+    feedforward: Annotated[FeedforwardSection, _STAGE, LATER] = FeedforwardSection()
     study: Annotated[StudySection | None, _STAGE] = None
     sweep: Annotated[Sweep | None, _STAGE] = None
     """Values as they are written."""

@@ -22,6 +22,10 @@ from expdesign.mechanism.strut import StrutKinematics, torque_wrench
 from expdesign.mechanism.term import Instant, Term, parameters_of
 from expdesign.mechanism.thread import ThreadTurn
 
+_LOADED_STEPS = 4
+"""Of Newton's, where friction depends on the load: each error is the share μ of the one before,
+and none is left once no load changes its sign."""
+
 
 class Friction(Enum):
     """Where the signs of dry friction come from."""
@@ -254,6 +258,25 @@ class HexapodGraph:
         slope = self.carried @ ca.jacobian(wrench - self.transposed @ borne, by)
         slope = ca.substitute(slope, borne, ca.densify(self.carried @ wrench))
         return ca.cse(ca.densify(slope + ca.jacobian(along, by)))
+
+    def acceleration_with(self, friction: Friction, forces: ca.SX) -> ca.SX:
+        """Return the λ̈ (6, 1) that forces of the actuators (6, 1) make: the forward dynamics.
+
+        The wrench that the bodies ask for is M λ̈ + h, and the actuators' is Gᵀ Q: one system of
+        six equations, without G⁻ᵀ. Where friction depends on the load, and the load on λ̈, they are
+        linear piece by piece, and Newton's steps go on until the pieces are known.
+        """
+        direct, torques, along = (
+            self._with_signs(part, friction) @ self.parameters
+            for part in (self._direct, self._torques, self._along)
+        )
+        lacking = direct + self._borne(torques) + self.transposed @ (along - forces)
+        slope = ca.jacobian(lacking, self.acceleration)
+        found = ca.SX.zeros(COORDINATES)
+        for _ in range(_LOADED_STEPS if self.loaded else 1):
+            here = ca.substitute([lacking, slope], [self.acceleration], [found])
+            found = found - ca.solve(here[1], here[0])
+        return ca.cse(ca.densify(found))
 
     def _with_signs(self, columns: ca.SX, friction: Friction) -> ca.SX:
         """Return expressions with the signs of dry friction that are asked for."""

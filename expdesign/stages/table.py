@@ -147,6 +147,16 @@ STAGES: dict[str, Stage] = {
         report="results.report.stages.validation:validation_report",
         left_out=(_sweep_has_many,),
     ),
+    "feedforward": Stage(
+        does="drives the twin with and without the forces of the identified model",
+        record="feedforward.json",
+        perform="expdesign.stages.feedforward:perform",
+        needs=("estimate",),
+        sections=_sections("trajectory", "experiment", "data", "estimate", "feedforward"),
+        writes=_TABLES,
+        report="results.report.stages.feedforward:feedforward_report",
+        left_out=(_sweep_has_many,),
+    ),
     "study": Stage(
         does="compares designs, estimators or tests on the digital twin",
         record="study.json",

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from estimation.feedforward.record import FeedforwardRecord
 from estimation.identification.record import EstimateRecord
 from estimation.montecarlo.record import MonteCarloRecord
 from estimation.validation.record import ValidationRecord
@@ -57,6 +58,7 @@ _DRAWN: dict[str, tuple[type[Any], str]] = {
     "montecarlo": (MonteCarloRecord, "montecarlo_bias"),
     "estimate": (EstimateRecord, "estimates"),
     "validate": (ValidationRecord, "prediction_1"),
+    "feedforward": (FeedforwardRecord, "feedforward"),
     "sweep": (SweepRecord, "sweep"),
 }
 """What a stage leaves, and a figure of it: where that is missing, all of them are drawn."""

@@ -13,6 +13,7 @@ from typer.main import get_command
 from constraints import limit_definitions
 from estimation.data.reading import file_formats
 from estimation.diagnostics.noise_record import NoiseFile
+from estimation.feedforward.record import FeedforwardFile
 from estimation.identification.estimate_file import EstimateFile
 from estimation.montecarlo.record import MonteCarloFile, MonteCarloRecord, repetition_table
 from estimation.studies.records import StudySummary
@@ -48,6 +49,7 @@ from expdesign.configuration.sections.experiment import (
     ValidationMotion,
 )
 from expdesign.configuration.sections.export import OFFERS
+from expdesign.configuration.sections.feedforward import FeedforwardSection
 from expdesign.configuration.sections.sweep import MOST_DESIGNS, path_units
 from expdesign.configuration.values.quantity import unit_dimension, unit_symbols
 from expdesign.experiment.design_file import DesignFile
@@ -138,6 +140,7 @@ def _required(model):
         (EstimateSection, RUN_FILES, "## estimate"),
         (SelectSection, RUN_FILES, "### select"),
         (ValidationMotion, RUN_FILES, "## validate"),
+        (FeedforwardSection, RUN_FILES, "## feedforward"),
         (DataSection, DATA, "## data"),
         (ExportSection, TABLES_PAGE, "## Options"),
         (StudySection, RUN_FILES, "## study"),
@@ -245,7 +248,7 @@ def test_the_readme_has_a_row_for_every_command_and_option():
     commands = get_command(app).commands
     rows = {codes(row[0])[0].split()[1]: row[0] for row in table(ROOT / "README.md", "## Commands")}
     assert set(rows) == set(commands)
-    called = {"experiment": "simulate", "study": "run", "sweep": "run"}
+    called = {"experiment": "simulate", "feedforward": "run", "study": "run", "sweep": "run"}
     assert {called.get(name, name) for name in STAGES} <= set(rows)
     for name, row in rows.items():
         options = {option for parameter in commands[name].params for option in parameter.opts}
@@ -326,6 +329,7 @@ def test_columns_of_the_tables():
         EstimateFile,
         NoiseFile,
         ValidationFile,
+        FeedforwardFile,
         MonteCarloFile,
         ExportsRecord,
         StudySummary,

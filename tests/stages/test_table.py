@@ -7,6 +7,7 @@ from fnmatch import fnmatch
 import pytest
 
 from estimation.diagnostics.noise_record import NoiseRecord
+from estimation.feedforward.record import FeedforwardRecord
 from estimation.identification.record import EstimateRecord
 from estimation.montecarlo.record import MonteCarloRecord
 from estimation.studies.records import StudyRecord
@@ -28,6 +29,7 @@ RECORDS = {
     "montecarlo": MonteCarloRecord,
     "estimate": EstimateRecord,
     "validate": ValidationRecord,
+    "feedforward": FeedforwardRecord,
     "study": StudyRecord,
     "sweep": SweepRecord,
 }
@@ -44,6 +46,7 @@ CHANGED = {
     "montecarlo": {"repetitions": 7},
     "estimate": {"estimators": ["ls"]},
     "validate": [{"motion": "circle"}],
+    "feedforward": {"bandwidth": 8.0},
     "study": {"kind": "validation"},
     "sweep": {"design.seed": [0, 1]},
     "export": ["csv"],

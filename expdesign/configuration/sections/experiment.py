@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -99,14 +99,15 @@ class ExperimentSection(Section):
         return 1 / self.sampling
 
 
+Computed = Literal["circle", "line", "spline"]
 Motion = Literal["circle", "line", "spline", "file"]
 Mirror = Literal["none", "xz", "yz"]
 
 
-class ValidationMotion(Section):
-    """One motion for the comparison of measured and predicted forces."""
+class BenchmarkMotion(Section):
+    """A motion that is computed from a few numbers."""
 
-    motion: Annotated[Motion, one_of(Motion)]
+    motion: Annotated[str, one_of(Computed)]
     mirror: Annotated[Mirror, one_of(Mirror)] = "none"
     """Plane in which the motion is mirrored."""
     periods: Sized = 10
@@ -118,21 +119,31 @@ class ValidationMotion(Section):
     """Of the circle's plane, base frame."""
     poses: Annotated[tuple[Pose, ...], at_least(2, "poses")] | None = None
     """Ends of the line, or points of the spline."""
-    file: FilledText | None = None
-    """A recorded motion, relative to the run file."""
-    tolerance: Annotated[ToleranceOfForce, LATER] = None
-    """Root mean square of the prediction's error that is good enough, in N or of the range."""
 
     @model_validator(mode="after")
-    def _motion_is_complete(self) -> ValidationMotion:
-        if self.motion == "file" and self.file is None:
-            raise refusal("motion 'file' names no file", "file: the recorded motion", key="file")
+    def _motion_is_complete(self) -> Self:
         if self.motion in ("line", "spline") and self.poses is None:
             raise refusal(
                 f"motion '{self.motion}' has no poses",
                 "poses: a list of 2 or more poses",
                 key="poses",
             )
+        return self
+
+
+class ValidationMotion(BenchmarkMotion):
+    """One motion for the comparison of measured and predicted forces."""
+
+    motion: Annotated[Motion, one_of(Motion)]
+    file: FilledText | None = None
+    """A recorded motion, relative to the run file."""
+    tolerance: Annotated[ToleranceOfForce, LATER] = None
+    """Root mean square of the prediction's error that is good enough, in N or of the range."""
+
+    @model_validator(mode="after")
+    def _recorded_motion_has_a_file(self) -> Self:
+        if self.motion == "file" and self.file is None:
+            raise refusal("motion 'file' names no file", "file: the recorded motion", key="file")
         return self
 
 

@@ -1,0 +1,105 @@
+"""A machine that follows a motion under its controller, simulated several times side by side."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from constraints.arrays import Array, Mask
+from estimation.feedforward.controller import Controller, ControllerState
+from estimation.feedforward.forward_dynamics import ForwardDynamics
+from estimation.twin.disturbances import quantised
+from expdesign.configuration import ComputationError
+from expdesign.mechanism.hexapod import ACTUATORS
+from expdesign.progress import tell
+
+_LOST = 1.0
+"""Error of a length, m, at which a machine has left its motion for good."""
+_TOLD = 500
+"""Samples between two words about how far it is."""
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """What is to be followed, at T samples of the controller."""
+
+    lengths: Array
+    """(T, 6), wanted, m."""
+    noise: Array
+    """(T, 6), of the measured lengths, m."""
+    resolution: float
+    """Step of the length sensors, m; 0: none."""
+    gains: Array
+    """(T, 6), measured over true force: a drive that is commanded Q gives Q over its gain."""
+
+
+@dataclass(frozen=True, eq=False)
+class Followed:
+    """What C machines did at T samples."""
+
+    states: Array
+    """(C, T, 12), pose and rate."""
+    lengths: Array
+    """(C, T, 6), m, without noise."""
+    commands: Array
+    """(C, T, 6), N."""
+    limited: Mask
+    """(C, T, 6), whether a force was at its limit."""
+
+
+def followed(
+    machine: ForwardDynamics,
+    controller: Controller,
+    task: Task,
+    feedforward: Array,
+    start: Array,
+    integral: Array,
+    substeps: int,
+) -> Followed:
+    """Simulate the loop: the controller samples, its forces are held until the next sample.
+
+    Parameters
+    ----------
+    machine : ForwardDynamics
+    controller : Controller
+    task : Task
+    feedforward : (C, T, 6) array
+        Forces that are added to the controller's, N.
+    start : (12,) array
+        Pose and rate at the first sample.
+    integral : (C, 6) array
+        Of the controllers at the first sample, N.
+    substeps : int
+        Steps of the integration between two samples.
+
+    Raises
+    ------
+    ComputationError
+        A machine leaves its motion: the loop is unstable.
+    """
+    cases, count, _ = feedforward.shape
+    states = np.empty((cases, count, len(start)))
+    lengths, commands = (np.empty((cases, count, ACTUATORS)) for _ in range(2))
+    limited = np.empty((cases, count, ACTUATORS), dtype=bool)
+    advanced = machine.stepping(controller.step / substeps)
+    state = np.tile(start, (cases, 1))
+    length = machine.model.robot.lengths_and_jacobian(state[:, :6])[0]
+    kept = ControllerState(None, np.zeros((cases, ACTUATORS)), integral)
+    for k in range(count):
+        if k % _TOLD == 0:
+            tell("following the motion", k, count)
+        states[:, k], lengths[:, k] = state, length
+        measured = quantised(length + task.noise[k], task.resolution)
+        error = task.lengths[k] - measured
+        if not np.max(np.abs(error)) < _LOST:  # NaN too
+            raise ComputationError(
+                f"the machine leaves its motion {k * controller.step:.3g} s after the start: its "
+                "controller is unstable, or too weak for the limits of its forces; try another "
+                "feedforward.bandwidth"
+            )
+        commands[:, k], limited[:, k], kept = controller.commanded(kept, error, feedforward[:, k])
+        forces = commands[:, k] / task.gains[k]
+        for _ in range(substeps):
+            state, length = advanced(state, forces)
+    return Followed(states, lengths, commands, limited)

@@ -1,0 +1,275 @@
+"""Tracking errors of one machine under one controller, feed-forward by feed-forward."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+from threadpoolctl import threadpool_limits
+
+from constraints.arrays import Array
+from estimation.feedforward.closed_loop import Followed, Task, followed
+from estimation.feedforward.controller import Controller
+from estimation.feedforward.forward_dynamics import ForwardDynamics, Model
+from estimation.feedforward.record import (
+    MEANINGS,
+    CaseKeys,
+    CaseName,
+    ControllerKeys,
+    FeedforwardFile,
+    FeedforwardRecord,
+    IntegrationKeys,
+    StrutRow,
+    Tracking,
+)
+from estimation.feedforward.true_machine import FIRST_DRAW, TrueMachine, true_machine
+from estimation.identification.corrected import estimated_machine
+from estimation.identification.saved import SavedEstimate
+from estimation.twin.disturbances import Repeated, repetition_stream
+from estimation.twin.noise import noise_sources
+from estimation.validation.motions import broken_limits, motion_name, motion_of_run
+from expdesign.configuration import InputError, RunConfiguration
+from expdesign.configuration.sizes import SAMPLES
+from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
+from expdesign.mechanism.rotation import ANGLES
+from expdesign.progress import part
+from expdesign.robot import Robot, robot_from
+from expdesign.runfolder import copied
+from expdesign.trajectory import FourierTrajectory, PoseSamples
+
+WIDTH = 1e-3
+"""Of the smoothed friction, as a share of the fastest strut's largest speed."""
+_FEWEST = 5
+"""Steps of the integration between two samples of the controller."""
+_TRIED = 64
+"""Poses along the motion at which the step is tried."""
+
+
+def compare_feedforward(
+    configuration: RunConfiguration,
+    saved: SavedEstimate,
+    design: FourierTrajectory | None,
+    width: float = WIDTH,
+) -> FeedforwardRecord:
+    """Let the machine follow a motion with each feed-forward, as `feedforward:` of the run says.
+
+    Parameters
+    ----------
+    configuration : RunConfiguration
+    saved : SavedEstimate
+        The identified model.
+    design : FourierTrajectory or None
+        The designed motion, where that is followed.
+    width : float
+        Of the smoothed friction, as a share of the fastest strut's largest speed.
+
+    Raises
+    ------
+    InputError
+        The motion cannot be made, or its simulation would be too large.
+    ComputationError
+        The loop is unstable.
+    """
+    began, section = time.perf_counter(), configuration.run.feedforward
+    nominal = robot_from(configuration.robot)
+    motion = design or motion_of_run(configuration, section, nominal.home, "feedforward")
+    step = configuration.run.controller_period
+    _refuse_long(configuration, motion)
+    name = motion_name(section)
+    with threadpool_limits(limits=1, user_api="blas"):
+        times = step * np.arange(round(section.periods * motion.period / step), dtype=np.float64)
+        last = round((section.periods - 1) * motion.period / step)
+        identified = estimated_machine(nominal, saved.estimate.systematic).robot
+        truth = true_machine(configuration, saved, identified, times)
+        models: dict[CaseName, Model] = {
+            "nominal": Model(nominal, nominal.parameters),
+            "identified": Model(identified, saved.estimate.values),
+            "true": truth.model,
+        }
+        loop = _Loop(configuration, nominal, truth, motion, times, width)
+        forces = _feedforwards(models, motion, times + step / 2, truth.gains)
+        found, numbers = loop.compared(forces)
+    made = {case: _tracking(loop, found, place, last) for place, case in enumerate(forces)}
+    feedback = found.commands - np.array(list(forces.values()))
+    rows = [
+        StrutRow(case, j + 1, _rms(own[:, j]), _largest(own[:, j]), _rms(added[last:, j]))
+        for (case, one), added in zip(made.items(), feedback, strict=True)
+        for own in [one.struts]
+        for j in range(ACTUATORS)
+    ]
+    without = _rms(made["none"].struts)
+    cases = [
+        CaseKeys(
+            case=case,
+            rms_struts=_rms(one.struts),
+            max_struts=_largest(one.struts),
+            rms_position=_rms(one.position),
+            max_position=_largest(one.position),
+            rms_rotation=_rms(one.rotation),
+            max_rotation=_largest(one.rotation),
+            rms_from_true=_rms(one.struts - made["true"].struts),
+            rms_feedback=_rms(added[last:]),
+            limited=float(np.mean(limited[last:])),
+            reduction=without / _rms(one.struts),
+        )
+        for (case, one), added, limited in zip(made.items(), feedback, found.limited, strict=True)
+    ]
+    summary = FeedforwardFile(
+        name=configuration.run.name,
+        robot=nominal.name,
+        estimate=str(saved.path),
+        estimator=saved.estimate.estimator,
+        machine=truth.kind,
+        motion=name,
+        period=motion.period,
+        periods=float(section.periods),
+        controller=copied(
+            ControllerKeys,
+            section,
+            loop.controller,
+            sampling=1 / step,
+            damping_ratio=section.damping,
+            integral_corner=section.integral,
+        ),
+        integration=numbers,
+        cases=tuple(cases),
+        seconds=time.perf_counter() - began,
+        warnings=(
+            *configuration.warnings,
+            *broken_limits(nominal, motion, name),
+            *_of_the_estimate(saved),
+        ),
+    )
+    return FeedforwardRecord(summary, tuple(rows), tuple(made.values()))
+
+
+def _refuse_long(configuration: RunConfiguration, motion: FourierTrajectory) -> None:
+    section, step = configuration.run.feedforward, configuration.run.controller_period
+    made = f"{section.periods} periods of {motion.period:.4g} s at {1 / step:g} Hz"
+    count = len(MEANINGS) * section.periods * motion.period / step
+    if excess := SAMPLES.excess(count, f"{made}, {len(MEANINGS)} times"):
+        key = "feedforward.periods"
+        raise InputError(excess.message, configuration.file, key=key, allowed=excess.allowed)
+
+
+def _of_the_estimate(saved: SavedEstimate) -> tuple[str, ...]:
+    if not saved.doubt:
+        return ()
+    return (f"the estimate that is fed forward is doubtful itself: {saved.doubt}",)
+
+
+def _feedforwards(
+    models: dict[CaseName, Model], motion: FourierTrajectory, times: Array, gains: Array
+) -> dict[CaseName, Array]:
+    """Return the forces of each case, (T, 6), N, in the controller's units.
+
+    Those of the nominal model are left out where that is the true one.
+    """
+    states = motion.sample(times)
+    nominal = models["nominal"]
+    at_rest = PoseSamples(states.pose, *np.zeros((2, *states.pose.shape)))
+    found: dict[CaseName, Array] = {
+        "none": np.zeros_like(states.pose),
+        "gravity": nominal.forces(at_rest),
+        **{case: model.forces(states) for case, model in models.items()},
+    }
+    found["true"] = found["true"] * gains
+    if np.array_equal(found["nominal"], found["true"]):
+        del found["nominal"]
+    return found
+
+
+class _Loop:
+    """The machine, its controller and what they are to follow."""
+
+    def __init__(
+        self,
+        configuration: RunConfiguration,
+        nominal: Robot,
+        truth: TrueMachine,
+        motion: FourierTrajectory,
+        times: Array,
+        width: float,
+    ) -> None:
+        section, experiment = configuration.run.feedforward, configuration.run.experiment
+        step, count = configuration.run.controller_period, len(times)
+        self.states = motion.sample(times)
+        struts = nominal.strut_motion(*self.states)
+        width *= float(np.max(np.abs(struts.length_rate)))
+        self.machine = ForwardDynamics(truth.model, width, truth.cogging)
+        limit = nominal.limit("actuator_force")
+        endless = np.full(ACTUATORS, np.inf)
+        known = ForwardDynamics(Model(nominal, nominal.parameters), width)
+        self.controller = Controller.of(
+            section,
+            np.diag(known.mass_matrix(nominal.home)).copy(),
+            step,
+            (-endless, endless) if limit is None else limit.stated_bounds,
+        )
+        noise = noise_sources(configuration, count, 1 / step)[1]
+        stream = repetition_stream(experiment.seed, FIRST_DRAW, Repeated.LENGTH_NOISE)
+        resolution = experiment.quantisation
+        self.task = Task(
+            lengths=struts.length,
+            noise=noise.draws(stream),
+            resolution=0.0 if resolution is None else resolution.length,
+            gains=truth.gains,
+        )
+        # The true machine with the struts as long, and as fast, as they should be.
+        robot = truth.model.robot
+        pose = robot.forward_kinematics(struts.length[0], self.states.pose[0])
+        rate = np.linalg.solve(robot.length_jacobian(pose), struts.length_rate[0])
+        self.start = np.concatenate([pose, rate])
+
+    def compared(self, forces: dict[CaseName, Array]) -> tuple[Followed, IntegrationKeys]:
+        """Simulate all cases, and once more with half the step and half the width."""
+        step, given = self.controller.step, np.array(list(forces.values()))
+        poses = self.states.pose[:: max(1, len(self.states.pose) // _TRIED)]
+        substeps = max(_FEWEST, int(np.ceil(step / self.machine.longest_step(poses))))
+        finer = replace(self.machine, width=self.machine.width / 2)
+        found, again = (
+            self._followed(machine, given, forces["true"], count, words)
+            for machine, count, words in (
+                (self.machine, substeps, "all feed-forwards"),
+                (finer, 2 * substeps, "the same in smaller steps"),
+            )
+        )
+        sizes = [
+            np.array([_rms(own) for own in self.task.lengths - one.lengths])
+            for one in (found, again)
+        ]
+        change = float(np.max(np.abs(sizes[1] - sizes[0])) / sizes[0][0])
+        return found, IntegrationKeys(step / substeps, self.machine.width, change)
+
+    def _followed(
+        self, machine: ForwardDynamics, given: Array, true: Array, substeps: int, words: str
+    ) -> Followed:
+        # As it is after many periods: the integral bears what the feed-forward lacks on average.
+        integral = np.mean(true - given, axis=1) * (self.controller.integral > 0)
+        with part(words):
+            return followed(
+                machine, self.controller, self.task, given, self.start, integral, substeps
+            )
+
+
+def _tracking(loop: _Loop, found: Followed, place: int, last: int) -> Tracking:
+    """Return the errors of one case over the last period."""
+    wanted, reached = loop.states.pose[last:], found.states[place, last:, :COORDINATES]
+    turned = [Rotation.from_euler(ANGLES, pose[:, 3:]) for pose in (wanted, reached)]
+    return Tracking(
+        time=loop.controller.step * np.arange(len(wanted), dtype=np.float64),
+        struts=loop.task.lengths[last:] - found.lengths[place, last:],
+        position=np.linalg.norm((wanted - reached)[:, :3], axis=1),
+        rotation=(turned[0].inv() * turned[1]).magnitude(),
+        forces=found.commands[place, last:],
+    )
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def _largest(values: Array) -> float:
+    return float(np.max(np.abs(values)))

@@ -1,0 +1,129 @@
+"""What a report says of the comparison of feed-forwards."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from estimation.feedforward.record import MEANINGS, FeedforwardFile, FeedforwardRecord
+from results.figures.feedforward import feedforward_figure
+from results.notation import percent, readable
+from results.report.content import Block, Fact, Level, StageReport, TextBlock, Verdict
+from results.report.folder import RunFolder
+from results.report.stages.estimate import NAMES
+from results.report.table import Column, ReportTable
+
+_DEGREES = float(np.degrees(1))
+
+
+def feedforward_report(folder: RunFolder) -> StageReport:
+    """Describe the comparison in a folder."""
+    record = folder.record(FeedforwardRecord)
+    summary = record.summary
+    best, without = summary.case("identified"), summary.case("none")
+    good = best.reduction > 1
+    sentence = (
+        f"With the forces of the {NAMES.get(summary.estimator, summary.estimator)} estimate fed "
+        f"forward, the struts follow the motion ({summary.motion}) with {_micro(best.rms_struts)} "
+        f"instead of {_micro(without.rms_struts)} rms: "
+        f"{readable(best.reduction, 3)} times better. "
+        f"The true model would leave {_micro(summary.case('true').rms_struts)}."
+    )
+    blocks: list[Block] = [
+        TextBlock(_machine(summary)),
+        *folder.figures(feedforward_figure),
+        _cases(summary),
+        _struts(record),
+        _controller(summary),
+        TextBlock(_integration(summary)),
+    ]
+    if any(each.limited > 0 for each in summary.cases):
+        text = (
+            "Forces reach their limits: what is compared there is not the model but the machine's "
+            "strength."
+        )
+        blocks.insert(3, TextBlock(text, Level.CAUTION))
+    level, word = (Level.GOOD, "smaller error") if good else (Level.BAD, "no smaller error")
+    fact = Fact(
+        "tracking error",
+        f"÷ {readable(best.reduction, 3)}",
+        f"struts' rms by feed-forward of the identified model, {summary.motion}",
+    )
+    judged = Verdict("Feed-forward", level, word, sentence, "feedforward")
+    heading = "What the identified model buys"
+    return StageReport(judged, tuple(blocks), (fact,), summary.warnings, heading)
+
+
+def _micro(length: float) -> str:
+    return f"{readable(1e6 * length, 3)} µm"
+
+
+def _machine(summary: FeedforwardFile) -> str:
+    who = "The digital twin, with the noise of its lengths in the loop,"
+    if summary.machine == "drawn":
+        who = (
+            "A machine whose parameters are drawn from the estimate's covariance, because those of "
+            "the measured one are not known,"
+        )
+    return (
+        f"{who} follows the motion under the same controller in every case; what differs is the "
+        "force that is added to the controller's: the inverse dynamics along the wanted motion. "
+        "The identified model keeps the struts within "
+        f"{_micro(summary.case('identified').rms_from_true)} rms of where the true one would bring "
+        f"them, {percent(summary.left, 2)} of the error without feed-forward; what is left beside "
+        "that is the controller's answer to the noise of its sensors and what both models lack."
+    )
+
+
+def _integration(summary: FeedforwardFile) -> str:
+    numbers = summary.integration
+    return (
+        f"Simulated in steps of {readable(1e3 * numbers.step, 3)} ms, with the sign of dry "
+        f"friction smoothed over {readable(1e3 * numbers.width, 3)} mm/s. Half of both changes no "
+        f"rms error by more than {percent(numbers.change, 2)} of the one without feed-forward."
+    )
+
+
+def _cases(summary: FeedforwardFile) -> ReportTable:
+    columns = (
+        Column("feed-forward", kind="text", of=lambda each: MEANINGS[each.case]),
+        Column("struts, rms", "µm", digits=3, of="rms_struts", factor=1e6),
+        Column("largest", "µm", digits=3, of="max_struts", factor=1e6),
+        Column("TCP, rms", "µm", digits=3, of="rms_position", factor=1e6),
+        Column("largest", "µm", digits=3, of="max_position", factor=1e6),
+        Column("turned, rms", "°", digits=3, of="rms_rotation", factor=_DEGREES),
+        Column("beside the true model's", "µm", digits=3, of="rms_from_true", factor=1e6),
+        Column("feedback, rms", "N", digits=3, of="rms_feedback"),
+        Column("at limit", "%", digits=2, of="limited", factor=100),
+        Column("better by", digits=3, of="reduction"),
+    )
+    caption = "How well the motion is followed with each feed-forward"
+    return ReportTable.of("feedforward_cases", caption, columns, summary.cases)
+
+
+def _struts(record: FeedforwardRecord) -> ReportTable:
+    columns = (
+        Column("feed-forward", kind="text", of="case"),
+        Column("strut", of="strut"),
+        Column("rms error", "µm", digits=3, of="rms", factor=1e6),
+        Column("largest", "µm", digits=3, of="max", factor=1e6),
+        Column("feedback, rms", "N", digits=3, of="rms_feedback"),
+    )
+    caption = "The same strut by strut"
+    return ReportTable.of("feedforward", caption, columns, record.rows, folded=True)
+
+
+def _controller(summary: FeedforwardFile) -> ReportTable:
+    own = summary.controller
+    columns = (
+        Column("strut", of=range(1, len(own.mass) + 1)),
+        Column("mass", "kg", digits=3, of=own.mass),
+        Column("k", "N/m", digits=3, of=own.stiffness),
+        Column("d", "N s/m", digits=3, of=own.damping),
+        Column("k_i", "N/(m s)", digits=3, of=own.integral),
+    )
+    caption = (
+        f"The controller of each strut: {own.bandwidth:g} Hz, damping ratio "
+        f"{own.damping_ratio:g}, integral action from {own.integral_corner:g} Hz, filter of the "
+        f"error's rate {own.filter:g} Hz, sampled at {own.sampling:g} Hz"
+    )
+    return ReportTable.of("feedforward_controller", caption, columns)

@@ -1,0 +1,177 @@
+"""What the comparison says of models that are right, wrong, or none; and what it refuses."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from estimation.feedforward.comparison import compare_feedforward
+from estimation.feedforward.record import FeedforwardRecord
+from estimation.feedforward.true_machine import true_machine
+from estimation.identification import estimate
+from estimation.identification.record import EstimateRecord
+from estimation.identification.saved import read_estimate
+from expdesign.configuration import ComputationError, InputError, load_run
+from expdesign.configuration.robot import load_robot_description
+from expdesign.mechanism.term import parameters_of
+from expdesign.robot import robot_from
+from tests.estimation.cases import ROBOT, measured, run, trajectory
+
+MOTION = trajectory()
+FOLLOWED = {"motion": "circle", "radius": 0.08, "speed": 1.0, "periods": 1}
+SLOW = {"trajectory": {"controller_period": 0.005}}
+
+
+@pytest.fixture(scope="module")
+def heavier():
+    """PaLiDA with a fifth more mass and half as much friction again, as a twin's machine."""
+    about = load_robot_description("palida").description
+    factors = {"p10": 1.2, **{f"r{j}": 1.5 for j in range(1, 7)}}
+    values = {name: value * factors.get(name, 1) for name, value in about.parameters.items()}
+    return about.model_copy(update={"parameters": values})
+
+
+@pytest.fixture(scope="module")
+def saved(heavier, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("estimate")
+    true = robot_from(load_run({"name": "n", "robot": heavier}).robot)
+    config = run({"estimators": ["gm"]})
+    EstimateRecord.of(estimate(config, measured(MOTION, robot=true), MOTION)).write(folder)
+    return read_estimate(folder, ROBOT)
+
+
+def case(followed=FOLLOWED, **sections):
+    return run(feedforward=followed, **{**SLOW, **sections})
+
+
+@pytest.fixture(scope="module")
+def record(saved, heavier):
+    return compare_feedforward(case(experiment={"truth": heavier}), saved, None)
+
+
+def test_the_better_the_model_the_smaller_the_error(record):
+    summary = record.summary
+    none, nominal, identified, true = (
+        summary.case(name) for name in ("none", "nominal", "identified", "true")
+    )
+    assert summary.machine == "twin"
+    assert none.reduction == 1
+    assert 1.5 < nominal.reduction < 5 < identified.reduction
+    assert true.rms_from_true == 0
+    # A thousand samples; benchmarks/feedforward.py has the sixteen thousand of an experiment.
+    assert summary.left < 0.08
+    assert nominal.rms_from_true > 5 * identified.rms_from_true
+    assert summary.integration.change < 1e-3
+
+
+def test_numbers_are_those_of_the_errors(record):
+    summary = record.summary
+    for each, tracking in zip(summary.cases, record.tracking, strict=True):
+        assert each.rms_struts == pytest.approx(np.sqrt(np.mean(tracking.struts**2)))
+        assert each.max_struts == np.abs(tracking.struts).max()
+        rows = [row for row in record.rows if row.case == each.case]
+        squares = [row.rms**2 for row in rows]
+        assert np.sqrt(np.mean(squares)) == pytest.approx(each.rms_struts)
+        # The platform is where its struts are.
+        assert each.max_position < 5 * each.max_struts
+
+
+def test_without_noise_the_true_model_leaves_what_sampling_leaves(saved):
+    silent = {"length_covariance": (1e-20 * np.eye(6)).tolist()}
+    sizes = []
+    for step in (0.005, 0.0025):
+        config = case(noise=silent, trajectory={"controller_period": step})
+        record = compare_feedforward(config, saved, None)
+        sizes.append(record.summary.case("true").rms_struts)
+        assert {each.case for each in record.summary.cases}.isdisjoint({"nominal"})
+    assert sizes[0] < 20e-6
+    assert sizes[1] < sizes[0] / 2
+
+
+def test_a_record_survives_its_folder(record, tmp_path):
+    record.write(tmp_path)
+    again = FeedforwardRecord.read(tmp_path)
+    assert again.rows == record.rows
+    assert json.dumps(again.summary.as_data(), default=list) == json.dumps(
+        record.summary.as_data(), default=list
+    )
+    for one, other in zip(again.tracking, record.tracking, strict=True):
+        np.testing.assert_array_equal(one.struts, other.struts)
+    (tmp_path / "tables" / "tracking_2.csv").unlink()
+    with pytest.raises(InputError, match="tracking_2"):
+        FeedforwardRecord.read(tmp_path)
+
+
+def test_cases_that_are_missing_are_told(record, tmp_path):
+    record.write(tmp_path)
+    path = tmp_path / "feedforward.json"
+    data = json.loads(path.read_text())
+    data["cases"] = [each for each in data["cases"] if each["case"] != "true"]
+    path.write_text(json.dumps(data))
+    with pytest.raises(InputError, match="true"):
+        FeedforwardRecord.read(tmp_path)
+
+
+def test_of_a_real_machine_one_is_drawn(saved):
+    config = case(data={"file": "measured.csv"})
+    times = np.arange(3.0)
+    found, again = (true_machine(config, saved, ROBOT, times) for _ in range(2))
+    other = true_machine(config.with_section("experiment", seed=7), saved, ROBOT, times)
+    assert found.kind == "drawn"
+    np.testing.assert_array_equal(found.model.values, again.model.values)
+    assert np.any(found.model.values != other.model.values)
+    scores = (found.model.values - saved.estimate.values) / saved.estimate.std
+    assert 0.3 < np.sqrt(np.mean(scores**2)) < 2
+    lower = [parameter.lower for parameter in parameters_of(ROBOT.terms)]
+    wrong = saved.estimate.values < lower
+    assert np.all(wrong | (found.model.values >= lower))
+
+
+def test_an_estimate_without_any_possible_machine_is_told(saved):
+    """Of twenty-one parameters with a bound at zero none is known: few have all signs right."""
+    vague = 1e12 * np.eye(len(saved.estimate.values))
+    hopeless = replace(saved.estimate, values=np.abs(saved.estimate.values), covariance=vague)
+    config = case(data={"file": "measured.csv"})
+    with pytest.raises(ComputationError, match="too uncertain"):
+        true_machine(config, replace(saved, estimate=hopeless), ROBOT, np.arange(3.0))
+
+
+def test_force_constants_and_cogging_act_in_the_loop(saved):
+    """A drive that gives too little: the identified model knows it, if it was measured with it."""
+    wrong = {"force_constant": {"common": "10 %"}}
+    record = compare_feedforward(case(experiment=wrong), saved, None)
+    # The true model's forces are those that the drives have to be told.
+    assert record.summary.case("true").reduction > record.summary.case("nominal").reduction
+    cogging = {"amplitude": 30, "pitch": "30 mm"}
+    disturbed = compare_feedforward(case(experiment={"cogging": cogging}), saved, None)
+    assert disturbed.summary.case("true").rms_struts > 2 * record.summary.case("true").rms_struts
+
+
+def test_a_loop_that_is_unstable_is_told(saved):
+    weak = {"limits": {"actuator_force": 30.0}}
+    with pytest.raises(ComputationError, match=r"feedforward\.bandwidth"):
+        compare_feedforward(case(FOLLOWED | {"periods": 3}, **weak), saved, None)
+
+
+@pytest.mark.parametrize(
+    ("section", "others", "key"),
+    [
+        ({"integral": 8.0}, {}, "feedforward.integral"),
+        ({"bandwidth": "30 Hz"}, {}, "feedforward.bandwidth"),
+        ({"motion": "line"}, {}, "feedforward.poses"),
+        ({"motion": "design", "mirror": "xz"}, {}, "feedforward.mirror"),
+        ({"motion": "file"}, {}, "feedforward.motion"),
+        ({}, {"experiment": {"compliance": 1e-7}}, "experiment.compliance"),
+    ],
+)
+def test_what_cannot_be_done_is_refused_with_the_configuration(section, others, key):
+    with pytest.raises(InputError) as caught:
+        case(section, **others)
+    assert [problem.key for problem in caught.value.problems] == [key]
+
+
+def test_too_long_a_simulation_is_refused(saved):
+    with pytest.raises(InputError) as caught:
+        compare_feedforward(case(FOLLOWED | {"periods": 10**7}), saved, None)
+    assert caught.value.problems[0].key == "feedforward.periods"

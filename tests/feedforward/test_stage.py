@@ -1,0 +1,75 @@
+"""The stage from the command line to the report, and its figure."""
+
+import json
+
+import numpy as np
+import pytest
+
+from estimation.feedforward.record import MEANINGS, FeedforwardRecord
+from expdesign.cli.app import app
+from expdesign.cli.errors import run
+from results.figures.feedforward import feedforward_figure
+from results.style import house_style
+from tests.blank_figures import blank_figures
+from tests.stages.test_table import agrees_with_the_table
+
+SECTION = {"radius": 0.05, "speed": 0.5, "bandwidth": 5, "integral": 0.5}
+
+
+@pytest.fixture(scope="module")
+def folder(tiny, tiny_result, tmp_path_factory):
+    """A run folder with a design, its experiment, an estimate, the comparison and the report."""
+    place = tmp_path_factory.mktemp("run")
+    sections = {"estimate": {"estimators": ["gm"]}, "feedforward": SECTION, "report": {}}
+    (place / "run.yaml").write_text(json.dumps(tiny(**sections)), encoding="utf-8")
+    with pytest.MonkeyPatch.context() as patched, blank_figures():
+        patched.setattr("expdesign.stages.design.design", lambda *_: tiny_result)
+        assert run(app, ["run", str(place / "run.yaml"), "--out", str(place / "out")]) == 0
+    return place / "out"
+
+
+def test_a_run_compares_and_reports(folder):
+    stages = agrees_with_the_table(folder)
+    assert {"design", "experiment", "estimate", "feedforward", "report"} == stages
+    record = FeedforwardRecord.read(folder)
+    assert record.summary.machine == "twin"
+    assert record.summary.case("identified").reduction > 1
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    assert 'id="feedforward"' in page
+    for name in ("feedforward_cases", "feedforward_controller"):
+        assert f'id="table-{name}"' in page
+    for each in record.summary.cases:
+        assert MEANINGS[each.case] in page
+
+
+def test_what_is_done_is_kept_until_its_section_changes(folder, capsys):
+    document = json.loads((folder.parent / "run.yaml").read_text(encoding="utf-8"))
+    out = ["--out", str(folder), "--json"]
+    before = (folder / "tables" / "tracking_1.csv").read_bytes()
+    resumed = []
+    for damping in (0.7, 0.9):
+        document["feedforward"]["damping"] = damping
+        path = folder.parent / "other.yaml"
+        path.write_text(json.dumps(document), encoding="utf-8")
+        capsys.readouterr()
+        with blank_figures():
+            assert run(app, ["run", str(path), *out]) == 0
+        stages = json.loads(capsys.readouterr().out)["stages"]
+        assert stages["estimate"]["resumed"]
+        resumed.append(stages["feedforward"]["resumed"])
+    assert resumed == [True, False]
+    assert (folder / "tables" / "tracking_1.csv").read_bytes() != before
+
+
+def test_the_figure_shows_every_case(folder):
+    record = FeedforwardRecord.read(folder)
+    with house_style():
+        figure = feedforward_figure.draw(record)
+    above, below = figure.axes
+    assert len(above.lines) == len(below.lines) == len(record.summary.cases)
+    shown = above.lines[0].get_ydata()
+    factor = shown / record.tracking[0].position
+    np.testing.assert_allclose(factor, factor[0])
+    assert factor[0] in (1, 1e3, 1e6)
+    texts = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert texts == [MEANINGS[each.case] for each in record.summary.cases]
