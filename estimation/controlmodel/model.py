@@ -9,7 +9,7 @@ from typing import Annotated
 
 from estimation.controlmodel.functions import ModelFunction, model_functions
 from estimation.controlmodel.uncertainty import ForceUncertainty
-from estimation.controlmodel.vectors import TestVectors, test_vectors
+from estimation.controlmodel.vectors import Vectors, vectors_of
 from expdesign.configuration.identification import Identification, machine_name
 from expdesign.robot import Robot
 from expdesign.runfolder import described
@@ -71,9 +71,9 @@ class ControlModel:
         return dict(model_functions(self.robot.terms))
 
     @cached_property
-    def vectors(self) -> TestVectors:
+    def vectors(self) -> Vectors:
         """States and what it returns there."""
-        return test_vectors(self.robot, self.width, _COUNT, _SEED)
+        return vectors_of(self.robot, self.width, _COUNT, _SEED)
 
     @property
     def largest_force(self) -> float:

@@ -30,10 +30,9 @@ _ROUNDS = 24
 
 
 @dataclass(frozen=True, eq=False)
-class TestVectors:
+class Vectors:
     """States (N, 18) with forces, lengths and speeds (N, 6) there; the first is rest at home."""
 
-    __test__ = False  # no test of pytest's, whatever its name begins with
     state: Annotated[Array, POSE_COLUMNS, RATE_COLUMNS, ACCELERATION_COLUMNS]
     forces: Annotated[Array, strutwise("Q", "N", "force of the actuator")]
     rest: Annotated[
@@ -46,10 +45,10 @@ class TestVectors:
     rates: Annotated[Array, strutwise("dq", "m/s", "its rate")]
 
 
-VECTORS = ArrayTable("test_vectors.csv", WRITTEN_BY, TestVectors)
+VECTORS = ArrayTable("test_vectors.csv", WRITTEN_BY, Vectors)
 
 
-def test_vectors(robot: Robot, width: float, count: int, seed: int) -> TestVectors:
+def vectors_of(robot: Robot, width: float, count: int, seed: int) -> Vectors:
     """Return states within the robot's limits, and what its own graph returns there.
 
     Parameters
@@ -65,7 +64,7 @@ def test_vectors(robot: Robot, width: float, count: int, seed: int) -> TestVecto
     motion = robot.strut_motion(*np.split(states, 3, axis=1))
     sliding = np.array([bool(term.rates) for term in robot.terms for _ in term.parameters])
     regressors = _regressors(robot, states, width)
-    return TestVectors(
+    return Vectors(
         states,
         regressors @ robot.parameters,
         _regressors(robot, states_at_rest(states[:, :COORDINATES]), width) @ robot.parameters,
