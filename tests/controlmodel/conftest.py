@@ -40,7 +40,13 @@ def robot(request):
     return ROBOTS[request.param]()
 
 
-@pytest.fixture(scope="session", params=[0.0, 0.02], ids=["exact", "smooth"])
-def model(request, robot):
-    """A control model of each robot, with exact and smoothed signs."""
-    return ControlModel(robot, ORIGIN, request.param)
+@pytest.fixture(scope="session")
+def palida():
+    """A control model with exact signs."""
+    return ControlModel(ROBOTS["palida"](), ORIGIN, 0.0)
+
+
+@pytest.fixture(scope="session", params=["palida", "every term"])
+def model(request, palida):
+    """A control model with exact signs, and one with every term and smoothed signs."""
+    return palida if request.param == "palida" else ControlModel(every_term(), ORIGIN, 0.02)
