@@ -20,6 +20,7 @@ from expdesign.cli.compare import compare
 from expdesign.cli.errors import ended_plainly
 from expdesign.cli.export import export
 from expdesign.cli.init import init
+from expdesign.cli.model import model
 from expdesign.cli.robots import robots
 
 app = typer.Typer(
@@ -69,6 +70,7 @@ for _command in (
     commands.noise,
     commands.estimate,
     commands.validate,
+    model,
     export,
     certify,
     commands.report,

@@ -51,7 +51,7 @@ _COMPARISON = {
     ca.OP_NE: "une {v} {x}, {y}",
     ca.OP_NOT: "oeq {v} {x}, {zero}",
 }
-_LIBRARY = {
+LIBRARY = {
     ca.OP_SIN: "sin",
     ca.OP_COS: "cos",
     ca.OP_TAN: "tan",
@@ -76,6 +76,7 @@ _LIBRARY = {
     ca.OP_HYPOT: "hypot",
     ca.OP_REMAINDER: "remainder",
 }
+"""Functions of C's math.h by operation."""
 
 
 _PARAMETERS = "ptr noalias %inputs, ptr noalias %fixed, ptr noalias %outputs, ptr noalias %work"
@@ -193,7 +194,7 @@ class _Program:
             kinds = ", ".join([VECTOR] * len(operands))
             self._used[name] = [f"declare {VECTOR} {name}({kinds})"]
         else:
-            called = _LIBRARY[operation]
+            called = LIBRARY[operation]
             name = f"@lanes_{called}"
             self._used[name] = _lane_by_lane(called, len(operands))
         return part.does(f"call {VECTOR} {name}({given})")
@@ -276,7 +277,7 @@ _LOGICAL = {
     ca.OP_IF_ELSE_ZERO: _if_not_zero,
 }
 _KNOWN = {
-    *(*_EXACT, *_INTRINSIC, *_COMPARISON, *_LIBRARY, *_LOGICAL),
+    *(*_EXACT, *_INTRINSIC, *_COMPARISON, *LIBRARY, *_LOGICAL),
     *(ca.OP_INPUT, ca.OP_OUTPUT),
 }
 

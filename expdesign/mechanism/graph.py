@@ -233,7 +233,12 @@ class HexapodGraph:
         return ca.cse(self._with_signs(self.regressor, friction))
 
     def force_with(self, friction: Friction) -> ca.SX:
-        """Return A p (6, 1), p being `parameters`, in two thirds of the instructions of A.
+        """Return A p (6, 1), p being `parameters`, in two thirds of the instructions of A."""
+        wrench, along = self.borne_with(friction)
+        return ca.cse(ca.densify(ca.solve(self.transposed, wrench) + along))
+
+    def borne_with(self, friction: Friction) -> tuple[ca.SX, ca.SX]:
+        """Return w and f of A p = G⁻ᵀ w + f: wrench on the platform, forces of the actuators.
 
         Torques and wrenches are summed up before they are carried to the actuators.
         """
@@ -241,8 +246,7 @@ class HexapodGraph:
             self._with_signs(part, friction) @ self.parameters
             for part in (self._direct, self._torques, self._along)
         )
-        forces = ca.solve(self.transposed, direct + self._borne(torques)) + along
-        return ca.cse(ca.densify(forces))
+        return direct + self._borne(torques), along
 
     def force_slope(self, friction: Friction, by: ca.SX) -> ca.SX:
         """Return ∂(A p)/∂by, (6, n), of numbers that A depends on, such as the state.

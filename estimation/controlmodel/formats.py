@@ -1,0 +1,227 @@
+"""The formats of control models: which files each has, and what tests them here."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import platform
+import sys
+import uuid
+import zipfile
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from estimation.controlmodel.compiler import (
+    SelfTest,
+    build,
+    compiler_name,
+    find_compiler,
+    run_self_test,
+)
+from estimation.controlmodel.instructions import NUMPY, C
+from estimation.controlmodel.model import ControlModel
+from estimation.controlmodel.rendering import context, rendered
+from estimation.controlmodel.vectors import VECTORS
+from expdesign.configuration import ComputationError
+from expdesign.mechanism.hexapod import POSE, numbered
+
+OUTPUTS = (
+    ("forces", "N", "force of actuator"),
+    ("rest", "N", "force that holds the platform still, actuator"),
+    ("friction", "N", "the friction's share of the force, actuator"),
+    ("lengths", "m", "coordinate of actuator"),
+    ("rates", "m/s", "speed of actuator"),
+)
+"""Of blocks: name, unit and meaning, six numbers each."""
+_INPUTS = (
+    ("pose", "", ""),
+    ("rate", "/s", "rate of "),
+    ("acceleration", "/s2", "acceleration of "),
+)
+_EARLIEST = (1980, 1, 1, 0, 0, 0)
+"""The time in an archive: the same model makes the same bytes."""
+
+
+@dataclass(frozen=True)
+class Made:
+    """The files of a model, by name, and what their self-tests have shown here."""
+
+    files: Mapping[str, bytes]
+    tests: tuple[SelfTest, ...] = ()
+    untested: str = ""
+    """Why there is no self-test, in words; empty when there is one."""
+
+
+@dataclass(frozen=True)
+class ModelFormat:
+    """A format of control models."""
+
+    title: str
+    make: Callable[[ControlModel, Path], Made]
+    """Make the files of a model; the folder is empty, and its own to work in."""
+
+
+def _c(model: ControlModel, folder: Path) -> Made:
+    filled = context(model, C)
+    files = _c_files(model, filled) | {"Makefile": _text("Makefile.j2", filled)}
+    return _tested(model, files, folder)
+
+
+def _simulink(model: ControlModel, folder: Path) -> Made:
+    filled = context(model, C) | {"outputs": OUTPUTS}
+    name = model.prefix
+    own = {
+        f"{name}_sfun.c": _text("sfunction.c.j2", filled),
+        f"build_{name}.m": _text("build.m.j2", filled),
+    }
+    made = _tested(model, _c_files(model, filled), folder)
+    return replace(made, files={**made.files, **own})
+
+
+def _python(model: ControlModel, folder: Path) -> Made:
+    name = f"{model.prefix}.py"
+    files = {name: _text("module.py.j2", context(model, NUMPY))}
+    _put(folder, files, model)
+    by = f"Python {platform.python_version()}"
+    return Made(files, (run_self_test([sys.executable, name], folder, "double", by),))
+
+
+def _fmu(model: ControlModel, folder: Path) -> Made:
+    compiler, place = find_compiler(), _binaries()
+    if compiler is None:
+        raise ComputationError(
+            "an FMU holds machine code, and there is no C compiler here: install gcc or clang, or "
+            "name one in CC. The format c needs none"
+        )
+    filled, name = context(model, C), model.prefix
+    first = 3 * len(POSE)
+    named = [(each, first + 6 * k) for k, (each, _, _) in enumerate(OUTPUTS)]
+    sources = _c_files(model, filled)
+    # Of the code, so that units that differ have another one.
+    guid = "{" + str(uuid.uuid5(uuid.NAMESPACE_URL, _digest(sources[f"{name}.c"]))) + "}"
+    filled |= {"guid": guid, "outputs": named, "variables": list(_variables(model))}
+    wrapper = f"{name}_fmu.c"
+    made = _tested(model, sources | {wrapper: _text("fmu.c.j2", filled)}, folder)
+    library = f"{name}{place.suffix}"
+    flags = ("-shared", "-fPIC", "-fvisibility=hidden")
+    build(compiler, folder, (f"{name}.c", wrapper), library, *flags)
+    archive = {
+        "modelDescription.xml": _text("modelDescription.xml.j2", filled),
+        f"binaries/{place.folder}/{library}": (folder / library).read_bytes(),
+        **{f"sources/{file}": made.files[file] for file in (f"{name}.c", f"{name}.h", wrapper)},
+    }
+    return replace(made, files={f"{name}.fmu": _zipped(archive)})
+
+
+FORMATS = {
+    "c": ModelFormat("C99 for controllers, double or single precision", _c),
+    "python": ModelFormat("a Python module that needs NumPy alone", _python),
+    "fmu": ModelFormat("FMI 2.0 for co-simulation, with machine code and source", _fmu),
+    "simulink": ModelFormat("level-2 S-function for Simulink, with its C code", _simulink),
+}
+"""By name. A new one is a function and an entry here."""
+
+
+def _c_files(model: ControlModel, filled: dict[str, Any]) -> dict[str, bytes]:
+    return {
+        f"{model.prefix}{ending}": _text(template, filled)
+        for ending, template in (
+            (".h", "model.h.j2"),
+            (".c", "model.c.j2"),
+            ("_vectors.h", "vectors.h.j2"),
+            ("_selftest.c", "selftest.c.j2"),
+        )
+    }
+
+
+def _tested(model: ControlModel, files: dict[str, bytes], folder: Path) -> Made:
+    """Build the self-test in double and single precision, and run both; none without compiler."""
+    _put(folder, files, model)
+    compiler = find_compiler()
+    if compiler is None:
+        return Made(files, untested="there is no C compiler here: neither tested nor measured")
+    sources, by = (f"{model.prefix}.c", f"{model.prefix}_selftest.c"), compiler_name(compiler)
+    tests = []
+    for precision, flags in (("double", ()), ("float", ("-DEXPDESIGN_FLOAT",))):
+        program = f"selftest-{precision}"
+        build(compiler, folder, sources, program, *flags)
+        tests.append(run_self_test([str(folder / program)], folder, precision, by))
+    return Made(files, tuple(tests))
+
+
+def _put(folder: Path, files: Mapping[str, bytes], model: ControlModel) -> None:
+    for name, content in files.items():
+        (folder / name).write_bytes(content)
+    VECTORS.write(folder, model.vectors)
+
+
+def _text(template: str, filled: dict[str, Any]) -> bytes:
+    return rendered(template, filled).encode("utf-8")
+
+
+def _digest(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
+
+
+class _Variable(NamedTuple):
+    """One of an FMU."""
+
+    name: str
+    unit: str
+    meaning: str
+    causality: str
+    start: float | None
+
+
+def _variables(model: ControlModel) -> list[_Variable]:
+    home = model.robot.home.tolist()
+    inputs = [
+        _Variable(
+            f"{name}.{coordinate.name}",
+            f"{coordinate.unit}{per}",
+            f"{word}{coordinate.meaning}",
+            "input",
+            home[k] if name == "pose" else 0.0,
+        )
+        for name, per, word in _INPUTS
+        for k, coordinate in enumerate(POSE)
+    ]
+    outputs = [
+        _Variable(f"{name}[{j}]", unit, f"{meaning} {j}", "output", None)
+        for name, unit, meaning in OUTPUTS
+        for j in range(1, len(numbered("")) + 1)
+    ]
+    return inputs + outputs
+
+
+class _Place(NamedTuple):
+    folder: str
+    suffix: str
+
+
+def _binaries() -> _Place:
+    """Return where FMI 2.0 has the machine code of this machine."""
+    known = {
+        ("Linux", "x86_64"): _Place("linux64", ".so"),
+        ("Darwin", "x86_64"): _Place("darwin64", ".dylib"),
+    }
+    system = (platform.system(), platform.machine())
+    if system not in known:
+        raise ComputationError(
+            f"FMI 2.0 names no folder for the machine code of {' '.join(system)}: make the FMU on "
+            "Linux or macOS on x86_64, or take the format c"
+        )
+    return known[system]
+
+
+def _zipped(files: Mapping[str, bytes]) -> bytes:
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, content in files.items():
+            entry = zipfile.ZipInfo(name, _EARLIEST)
+            entry.compress_type = zipfile.ZIP_DEFLATED
+            entry.external_attr = 0o644 << 16
+            archive.writestr(entry, content)
+    return stream.getvalue()

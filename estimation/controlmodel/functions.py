@@ -1,0 +1,103 @@
+"""What a control model computes, as functions of the shared graph.
+
+Poses, rates and accelerations are λ, λ̇, λ̈: (6, 1) each, SI and radians.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+
+import casadi as ca
+
+from expdesign.mechanism.graph import Friction, HexapodGraph, hexapod_graph
+from expdesign.mechanism.hexapod import COORDINATES
+from expdesign.mechanism.term import Term
+
+POSE, RATE, ACCELERATION = "pose", "rate", "acceleration"
+
+
+@dataclass(frozen=True, eq=False)
+class ModelFunction:
+    """A function of a control model."""
+
+    does: str
+    """In words."""
+    inputs: tuple[str, ...]
+    """Of pose, rate and acceleration."""
+    function: ca.Function
+    """(inputs, geometry (g), constants (c), parameters (m)) → outputs.
+
+    Forces are given as w, Gᵀ column by column, and f of Q = G⁻ᵀ w + f: solving by elimination with
+    pivots is a hundred times more exact in single precision than what CasADi writes for it.
+    """
+
+
+@cache
+def model_functions(terms: tuple[Term, ...]) -> Mapping[str, ModelFunction]:
+    """Return the functions of robots with these terms, by name.
+
+    Those of forces are ``forces``, ``rest`` and ``friction``; those of the struts' lengths, the
+    coordinates of the actuators, are ``lengths``, ``rates``, and ``slope``: lengths and, row by
+    row, ∂q/∂λ.
+    """
+    graph = hexapod_graph(terms)
+    states = {POSE: graph.pose, RATE: graph.rate, ACCELERATION: graph.acceleration}
+    machine = [graph.geometry.vector, graph.constants, graph.parameters]
+
+    def of(does: str, inputs: tuple[str, ...], outputs: list[ca.SX]) -> ModelFunction:
+        given = [*(states[key] for key in inputs), *machine]
+        dense = [ca.densify(value) for value in outputs]
+        return ModelFunction(does, inputs, ca.Function("model", given, dense, {"cse": True}))
+
+    lengths, rates = graph.kinematic["strut_length"], graph.kinematic["strut_speed"]
+    signs = (graph.signs, ca.sign(sliding_speeds(graph)))
+    zeros = ca.SX.zeros(COORDINATES)
+    still = (
+        (graph.signs, ca.SX.zeros(graph.signs.shape)),
+        (graph.rate, zeros),
+        (graph.acceleration, zeros),
+    )
+    rubbing = [
+        graph.parameters[k] if sliding else ca.SX(0)
+        for k, sliding in enumerate(bool(term.rates) for term in terms for _ in term.parameters)
+    ]
+    return {
+        "forces": of("forces of the actuators", tuple(states), _borne(graph, signs)),
+        "rest": of("forces that hold the platform still", (POSE,), _borne(graph, *still)),
+        "friction": of(
+            "the friction's share of the forces",
+            tuple(states),
+            _borne(graph, signs, (graph.parameters, ca.vertcat(*rubbing))),
+        ),
+        "lengths": of("coordinates of the actuators", (POSE,), [lengths]),
+        "rates": of("speeds of the actuators", (POSE, RATE), [rates]),
+        "slope": of(
+            "coordinates of the actuators and their slope to the pose",
+            (POSE,),
+            [lengths, ca.vec(ca.jacobian(lengths, graph.pose).T)],
+        ),
+    }
+
+
+def sliding_speeds(graph: HexapodGraph) -> ca.SX:
+    """Return the speeds (s, 1), m/s, whose signs dry friction takes: rates times their arms.
+
+    They have the signs of the rates. Written so, a file may smooth them with one width in m/s.
+    """
+    kinematic = graph.kinematic
+    parts = [
+        kinematic[rate.quantity] * (1 if rate.arm is None else kinematic[rate.arm])
+        for rate in graph.rates
+    ]
+    return ca.vertcat(ca.SX(0, 1), *parts)
+
+
+def _borne(graph: HexapodGraph, *pairs: tuple[ca.SX, ca.SX]) -> list[ca.SX]:
+    """Return w, Gᵀ and f, with values for symbols; the load is that of the parameters."""
+    wrench, along = graph.borne_with(Friction.HELD)
+    # All at once: the signs are expressions of pose and rate.
+    symbols, values = zip((graph.nominal, graph.parameters), *pairs, strict=True)
+    parts = [wrench, ca.vec(graph.transposed), along]
+    return ca.substitute(parts, list(symbols), list(values))

@@ -1,0 +1,194 @@
+"""The identified robot for a controller: written, tested here where that can be, and described."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from constraints.arrays import Array
+from estimation.controlmodel.formats import FORMATS
+from estimation.controlmodel.model import ControlModel, Origin
+from estimation.controlmodel.record import FOLDER, ControlModelFile
+from estimation.controlmodel.uncertainty import (
+    UNCERTAINTY,
+    ForceUncertainty,
+    by_actuator,
+    force_uncertainty,
+)
+from estimation.controlmodel.vectors import VECTORS
+from estimation.identification.estimate_file import EstimateFile
+from estimation.identification.identified_robot import FILE as IDENTIFIED
+from expdesign.configuration import InputError
+from expdesign.configuration.identification import Identification
+from expdesign.progress import tell
+from expdesign.robot import Robot, load_robot
+from expdesign.runfolder.atomic import written_beside
+from expdesign.runfolder.manifest import Manifest, file_hash, package_versions
+from expdesign.stages.folder import refuse_unwritable
+from expdesign.stages.outcome import Outcome, Progress, short
+from expdesign.stages.table import STAGES
+from expdesign.trajectory import FourierTrajectory, TrajectoryFile
+
+_ESTIMATE = "estimate"
+
+
+def export_model(
+    source: str, name: str, out: Path | None, width: float, progress: Progress
+) -> Outcome:
+    """Write the control model of a run folder's estimate, or of a robot.
+
+    Parameters
+    ----------
+    source : str
+        A run folder with an estimate, a robot file, or the name of a robot that ships.
+    name : str
+        Of the format.
+    out : Path or None
+        The folder; ``model/<format>`` in the run folder, or in ``runs/<robot>``, by default.
+    width : float
+        Of the sign of dry friction, m/s; 0: the exact one.
+
+    Raises
+    ------
+    InputError
+        There is no estimate, robot or format of the name.
+    ComputationError
+        The format cannot be made here, or its self-test fails.
+    """
+    if name not in FORMATS:
+        message = f"there is no format '{name}'" if name else "no format is given"
+        raise InputError(message, key="--format", allowed=" | ".join(FORMATS))
+    folder = Path(source).absolute() if Path(source).is_dir() else None
+    file = source if folder is None else _identified(folder, progress)
+    robot = load_robot(file)
+    known, path = robot.description.description.identification, robot.description.source
+    if path is None:
+        raise InputError("a robot that is no file has no control model", key="DIR")
+    place = Path("runs") / robot.name if folder is None else folder
+    target = (place / FOLDER / name if out is None else out).absolute()
+    refuse_unwritable(target)
+    tell("uncertainty of the forces")
+    motion, trajectory = ("", None) if folder is None else _motion(folder)
+    uncertainty = _uncertainty(robot, known, trajectory, path)
+    model = ControlModel(robot, _origin(path, known, folder), width, uncertainty)
+    _tell_doubts(model, progress)
+    tell(f"writing and testing {name}")
+    with TemporaryDirectory(prefix="expdesign-model-") as place_to_work:
+        made = FORMATS[name].make(model, Path(place_to_work))
+    if made.untested:
+        progress.warn(made.untested)
+    files = []
+    for file_name, content in made.files.items():
+        with written_beside(target / file_name) as beside:
+            beside.write_bytes(content)
+        files.append(target / file_name)
+    files += VECTORS.write(target, model.vectors)
+    if uncertainty is not None:
+        files += UNCERTAINTY.write(target, uncertainty)
+    record = ControlModelFile(
+        model_format=name,
+        title=FORMATS[name].title,
+        robot=robot.name,
+        prefix=model.prefix,
+        origin=model.origin,
+        sign_width=width,
+        files={each.name: file_hash(each) for each in dict.fromkeys(files)},
+        tests=made.tests,
+        untested=made.untested,
+        uncertainty=() if uncertainty is None else by_actuator(uncertainty),
+        motion="" if uncertainty is None else motion,
+    )
+    # Last: it says that all else is there.
+    files.append(record.write(target))
+    summary = {"folder": str(target), **record.as_data()}
+    return Outcome(folder=target, result=record, files=tuple(files), summary=summary)
+
+
+def _identified(folder: Path, progress: Progress) -> Path:
+    """Return the robot file of a run folder's estimate; warn when it was changed since."""
+    path = folder / IDENTIFIED
+    if not path.is_file():
+        made = (folder / STAGES[_ESTIMATE].record).is_file()
+        message = "of an earlier version: it has no robot file" if made else "there is no estimate"
+        raise InputError(
+            f"{message}, {IDENTIFIED}",
+            folder,
+            key="DIR",
+            allowed="a run folder in which `expdesign estimate` was done, a robot file, or the "
+            "name of a robot that ships",
+        )
+    manifest = Manifest.known(folder)
+    entry = None if manifest is None else manifest.stages.get(_ESTIMATE)
+    if entry is not None and entry.files.get(path.name) not in (None, file_hash(path)):
+        progress.warn(f"{short(path)} was changed after the estimate")
+    return path
+
+
+def _motion(folder: Path) -> tuple[str, FourierTrajectory | None]:
+    """Return what the uncertainty is stated on: the folder's design, else what was estimated."""
+    if (folder / TrajectoryFile.FILE).is_file():
+        return "the design", TrajectoryFile.read(folder).trajectory
+    if (folder / EstimateFile.FILE).is_file():
+        motions = EstimateFile.read(folder).best_estimator.motions
+        if motions:
+            return "the motion of the recording, as it was estimated", motions[0].trajectory
+    return "", None
+
+
+def _uncertainty(
+    robot: Robot, known: Identification | None, trajectory: FourierTrajectory | None, path: Path
+) -> ForceUncertainty | None:
+    if known is None or trajectory is None:
+        return None
+    if known.parameters != robot.parameter_names:
+        raise InputError(
+            "the identification is that of other parameters",
+            path,
+            key="identification.parameters",
+            allowed=", ".join(robot.parameter_names),
+        )
+    return force_uncertainty(robot, known, trajectory)
+
+
+def _origin(path: Path, known: Identification | None, folder: Path | None) -> Origin:
+    manifest = None if folder is None else Manifest.known(folder)
+    entry = None if manifest is None else manifest.stages.get(_ESTIMATE)
+    about = {"file": path.name, "sha256": file_hash(path)}
+    about |= {"version": package_versions()["expdesign"], "made": entry.finished if entry else ""}
+    if known is None:
+        return Origin(**about)
+    return Origin(run=known.run, estimator=known.estimator, verdict=known.verdict, **about)
+
+
+def _tell_doubts(model: ControlModel, progress: Progress) -> None:
+    known = model.identification
+    if known is None:
+        progress.note(
+            f"{model.robot.name} is no result of an estimate: the model has its nominal parameters"
+        )
+        return
+    for warning in known.warnings:
+        progress.warn(warning)
+    names = np.array(model.robot.parameter_names)
+    negative = names[_below(model)]
+    if negative.size:
+        progress.warn(
+            f"friction below zero drives the machine: {', '.join(negative)}. They are not "
+            "identified well enough; see estimates.csv"
+        )
+
+
+def _below(model: ControlModel) -> Array:
+    """Return which parameters of friction are below the bound that every machine keeps."""
+    return np.array(
+        [
+            bool(term.rates) and value < one.lower
+            for (term, one), value in zip(
+                ((term, one) for term in model.robot.terms for one in term.parameters),
+                model.robot.parameters,
+                strict=True,
+            )
+        ]
+    )

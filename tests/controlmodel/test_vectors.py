@@ -1,0 +1,60 @@
+"""States that models are tested at, and the functions that they are tested with."""
+
+import numpy as np
+import pytest
+
+from estimation.controlmodel.functions import model_functions
+from estimation.controlmodel.vectors import random_states, vectors_of
+from expdesign.robot import LimitModel
+
+MOVING = ("actuator_force", "strut_speed", "strut_acceleration")
+
+
+def test_states_keep_the_limits(robot):
+    states = random_states(robot, 300, 1)
+    assert states.shape == (300, 18)
+    limits = LimitModel.of(robot)
+    values = limits.values(states)
+    for limit, columns in zip(limits.limits, limits.columns, strict=True):
+        if limit.key not in MOVING:
+            assert np.all(values[:, columns] >= limit.lower), limit.key
+            assert np.all(values[:, columns] <= limit.upper), limit.key
+    speeds = robot.strut_motion(*np.split(states, 3, axis=1)).length_rate
+    assert np.max(np.abs(speeds)) <= max(robot.limit("strut_speed").upper) * (1 + 1e-9)
+    np.testing.assert_array_equal(states[0], [*robot.home, *np.zeros(12)])
+    np.testing.assert_array_equal(states, random_states(robot, 300, 1))
+
+
+def test_forces_are_the_robots_and_their_parts_add_up(robot):
+    vectors = vectors_of(robot, 0.0, 200, 0)
+    pose, rate, acceleration = np.split(vectors.state, 3, axis=1)
+    forces = robot.actuator_forces(pose, rate, acceleration)
+    np.testing.assert_allclose(vectors.forces, forces, atol=1e-10)
+    still = robot.actuator_forces(pose, 0 * rate, 0 * rate)
+    np.testing.assert_allclose(vectors.rest, still, atol=1e-10)
+    # Without its friction a robot has the rest of the forces; the load of the friction stays.
+    free = robot.parameters * [not term.rates for term in robot.terms for _ in term.parameters]
+    others = robot.regressor(pose, rate, acceleration) @ free
+    np.testing.assert_allclose(vectors.friction, forces - others, atol=1e-10)
+
+
+@pytest.mark.parametrize("name", ["forces", "rest", "friction"])
+def test_the_graphs_functions_give_the_same_forces(robot, name):
+    """Elimination on w, Gᵀ and f, in NumPy, against what the robot returns."""
+    function = model_functions(robot.terms)[name]
+    vectors = vectors_of(robot, 0.0, 50, 0)
+    machine = (robot.geometry_vector, robot.description.constants, robot.parameters)
+    expected = getattr(vectors, name)
+    for state, forces in zip(vectors.state, expected, strict=True):
+        parts = np.split(state, 3)[: len(function.inputs)]
+        wrench, transposed, along = (
+            one.full().ravel(order="F") for one in function.function(*parts, *machine)
+        )
+        matrix = transposed.reshape(6, 6).T
+        np.testing.assert_allclose(np.linalg.solve(matrix, wrench) + along, forces, atol=1e-9)
+
+
+def test_a_narrow_width_is_nearly_the_sign_and_a_wide_one_is_not(robot):
+    exact, narrow, wide = (vectors_of(robot, width, 100, 0) for width in (0.0, 1e-4, 0.5))
+    np.testing.assert_allclose(narrow.forces, exact.forces, atol=1e-6)
+    assert np.max(np.abs(wide.forces - exact.forces)) > 1
