@@ -37,6 +37,7 @@ NAMES = (
     "own_machine",
     "certificate",
     "certified_robots",
+    "base_parameters",
     "speed",
 )
 

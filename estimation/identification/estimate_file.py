@@ -15,6 +15,7 @@ from estimation.identification.budget_record import SystematicKeys
 from estimation.identification.result import EstimationResult, RecordSummary
 from estimation.uncertainty.intervals import Combination
 from expdesign.configuration import Problem
+from expdesign.experiment.combinations import KnownCombination
 from expdesign.robot.deviation import tolerated
 from expdesign.runfolder import Numbers, OpenNumbers, RunFile, copied, described
 from expdesign.runfolder.contradiction import (
@@ -143,6 +144,10 @@ class EstimatorKeys:
     combinations: Annotated[
         tuple[Combination, ...], described("", "what is known of parameters not identified")
     ]
+    base_parameters: Annotated[
+        tuple[KnownCombination, ...],
+        described("", "combinations that the data identify; of each the table's columns"),
+    ] = ()
     motions: Annotated[
         tuple[FourierKeys, ...], described("", "motion of every recording, as in design.json")
     ]
@@ -161,6 +166,9 @@ class EstimatorKeys:
             values=dict(zip(result.knowledge.names, estimate.values.tolist(), strict=True)),
             systematic=SystematicKeys.of(estimate.systematic),
             combinations=result.combinations[estimate.estimator],
+            base_parameters=result.knowledge.combinations(
+                result.robot, estimate.values, estimate.covariance
+            ),
             motions=tuple(copied(FourierKeys, motion) for motion in motions),
         )
 

@@ -169,6 +169,9 @@ def estimate(outcome: Outcome) -> None:
     title = "Estimates (standard deviations of the last digits)"
     heads = ("parameter", *(name.upper() for name in result.estimates), "a priori", "unit")
     console.print(_table(title, heads, rows, ("parameter", "unit")))
+    best = result.best
+    for row in result.knowledge.inseparable(result.robot, best.values, best.covariance):
+        say(f"{row.combination}: {_concise(row.value, row.std)} {row.unit}")
     for combination in result.combinations[result.best.estimator]:
         say(combination.text)
     if diagnosis is not None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import Annotated, Literal
 
-from pydantic import model_validator
+from pydantic import Discriminator, Tag, model_validator
 
 from expdesign.configuration.parameters import ParameterName
 from expdesign.configuration.problem import refusal, require
@@ -20,6 +20,7 @@ from expdesign.configuration.values.scalars import (
     one_of,
     whole,
     word_for_none,
+    word_or,
 )
 
 _LARGEST_HARMONICS = 100
@@ -82,6 +83,13 @@ CRITERIA = ("a", "condition", "d", "e")
 Search = Literal["restarts", "hopping"]
 Start = Literal["periodic", "rest"]
 Scaling = Literal["si", "nominal"]
+Base = Literal["base"]
+
+_Judged = Annotated[
+    Annotated[Base, Tag("(name)")]
+    | Annotated[Annotated[tuple[ParameterName, ...], Distinct], Tag("(inline)")],
+    Discriminator(lambda value: "(name)" if isinstance(value, str) else "(inline)"),
+]
 
 
 _FALLING = require(
@@ -108,10 +116,10 @@ class DesignSection(Section):
     scaling: Annotated[Scaling, one_of(Scaling)] = "si"
     """Of the information matrix's columns, for criteria that depend on it."""
     parameters: Annotated[
-        Annotated[tuple[ParameterName, ...], Distinct] | None,
-        *word_for_none("all", at_least(1, "parameters")),
+        _Judged | None, *word_for_none("all", word_or("base", at_least(1, "parameters")))
     ] = None
-    """Those that the experiment shall identify; None (``all`` in the YAML): all."""
+    """Those that the experiment shall identify; None (``all`` in the YAML): all; ``base``: those
+    that some motion within the limits shows, one for each combination."""
     smoothing: (
         Annotated[tuple[Annotated[Speed, Positive], ...], at_least(1, "widths"), _FALLING] | None
     ) = None
@@ -122,3 +130,8 @@ class DesignSection(Section):
     """Of each smoothing width, within one start."""
     max_seconds: Annotated[Duration, Positive] | None = None
     """Time for all starts, s."""
+
+    @property
+    def named_parameters(self) -> tuple[str, ...] | None:
+        """The parameters that are named one by one, None where they are not."""
+        return self.parameters if isinstance(self.parameters, tuple) else None
