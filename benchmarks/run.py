@@ -41,6 +41,7 @@ NAMES = (
     "certificate",
     "certified_robots",
     "feedforward",
+    "base_parameters",
     "speed",
 )
 

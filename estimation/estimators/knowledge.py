@@ -13,11 +13,18 @@ from scipy.optimize import lsq_linear
 
 from constraints.arrays import Array
 from estimation.estimators.earlier import EarlierEstimate, UnloadedMachine
-from expdesign.configuration import ComputationError
+from expdesign.configuration import ComputationError, InputError
 from expdesign.configuration.robot_description import RobotDescription
 from expdesign.configuration.sections.data import EstimateSection
+from expdesign.experiment.combinations import (
+    KnownCombination,
+    identified_base,
+    known_combinations,
+)
 from expdesign.information.fisher import ScaledInformation
+from expdesign.information.identifiable import BaseParameters, listed, root_of_inverse
 from expdesign.mechanism.catalogue import known_parameters
+from expdesign.recheck.excitable import structural_base
 from expdesign.robot import Robot
 from expdesign.robot.deviation import Deviation
 
@@ -29,25 +36,31 @@ class UnidentifiableError(ComputationError):
     ----------
     names : tuple of str
         Parameters to fix, or to give a prior, so that the others can be estimated.
+    shows : tuple of str
+        The combinations with others that the data determine, in words.
     """
 
-    def __init__(self, names: tuple[str, ...]) -> None:
-        self.names = names
-        remedy = "Fix them (estimate.fixed) or give a prior (estimate.prior)"
+    def __init__(self, names: tuple[str, ...], shows: tuple[str, ...] = ()) -> None:
+        self.names, self.shows = names, shows
+        instead = f": what they show is {listed(shows)}" if shows else ""
+        remedy = (
+            "Fix them (estimate.fixed), give a prior (estimate.prior), or, where no motion of the "
+            "machine tells them apart, estimate what shows (estimate.parameters: base)"
+        )
         if not set(names) <= set(known_parameters()):
             remedy = (
                 "Fix parameters (estimate.fixed), take constants of terms as they are (estimate: "
                 "false), or give a prior (estimate.prior, tolerances.terms)"
             )
         super().__init__(
-            f"the data do not determine {', '.join(names)}: the information matrix is singular. "
-            f"{remedy}",
-            {"undetermined": list(names)},
+            f"the data do not determine {', '.join(names)}{instead}. The information matrix is "
+            f"singular. {remedy}",
+            {"undetermined": list(names), "shows": list(shows)},
         )
 
-    def __reduce__(self) -> tuple[type[UnidentifiableError], tuple[tuple[str, ...]]]:
+    def __reduce__(self) -> tuple[type[UnidentifiableError], tuple[tuple[str, ...], ...]]:
         """Survive the way from a worker process to its parent."""
-        return type(self), (self.names,)
+        return type(self), (self.names, self.shows)
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,12 +81,20 @@ class Knowledge:
     lower: Array
     upper: Array
     """(m,), bounds; ±inf where there is none."""
+    base: BaseParameters | None = None
+    """Those that are estimated in place of all that are not fixed; None: each for itself."""
     earlier: EarlierEstimate | None = None
     """An estimate that is the prior, beside those of `prior_precision`."""
 
     @classmethod
     def of(cls, robot: Robot, section: EstimateSection) -> Knowledge:
-        """Take what the run's `estimate:` section says, whose names the loader has checked."""
+        """Take what the run's `estimate:` section says, whose names the loader has checked.
+
+        Raises
+        ------
+        InputError
+            It says something of a parameter that regroups into others, which `base` leaves alone.
+        """
         known, nominal = robot.parameter_names, np.array(robot.parameters)
         fixed: Mapping[str, float | None] = section.fixed
         priors, bounds = section.named_priors, section.bounds
@@ -84,15 +105,21 @@ class Knowledge:
             chosen = [given.get(name) for name in known]
             return np.array([n if c is None else c for n, c in zip(nominal, chosen, strict=True)])
 
+        own = tuple(name for name in known if name not in fixed)
+        base = structural_base(robot, own) if section.parameters == "base" and own else None
+        if base is not None:
+            _refuse_of_combinations(section, base)
+            own = base.base
         whole = cls(
             names=known,
             nominal=nominal,
-            free=np.array([name not in fixed for name in known]),
+            free=np.array([name in own for name in known]),
             start=values(fixed),
             prior_mean=values({name: prior.value for name, prior in priors.items()}),
             prior_precision=np.array([priors[n].std ** -2 if n in priors else 0.0 for n in known]),
             lower=lower,
             upper=upper,
+            base=base,
             earlier=EarlierEstimate.of(robot) if section.prior_from == "robot" else None,
         )
         if not isinstance(section.prior, RobotDescription):
@@ -179,7 +206,9 @@ class Knowledge:
         scaled = ScaledInformation.of(information)
         if scaled.is_singular():
             free = tuple(n for n, is_free in zip(self.names, self.free, strict=True) if is_free)
-            raise UnidentifiableError(scaled.unexcited(free))
+            directions = scaled.weak_directions(free)
+            shows = dict.fromkeys(text for one in directions for text in one.shows)
+            raise UnidentifiableError(tuple(one.name for one in directions), tuple(shows))
         return scaled
 
     def inverse(self, information: Array) -> Array:
@@ -189,8 +218,63 @@ class Knowledge:
         inverse = sla.cho_solve(factor, np.eye(len(scaled.scales)))
         return inverse / np.multiply.outer(scaled.scales, scaled.scales)
 
+    def combinations(
+        self, robot: Robot, values: Array, covariance: Array
+    ) -> tuple[KnownCombination, ...]:
+        """Return the combinations that an estimate identifies, with what regroups into them.
+
+        Parameters
+        ----------
+        robot : Robot
+            Whose scales tell what counts as one.
+        values, covariance : (m,), (m, m)
+            Of the estimate; zero covariance of what was not estimated.
+        """
+        own = np.flatnonzero(self.free)
+        names = tuple(self.names[k] for k in own)
+        root = root_of_inverse(covariance[np.ix_(own, own)])
+        found = identified_base(root, names, robot.scales[own])
+        return self._known(found, robot, values, covariance)
+
+    def inseparable(
+        self, robot: Robot, values: Array, covariance: Array
+    ) -> tuple[KnownCombination, ...]:
+        """Return the same of the combinations alone that no motion of the machine tells apart."""
+        if self.base is None:
+            return ()
+        rows = self._known(BaseParameters.each(self.base.base), robot, values, covariance)
+        return tuple(row for row in rows if row.regrouped)
+
+    def _known(
+        self, found: BaseParameters, robot: Robot, values: Array, covariance: Array
+    ) -> tuple[KnownCombination, ...]:
+        structure = BaseParameters.each(found.names) if self.base is None else self.base
+        scales = dict(zip(self.names, robot.scales.tolist(), strict=True))
+        at = [self.names.index(name) for name in structure.names]
+        return known_combinations(found, structure, values[at], covariance[np.ix_(at, at)], scales)
+
     def full(self, block: Array) -> Array:
         """Return a (k, k) matrix of the free parameters as (m, m), zeros for the fixed ones."""
         result = np.zeros((len(self.names), len(self.names)))
         result[np.ix_(self.free, self.free)] = block
         return result
+
+
+def _refuse_of_combinations(section: EstimateSection, base: BaseParameters) -> None:
+    """Refuse priors and bounds of parameters that show only together with others."""
+    if isinstance(section.prior, RobotDescription):
+        raise InputError(
+            "a machine without its payload is the prior of its own parameters, not of combinations",
+            key="estimate.parameters",
+            allowed="all",
+        )
+    for key, given in (("prior", section.named_priors), ("bounds", section.bounds)):
+        for name in given:
+            shown = [base.text(one) for one in base.base if name in (one, *base.members(one))]
+            if name in base.regrouped or shown != [name]:
+                what = f"shows only in {listed(shown)}" if shown else "shows in nothing"
+                raise InputError(
+                    f"{name} {what}, and estimate.parameters is base: it is not estimated alone",
+                    key=f"estimate.{key}.{name}",
+                    allowed="estimate.parameters: all; or neither prior nor bounds of it",
+                )

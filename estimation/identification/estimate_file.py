@@ -19,6 +19,7 @@ from estimation.identification.result import EstimationResult, RecordSummary
 from estimation.identification.term_selection import Selection
 from estimation.uncertainty.intervals import Combination
 from expdesign.configuration import Problem
+from expdesign.experiment.combinations import KnownCombination
 from expdesign.robot import robot_from
 from expdesign.robot.deviation import tolerated
 from expdesign.runfolder import Numbers, OpenNumbers, RunFile, copied, described
@@ -156,6 +157,10 @@ class EstimatorKeys:
     combinations: Annotated[
         tuple[Combination, ...], described("", "what is known of parameters not identified")
     ]
+    base_parameters: Annotated[
+        tuple[KnownCombination, ...],
+        described("", "combinations that the data identify; of each the table's columns"),
+    ] = ()
     motions: Annotated[
         tuple[FourierKeys, ...], described("", "motion of every recording, as in design.json")
     ]
@@ -176,6 +181,9 @@ class EstimatorKeys:
             constants=constants_found(robot_from(result.configuration.robot), estimate.systematic),
             payload=PayloadKeys.of(result.payloads.get(estimate.estimator)),
             combinations=result.combinations[estimate.estimator],
+            base_parameters=result.knowledge.combinations(
+                result.robot, estimate.values, estimate.covariance
+            ),
             motions=tuple(copied(FourierKeys, motion) for motion in motions),
         )
 

@@ -27,6 +27,7 @@ from estimation.identification.payload_record import PayloadRow, payload_rows
 from estimation.identification.result import EstimationResult
 from estimation.selection.path import SelectionRow
 from estimation.uncertainty.intervals import ParameterRow, correlation
+from expdesign.experiment.combinations import KnownCombination
 from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.runfolder import (
     ArrayTable,
@@ -76,6 +77,16 @@ class _OfRecording:
 @dataclass(frozen=True)
 class NoiseRow(CovarianceRow, _OfRecording):
     """One element of Σ or Δ of one recording."""
+
+
+@dataclass(frozen=True)
+class _OfEstimator:
+    estimator: Annotated[str, described("", "ls, gm or ml")]
+
+
+@dataclass(frozen=True)
+class EstimatedCombination(KnownCombination, _OfEstimator):
+    """A combination of parameters that the data identify."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,6 +142,9 @@ class EstimateRecord(FolderRecord):
         "correlations": _matrix_table("correlation", "1"),
         "covariances": _matrix_table("covariance", "SI"),
         "precision": RowTable("tables/precision.csv", _WRITTEN_BY, PrecisionRow),
+        "base_parameters": RowTable(
+            "tables/estimate_combinations.csv", _WRITTEN_BY, EstimatedCombination
+        ),
         "budget": RowTable("tables/budget.csv", _WRITTEN_BY, BudgetRow),
         "deviations": RowTable("tables/deviations.csv", _WRITTEN_BY, DeviationRow),
         "constants": RowTable("tables/constants.csv", _WRITTEN_BY, ConstantRow),
@@ -259,6 +273,15 @@ class EstimateRecord(FolderRecord):
                 )
             ]
         return rows
+
+    @property
+    def base_parameters(self) -> list[EstimatedCombination]:
+        """What every estimator knows of combinations; empty in a folder of an earlier version."""
+        return [
+            EstimatedCombination(estimator, *astuple(row))
+            for estimator, entry in self.summary.estimators.items()
+            for row in entry.base_parameters
+        ]
 
     @property
     def budget(self) -> list[BudgetRow]:

@@ -22,9 +22,9 @@ from estimation.montecarlo.statistics import (
     pooled_statistics,
 )
 from estimation.twin import Truth
-from estimation.uncertainty.intervals import IDENTIFIED
 from expdesign.configuration import ConfigurationLike, RunConfiguration, load_run
 from expdesign.configuration.section import unstated
+from expdesign.information.identifiable import IDENTIFIABLE
 from expdesign.progress import tell
 from expdesign.robot import Robot
 from expdesign.runfolder.manifest import package_versions, text_hash
@@ -70,7 +70,7 @@ class Study:
     def identified(self) -> NDArray[np.intp]:
         """Places of the parameters whose bound is below half their scale: those that are pooled."""
         scales = self.robot.scales
-        return np.flatnonzero(self.knowledge.free & (self.bound_std < IDENTIFIED * scales))
+        return np.flatnonzero(self.knowledge.free & (self.bound_std < IDENTIFIABLE * scales))
 
     def estimated(self, estimator: str) -> tuple[tuple[Repetition, Outcome], ...]:
         """Return the repetitions in which an estimator has an estimate."""

@@ -38,8 +38,8 @@ from estimation.studies.study import (
 )
 from estimation.twin import Twin
 from estimation.uncertainty.differences import FAMILY_LEVEL, Differences, difference_test
-from estimation.uncertainty.intervals import IDENTIFIED
 from expdesign.configuration import RunConfiguration
+from expdesign.information.identifiable import IDENTIFIABLE
 from expdesign.mechanism.catalogue import parameter_unit
 from expdesign.robot import Robot, robot_from
 from expdesign.runfolder import RowTable
@@ -226,7 +226,7 @@ class IdentificationStudy(Study):
         """Parameters that ML knows to less than half their scale in undisturbed data, (m,)."""
         scales = self.robot.scales
         std = self.cases[0].reported_std("ml")
-        return np.asarray(self.knowledge.free & (std < IDENTIFIED * scales))
+        return np.asarray(self.knowledge.free & (std < IDENTIFIABLE * scales))
 
     def claims(self) -> Iterator[Claim]:
         """Yield what the study was to show."""

@@ -11,15 +11,13 @@ from pydantic import model_serializer
 
 from constraints.arrays import Array
 from estimation.estimators import Knowledge, ParameterEstimate
+from expdesign.information.identifiable import IDENTIFIABLE
 from expdesign.mechanism.catalogue import parameter_unit
 from expdesign.robot import Robot
 from expdesign.runfolder import MAY_BE_EMPTY, OpenNumber, described
 
 LEVEL = 0.95
 """Coverage of the intervals."""
-
-IDENTIFIED = 0.5
-"""A parameter is identified when its standard deviation is less than this share of its scale."""
 
 
 _DECIMALS = 9
@@ -93,7 +91,7 @@ def parameter_rows(
                 ci_high=value + width * std,
                 rel_std_percent=100 * std / abs(prior) if prior else np.nan,
                 a_priori=prior,
-                identified=bool(std < IDENTIFIED * scales[k]) if free else None,
+                identified=bool(std < IDENTIFIABLE * scales[k]) if free else None,
             )
         )
     return rows
@@ -154,7 +152,7 @@ def identified_combinations(
     scales = robot.scales
     std = np.sqrt(np.diag(covariance))
     found = []
-    for k in np.flatnonzero(std >= IDENTIFIED * scales):
+    for k in np.flatnonzero(std >= IDENTIFIABLE * scales):
         ratio = np.zeros(len(names))
         known = std > 0
         ratio[known] = covariance[k, known] / (std[k] * std[known])
@@ -172,7 +170,7 @@ def identified_combinations(
                 value=float(values[j] + factor * values[k]),
                 std=float(np.sqrt(max(variance, 0.0))),
                 correlation=float(ratio[j]),
-                identified=bool(variance < (IDENTIFIED * scales[j]) ** 2),
+                identified=bool(variance < (IDENTIFIABLE * scales[j]) ** 2),
             )
         )
     return tuple(found)

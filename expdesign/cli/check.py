@@ -11,6 +11,7 @@ from expdesign.cli.output import JsonOption, RunArgument, note, warn, write_json
 
 if TYPE_CHECKING:
     from expdesign.configuration import ResolvedRobot, RunConfiguration
+    from expdesign.recheck.excitable import Excitable
     from expdesign.robot import Robot
 
 MachineOption = Annotated[
@@ -45,8 +46,9 @@ def check(
     the pairs of struts that share a joint and are left out of the clearance, go to standard error.
 
     With --machine the robot is computed with: lengths, forces and angles of the struts and the
-    condition at home, and how far each coordinate goes from there alone until which limit stops
-    it. It is drawn into figures/machine.png and machine.svg of the run folder.
+    condition at home, how far each coordinate goes from there alone until which limit stops it, and
+    which parameters motions within the limits can tell apart. It is drawn into figures/machine.png
+    and machine.svg of the run folder.
     """
     from expdesign.configuration import InputError, load_run, resolved_yaml
     from expdesign.configuration.bodies import bodies_in_words
@@ -85,6 +87,7 @@ def check(
     found = {}
     if machine:
         found = _machine(configuration, robot, run_folder(configuration, out), quiet=as_json)
+        warnings += found.pop("warnings")
     if as_json:
         write_json(
             {
@@ -169,6 +172,7 @@ def _machine(
     from expdesign.cli.machine import print_machine
     from expdesign.cli.output import say
     from expdesign.cli.terminal import working
+    from expdesign.recheck.excitable import excitable
     from expdesign.recheck.reach import reach
     from expdesign.robot import LimitModel
     from expdesign.stages.folder import refuse_unwritable
@@ -178,9 +182,11 @@ def _machine(
     refuse_unwritable(folder)
     with working("check"):
         at_home, reaches = LimitModel.boundless(robot).at_home(), reach(robot)
+        shown = excitable(robot)
         files = machine_drawing(robot, folder, configuration.run.report.figures)
     if not quiet:
         print_machine(robot, at_home, reaches)
+        say(f"{_shown_in_words(shown)}\n")
         say(f"drawn: {', '.join(short(file) for file in files)}")
     units = {key: definition.unit for key, definition in limit_definitions().items()}
     return {
@@ -190,9 +196,47 @@ def _machine(
                 for key, values in at_home.items()
             },
             "reach": {one.coordinate: asdict(one) for one in reaches},
+            "base_parameters": {name: shown.base.members(name) for name in shown.base.base},
             "files": [str(file) for file in files],
-        }
+        },
+        "warnings": _not_shown(configuration, robot, shown),
     }
+
+
+def _shown_in_words(found: Excitable) -> str:
+    """Return how many parameters some motion within the limits tells apart."""
+    told, every = len(found.base.base), len(found.base.names)
+    if told == every:
+        return f"Motions within the limits tell all {every} parameters apart."
+    combined = [found.base.text(name) for name in found.base.combined]
+    text = f"Motions within the limits tell {told} of {every} parameters"
+    return f"{text}, together with others: {', '.join(combined)}." if combined else f"{text}."
+
+
+def _not_shown(configuration: RunConfiguration, robot: Robot, found: Excitable) -> list[str]:
+    """Return warnings of parameters that no motion within the limits shows, or none measures."""
+    from expdesign.information.identifiable import IDENTIFIABLE
+
+    warnings = []
+    if found.base.regrouped:
+        told = "; ".join(found.base.sentences())
+        warnings.append(
+            f"no motion within the limits tells all parameters: {told}. Design and estimate what "
+            "shows (design.parameters: base, estimate.parameters: base), or leave a term out"
+        )
+    run, noise = configuration.run, configuration.robot.noise
+    if noise is None or noise.force_covariance is None or noise.force_spectrum is not None:
+        return warnings
+    longest = run.experiment.periods / run.trajectory.frequency[0]
+    weak = found.beyond_noise(robot, longest * run.experiment.sampling)
+    if weak:
+        told = ", ".join(f"{name} ({100 * share:.2g} %)" for name, share in weak.items())
+        warnings.append(
+            f"no motion within the limits identifies {told} in {longest:.4g} s of measuring, the "
+            "longest of this run: in brackets the standard deviation at best, which is to be below "
+            f"{100 * IDENTIFIABLE:g} % of the value"
+        )
+    return warnings
 
 
 def _noise_not_stated(robot: ResolvedRobot) -> list[str]:

@@ -180,6 +180,9 @@ def estimate(outcome: Outcome) -> None:
             )
     if outcome.record.payload:
         console.print(_payload(outcome.record))
+    best = result.best
+    for row in result.knowledge.inseparable(result.robot, best.values, best.covariance):
+        say(f"{row.combination}: {_concise(row.value, row.std)} {row.unit}")
     for combination in result.combinations[result.best.estimator]:
         say(combination.text)
     if diagnosis is not None:

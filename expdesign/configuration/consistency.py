@@ -40,7 +40,7 @@ def _unknown_parameters(
     run: RunDescription, robot: ResolvedRobot, document: Document
 ) -> list[Problem]:
     named = {
-        ("design", "parameters"): run.design.parameters or (),
+        ("design", "parameters"): run.design.named_parameters or (),
         ("estimate", "fixed"): run.estimate.fixed,
         ("estimate", "prior"): run.estimate.named_priors,
         ("estimate", "bounds"): run.estimate.bounds,

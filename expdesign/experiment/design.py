@@ -14,6 +14,11 @@ from expdesign.configuration import ConfigurationLike, InputError, RunConfigurat
 from expdesign.configuration.loading import smoothing_widths
 from expdesign.configuration.noise import NOISE_FROM_DATA
 from expdesign.configuration.prior import identification_of
+from expdesign.experiment.combinations import (
+    KnownCombination,
+    identified_base,
+    known_combinations,
+)
 from expdesign.experiment.result import DesignResult, PredictedPrecision, imprecise, whole
 from expdesign.experiment.systematic import systematic_std
 from expdesign.information.criteria import CRITERIA
@@ -22,12 +27,15 @@ from expdesign.information.fisher import (
     ScaledInformation,
     SingularInformationError,
     parameter_covariance,
+    weak_directions,
 )
+from expdesign.information.identifiable import BaseParameters, root_of
 from expdesign.information.marginal import PriorMachine
 from expdesign.information.periodic_noise import PeriodicNoise
 from expdesign.noise.hum import Hum
 from expdesign.problem.design_problem import DesignProblem, build_problem
 from expdesign.progress import tell, told
+from expdesign.recheck.excitable import structural_base
 from expdesign.recheck.information import Evaluator
 from expdesign.recheck.unlimited import POINTS, unlimited, unlimited_warning
 from expdesign.robot import Robot, robot_from
@@ -78,6 +86,7 @@ def design(config: ConfigurationLike, monitor: Monitor | None = None) -> DesignR
     watch = monitor or Monitor()
     tell("building the problem")
     task = design_task(configuration)
+    _refuse_inseparable(task)
     _refuse_unexcitable(task)
     workers = min(task.plan.workers, task.plan.starts)
     if workers > 1:
@@ -93,7 +102,9 @@ def design(config: ConfigurationLike, monitor: Monitor | None = None) -> DesignR
     trajectory = found.finished.trajectory
     evaluator, samples = task.evaluator, configuration.run.trajectory.samples
     information = evaluator.information(trajectory, samples)
-    experiment = _experiment_precision(evaluator, trajectory, configuration)
+    whole_information, total = _experiment_information(evaluator, trajectory, configuration)
+    periods = configuration.run.experiment.periods
+    experiment = _precision(evaluator, whole_information, total, periods)
     return DesignResult(
         configuration=configuration,
         robot=evaluator.robot,
@@ -106,6 +117,7 @@ def design(config: ConfigurationLike, monitor: Monitor | None = None) -> DesignR
         criterion_value=evaluator.value(information),
         per_period=_precision(evaluator, information, samples, 1),
         experiment=experiment,
+        base_parameters=_known(configuration, evaluator, whole_information),
         hum=task.plan.hum.distances(trajectory.omega),
         systematic=systematic_std(
             evaluator.robot,
@@ -254,8 +266,17 @@ def known_hum(configuration: RunConfiguration) -> KnownHum:
 
 def judged_parameters(configuration: RunConfiguration, robot: Robot) -> tuple[str, ...]:
     """Return the parameters that the criterion judges, in the order of the regressor."""
-    wanted = configuration.run.design.parameters
+    if configuration.run.design.parameters == "base":
+        return structural_base(robot).base
+    wanted = configuration.run.design.named_parameters
     return tuple(name for name in robot.parameter_names if wanted is None or name in wanted)
+
+
+def _refuse_inseparable(task: DesignTask) -> None:
+    """Fail before anything is searched where no motion of the machine tells parameters apart."""
+    found = structural_base(task.evaluator.robot, task.evaluator.names)
+    if found.regrouped:
+        raise SingularInformationError(weak_directions(found), structural=True)
 
 
 def _refuse_unexcitable(task: DesignTask) -> None:
@@ -296,9 +317,27 @@ def _precision(
     return PredictedPrecision(samples, periods, named)
 
 
-def _experiment_precision(
+def _known(
+    configuration: RunConfiguration, evaluator: Evaluator, information: Array
+) -> tuple[KnownCombination, ...]:
+    """Return the combinations that the whole experiment, with this information, identifies."""
+    robot = evaluator.robot
+    base = identified_base(root_of(information), evaluator.names, robot.scales[evaluator.columns])
+    # What is neither judged nor regrouped counts as known.
+    together = configuration.run.design.parameters == "base"
+    structure = structural_base(robot) if together else BaseParameters.each(evaluator.names)
+    at = [robot.parameter_names.index(name) for name in structure.names]
+    judged = [structure.names.index(name) for name in evaluator.names]
+    covariance = np.zeros((len(at), len(at)))
+    covariance[np.ix_(judged, judged)] = parameter_covariance(information, evaluator.names)
+    scales = dict(zip(robot.parameter_names, robot.scales.tolist(), strict=True))
+    return known_combinations(base, structure, robot.parameters[at], covariance, scales)
+
+
+def _experiment_information(
     evaluator: Evaluator, trajectory: FourierTrajectory, configuration: RunConfiguration
-) -> PredictedPrecision:
+) -> tuple[Array, int]:
+    """Return F of the whole experiment, (k, k), and its number of samples."""
     experiment = configuration.run.experiment
     per_period = trajectory.period * experiment.sampling
     total = int(np.ceil(experiment.periods * per_period * (1 - 1e-12)))
@@ -314,8 +353,7 @@ def _experiment_precision(
         information = evaluator.of_regressors(evaluator.robot.regressor(*motion), trajectory.omega)
     # All that was known before counts, and not what is the share of a measuring time.
     counted = total if evaluator.prior is None else evaluator.prior.samples
-    information = evaluator.judged(information, counted)
-    return _precision(evaluator, information, total, experiment.periods)
+    return evaluator.judged(information, counted), total
 
 
 def _unlimited(robot: Robot, trajectory: FourierTrajectory) -> tuple[str, ...]:

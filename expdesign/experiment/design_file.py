@@ -9,6 +9,7 @@ from typing import Annotated, Any, Self
 import numpy as np
 from pydantic import BeforeValidator, PlainSerializer
 
+from expdesign.experiment.combinations import KnownCombination
 from expdesign.experiment.result import DesignResult, PredictedPrecision, whole
 from expdesign.information.criteria import CRITERIA
 from expdesign.runfolder import OpenNumber, copied, described
@@ -205,6 +206,10 @@ class DesignFile(TrajectoryFile):
             "time that stayed open [s]",
         ),
     ]
+    base_parameters: Annotated[
+        tuple[KnownCombination, ...],
+        described("", "combinations that the experiment identifies; of each the table's columns"),
+    ] = ()
     hum: Annotated[
         tuple[HumDistance, ...],
         described(

@@ -16,6 +16,7 @@ from expdesign.configuration import (
     load_run,
     resolved_yaml,
 )
+from expdesign.experiment.combinations import KnownCombination
 from expdesign.experiment.design_file import DesignFile, Start
 from expdesign.experiment.result import DesignResult
 from expdesign.information.fisher import ScaledInformation
@@ -112,6 +113,7 @@ class DesignRecord(FolderRecord):
         "parameters": RowTable(
             "tables/parameters.csv", _WRITER, ParameterPrecision, rows_of=("name",)
         ),
+        "base_parameters": RowTable("tables/design_combinations.csv", _WRITER, KnownCombination),
         "starts": RowTable("tables/starts.csv", _WRITER, Start),
         "iterations": RowTable("tables/convergence.csv", _WRITER, Iteration),
         "eigenvalues": RowTable("tables/eigenvalues.csv", _WRITER, Eigenvalue, rows_of=("index",)),
@@ -186,6 +188,11 @@ class DesignRecord(FolderRecord):
         written = [*super().write(folder), folder / RUN_FILE]
         write_text(folder / RUN_FILE, resolved_yaml(self.configuration))
         return written
+
+    @property
+    def base_parameters(self) -> tuple[KnownCombination, ...]:
+        """The combinations that the experiment identifies; none of an earlier version."""
+        return self.summary.base_parameters
 
     @property
     def starts(self) -> tuple[Start, ...]:

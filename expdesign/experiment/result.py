@@ -8,15 +8,14 @@ import numpy as np
 
 from constraints.arrays import Array
 from expdesign.configuration import RunConfiguration
+from expdesign.experiment.combinations import KnownCombination
+from expdesign.information.identifiable import IDENTIFIABLE
 from expdesign.recheck.limit_check import Recheck
 from expdesign.robot import Robot
 from expdesign.solver.hum_distance import HumDistance
 from expdesign.solver.search import SearchResult
 from expdesign.solver.start import status_text
 from expdesign.trajectory import FourierTrajectory
-
-IDENTIFIABLE = 0.5
-"""A parameter counts as identified below this standard deviation, as a share of its scale."""
 
 _LARGE = 100.0
 _WHOLE = 1e-6
@@ -86,6 +85,8 @@ class DesignResult:
     search: SearchResult
     seconds: float
     warnings: tuple[str, ...]
+    base_parameters: tuple[KnownCombination, ...] = ()
+    """The combinations that the whole experiment identifies."""
     hum: tuple[HumDistance, ...] = ()
     """Hums of the noise, and how far the motion's frequency keeps away from each."""
 

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import scipy.linalg as sla
 
 from constraints.arrays import Array
 from expdesign.configuration import ComputationError
+from expdesign.information.identifiable import DEPENDENT, BaseParameters, listed, root_of
 
-EXCITABLE = 1e-12
+EXCITABLE = DEPENDENT**2
 """Smallest eigenvalue of the column-scaled F, relative to its largest, that counts as excited."""
-
-SHARE = 0.1
-"""From this share (squared component) on, a parameter takes part in a direction."""
 
 
 @dataclass(frozen=True)
@@ -25,14 +24,14 @@ class WeakDirection:
     """The parameter with the largest share of it: without it the combination is gone."""
     others: tuple[str, ...] = ()
     """The parameters that it cannot be told from; empty when nothing excites it at all."""
+    shows: tuple[str, ...] = ()
+    """The combinations with these that are told, in words: ``"p5 + 0.98 p4"``."""
 
     def __str__(self) -> str:
         """Return it in words: ``"p4 (it cannot be told from p5)"``."""
         if not self.others:
             return self.name
-        *first, last = self.others
-        others = f"{', '.join(first)} and {last}" if first else last
-        return f"{self.name} (it cannot be told from {others})"
+        return f"{self.name} (it cannot be told from {listed(self.others)})"
 
 
 def whitening(covariance: Array) -> Array:
@@ -76,37 +75,47 @@ class ScaledInformation:
     def weak_directions(self, names: tuple[str, ...]) -> tuple[WeakDirection, ...]:
         """Return the combinations of parameters that F does not determine, in the names' order.
 
-        Parameters are dropped one by one, always the one with the largest share of the weakest
-        direction, until what is left is regular; the rest can be estimated together.
+        Each is told by the parameter that is left out of the base parameters; the rest can be
+        estimated together.
         """
-        keep = [k for k in range(len(names)) if self.scales[k] > 0]
-        found = {k: WeakDirection(names[k]) for k in range(len(names)) if self.scales[k] <= 0}
-        while keep:
-            values, vectors = np.linalg.eigh(self.matrix[np.ix_(keep, keep)])
-            if values[0] > EXCITABLE * values[-1]:
-                break
-            shares = vectors[:, 0] ** 2
-            largest = int(np.argmax(shares))
-            others = tuple(names[keep[k]] for k in np.flatnonzero(shares > SHARE) if k != largest)
-            found[keep[largest]] = WeakDirection(names[keep[largest]], others)
-            keep.pop(largest)
-        return tuple(found[k] for k in sorted(found))
+        return weak_directions(self.base(names))
+
+    def base(self, names: tuple[str, ...]) -> BaseParameters:
+        """Return the base parameters, and what regroups into them, in the units of F."""
+        return BaseParameters.of(root_of(self.matrix) * self.scales, names)
 
     def unexcited(self, names: tuple[str, ...]) -> tuple[str, ...]:
         """Name the parameters without which the rest can be estimated together."""
         return tuple(direction.name for direction in self.weak_directions(names))
 
 
-class SingularInformationError(ComputationError):
-    """F is numerically singular: some combinations of parameters are not excited."""
+def weak_directions(base: BaseParameters) -> tuple[WeakDirection, ...]:
+    """Return what is not determined where these are the base parameters, in the names' order."""
+    found = []
+    for name in base.regrouped:
+        partners = base.partners(name)
+        found.append(WeakDirection(name, partners, tuple(base.text(one) for one in partners)))
+    return tuple(found)
 
-    def __init__(self, directions: tuple[WeakDirection, ...]) -> None:
-        self.directions = directions
+
+class SingularInformationError(ComputationError):
+    """F is numerically singular: some combinations of parameters are not excited.
+
+    Parameters
+    ----------
+    directions : tuple of WeakDirection
+    structural : bool
+        No motion within the limits of the machine excites them, not only the one that was tried.
+    """
+
+    def __init__(self, directions: tuple[WeakDirection, ...], *, structural: bool = False) -> None:
+        self.directions, self.structural = directions, structural
         super().__init__(
             f"the trajectory does not excite {self.combinations}",
             {
                 "unexcited": list(self.unexcited),
                 "not_told_from": {one.name: list(one.others) for one in directions},
+                "shows": list(self.shows),
             },
         )
 
@@ -120,9 +129,14 @@ class SingularInformationError(ComputationError):
         """All directions in words, each with the parameters that take part."""
         return "; ".join(str(direction) for direction in self.directions)
 
-    def __reduce__(self) -> tuple[type[SingularInformationError], tuple[object, ...]]:
+    @property
+    def shows(self) -> tuple[str, ...]:
+        """The combinations that are told in place of the parameters in them, in words."""
+        return tuple(dict.fromkeys(text for one in self.directions for text in one.shows))
+
+    def __reduce__(self) -> tuple[object, ...]:
         """Survive the way from a worker process to its parent."""
-        return type(self), (self.directions,)
+        return partial(type(self), structural=self.structural), (self.directions,)
 
 
 def log_det(information: Array, names: tuple[str, ...]) -> float:

@@ -77,7 +77,7 @@ def reach(robot: Robot) -> tuple[Reach, ...]:
 
 def _stop(model: LimitModel, direction: Array, longest: float) -> Stop:
     home = model.robot.home
-    side = _side(model.robot, home[None, :])[0]
+    side = side_of(model.robot, home[None, :])[0]
 
     def poses(ways: Array) -> Array:
         return home + ways[:, None] * direction
@@ -85,7 +85,7 @@ def _stop(model: LimitModel, direction: Array, longest: float) -> Stop:
     def broken(ways: Array) -> Mask:
         at = poses(ways)
         worst = np.max(model.violations(states_at_rest(at)), axis=1, initial=-np.inf)
-        return (worst > TOLERANCE) | (_side(model.robot, at) != side)
+        return (worst > TOLERANCE) | (side_of(model.robot, at) != side)
 
     way = _first(broken, longest)
     if way is None:
@@ -103,7 +103,7 @@ def _stop(model: LimitModel, direction: Array, longest: float) -> Stop:
     return Stop(way, limit.key, limit.definition.title, tied, bound, limit.unit)
 
 
-def _side(robot: Robot, poses: Array) -> Array:
+def side_of(robot: Robot, poses: Array) -> Array:
     """Return the sign of det J of the struts, (N,): it changes where a pose is singular.
 
     That of ∂q/∂λ, but for the sign of cos θ: the angles' own singularity stops no machine.

@@ -8,6 +8,7 @@ from dataclasses import replace
 from expdesign.configuration import quantity_text
 from expdesign.experiment import DesignRecord, DesignResult, design
 from expdesign.information.fisher import SingularInformationError
+from expdesign.information.identifiable import listed
 from expdesign.interruption import interruptible
 from expdesign.stages.outcome import Outcome, StageFailed, short
 from expdesign.stages.workspace import Workspace
@@ -53,10 +54,15 @@ def searched(make: Callable[[], DesignResult]) -> DesignResult:
     try:
         return make()
     except SingularInformationError as error:
+        shown = f" What shows is {listed(error.shows)}." if error.shows else ""
+        remedy = (
+            "Design for what shows (design.parameters: base)"
+            if error.structural
+            else "Widen speed, acceleration or workspace"
+        )
         raise StageFailed(
-            f"no motion within the limits shows these parameters: {error.combinations}. Leave "
-            f"{', '.join(error.unexcited)} out of design.parameters, or widen speed, acceleration "
-            "or workspace.",
+            f"no motion within the limits shows these parameters: {error.combinations}.{shown} "
+            f"{remedy}, or leave {', '.join(error.unexcited)} out of design.parameters.",
             error.details,
         ) from error
 

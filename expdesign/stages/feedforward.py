@@ -5,15 +5,13 @@ from __future__ import annotations
 from dataclasses import asdict
 
 from estimation.feedforward.comparison import compare_feedforward
-from expdesign.robot import robot_from
 from expdesign.stages.outcome import Outcome
 from expdesign.stages.workspace import Workspace
 
 
 def perform(work: Workspace) -> Outcome:
     """Compare how well a motion is followed with each feed-forward."""
-    configuration = work.configuration
-    saved = work.estimate(robot_from(configuration.robot))
+    configuration, saved = work.estimate()
     design = None
     if configuration.run.feedforward.motion == "design":
         design = work.design().trajectory

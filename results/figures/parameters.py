@@ -13,7 +13,7 @@ from constraints.arrays import Array
 from estimation.identification.record import EstimateRecord
 from estimation.uncertainty.intervals import correlation
 from expdesign.experiment import DesignRecord
-from expdesign.experiment.result import IDENTIFIABLE
+from expdesign.information.identifiable import IDENTIFIABLE
 from results.figures.drawing import (
     correlation_image,
     figure_definition,

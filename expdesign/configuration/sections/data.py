@@ -203,6 +203,7 @@ PriorOrigin = Literal["none", "robot"]
 SystematicOrigin = Literal["budget", "estimated", "none"]
 Loss = Literal["squared", "huber"]
 SelectionCriterion = Literal["bic", "f", "holdout"]
+Estimated = Literal["all", "base"]
 
 Estimators = Annotated[
     tuple[Annotated[Estimator, one_of(Estimator)], ...], at_least(1, "estimators"), Distinct
@@ -305,6 +306,9 @@ class EstimateSection(Section):
     """``huber`` lets outliers count less."""
     cutoff: Annotated[Frequency, Positive] | None = None
     """Of the Butterworth filter, Hz; None: three times the highest frequency of the design."""
+    parameters: Annotated[Estimated, one_of(Estimated), LATER] = "all"
+    """``base``: those that some motion within the limits of the machine shows, one for each
+    combination; the others stay at the robot's values."""
     fixed: Annotated[
         dict[str, float | None],
         by_key(_fixed, _FIXED, known_parameter),

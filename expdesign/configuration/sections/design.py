@@ -5,7 +5,7 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import Annotated, Literal
 
-from pydantic import BeforeValidator, model_validator
+from pydantic import BeforeValidator, Discriminator, Tag, model_validator
 
 from expdesign.configuration.parameters import ParameterName
 from expdesign.configuration.problem import refusal, require
@@ -21,6 +21,7 @@ from expdesign.configuration.values.scalars import (
     one_of,
     whole,
     word_for_none,
+    word_or,
 )
 from expdesign.mechanism.terms import rigid_platform
 
@@ -84,6 +85,13 @@ CRITERIA = ("a", "condition", "d", "e")
 Search = Literal["restarts", "hopping"]
 Start = Literal["periodic", "rest"]
 Scaling = Literal["si", "nominal"]
+Base = Literal["base"]
+
+_Judged = Annotated[
+    Annotated[Base, Tag("(name)")]
+    | Annotated[Annotated[tuple[ParameterName, ...], Distinct], Tag("(inline)")],
+    Discriminator(lambda value: "(name)" if isinstance(value, str) else "(inline)"),
+]
 
 
 PAYLOAD = "payload"
@@ -117,12 +125,13 @@ class DesignSection(Section):
     scaling: Annotated[Scaling, one_of(Scaling)] = "si"
     """Of the information matrix's columns, for criteria that depend on it."""
     parameters: Annotated[
-        Annotated[tuple[ParameterName, ...], Distinct] | None,
-        *word_for_none("all", at_least(1, "parameters")),
+        _Judged | None,
+        *word_for_none("all", word_or("base", at_least(1, "parameters"))),
         BeforeValidator(_payload),
     ] = None
-    """Those that the experiment shall identify; None (``all`` in the YAML): all. ``payload``
-    stands for the ten of the platform."""
+    """Those that the experiment shall identify; None (``all`` in the YAML): all; ``base``: those
+    that some motion within the limits shows, one for each combination; ``payload``: the ten of the
+    platform."""
     prior: Annotated[RobotSource | None, LATER] = None
     """The machine as it was identified, of which `parameters` have changed since by what is
     unknown: a run folder, its identified-robot.yaml, or the machine itself. The criterion then
@@ -140,10 +149,15 @@ class DesignSection(Section):
 
     @model_validator(mode="after")
     def _prior_of_a_change(self) -> DesignSection:
-        if self.prior is not None and self.parameters is None:
+        if self.prior is not None and self.named_parameters is None:
             raise refusal(
-                "a prior, and nothing that has changed since: all parameters are judged",
+                "a prior, and nothing that is said to have changed since",
                 f"{PAYLOAD}, or the names of those that have changed",
                 key="parameters",
             )
         return self
+
+    @property
+    def named_parameters(self) -> tuple[str, ...] | None:
+        """The parameters that are named one by one, None where they are not."""
+        return self.parameters if isinstance(self.parameters, tuple) else None

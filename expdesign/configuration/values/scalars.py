@@ -125,6 +125,22 @@ def word_for_none(
     return WrapValidator(check), PlainSerializer(lambda value: word if value is None else value)
 
 
+def word_or(word: str, otherwise: BeforeValidator) -> BeforeValidator:
+    """Return a validator that lets a word through, and anything else if the other one does."""
+    accepted: Callable[..., Any] = otherwise.func
+
+    def check(value: object) -> Any:
+        if isinstance(value, str) and value == word:
+            return value
+        try:
+            return accepted(value)
+        except PydanticCustomError as error:
+            allowed = f"{word}, or {(error.context or {})['allowed']}"
+            raise refusal(error.message(), allowed) from None
+
+    return BeforeValidator(check)
+
+
 def by_key(
     read: Callable[[str, Any], Any], wanted: str, name: Callable[[object], str] = str
 ) -> BeforeValidator:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from constraints.arrays import Array, Mask
-from expdesign.experiment.result import IDENTIFIABLE
 from expdesign.experiment.sensitivity import LimitSensitivity
+from expdesign.information.identifiable import IDENTIFIABLE
 from results.figures.parameters import ParameterSeries
 from results.notation import counted, duration, percent
 from results.report.comparison.designs import COUNTED, ComparedDesign, DesignComparison

@@ -6,13 +6,14 @@ import numpy as np
 
 from expdesign.configuration.open_rows import held_in_words
 from expdesign.experiment import DesignRecord
-from expdesign.experiment.result import IDENTIFIABLE
 from expdesign.experiment.sensitivity import LimitSensitivity
 from expdesign.information.criteria import CRITERIA
+from expdesign.information.identifiable import IDENTIFIABLE
 from expdesign.recheck.limit_check import LimitCheck
 from expdesign.recheck.reached import REACHED
 from results.figures.design import DESIGN_FIGURES
 from results.notation import DisplayUnit, duration, handy_unit, percent, readable
+from results.report.combinations import combination_blocks
 from results.report.content import (
     Block,
     Fact,
@@ -53,6 +54,7 @@ def design_report(folder: RunFolder) -> StageReport:
         *_gains(sensitivity),
         *folder.figures(*DESIGN_FIGURES[:5]),
         parameters_table(record),
+        *_combinations(record),
         *folder.figures(*DESIGN_FIGURES[5:7]),
         _starts_table(record),
         *folder.figures(*DESIGN_FIGURES[7:]),
@@ -123,6 +125,12 @@ def parameters_table(record: DesignRecord) -> ReportTable:
         f"{_TOLERANCES if shared else ''}"
     )
     return ReportTable.of("parameters", caption, columns, record.parameters)
+
+
+def _combinations(record: DesignRecord) -> tuple[Block, ...]:
+    base = record.configuration.run.design.parameters == "base"
+    judged = record.robot.parameter_names if base else record.summary.parameters
+    return combination_blocks("design_combinations", record.base_parameters, len(judged))
 
 
 _TOLERANCES = (

@@ -17,6 +17,7 @@ from results.figures.parameters import ESTIMATE_FIGURES
 from results.figures.residuals import DIAGNOSTIC_FIGURES
 from results.notation import counted, readable
 from results.report.budget import budget_blocks, constants_blocks, share_columns
+from results.report.combinations import combination_blocks
 from results.report.content import (
     Block,
     Fact,
@@ -85,6 +86,16 @@ def estimates_table(record: EstimateRecord, truth: Mapping[str, float] | None) -
     return ReportTable.of("estimates", caption, columns, record.by_estimator()[best])
 
 
+def _asked_for(summary: EstimateFile) -> int:
+    """Return how many parameters were estimated, each for itself or in a combination."""
+    regrouped = {
+        name
+        for row in summary.best_estimator.base_parameters
+        for name in filter(None, row.regrouped.split(", "))
+    }
+    return len({*summary.parameters} - {*summary.fixed} | regrouped)
+
+
 def _estimators_table(record: EstimateRecord) -> ReportTable:
     tables = record.by_estimator()
     first = next(iter(tables.values()))
@@ -113,8 +124,10 @@ def _blocks(
     blocks += constants_blocks(record)
     blocks += selection_blocks(folder, record)
     blocks += budget_blocks(record)
+    together = summary.best_estimator.base_parameters
+    blocks += combination_blocks("estimate_combinations", together, _asked_for(summary))
     weak = [combination.text for combination in summary.best_estimator.combinations]
-    if weak:
+    if weak and not together:  # a folder of an earlier version
         text = "What counts only together with others: " + "; ".join(weak)
         blocks.append(TextBlock(text, Level.CAUTION))
     blocks += folder.figures(*ESTIMATE_FIGURES)

@@ -1,0 +1,97 @@
+"""What some motion of a machine can tell of its parameters, before any motion is designed.
+
+Two questions. Of the *structure*: the base parameters of many random states within the limits; what
+regroups there, no motion tells apart, whatever the noise. Of the *noise*: for any v the best that
+an experiment of N samples can do is
+
+    std(p_k) ≥ |v_k| / (√N max ‖S⁻¹ A v‖),
+
+with the maximum over all states that the motion may be in: by Cauchy and Schwarz,
+var(p_k) ≥ v_k² / vᵀ F v. The v that is taken is F⁻¹ e_k of the random states, which makes the bound
+the standard deviation of an experiment on them, where all tell as much as the best.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg as sla
+
+from constraints.arrays import Array
+from expdesign.information.fisher import whitening
+from expdesign.information.identifiable import IDENTIFIABLE, BaseParameters
+from expdesign.recheck.random_states import random_states
+from expdesign.robot import Robot
+
+STATES = 400
+_FEWEST = 100
+"""States that tell something: of a machine whose limits hardly any state keeps nothing is said."""
+_UNSAID = 0.25
+"""Weight in the choice of base parameters of those whose nominal value is zero: a term that is
+there to be tried regroups into what the machine is known to have, and not the other way round."""
+
+
+@dataclass(frozen=True, eq=False)
+class Excitable:
+    """What the states within the limits of a machine tell."""
+
+    base: BaseParameters
+    """Of its structure."""
+    best_std: Array
+    """(b,) standard deviation of each base parameter that one sample of the six forces leaves at
+    best, SI: N samples leave 1/√N of it. Nothing is said where it is zero."""
+
+    def beyond_noise(self, robot: Robot, samples: float) -> dict[str, float]:
+        """Return the base parameters that so many samples do not identify, however they are taken.
+
+        With the standard deviation at best, as a share of the scale. The states are not all there
+        are, and others may tell more: told are only those that are off by twice of what counts.
+        """
+        scales = dict(zip(robot.parameter_names, robot.scales.tolist(), strict=True))
+        best = self.best_std / np.sqrt(samples)
+        shares = {name: std / scales[name] for name, std in zip(self.base.base, best, strict=True)}
+        return {name: float(share) for name, share in shares.items() if share > 2 * IDENTIFIABLE}
+
+
+def excitable(robot: Robot, names: tuple[str, ...] | None = None, seed: int = 0) -> Excitable:
+    """Return what random states within the limits of the machine tell of its parameters.
+
+    Parameters
+    ----------
+    robot : Robot
+    names : tuple of str, optional
+        The parameters that are asked for, in the order of the regressor; the others are known. By
+        default all.
+    seed : int
+        Of the states.
+    """
+    every = robot.parameter_names
+    names = every if names is None else names
+    columns = [every.index(name) for name in names]
+    noise = robot.description.noise
+    given = None if noise is None else noise.force_covariance
+    whiten = np.eye(6) if given is None else whitening(given)
+    white = np.matmul(whiten, robot.regressor(*random_states(robot, STATES, seed))[:, :, columns])
+    if len(white) < _FEWEST:
+        return Excitable(BaseParameters.each(names), np.zeros(len(names)))
+    keep = np.where(robot.parameters[columns] == 0, _UNSAID, 1.0)
+    base = BaseParameters.of(white.reshape(-1, len(columns)), names, keep=keep)
+    chosen = [names.index(name) for name in base.base]
+    return Excitable(base, _best_std(white[:, :, chosen]))
+
+
+def structural_base(robot: Robot, names: tuple[str, ...] | None = None) -> BaseParameters:
+    """Return the base parameters of a machine's structure; arguments as of `excitable`."""
+    return excitable(robot, names).base
+
+
+def _best_std(white: Array) -> Array:
+    """Return the bound for one sample, (b,), of whitened regressors with full rank, (N, 6, b)."""
+    rows = white.reshape(-1, white.shape[2])
+    scales = np.linalg.norm(rows, axis=0)
+    root = np.linalg.qr(rows / scales, mode="r")
+    # Columns of F⁻¹, and what each of them moves the forces by in every state.
+    inverse = sla.cho_solve((root, False), np.eye(len(root)))
+    moved = np.linalg.norm(np.matmul(white / scales, inverse), axis=1)
+    return np.diag(inverse) / (np.max(moved, axis=0) * scales)
