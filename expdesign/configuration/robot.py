@@ -202,7 +202,13 @@ def resolve_robot(
         raise InputError(problems)
 
     warnings += _of_gravity(description)
-    warnings += parameter_warnings(terms, description.parameters)
+    warnings += parameter_warnings(
+        terms,
+        description.parameters,
+        platform_joints,
+        length,
+        float(np.linalg.norm(description.gravity)),
+    )
     base_joints, home = np.array(description.base_joints), np.array(description.home)
     longest = float(np.max(geo.geometry_at(home, base_joints, platform_joints).lengths))
     warnings += reserve.warnings(resolved_limits)

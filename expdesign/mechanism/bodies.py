@@ -28,6 +28,23 @@ def inertia_of(moments: Iterable[float]) -> Array:
     return matrix
 
 
+def pseudo_inertia(mass: float, moment: Array, inertia: Array) -> Array:
+    """Return [[Σ, s], [sᵀ, m]] with Σ = ½ tr(I) 1 − I = ∫ x xᵀ dm, (4, 4): kg m², kg m and kg.
+
+    Positive semidefinite for every body of positive density, and only then (Wensing, Kim, Slotine,
+    Linear Matrix Inequalities for Physically Consistent Inertial Parameter Identification, 2018).
+    """
+    with np.errstate(all="ignore"):
+        second = np.trace(inertia) / 2 * np.eye(3) - inertia
+    return np.block([[second, moment[:, None]], [moment[None], np.array([[mass]])]])
+
+
+def point_masses(points: Array) -> Array:
+    """Return the pseudo-inertia, (4, 4), of a mass of one at each of the points, (n, 3)."""
+    places = np.column_stack([points, np.ones(len(points))])
+    return places.T @ places
+
+
 @dataclass(frozen=True, eq=False)
 class RigidBody:
     """A body in some frame."""
@@ -43,6 +60,17 @@ class RigidBody:
     def of(cls, mass: float, centre: Array, inertia: Array) -> RigidBody:
         """Return a body from its centre (3,), m, and its inertia (3, 3) about it, kg m²."""
         return cls(mass, mass * centre, inertia + mass * _about(centre))
+
+    @classmethod
+    def of_pseudo_inertia(cls, matrix: Array) -> RigidBody:
+        """Return the body that has a pseudo-inertia, (4, 4)."""
+        second = matrix[:3, :3]
+        return cls(float(matrix[3, 3]), matrix[:3, 3], np.trace(second) * np.eye(3) - second)
+
+    @property
+    def pseudo_inertia(self) -> Array:
+        """(4, 4), kg m², kg m and kg."""
+        return pseudo_inertia(self.mass, self.moment, self.inertia)
 
     @property
     def about_centre(self) -> Array:
@@ -116,3 +144,18 @@ def platform_parameters(platform: RigidBody, slider_mass: float, joints: Array) 
         "Iyz": inertia[1, 2],
     }
     return {name: float(value) for name, value in found.items()}
+
+
+@dataclass(frozen=True, eq=False)
+class MachineBodies:
+    """What moves: the bodies of one strut, of which all six are alike, and the platform."""
+
+    ring: RigidBody
+    stator: RigidBody
+    slider: RigidBody
+    platform: RigidBody
+
+    def parameters(self, joints: Array) -> dict[str, float]:
+        """Return p1 … p10 and sx … Iyz; `joints`, (6, 3), are those of the platform."""
+        struts = strut_parameters(self.ring, self.stator, self.slider)
+        return struts | platform_parameters(self.platform, self.slider.mass, joints)

@@ -6,7 +6,7 @@ columns of the parameters come from there, and from nowhere else.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import casadi as ca
@@ -193,3 +193,15 @@ def kinematic_terms(terms: tuple[Term, ...]) -> tuple[Term, ...]:
 def parameters_of(terms: tuple[Term, ...]) -> tuple[Parameter, ...]:
     """Return the parameters of all terms, in the order of the regressor's columns."""
     return tuple(parameter for term in terms for parameter in term.parameters)
+
+
+def scales_of(
+    parameters: Sequence[Parameter], values: Array, mass: float, length: float, gravity: float
+) -> Array:
+    """Return what counts as one of every parameter, (m,), SI: the size of its nominal value.
+
+    A nominal value of zero has the scale that its term states by mass, length and gravity of the
+    robot; where that is zero too, 1.
+    """
+    physical = [parameter.scale.of(abs(mass), length, gravity) for parameter in parameters]
+    return np.where(values == 0, physical, np.abs(values))

@@ -16,7 +16,8 @@ from expdesign.evaluation.batch import BatchFunction
 from expdesign.mechanism.geometry import cardan_frames
 from expdesign.mechanism.graph import Friction, HexapodGraph, hexapod_graph
 from expdesign.mechanism.hexapod import ACTUATORS
-from expdesign.mechanism.term import Term, kinematic_terms, parameters_of
+from expdesign.mechanism.realisable import Realisable
+from expdesign.mechanism.term import Term, kinematic_terms, parameters_of, scales_of
 from expdesign.mechanism.terms.rigid_platform import MASS
 from expdesign.robot.forward import solve_pose
 
@@ -120,15 +121,20 @@ class Robot:
 
     @cached_property
     def scales(self) -> Array:
-        """(m,) what counts as one of every parameter, SI: the size of its nominal value.
+        """(m,) what counts as one of every parameter, SI (`expdesign.mechanism.term.scales_of`)."""
+        return scales_of(
+            parameters_of(self.terms),
+            self.parameters,
+            self.description.parameters.get(MASS, 0.0),
+            self.characteristic_length,
+            float(np.linalg.norm(self.description.gravity)),
+        )
 
-        A nominal value of zero has the scale that its term states by mass, length and gravity of
-        the robot; where that is zero too, 1.
-        """
-        mass = abs(self.description.parameters.get(MASS, 0.0))
-        size = (mass, self.characteristic_length, float(np.linalg.norm(self.description.gravity)))
-        physical = [parameter.scale.of(*size) for parameter in parameters_of(self.terms)]
-        return np.where(self.parameters == 0, physical, np.abs(self.parameters))
+    @cached_property
+    def realisable(self) -> Realisable:
+        """The parameters that some set of bodies has."""
+        joints = self.description.platform_joints
+        return Realisable.of(parameters_of(self.terms), self.scales, joints)
 
     @property
     def graph(self) -> HexapodGraph:

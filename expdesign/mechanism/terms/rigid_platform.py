@@ -12,6 +12,7 @@ import casadi as ca
 import numpy as np
 
 from constraints.arrays import Array
+from expdesign.mechanism.bodies import pseudo_inertia
 from expdesign.mechanism.term import (
     FIRST_MOMENT_SCALE,
     INERTIA_SCALE,
@@ -63,26 +64,20 @@ def _first_moment(instant: Instant, axis: int) -> ca.SX:
     return ca.vertcat(force, ca.cross(arm, instant.acceleration - instant.gravity))
 
 
-def pseudo_inertia(p: Mapping[str, float]) -> Array:
-    """Return [[Σ, s], [sᵀ, m]] with Σ = ½ tr(I) 1 − I, (4, 4): kg m², kg m and kg.
-
-    Positive definite for every body of positive density, and only then (Wensing, Kim, Slotine,
-    Linear Matrix Inequalities for Physically Consistent Inertial Parameter Identification, 2018).
-    """
+def platform_pseudo_inertia(p: Mapping[str, float]) -> Array:
+    """Return the pseudo-inertia, (4, 4), of the platform with the sliders' masses."""
     inertia = np.diag([p["p6"], p["p7"], p["p8"]])
     for name, (i, j) in _PRODUCTS.items():
         inertia[i, j] = inertia[j, i] = p.get(name, 0.0)
-    moments = np.array([p.get("sx", 0.0), p.get("sy", 0.0), p["p9"]])
-    with np.errstate(all="ignore"):
-        density = np.trace(inertia) / 2 * np.eye(3) - inertia
-    return np.block([[density, moments[:, None]], [moments[None], np.array([[p[MASS]]])]])
+    moment = np.array([p.get("sx", 0.0), p.get("sy", 0.0), p["p9"]])
+    return pseudo_inertia(p[MASS], moment, inertia)
 
 
 def _impossible(p: Mapping[str, float]) -> list[str]:
     """Judge mass, first moments and inertia together."""
     if any(p[parameter.name] <= parameter.lower for parameter in SYMMETRIC.parameters):
         return []
-    whole = pseudo_inertia(p)
+    whole = platform_pseudo_inertia(p)
     with np.errstate(all="ignore"):
         about_centre = whole[:3, :3] - np.outer(whole[3, :3], whole[3, :3]) / p[MASS]
     if not np.all(np.isfinite(about_centre)):
@@ -95,7 +90,7 @@ def _impossible(p: Mapping[str, float]) -> list[str]:
 def _lump(parameters: tuple[Parameter, ...]) -> Lump:
     names = tuple(parameter.name for parameter in parameters)
     meaning = "the platform's mass, first moments and moments of inertia"
-    return Lump(meaning, names, pseudo_inertia)
+    return Lump(meaning, names, platform_pseudo_inertia)
 
 
 def _moment_of_inertia(name: str, axis: str, first: str, second: str) -> Parameter:

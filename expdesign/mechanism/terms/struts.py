@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 
 import casadi as ca
 import numpy as np
@@ -78,26 +79,35 @@ def _impossible(p: Mapping[str, float]) -> list[str]:
     return found
 
 
-def _slider(p: Mapping[str, float]) -> Array:
-    """Return the pseudo-inertia of the struts along u, (2, 2): kg m², kg m and kg.
+def along(p: Mapping[str, float], mass: float) -> Array:
+    """Return the pseudo-inertia along u of a slider with a mass in kg, (2, 2): kg m², kg m and kg.
 
-    ½ (p2 + p3) is ∫ z² dm of stator and slider, that of the slider and its p5 make a body with its
-    mass, of which six are at most p10.
+    ½ (p2 + p3) is ∫ z² dm of stator and slider, that of the slider at most.
     """
-    return np.array([[(p["p2"] + p["p3"]) / 2, p["p5"]], [p["p5"], p[MASS] / ACTUATORS]])
+    return np.array([[(p["p2"] + p["p3"]) / 2, p["p5"]], [p["p5"], mass]])
 
 
-def _thickness(p: Mapping[str, float]) -> Array:
-    """Return what makes the struts' inertia about their axis negative when it is, but rounding."""
-    return np.array([[(1 + _ROUNDING) * p["p3"] - p["p2"]]])
+def thickness(p: Mapping[str, float], slack: float = 0.0) -> Array:
+    """Return ∫ x² dm of stator and slider, (1, 1), kg m²; `slack` is a share of p3."""
+    return np.array([[((1 + slack) * p["p3"] - p["p2"]) / 2]])
 
 
-def _flatness(p: Mapping[str, float]) -> Array:
-    """Return by how much p3 is less than flat bodies have, p3 ≤ p2 + 2 p1, but rounding.
+def breadth(p: Mapping[str, float], slack: float = 0.0) -> Array:
+    """Return ∫ y² dm of stator and slider with the ring's inertia about α, (1, 1), kg m².
 
-    The triangle inequality of moments of inertia: p1 is at least that about the struts' axis.
+    The triangle inequality of moments of inertia, p3 ≤ p2 + 2 p1: p1 is at least that about the
+    struts' axis. `slack` is a share of p3.
     """
-    return np.array([[2 * p["p1"] + p["p2"] - (1 - _ROUNDING) * p["p3"]]])
+    return np.array([[p["p1"] + (p["p2"] - (1 - slack) * p["p3"]) / 2]])
+
+
+def _with_sixth(p: Mapping[str, float]) -> Array:
+    """Return what a slider's p5 and all inertia along u make with all mass it can have."""
+    return along(p, p[MASS] / ACTUATORS)
+
+
+_thickness = partial(thickness, slack=_ROUNDING)
+_breadth = partial(breadth, slack=_ROUNDING)
 
 
 TERM = Term(
@@ -127,8 +137,8 @@ TERM = Term(
     columns=_columns,
     impossible=_impossible,
     lumps=(
-        Lump("the sliders' first moment, inertia and mass", ("p2", "p3", "p5", MASS), _slider),
+        Lump("the sliders' first moment, inertia and mass", ("p2", "p3", "p5", MASS), _with_sixth),
         Lump("the struts' moments of inertia", ("p2", "p3"), _thickness),
-        Lump("the struts' moments of inertia", ("p1", "p2", "p3"), _flatness),
+        Lump("the struts' moments of inertia", ("p1", "p2", "p3"), _breadth),
     ),
 )
