@@ -18,7 +18,7 @@ what they do to the payload, T (D' − D₀) per unit, is a difference, whose eq
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -64,14 +64,31 @@ def payload_estimate(estimate: ParameterEstimate, before: EarlierEstimate) -> Pa
     response = _shared_response(estimate, before)
     systematic = transfer @ response @ response.T @ transfer.T
     total = random + systematic
-    # What stands behind the noise of the new recordings does so for its share of the variance.
-    share = np.diag(own) / np.diag(total)
-    return PayloadEstimate(
-        transfer @ (estimate.values - before.unloaded.values),
-        total,
-        systematic,
-        estimate.freedom[before.unloaded.platform] / share**2,
-    )
+    # Satterthwaite: of all shares, that of the new recordings' noise alone is estimated itself.
+    unknown = _variance_of_the_noise(estimate, transfer)
+    with np.errstate(divide="ignore"):
+        freedom = 2 * np.diag(total) ** 2 / unknown
+    values = transfer @ (estimate.values - before.unloaded.values)
+    return PayloadEstimate(values, total, systematic, freedom)
+
+
+def _variance_of_the_noise(estimate: ParameterEstimate, transfer: Array) -> Array:
+    """Return how well the variances are known that noise makes of T p̂', (10,): their variance.
+
+    T p̂' is a combination whose noise is at other lines than that of the parameters themselves.
+    """
+    found = np.zeros(len(transfer))
+    for influence in estimate.influences:
+        rows, gain = transfer[:, influence.free], influence.length_gain
+        moved = replace(
+            influence,
+            force_gain=rows @ influence.force_gain,
+            length_gain=None if gain is None else rows @ gain,
+        )
+        lengths = moved.length_share()
+        found += moved.force_share().variance
+        found += 0.0 if lengths is None else lengths.variance
+    return found
 
 
 def _shared_response(estimate: ParameterEstimate, before: EarlierEstimate) -> Array:

@@ -25,8 +25,10 @@ from expdesign.robot import LimitModel, robot_from
 from expdesign.solver.stage import SearchEvent
 from tests.docs.pages import FILES, ROOT, blocks, parse, prose
 
-# The files of the page of one's own machine are those that its commands make: it is walked.
-YAML_BLOCKS = [block for block in blocks("yaml") if block.page.stem != "own-machine"]
+# The files of the pages of one's own machine and of a payload are those that commands make: they
+# are walked.
+WALKED = ("own-machine", "payload")
+YAML_BLOCKS = [block for block in blocks("yaml") if block.page.stem not in WALKED]
 LIMIT = "constraints/limits/strut_inclination.py"
 CRITERION = "phi2.py"
 

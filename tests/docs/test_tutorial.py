@@ -6,13 +6,16 @@ import pytest
 
 from expdesign.cli.app import app
 from expdesign.cli.errors import run
+from expdesign.configuration import load_run
 from expdesign.configuration.robot import load_robot_description
+from expdesign.library import robot_files, run_files
 from tests.blank_figures import blank_figures
-from tests.docs.pages import ROOT
+from tests.docs.pages import ROOT, fences, parse
 from tests.docs.tutorial import agree, missing_line, stated_numbers, steps, value_of
 
 PAGE = ROOT / "docs" / "tutorial.md"
 OWN_MACHINE = ROOT / "docs" / "own-machine.md"
+PAYLOAD = ROOT / "docs" / "payload.md"
 FOLDER = "runs/tutorial"
 
 
@@ -82,6 +85,27 @@ def test_from_a_drawing_to_an_identified_robot(walked):
     assert (folder / "runs/press/exports/first-scale-0.3.csv").is_file()
     found = load_robot_description(folder / "runs/press-measured/identified-robot.yaml")
     assert found.description.identification.verdict == "accepted"
+
+
+@pytest.mark.slow
+def test_a_payload_in_seconds(walked):
+    folder = walked(PAYLOAD, "runs/palida_payload")
+    rows = (folder / "runs/palida_payload/tables/payload.csv").read_text().splitlines()
+    assert len(rows) == 1 + 10 + 9
+    assert len(stated_numbers(PAYLOAD)) == 10
+
+
+def test_the_runs_of_a_payload_are_runs(tmp_path):
+    shown, own = (parse(block.text) for block in fences(PAYLOAD) if block.language == "yaml")
+    shipped = parse(run_files()["palida_payload"].read_text(encoding="utf-8"))
+    for key, value in shown.items():
+        if isinstance(value, dict):
+            assert value.items() <= shipped[key].items(), key
+        else:
+            assert value == shipped[key], key
+    machine = robot_files()["palida"].parents[1] / "identified" / "palida.yaml"
+    own["robot"] = own["design"]["prior"] = str(machine)
+    assert load_run(own).run.stages[0] == "design"
 
 
 def test_a_wrong_number_is_seen():
