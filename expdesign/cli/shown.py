@@ -252,10 +252,10 @@ def feedforward(outcome: Outcome) -> None:
     rows = [
         (
             each.case,
-            f"{1e6 * each.rms_struts:.3g}",
-            f"{1e6 * each.max_struts:.3g}",
-            f"{1e6 * each.rms_position:.3g}",
-            f"{1e6 * each.max_position:.3g}",
+            f"{1e6 * each.rms_struts:.1f}",
+            f"{1e6 * each.max_struts:.1f}",
+            f"{1e6 * each.rms_position:.1f}",
+            f"{1e6 * each.max_position:.1f}",
             f"{each.rms_feedback:.3g}",
             f"{each.reduction:.3g}",
         )
@@ -263,7 +263,7 @@ def feedforward(outcome: Outcome) -> None:
     ]
     moved = {"twin": "the digital twin", "drawn": "a machine drawn from the estimate's covariance"}
     title = f"Tracking error [µm] of {moved[summary.machine]}, {summary.motion}"
-    heads = ("feed-forward", "struts", "largest", "TCP", "largest", "feedback [N]", "better by")
+    heads = ("feed-forward", "struts", "largest", "TCP", "largest", "feedback [N]", "times better")
     results().print(_table(title, heads, rows, ("feed-forward",)))
     _place(outcome)
 

@@ -33,7 +33,7 @@ def inconsistencies(
     yield from _unfitted_constants(run, robot, document)
     yield from _nothing_to_select(run, robot, document)
     yield from _unfit_payload(run, robot, document)
-    yield from _uncontrollable(run, document)
+    yield from _uncontrollable(run, robot, document)
 
 
 def _unknown_parameters(
@@ -229,7 +229,9 @@ def _unfit_payload(
         )
 
 
-def _uncontrollable(run: RunDescription, document: Document) -> Iterator[Problem]:
+def _uncontrollable(
+    run: RunDescription, robot: ResolvedRobot, document: Document
+) -> Iterator[Problem]:
     """Name what the closed loop cannot be simulated with."""
     if "feedforward" not in run.stages:
         return
@@ -241,6 +243,14 @@ def _uncontrollable(run: RunDescription, document: Document) -> Iterator[Problem
             f"{bandwidth:g} Hz",
             f"at most {sampling / _SAMPLES_OF_A_SWING:g} Hz, or a shorter "
             "trajectory.controller_period",
+        )
+    spectrum = None if robot.noise is None else robot.noise.length_spectrum
+    if spectrum is not None and not spectrum.covers(sampling):
+        yield document.problem(
+            ("trajectory", "controller_period"),
+            f"a controller that samples at {sampling:g} Hz, but noise.length_spectrum was measured "
+            f"at {spectrum.highest:g} Hz",
+            f"{1 / spectrum.highest:g} s or more, or a run without `feedforward:`",
         )
     if any(run.experiment.compliance) and run.data.file is None:
         yield document.problem(

@@ -13,6 +13,7 @@ from estimation.identification import estimate
 from estimation.identification.record import EstimateRecord
 from estimation.identification.saved import read_estimate
 from expdesign.configuration import ComputationError, InputError, load_run
+from expdesign.configuration.noise_spectrum import DENSITIES
 from expdesign.configuration.robot import load_robot_description
 from expdesign.mechanism.term import parameters_of
 from expdesign.robot import robot_from
@@ -149,9 +150,10 @@ def test_force_constants_and_cogging_act_in_the_loop(saved):
 
 
 def test_a_loop_that_is_unstable_is_told(saved):
-    weak = {"limits": {"actuator_force": 30.0}}
+    """By a filter that lags behind, of a machine strong enough to be thrown out of its motion."""
+    strong, slow = {"limits": {"actuator_force": 1e6}}, {"filter": 0.5, "integral": 0}
     with pytest.raises(ComputationError, match=r"feedforward\.bandwidth"):
-        compare_feedforward(case(FOLLOWED | {"periods": 3}, **weak), saved, None)
+        compare_feedforward(case(FOLLOWED | slow | {"periods": 20}, **strong), saved, None)
 
 
 @pytest.mark.parametrize(
@@ -169,6 +171,18 @@ def test_what_cannot_be_done_is_refused_with_the_configuration(section, others, 
     with pytest.raises(InputError) as caught:
         case(section, **others)
     assert [problem.key for problem in caught.value.problems] == [key]
+
+
+def test_a_spectrum_says_nothing_beyond_its_sampling(tmp_path):
+    rows = [("frequency", *DENSITIES), (0, *[1e-12] * 6), (500, *[1e-12] * 6)]
+    path = tmp_path / "spectrum.csv"
+    path.write_text("\n".join(",".join(map(str, row)) for row in rows), encoding="utf-8")
+    noise = {"length_spectrum": str(path)}
+    for step in (0.001, 0.002):
+        assert case(noise=noise, trajectory={"controller_period": step}).run.feedforward
+    with pytest.raises(InputError) as caught:
+        case(noise=noise, trajectory={"controller_period": 0.0005})
+    assert [each.key for each in caught.value.problems] == ["trajectory.controller_period"]
 
 
 def test_too_long_a_simulation_is_refused(saved):

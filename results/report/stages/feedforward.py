@@ -94,7 +94,7 @@ def _cases(summary: FeedforwardFile) -> ReportTable:
         Column("beside the true model's", "µm", digits=3, of="rms_from_true", factor=1e6),
         Column("feedback, rms", "N", digits=3, of="rms_feedback"),
         Column("at limit", "%", digits=2, of="limited", factor=100),
-        Column("better by", digits=3, of="reduction"),
+        Column("times better", digits=3, of="reduction"),
     )
     caption = "How well the motion is followed with each feed-forward"
     return ReportTable.of("feedforward_cases", caption, columns, summary.cases)
