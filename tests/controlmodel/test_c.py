@@ -117,8 +117,8 @@ def test_the_pose_of_lengths_is_found_from_afar(library, model):
     pose = random_states(model.robot, 200, 8)[:, :6]
     lengths = model.robot.inverse_kinematics(pose)
     status, found = compiled("pose", lengths, np.tile(model.robot.home, (len(pose), 1)))
-    assert np.all((status == 0) | (status == 3))  # noqa: PLR2004 - turned too far for home
-    assert np.mean(status == 0) > 0.9  # noqa: PLR2004
+    assert np.all((status == 0) | (status == 3))
+    assert np.mean(status == 0) > 0.9
     reached = status == 0
     allowed = 1e-9 if precision == "double" else 1e-4
     np.testing.assert_allclose(found[reached], pose[reached], atol=allowed)
