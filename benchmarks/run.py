@@ -32,6 +32,7 @@ NAMES = (
     "multibody",
     "tolerances",
     "calls",
+    "control_model",
     "screws",
     "imported",
     "own_machine",
