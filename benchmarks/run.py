@@ -34,6 +34,7 @@ NAMES = (
     "tolerances",
     "constants",
     "calls",
+    "control_model",
     "screws",
     "imported",
     "own_machine",

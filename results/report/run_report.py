@@ -31,6 +31,7 @@ from results.report.content import (
     TextBlock,
     Verdict,
 )
+from results.report.control_models import control_model_section
 from results.report.folder import ReportedStage, RunFolder
 from results.report.rendering import latex_table, rendered
 from results.report.robot_view import robot_view
@@ -115,6 +116,9 @@ def run_page(folder: RunFolder) -> Page:
     sections = [report.section for report in reports.values()]
     if view is not None:
         sections.insert(0, Section("motion", "Robot in motion", (view,)))
+    models = control_model_section(folder)
+    if models is not None:
+        sections.append(models)
     blocks = (block for section in sections for block in section.blocks)
     further = folder.other_figures({b.key for b in blocks if isinstance(b, FigureBlock)})
     if further:

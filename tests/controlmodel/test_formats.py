@@ -15,6 +15,7 @@ from estimation.controlmodel.compiler import FLAGS
 from estimation.controlmodel.formats import FORMATS, OUTPUTS
 from estimation.controlmodel.vectors import random_states
 from expdesign.configuration import ComputationError
+from expdesign.mechanism.hexapod import POSE
 
 HERE = Path(__file__).parent
 STATES = ("pose", "rate", "acceleration")
@@ -75,7 +76,7 @@ def test_the_fmu_is_valid_and_gives_the_models_numbers(palida, tmp_path):
     path.write_bytes(made.files[name])
     assert validate_fmu(str(path)) == []
     vectors = palida.vectors
-    named = [f"{state}.{axis}" for state in STATES for axis in ("x", "y", "z", "phi", "theta", "psi")]  # fmt: skip
+    named = [f"{state}.{axis.name}" for state in STATES for axis in POSE]
     given = np.zeros(len(vectors.state), dtype=[("time", float), *((n, float) for n in named)])
     given["time"] = np.arange(len(given))
     for column, values in zip(named, vectors.state.T, strict=True):
@@ -118,7 +119,7 @@ def test_without_a_compiler_source_is_written_untested_and_no_fmu(
 ):
     monkeypatch.setenv("CC", "no-such-compiler")
     if name == "fmu":
-        with pytest.raises(ComputationError, match="no-such-compiler|compiler"):
+        with pytest.raises(ComputationError, match="compiler"):
             FORMATS[name].make(palida, tmp_path)
         return
     made = FORMATS[name].make(palida, tmp_path)

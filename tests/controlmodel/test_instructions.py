@@ -11,7 +11,10 @@ from estimation.controlmodel.instructions import NUMPY, C, lines
 from expdesign.evaluation.vector_code import LIBRARY, UnknownInstructionError
 
 X, Y = ca.SX.sym("x"), ca.SX.sym("y")
-UNARY = ["sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "asinh", "atanh", "exp", "log", "expm1", "log1p", "sqrt", "fabs", "floor", "ceil", "sign"]  # fmt: skip
+UNARY = (
+    *("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "asinh", "atanh"),
+    *("exp", "log", "expm1", "log1p", "sqrt", "fabs", "floor", "ceil", "sign"),
+)
 EXPRESSIONS = {
     **{name: getattr(ca, name)(X / 4 + 0.3) for name in UNARY},
     "acosh": ca.acosh(2 + X / 4),

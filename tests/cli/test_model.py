@@ -1,0 +1,194 @@
+"""`expdesign model`: from a run folder with an estimate to files for a controller."""
+
+import json
+import shutil
+import subprocess
+import sys
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from estimation.controlmodel.record import ControlModelFile
+from estimation.identification import estimate
+from estimation.identification.record import EstimateRecord
+from expdesign.cli.app import app
+from expdesign.cli.errors import run as command_line
+from expdesign.configuration import resolved_yaml
+from expdesign.robot import load_robot
+from expdesign.runfolder.manifest import Manifest, StageEntry, file_hash
+from tests.estimation.cases import measured, run, trajectory
+
+FILES = {
+    "c": {".c", ".h", "_vectors.h", "_selftest.c", "Makefile"},
+    "python": {".py"},
+    "simulink": {".c", ".h", "_vectors.h", "_selftest.c", "_sfun.c", "build_palida_model.m"},
+}
+BESIDE = {"test_vectors.csv", "uncertainty.csv", "columns.json", "model.json"}
+
+
+@pytest.fixture(scope="module")
+def estimated(made_once):
+    """Return a run folder with an estimate, as the stage leaves it."""
+
+    def make(place):
+        folder, motion = place / "run", trajectory(100, 0.01)
+        configuration = run({"harmonics": 2, "estimators": ["gm", "ml"]})
+        result = estimate(configuration, measured(motion, 1, step=0.01), motion)
+        files = EstimateRecord.of(result).write(folder)
+        (folder / "run.yaml").write_text(resolved_yaml(configuration), encoding="utf-8")
+        hashes = {str(f.relative_to(folder)): file_hash(f) for f in files if f.is_file()}
+        entry = StageEntry("done", "", 1.0, "2026-01-02T03:04:05+00:00", files=hashes)
+        Manifest.new({}, "").with_stage("estimate", entry).write(folder)
+
+    return made_once("control-model", make) / "run"
+
+
+@pytest.fixture
+def folder(estimated, tmp_path):
+    shutil.copytree(estimated, tmp_path / "run")
+    return tmp_path / "run"
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_the_files_say_where_their_numbers_come_from(expdesign, folder, name, monkeypatch):
+    monkeypatch.setenv("CC", "no-such-compiler")
+    status, out, err = expdesign("model", folder, "--format", name, "--json")
+    assert status == 0, err
+    place = folder / "model" / name
+    named = {f if f[0].isalpha() else f"palida_model{f}" for f in FILES[name]}
+    assert {path.name for path in place.iterdir()} == named | BESIDE
+    record = ControlModelFile.read(place)
+    assert json.loads(out)["origin"]["run"] == record.origin.run == "case"
+    identified = folder / "identified-robot.yaml"
+    assert record.origin.sha256 == file_hash(identified)
+    assert record.origin.made == "2026-01-02T03:04:05+00:00"
+    assert record.origin.verdict == "not judged"
+    assert "not judged" in err
+    for file, digest in record.files.items():
+        assert file_hash(place / file) == digest
+    assert bool(record.untested) == (name != "python")
+    head = next(place.glob("palida_model.[hp]*")).read_text(encoding="utf-8")[:3000]
+    for text in (record.origin.sha256, "estimator ml", "rms", *(f"actuator {j}" for j in (1, 6))):
+        assert text in head
+
+
+def test_the_uncertainty_is_stated_along_the_design_else_along_the_recording(expdesign, folder):
+    expdesign("model", folder, "--format", "python")
+    before = ControlModelFile.read(folder / "model/python")
+    assert "recording" in before.motion
+    motion = trajectory(100, 0.01, seed=9)
+    keys = {"harmonics": motion.harmonics, "omega": motion.omega}
+    keys |= {key: getattr(motion, key).tolist() for key in ("lambda0", "mu", "nu")}
+    (folder / "design.json").write_text(json.dumps(keys), encoding="utf-8")
+    expdesign("model", folder, "--format", "python")
+    after = ControlModelFile.read(folder / "model/python")
+    assert "design" in after.motion
+    assert len(after.uncertainty) == 6
+    table = pd.read_csv(folder / "model/python/uncertainty.csv")
+    robot = load_robot(folder / "identified-robot.yaml")
+    forces = robot.actuator_forces(*_at(motion, table["t"].to_numpy()))
+    np.testing.assert_allclose(table[[f"Q{j}" for j in range(1, 7)]], forces, atol=1e-9)
+    for one in after.uncertainty:
+        std = table[f"Q{one.actuator}_std"]
+        assert one.largest == pytest.approx(std.max())
+        assert one.largest > one.rms > 0
+
+
+def _at(motion, times):
+    samples = motion.sample(times)
+    return samples.pose, samples.rate, samples.acceleration
+
+
+def test_the_module_of_a_folder_tests_itself_and_predicts_as_the_identified_robot(
+    expdesign, folder
+):
+    place = folder.parent / "elsewhere"
+    status, _, _ = expdesign("model", folder, "--format", "python", "--out", place)
+    assert status == 0
+    assert not (folder / "model").exists()
+    program = [sys.executable, "palida_model.py"]
+    done = subprocess.run(program, cwd=place, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout
+    robot = load_robot(folder / "identified-robot.yaml")
+    table = pd.read_csv(place / "test_vectors.csv")
+    axes = ("x", "y", "z", "phi", "theta", "psi")
+    states = [table[[d + axis for axis in axes]].to_numpy() for d in ("", "d", "dd")]
+    forces = table[[f"Q{j}" for j in range(1, 7)]].to_numpy()
+    np.testing.assert_allclose(robot.actuator_forces(*states), forces, atol=1e-9)
+    # It fails when a number is another one.
+    text = (place / "palida_model.py").read_text(encoding="utf-8")
+    mass = repr(float(robot.parameters[robot.parameter_names.index("p10")]))
+    assert text.count(mass) == 1
+    (place / "palida_model.py").write_text(text.replace(mass, "12.5"), encoding="utf-8")
+    done = subprocess.run(program, cwd=place, capture_output=True, check=False)
+    assert done.returncode == 1
+
+
+@pytest.mark.system("cc")
+def test_a_compiler_builds_tests_and_times_the_code(expdesign, folder):
+    status, out, _ = expdesign("model", folder, "--format", "c", "--sign-width", "2 mm/s", "--json")
+    assert status == 0
+    found = json.loads(out)
+    assert found["sign_width"] == 0.002
+    for test, allowed in zip(found["tests"], (1e-9, 2.3e-3), strict=True):
+        assert test["deviation"] <= allowed
+        assert 0 < test["median"] <= test["most"] <= test["worst"]
+
+
+def test_a_robot_without_an_estimate_says_so(expdesign, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    status, out, err = expdesign("model", "palida", "--format", "python", "--json")
+    assert status == 0
+    assert "nominal" in err
+    found = json.loads(out)
+    assert (found["origin"]["run"], found["uncertainty"]) == ("", [])
+    assert (tmp_path / "runs/palida/model/python/palida_model.py").is_file()
+
+
+def test_a_robot_file_that_was_changed_since_is_told(expdesign, folder):
+    path = folder / "identified-robot.yaml"
+    path.write_text(path.read_text(encoding="utf-8") + "# mine\n", encoding="utf-8")
+    status, _, err = expdesign("model", folder, "--format", "python")
+    assert status == 0
+    assert "changed" in err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        (["--format", "java"], "--format"),
+        ([], "--format"),
+        (["--format", "c", "--sign-width", "-1"], "--sign-width"),
+        (["--format", "c", "--sign-width", "3 kg"], "--sign-width"),
+    ],
+)
+def test_bad_options_are_refused(expdesign, folder, arguments, named):
+    status, _, err = expdesign("model", folder, *arguments)
+    assert status == 2
+    assert named in err
+    assert not (folder / "model").exists()
+
+
+def test_a_folder_without_an_estimate_is_refused(expdesign, folder):
+    (folder / "identified-robot.yaml").unlink()
+    status, _, err = expdesign("model", folder, "--format", "c")
+    assert status == 2
+    assert "identified-robot.yaml" in err
+
+
+def test_no_fmu_without_a_compiler(expdesign, folder, monkeypatch):
+    monkeypatch.setenv("CC", "no-such-compiler")
+    status, _, err = expdesign("model", folder, "--format", "fmu")
+    assert status == 1
+    assert "compiler" in err
+    assert not list(folder.glob("model/fmu/*"))
+
+
+def test_the_report_has_a_section_of_the_models(folder):
+    for name in ("python", "c"):
+        assert command_line(app, ["model", str(folder), "--format", name, "--json"]) == 0
+    assert command_line(app, ["report", str(folder), "--json"]) == 0
+    text = (folder / "report.html").read_text(encoding="utf-8")
+    assert 'id="model"' in text
+    assert "model/python" in text

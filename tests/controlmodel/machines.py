@@ -1,0 +1,33 @@
+"""Robots whose control models are tested."""
+
+import numpy as np
+
+from estimation.controlmodel.model import Origin
+from expdesign.configuration import load_run
+from expdesign.configuration.robot import load_robot_description
+from expdesign.mechanism.catalogue import DEFAULT
+from expdesign.mechanism.hexapod import numbered
+from expdesign.robot import robot_from
+
+ORIGIN = Origin(file="robot.yaml", sha256="0" * 64, made="", version="0")
+
+
+def every_term():
+    """Return PaLiDA with every term that there is, screws that the platform turns, and tilt."""
+    rng = np.random.default_rng(3)
+    palida = load_robot_description("palida").description.model_dump(mode="json", by_alias=True)
+    constants = [{"stribeck": {"velocity": "50 mm/s"}}, {"cable": {"rest_length": 0.6}}]
+    extra = {"sx": 0.05, "sy": -0.03, "Ixy": 0.01, "Ixz": -0.02, "Iyz": 0.015}
+    for letter, size in (("o", 8.0), ("s", 6.0), ("mu", 0.04), ("k", 40.0)):
+        extra |= dict(zip(numbered(letter), size * rng.uniform(0.5, 1, 6), strict=True))
+    axes = np.array(palida["alpha_axes"]) + 0.3 * rng.normal(size=(6, 3))
+    palida |= {
+        "name": "2nd-machine",
+        "platform": "general",
+        "gravity": [0.5, -0.3, -9.78],
+        "terms": [*DEFAULT, "force_offset", *constants, "load_friction"],
+        "parameters": {**palida["parameters"], **extra},
+        "drive": {"screw": {"lead": "5 mm", "inertia": 1e-6}},
+        "platform_cardan_axes": axes.tolist(),
+    }
+    return robot_from(load_run({"name": "n", "robot": palida}).robot)
