@@ -1,8 +1,8 @@
 """Base parameters of every robot that ships, against a singular value decomposition made anew.
 
 The other way draws 10 000 states of its own, knows no limits, takes the null space from SciPy and
-solves for the coefficients there. Beside the robots as they ship there are machines that have fewer
-base parameters than parameters, or many terms.
+solves for the coefficients there. Beside the robots as they ship there are machines with further
+terms, some of which say nothing new.
 """
 
 from __future__ import annotations
@@ -16,61 +16,42 @@ import scipy.linalg as sla
 
 from constraints.arrays import Array
 from expdesign.configuration import load_run
-from expdesign.configuration.robot import load_robot_description
 from expdesign.library import robot_files
 from expdesign.recheck.excitable import structural_base
 from expdesign.robot import Robot, robot_from
+from tests.payload import described, known_payload, with_payload
 
 TITLE = "Base parameters"
 STATES, OTHER_STATES = 10_000, 1000
 _ROUNDING = 1e-9
 """Relative singular value that is none: with unit columns, of 10 000 states."""
 _WRONG = "wrong"
-_SPECIAL: dict[str, tuple[str, dict[str, Any]]] = {
-    "stribeck friction as dry as the dry": ("palida", {"terms": [{"stribeck": {"velocity": 1e9}}]}),
-    "no gravity": ("palida", {"gravity": [0, 0, 0]}),
-    "no gravity, general platform": (
-        "linuxcnc",
-        {
-            "gravity": [0, 0, 0],
-            "platform": "general",
-            "parameters": dict.fromkeys(("sx", "sy", "Ixy", "Ixz", "Iyz"), 0),
-        },
-    ),
-    "every term": (
-        "palida",
-        {
-            "terms": [
-                "drive_inertia",
-                "force_offset",
-                {"stribeck": {"velocity": 0.05}},
-                "load_friction",
-                {"cable": {"rest_length": 0.6}},
-            ]
-        },
-    ),
-    "every term twice as slow": (
-        "dehaeze",
-        {"terms": ["force_offset", {"stribeck": {"velocity": 1e9}}, {"cable": {"rest_length": 1}}]},
-    ),
-}
+_STRIBECK = {"stribeck": {"velocity": 1e9}}
+"""Friction that hardly falls with any speed: the dry one once more."""
+_EVERY = (
+    "drive_inertia",
+    "force_offset",
+    {"stribeck": {"velocity": 0.05}},
+    "load_friction",
+    {"cable": {"rest_length": 0.6}},
+)
 
 
 def rows() -> Iterator[dict[str, Any]]:
-    """Yield a row for each robot that ships, then for the special machines."""
+    """Yield a row for each robot that ships, then for machines with further terms."""
     for name in sorted(robot_files()):
-        yield _row(name, robot_from(load_run({"name": "n", "robot": name}).robot))
-    for title, (name, changes) in _SPECIAL.items():
-        yield _row(f"{name}: {title}", special(name, changes))
+        yield _row(name, _robot(name))
+    yield _row("palida, every term", _robot(described("palida", *_EVERY)))
+    yield _row("palida, no gravity", _robot(described("palida") | {"gravity": [0, 0, 0]}))
+    for name in ("palida", "rubin"):
+        yield _row(f"{name}, stribeck at 1e9 m/s", _robot(described(name, _STRIBECK)))
+    with known_payload():
+        for name in ("linuxcnc", "rubin"):
+            yield _row(f"{name}, general platform with a payload", with_payload(name))
 
 
-def special(name: str, changes: dict[str, Any]) -> Robot:
-    """Return a robot that ships with changes of its file; terms and parameters are added."""
-    found = load_robot_description(name).description.model_dump(mode="json", by_alias=True)
-    described = found | changes
-    described["terms"] = [*found["terms"], *changes.get("terms", ())]
-    described["parameters"] = found["parameters"] | changes.get("parameters", {})
-    return robot_from(load_run({"name": "n", "robot": described}).robot)
+def _robot(source: Any) -> Robot:
+    return robot_from(load_run({"name": "n", "robot": source}).robot)
 
 
 def _row(title: str, robot: Robot) -> dict[str, Any]:

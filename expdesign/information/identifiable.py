@@ -208,6 +208,8 @@ def _regrouped(
         pivots = sla.qr(null, mode="r", pivoting=True)[1][:hidden]
         out = {chosen[k] for k in pivots}
         left += out
-        # What is left has the rank; rounding, or noise that decides, may take another one.
         chosen = [k for k in chosen if k not in out]
+        if not relative:
+            break
+        # What is left has the rank, but at the threshold itself rounding may ask for another one.
     return chosen, sorted(left)

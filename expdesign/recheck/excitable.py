@@ -14,6 +14,7 @@ the standard deviation of an experiment on them, where all tell as much as the b
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import scipy.linalg as sla
@@ -54,8 +55,11 @@ class Excitable:
         return {name: float(share) for name, share in shares.items() if share > 2 * IDENTIFIABLE}
 
 
+@lru_cache(maxsize=8)
 def excitable(robot: Robot, names: tuple[str, ...] | None = None, seed: int = 0) -> Excitable:
     """Return what random states within the limits of the machine tell of its parameters.
+
+    It is kept for the robots that were asked for last: a study asks for each of its estimates.
 
     Parameters
     ----------
@@ -78,7 +82,7 @@ def excitable(robot: Robot, names: tuple[str, ...] | None = None, seed: int = 0)
     keep = np.where(robot.parameters[columns] == 0, _UNSAID, 1.0)
     base = BaseParameters.of(white.reshape(-1, len(columns)), names, keep=keep)
     chosen = [names.index(name) for name in base.base]
-    return Excitable(base, _best_std(white[:, :, chosen]))
+    return Excitable(base, best_std(white[:, :, chosen]))
 
 
 def structural_base(robot: Robot, names: tuple[str, ...] | None = None) -> BaseParameters:
@@ -86,7 +90,7 @@ def structural_base(robot: Robot, names: tuple[str, ...] | None = None) -> BaseP
     return excitable(robot, names).base
 
 
-def _best_std(white: Array) -> Array:
+def best_std(white: Array) -> Array:
     """Return the bound for one sample, (b,), of whitened regressors with full rank, (N, 6, b)."""
     rows = white.reshape(-1, white.shape[2])
     scales = np.linalg.norm(rows, axis=0)
