@@ -194,6 +194,27 @@ def test_without_a_term_the_estimate_is_as_ever():
     np.testing.assert_array_equal(tried.best.covariance, plain.best.covariance)
 
 
+def test_friction_may_be_a_candidate():
+    """Its signs are those of rates that no other term has."""
+    file = load_robot_description("palida").description.model_dump(mode="json", by_alias=True)
+    smooth = ["struts", "rigid_platform"]
+    known = {key: value for key, value in file["parameters"].items() if key.startswith("p")}
+    robot = file | {"terms": smooth, "parameters": known}
+    candidates = ["cable", "actuator_friction", "passive_friction"]
+    candidates[0] = {"cable": {"rest_length": 0.6}}
+    section = {"estimators": ["gm"], "harmonics": 2, "select": {"candidates": candidates}}
+    configuration = load_run({"name": "bare", "robot": robot, "estimate": section})
+    found = estimate(configuration, measured(MOTION, seed=6, force_scale=0.1), MOTION)
+    assert set(found.selection.chosen) == {"actuator_friction", "passive_friction"}
+    plain = estimate(
+        run({"estimators": ["gm"], "harmonics": 2}), measured(MOTION, 6, force_scale=0.1), MOTION
+    )
+    values = dict(zip(found.knowledge.names, found.best.values, strict=True))
+    np.testing.assert_allclose(
+        [values[name] for name in plain.knowledge.names], plain.best.values, rtol=1e-6, atol=1e-7
+    )
+
+
 def test_several_recordings_hold_each_other_out():
     motions = [trajectory(seed=4), trajectory(seed=5)]
     data = [measured(m, robot=machine(m_drive=3.0), seed=k) for k, m in enumerate(motions)]
