@@ -78,6 +78,20 @@ class Experiment:
             raise ValueError("an experiment has a fitted or a pointwise motion")
         return replace(self, fitted_regressors=self.regressors(robot, self.fit.motion))
 
+    def with_terms_of(self, robot: Robot) -> Experiment:
+        """Return the experiment with A of a robot of other terms, along the same motion.
+
+        Its friction may have other rates, whose standard deviations follow from the same fit.
+        """
+        fit, whole, times = self.fit, self.whole, self.record.forces.times
+        if fit is None:
+            return self.of_robot(robot)
+        if whole is not None:
+            spread = rate_spread(robot, whole.motion, times, whole.covariance)
+            whole = replace(whole, spread=spread)
+        spread = rate_spread(robot, fit.motion, times, fit.covariance)
+        return replace(self, spread=spread, whole=whole).of_robot(robot)
+
     @property
     def harmonics(self) -> int | None:
         """Of the motion that ML estimates; None after pointwise differentiation."""

@@ -84,7 +84,9 @@ def estimate(
             configuration = with_added_terms(configuration, selection.added)
             robot = robot_from(configuration.robot)
             knowledge = parameter_knowledge(configuration, robot)
-            records = tuple(replace(r, experiment=r.experiment.of_robot(robot)) for r in records)
+            records = tuple(
+                replace(r, experiment=r.experiment.with_terms_of(robot)) for r in records
+            )
         records = _with_residual_noise(robot, records, knowledge)
         robot, experiments = at_estimated_load(robot, [r.experiment for r in records], knowledge)
         records = tuple(

@@ -105,7 +105,7 @@ class Selection:
         own = np.isin(knowledge.names, robot.parameter_names)
         without = replace(knowledge, free=knowledge.free & own)
         present = with_residual_noise(
-            wide, [experiment.of_robot(wide) for experiment in experiments], knowledge
+            wide, [experiment.with_terms_of(wide) for experiment in experiments], knowledge
         )
         wide, loaded = at_estimated_load(wide, present, without)
         values = linear_estimate(wide, loaded, without, "gm").values

@@ -5,18 +5,18 @@ Each of them is a potential that every step must lower, so that no model comes t
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import reduce
 
 import numpy as np
 
-from constraints.arrays import Array
-from estimation.diagnostics.projection import Fit
+from estimation.diagnostics.projection import Fit, Places
 from estimation.diagnostics.tails import log_tail
-from estimation.selection.evidence import Evidence, Share
+from estimation.selection.evidence import Evidence, RecordingShare, Share
 from expdesign.configuration import InputError
 from expdesign.configuration.sections.data import SelectionCriterion
-from expdesign.information.fisher import ScaledInformation
+from expdesign.information.fisher import EXCITABLE, ScaledInformation
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class Judge:
         self.limit = float(np.log(level / len(evidence.blocks)))
         """Largest log p that is significant: the level's share of one of all candidates."""
         self._seen = evidence.beside_own()
-        self._splits = tuple(splits(evidence)) if by == "holdout" else ()
+        self._splits = splits(evidence) if by == "holdout" else ()
         self._errors: dict[frozenset[str], float] = {}
 
     def tried(self, term: str, others: Sequence[str]) -> Tried:
@@ -68,7 +68,8 @@ class Judge:
             log_p = float(log_tail(np.array(statistic), np.array(fit.rank), beside.freedom))
         held_out = np.nan
         if self.by == "holdout":
-            held_out = self._error(others) - self._error([*others, term])
+            # What nothing tells from the others predicts as they do.
+            held_out = self._error(others) - self._error([*others, term]) if fit.rank else 0.0
         bic = statistic - fit.rank * float(np.log(self.samples[term]))
         return Tried(term, statistic, fit.rank, log_p, bic, held_out)
 
@@ -93,30 +94,28 @@ class Judge:
 
 @dataclass(frozen=True, eq=False)
 class Split:
-    """Data that parameters are fitted to, and others that they predict."""
+    """Data that parameters are fitted to, and others that they predict: one pair a column of g."""
 
     fitted: Share
     """With what is known beside the data."""
     predicted: Share
 
-    def error(self, places: Array) -> float:
-        """Return −2 log L of the prediction by a fit of the parameters at some places."""
+    def error(self, places: Places) -> float:
+        """Return −2 log L of the predictions by fits of the parameters at some places, in mean."""
         own = np.ix_(places, places)
         scaled = ScaledInformation.of(self.fitted.information[own])
-        if scaled.is_singular():
-            raise InputError(
-                "one period does not determine the parameters that shall predict the others",
-                key="estimate.select.by",
-                allowed="bic, f, or motions that tell more",
-            )
-        step = np.linalg.solve(scaled.matrix, self.fitted.gradient[places] / scaled.scales)
-        step /= scaled.scales
-        information = self.predicted.information[own]
-        return float(step @ information @ step - 2 * self.predicted.gradient[places] @ step)
+        values, vectors = np.linalg.eigh(scaled.matrix)
+        # Combinations that the fitted data do not tell stay where the model was linearised.
+        kept = values > EXCITABLE * values[-1]
+        scales = np.where(scaled.scales > 0, scaled.scales, 1.0)
+        root = vectors[:, kept] / np.sqrt(values[kept]) / scales[:, None]
+        steps = root @ (root.T @ self.fitted.gradient[places])
+        error = self.predicted.information[own] @ steps - 2 * self.predicted.gradient[places]
+        return float(np.mean(np.sum(error * steps, axis=0)))
 
 
-def splits(evidence: Evidence) -> Iterator[Split]:
-    """Yield how the recordings are divided.
+def splits(evidence: Evidence) -> tuple[Split, ...]:
+    """Return how the recordings are divided.
 
     Of several recordings each in turn is predicted, from some periods of all others. Of a single
     one some periods in turn predict the rest.
@@ -133,38 +132,43 @@ def splits(evidence: Evidence) -> Iterator[Split]:
     InputError
         There is a single recording, without two single periods.
     """
-    recordings, prior = evidence.recordings, evidence.prior
-    folds = [each.periods or (each.whole,) for each in recordings]
+    recordings = evidence.recordings
     share = 1 / max(np.log(sum(each.samples for each in recordings)) - 1, 1.0)
+    fitted = [_fitted(each, share) for each in recordings]
     if len(recordings) == 1:
-        (own,) = folds
-        if len(own) == 1:
+        whole, few = recordings[0].whole, fitted[0]
+        if recordings[0].periods.shape[1] == 1:
             raise InputError(
                 "one recording without whole periods leaves nothing to predict",
                 key="estimate.select.by",
                 allowed="bic, f, or a further recording (--data twice)",
             )
-        for first in range(len(own)):
-            few = _window(own, first, share)
-            rest = [fold for fold in own if not any(fold is each for each in few)]
-            yield Split(sum_of([prior, *few]), sum_of(rest))
-        return
+        rest = Share(whole.information - few.information, whole.gradient[:, None] - few.gradient)
+        return (Split(_known(evidence, few), rest),)
+    found = []
     for number, recording in enumerate(recordings):
-        others = [fold for place, fold in enumerate(folds) if place != number]
-        for first in range(max(map(len, others))):
-            few = [fold for own in others for fold in _window(own, first, share)]
-            yield Split(sum_of([prior, *few]), recording.whole)
+        others = [few for place, few in enumerate(fitted) if place != number]
+        count = max(few.gradient.shape[1] for few in others)
+        alike = [
+            Share(few.information, few.gradient[:, np.arange(count) % few.gradient.shape[1]])
+            for few in others
+        ]
+        whole = recording.whole
+        predicted = Share(whole.information, whole.gradient[:, None])
+        found.append(Split(_known(evidence, reduce(Share.__add__, alike)), predicted))
+    return tuple(found)
 
 
-def _window(folds: Sequence[Share], first: int, share: float) -> list[Share]:
-    """Return a share of the periods of a recording, one at least, from one of them on."""
-    count = max(1, round(share * len(folds)))
-    return [folds[(first + k) % len(folds)] for k in range(count)]
+def _fitted(recording: RecordingShare, share: float) -> Share:
+    """Return a share of the periods of a recording, one at least, from each of them on."""
+    count = recording.periods.shape[1]
+    length = max(1, min(round(share * count), count - 1))
+    following = np.arange(count)[:, None] + np.arange(length)
+    gradients = recording.periods[:, following % count].sum(axis=2)
+    return Share(recording.whole.information * (length / count), gradients)
 
 
-def sum_of(shares: Sequence[Share]) -> Share:
-    """Return what all of several shares say, of at least one."""
-    first, *others = shares
-    for other in others:
-        first = first + other
-    return first
+def _known(evidence: Evidence, few: Share) -> Share:
+    """Return some data with what is known beside them."""
+    prior = evidence.prior
+    return Share(prior.information + few.information, prior.gradient[:, None] + few.gradient)

@@ -31,7 +31,10 @@ from expdesign.robot import Robot
 
 @dataclass(frozen=True, eq=False)
 class Share:
-    """F, (u, u), and g, (u,), of some of the data: −2 log L falls by 2 gᵀs − sᵀ F s."""
+    """F, (u, u), and g, (u,), of some of the data: −2 log L falls by 2 gᵀs − sᵀ F s.
+
+    Data that are alike have one F, and the columns of g each its own, (u, n).
+    """
 
     information: Array
     gradient: Array
@@ -100,29 +103,28 @@ class RecordingShare:
         return float(np.sum(rest**2)), rest.size
 
     @cached_property
-    def periods(self) -> tuple[Share, ...]:
-        """Period by period, whose sum is `whole`; empty where single periods are not known.
+    def periods(self) -> Array:
+        """(u, M), g of the single periods, whose F is the M-th part of the recording's.
 
-        All have the same columns, and each its own noise.
+        One column, of all data, where single periods are not known.
         """
-        experiment, system = self._experiment, self._system
+        experiment, system, size = self._experiment, self._system, len(self._order)
         forces, lengths = experiment.record.forces, experiment.record.lengths
+        whole = self.whole.gradient[:, None]
         known = forces.alike and lengths.alike
         if not known or forces.periods is None or lengths.periods is None:
-            return ()
-        count, first = len(forces.periods), len(self.whole.gradient)
-        rows = system.columns.reshape(-1, len(self._order))
-        of_lengths = system.length_columns.reshape(-1, len(self._order))
-        shares = []
-        for force, length in zip(forces.periods, lengths.periods, strict=True):
-            gradient = rows.T @ system.force_rows(experiment.used(force - forces.values)).ravel()
-            if len(of_lengths):
-                gradient += of_lengths.T @ system.length_rows(length - lengths.values).ravel()
-            ordered = gradient[self._order]
-            own = ordered[:first] - self._elimination.slope.T @ ordered[first:]
-            whole = self.whole
-            shares.append(Share(whole.information / count, (whole.gradient + own) / count))
-        return tuple(shares)
+            return whole
+        # All have the same columns, and each its own noise.
+        count, first = len(forces.periods), len(whole)
+        own = experiment.used(np.moveaxis(forces.periods - forces.values, 0, 2))
+        gradients = system.columns.reshape(-1, size).T @ system.force_rows(own).reshape(-1, count)
+        if len(system.lengths):
+            own = np.moveaxis(lengths.periods - lengths.values, 0, 2)
+            rows = system.length_rows(own).reshape(-1, count)
+            gradients += system.length_columns.reshape(-1, size).T @ rows
+        gradients = gradients[self._order]
+        slope = self._elimination.slope
+        return np.asarray(whole + gradients[:first] - slope.T @ gradients[first:]) / count
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,318 @@
+"""Selection of terms: against fits one by one, its local optimum, and what it finds and adds."""
+
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import stats
+
+from estimation.estimators import Knowledge, linear_estimate
+from estimation.identification import estimate, prepare_experiment
+from estimation.identification.identified_robot import identified_robot
+from estimation.identification.term_selection import Selection
+from estimation.selection.criteria import Judge, splits
+from estimation.selection.evidence import Evidence, Share
+from estimation.selection.path import select
+from expdesign.configuration import InputError, load_run
+from expdesign.configuration.added_terms import with_added_terms
+from expdesign.configuration.robot import load_robot_description
+from expdesign.mechanism.term import parameters_of
+from expdesign.robot import robot_from
+from tests.estimation.cases import ROBOT, measured, run, trajectory
+
+CANDIDATES = [{"stribeck": {"velocity": 0.05}}, "drive_inertia", "force_offset", "payload"]
+NAMES = ["stribeck", "drive_inertia", "force_offset", "payload"]
+EXACT = {"noise": {"length_std": ["1 nm"] * 6}}
+"""Of the lengths, so that the motion is known."""
+MOTION = trajectory()
+
+
+@cache
+def machine(**parameters):
+    """Return PaLiDA with terms that the robot file of the user lacks."""
+    file = load_robot_description("palida").description.model_dump(mode="json", by_alias=True)
+    terms, values = [*file["terms"], "drive_inertia", "force_offset"], file["parameters"]
+    return robot_from(
+        load_run(
+            {
+                "name": "machine",
+                "robot": file | {"terms": terms, "parameters": values | parameters},
+            }
+        ).robot
+    )
+
+
+def selecting(by="bic", candidates=CANDIDATES, **others):
+    estimated = {"estimators": ["gm"], "noise": "given", "harmonics": 2}
+    select = {"select": {"candidates": candidates, "by": by}}
+    return run(estimated | select | others.pop("estimate", {}), **others)
+
+
+def evidence_of(configuration, experiments):
+    wide = robot_from(
+        with_added_terms(configuration, configuration.run.estimate.select.candidates).robot
+    )
+    own = {term.name for term in ROBOT.terms}
+    blocks = {
+        term.name: tuple(p.name for p in parameters_of((term,)))
+        for term in wide.terms
+        if term.name not in own
+    }
+    knowledge = Knowledge.of(wide, configuration.run.estimate)
+    seen = [experiment.of_robot(wide) for experiment in experiments]
+    values = np.array([*ROBOT.parameters, *np.zeros(len(knowledge.names) - len(ROBOT.parameters))])
+    return wide, knowledge, seen, Evidence.of(wide, seen, knowledge, values, blocks)
+
+
+@pytest.fixture(scope="module")
+def known_motion():
+    """Return evidence of a recording whose motion is known, with the model of all candidates.
+
+    Two periods are too few to show the noise: it is that of the robot file.
+    """
+    configuration = selecting(**EXACT)
+    data = measured(MOTION, robot=machine(o2=3.0, m_drive=0.2), length_scale=1e-5, periods=2)
+    experiment = prepare_experiment(configuration, ROBOT, data, MOTION)
+    return evidence_of(configuration, [experiment])
+
+
+def cost(wide, knowledge, experiments, terms):
+    """Return the weighted sum of squares of a fit with some of the candidates."""
+    kept = {p.name for term in wide.terms if term.name in terms for p in term.parameters}
+    own = set(ROBOT.parameter_names) | kept
+    free = np.array([name in own for name in knowledge.names])
+    return linear_estimate(wide, experiments, replace(knowledge, free=free), "gm").cost
+
+
+@pytest.mark.parametrize(
+    ("term", "others"),
+    [("stribeck", ()), ("force_offset", ("drive_inertia",)), ("drive_inertia", ("stribeck",))],
+)
+def test_what_a_block_is_worth_is_the_difference_of_two_fits(known_motion, term, others):
+    wide, knowledge, experiments, evidence = known_motion
+    judge = Judge(evidence, "bic", 0.01)
+    found = judge.tried(term, others)
+    without, with_it = (
+        cost(wide, knowledge, experiments, model) for model in (others, (*others, term))
+    )
+    assert found.statistic * judge.dispersion == pytest.approx(without - with_it, rel=1e-3)
+    assert found.rank == (1 if term == "drive_inertia" else 6)
+    # White noise that is known: every sample counts as one.
+    assert judge.samples[term] == pytest.approx(2 * 200)
+    assert found.bic == pytest.approx(found.statistic - found.rank * np.log(400))
+
+
+def test_what_nothing_tells_apart_is_not_counted(known_motion):
+    # A mass at the TCP is one of the platform's.
+    found = Judge(known_motion[3], "bic", 0.01).tried("payload", ())
+    assert (found.rank, found.statistic, found.log_p) == (0, 0.0, 0.0)
+
+
+def test_periods_add_up_to_the_recording(known_motion):
+    (recording,) = known_motion[3].recordings
+    assert recording.periods.shape[1] == 2
+    total = recording.periods.sum(axis=1)
+    np.testing.assert_allclose(total, recording.whole.gradient, rtol=1e-8, atol=1e-6)
+
+
+def test_held_out_periods_are_predicted_by_fits_to_the_others(known_motion):
+    """Against fits and predictions with the regressor, one after the other."""
+    wide, knowledge, (experiment,), evidence = known_motion
+    judge = Judge(evidence, "holdout", 0.01)
+    assert splits(evidence)[0].fitted.gradient.shape[1] == 2
+    weight = np.linalg.inv(experiment.noise.forces.covariance)
+    own = set(ROBOT.parameter_names)
+    errors = {}
+    for terms in ((), ("force_offset",)):
+        kept = own | {p.name for t in wide.terms if t.name in terms for p in t.parameters}
+        columns = experiment.fitted_regressors[:, :, [n in kept for n in knowledge.names]]
+        matrix = np.einsum("rik,ij,rjl->kl", columns, weight, columns)
+        total = 0.0
+        periods = experiment.record.forces.periods
+        for number, period in enumerate(periods):
+            right = np.einsum("rik,ij,rj->k", columns, weight, period)
+            rest = np.delete(periods, number, axis=0) - columns @ np.linalg.solve(matrix, right)
+            total += np.einsum("mri,ij,mrj->", rest, weight, rest)
+        errors[terms] = total / len(periods)
+    found = judge.tried("force_offset", ())
+    assert found.held_out == pytest.approx(errors[()] - errors["force_offset",], rel=1e-3)
+
+
+def test_a_block_that_is_not_there_has_the_chi_square_of_chance():
+    """Its p is uniform, over 30 recordings and two blocks."""
+    configuration = selecting()
+    found = []
+    for seed in range(30):
+        experiment = prepare_experiment(
+            configuration, ROBOT, measured(MOTION, seed=seed, periods=6), MOTION
+        )
+        *_, evidence = evidence_of(configuration, [experiment])
+        judge = Judge(evidence, "f", 0.01)
+        judge.dispersion = 1.0
+        found.append([judge.tried(term, ()).log_p for term in ("stribeck", "force_offset")])
+    p = np.exp(np.array(found)).ravel()
+    assert stats.kstest(p, "uniform").pvalue > 1e-4
+
+
+@pytest.mark.parametrize("by", ["bic", "f", "holdout"])
+def test_what_is_there_is_found_and_estimated(by):
+    data = measured(MOTION, robot=machine(m_drive=3.0), seed=3, periods=6)
+    result = estimate(selecting(by), data, MOTION)
+    selection = result.selection
+    assert selection.chosen == ("drive_inertia",)
+    row = next(row for row in result.rows if row.parameter == "m_drive")
+    assert abs(row.value - 3.0) < 5 * row.std
+    assert row.std < 1
+    assert any("m_drive" in text for text in [identified_robot(result, None)])
+    (step,) = (row for row in selection.steps if row.chosen)
+    assert (step.direction, step.term, step.worth > 0) == ("add", "drive_inertia", True)
+    assert any("held out" in text for text in result.warnings) == (by == "holdout")
+
+
+def test_nothing_is_added_to_a_machine_that_is_the_model():
+    added = [
+        Selection.of(
+            selecting(by),
+            ROBOT,
+            [prepare_experiment(selecting(), ROBOT, measured(MOTION, seed=s), MOTION)],
+        ).chosen
+        for by in ("bic", "f", "holdout")
+        for s in range(5)
+    ]
+    assert added.count(()) >= 14
+
+
+def test_without_a_term_the_estimate_is_as_ever():
+    data = measured(MOTION, seed=1)
+    plain = estimate(run({"estimators": ["gm"], "noise": "given", "harmonics": 2}), data, MOTION)
+    tried = estimate(selecting(), data, MOTION)
+    assert tried.selection.chosen == ()
+    np.testing.assert_array_equal(tried.best.values, plain.best.values)
+    np.testing.assert_array_equal(tried.best.covariance, plain.best.covariance)
+
+
+def test_friction_may_be_a_candidate():
+    """Its signs are those of rates that no other term has."""
+    file = load_robot_description("palida").description.model_dump(mode="json", by_alias=True)
+    smooth = ["struts", "rigid_platform"]
+    known = {key: value for key, value in file["parameters"].items() if key.startswith("p")}
+    robot = file | {"terms": smooth, "parameters": known}
+    candidates = ["cable", "actuator_friction", "passive_friction"]
+    candidates[0] = {"cable": {"rest_length": 0.6}}
+    section = {"estimators": ["gm"], "harmonics": 2, "select": {"candidates": candidates}}
+    configuration = load_run({"name": "bare", "robot": robot, "estimate": section})
+    found = estimate(configuration, measured(MOTION, seed=6, force_scale=0.1), MOTION)
+    assert set(found.selection.chosen) == {"actuator_friction", "passive_friction"}
+    plain = estimate(
+        run({"estimators": ["gm"], "harmonics": 2}), measured(MOTION, 6, force_scale=0.1), MOTION
+    )
+    values = dict(zip(found.knowledge.names, found.best.values, strict=True))
+    np.testing.assert_allclose(
+        [values[name] for name in plain.knowledge.names], plain.best.values, rtol=1e-6, atol=1e-7
+    )
+
+
+def test_several_recordings_hold_each_other_out():
+    motions = [trajectory(seed=4), trajectory(seed=5)]
+    data = [measured(m, robot=machine(m_drive=3.0), seed=k) for k, m in enumerate(motions)]
+    result = estimate(selecting("holdout"), data, motions)
+    assert result.selection.chosen == ("drive_inertia",)
+    assert result.selection.held_out == "recordings"
+    assert not any("held out" in text for text in result.warnings)
+
+
+def test_a_single_period_holds_nothing_out():
+    with pytest.raises(InputError) as caught:
+        estimate(selecting("holdout"), measured(MOTION, periods=1), MOTION)
+    assert caught.value.problems[0].key == "estimate.select.by"
+
+
+def test_what_no_candidate_explains_counts_as_noise():
+    data = measured(MOTION, seed=2, periods=40, force_scale=0.2)
+    wave = np.sin(2 * np.pi * data.lengths / 0.021)
+    disturbed = replace(data, forces=data.forces + 12 * (wave - wave.mean(axis=0)))
+    configuration = selecting(estimate={"noise": "estimated"})
+    found = []
+    for each in (data, disturbed):
+        experiment = prepare_experiment(configuration, ROBOT, each, MOTION)
+        judge = Judge(evidence_of(configuration, [experiment])[-1], "bic", 0.01)
+        found.append((judge.dispersion, judge.tried("stribeck", ()).statistic))
+    (clean, _), (disturbed_by, statistic) = found
+    assert clean < 1.2
+    # Twelve newtons of amplitude, beside the noise of the means: six of 25 N of noise, 40 periods.
+    assert disturbed_by > 2
+    judge.dispersion = 1.0
+    assert judge.tried("stribeck", ()).statistic == pytest.approx(disturbed_by * statistic)
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What a recording says, made up."""
+
+    whole: Share
+    columns: np.ndarray
+    columns_white: np.ndarray
+    samples: float = 1000.0
+
+    def left(self, _):
+        return 1.0, 10_000
+
+
+@st.composite
+def judges(draw):
+    """Draw evidence of five blocks of one to three columns beside two of the robot's own."""
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    sizes = [int(n) for n in rng.integers(1, 4, 5)]
+    ends = 2 + np.cumsum([0, *sizes])
+    root = rng.normal(size=(ends[-1], 40)) * 10 ** rng.uniform(-1, 1)
+    root += draw(st.floats(0, 3)) * rng.normal(size=40)
+    information = root @ root.T
+    step = rng.normal(size=ends[-1]) * (rng.random(ends[-1]) < 0.5)
+    gradient = information @ step + root @ rng.normal(size=40)
+    diagonal = np.diag(information).copy()
+    blocks = {f"b{k}": np.arange(*ends[k : k + 2]) for k in range(5)}
+    nothing = Share(np.zeros_like(information), np.zeros(ends[-1]))
+    recording = Recording(Share(information, gradient), diagonal, diagonal)
+    evidence = Evidence(blocks, nothing, (recording,), np.inf)
+    by = draw(st.sampled_from(["bic", "f"]))
+    return Judge(evidence, by, 0.01, {"b1": "b0"} if draw(st.booleans()) else {})
+
+
+@settings(max_examples=60)
+@given(judges())
+def test_no_single_step_improves_what_was_chosen(judge):
+    chosen, rows = select(judge)
+    assert sum(row.chosen for row in rows) >= len(chosen)
+    for term in judge.evidence.blocks:
+        others = tuple(other for other in chosen if other != term)
+        needs = judge.needs.get(term)
+        if needs is not None and term in chosen:
+            assert needs in chosen
+        if any(judge.needs.get(other) == term for other in others):
+            continue
+        if needs is not None and needs not in chosen:
+            continue
+        assert (judge.worth(judge.tried(term, others)) > 0) == (term in chosen)
+
+
+@settings(max_examples=60)
+@given(judges())
+def test_every_step_lowers_the_criterion(judge):
+    """Against the criterion of whole models, by one fit of each."""
+    _, rows = select(judge)
+    whole = judge.evidence.whole
+    own = judge.evidence.own
+    model, values = (), []
+    for row in [None, *(row for row in rows if row.chosen)]:
+        if row is not None:
+            adding = row.direction == "add"
+            model = (*model, row.term) if adding else tuple(t for t in model if t != row.term)
+        places = np.concatenate([own, *(judge.evidence.blocks[t] for t in model)]).astype(int)
+        part = whole.gradient[places]
+        gain = part @ np.linalg.solve(whole.information[np.ix_(places, places)], part)
+        values.append(-gain + (len(places) - len(own)) * np.log(1000))
+    if judge.by == "bic":
+        assert np.all(np.diff(values) < 1e-6 * np.abs(values[:-1]))
