@@ -11,7 +11,6 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import scipy
 from joblib import Parallel, delayed
 from threadpoolctl import threadpool_limits
