@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from constraints.arrays import Array
+from estimation.estimators.deviating import DeviatingMachine
 from estimation.estimators.experiment import Experiment
 from estimation.estimators.knowledge import Knowledge
 from estimation.kinematics.fourier_fit import length_equations
@@ -23,6 +24,7 @@ from estimation.measurement_model import HarmonicMotion, predict_forces
 from estimation.measurement_model.normal_equations import Filter, NormalEquations, Rows
 from estimation.measurement_model.prediction import chunks
 from expdesign.robot import Robot
+from expdesign.robot.deviation import estimated_constants
 
 
 def force_equations(
@@ -88,11 +90,18 @@ def cramer_rao_covariance(
 ) -> Array:
     """Return the bound at (p, ξ) as a covariance, (m, m); zero for fixed parameters.
 
-    Priors count as data. The friction signs are the plain ones at `motions` when the experiments
+    Priors count as data. Constants of terms that are estimated are unknowns, too, and stand where
+    the robot has them. The friction signs are the plain ones at `motions` when the experiments
     have no spread of their rates (`Experiment.spread` zero), else the expected ones.
     """
-    equations = [
-        joint_equations(robot, experiment, motion, values, knowledge.free)
-        for experiment, motion in zip(experiments, motions, strict=True)
-    ]
-    return knowledge.full(knowledge.inverse(reduced_information(equations, knowledge)))
+    pairs = tuple(zip(experiments, motions, strict=True))
+    constants = estimated_constants(robot)
+    if not constants:
+        equations = [joint_equations(robot, *each, values, knowledge.free) for each in pairs]
+        return knowledge.full(knowledge.inverse(reduced_information(equations, knowledge)))
+    machine = DeviatingMachine.of(robot, constants, np.zeros(len(constants)))
+    equations = [machine.joint_equations(*each, values, knowledge.free) for each in pairs]
+    known = knowledge.with_deviations(constants)
+    inverse = known.inverse(reduced_information(equations, known))
+    count = int(np.count_nonzero(knowledge.free))
+    return knowledge.full(inverse[:count, :count])

@@ -214,7 +214,8 @@ def _bound(
     if any(experiment.fit is None for experiment in experiments):
         return None
     motions = [experiment.motion for experiment in experiments]
-    values = list(estimates.values())[-1].values
+    last = list(estimates.values())[-1]
+    robot, values = estimated_machine(robot, last.systematic).robot, last.values
     return cramer_rao_covariance(robot, experiments, motions, knowledge, values)
 
 

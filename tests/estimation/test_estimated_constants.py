@@ -80,7 +80,7 @@ def _constants(found):
 
 
 def test_both_estimators_find_them_with_the_spread_they_state():
-    true, runs = np.array([PITCH, VELOCITY]), 12
+    true, runs = np.array([PITCH, VELOCITY]), 8
     off, parameters = {"gm": [], "ml": []}, []
     for seed in range(runs):
         result = estimate(_run(estimate={"estimators": ["gm", "ml"]}), _data(seed), MOTION)
@@ -198,6 +198,12 @@ def test_what_is_written_of_them(tmp_path):
     saved = read_estimate(tmp_path, robot_from(run.robot)).estimate
     np.testing.assert_allclose(saved.systematic.values, result["ml"].systematic.values)
     np.testing.assert_allclose(saved.covariance_random, result["ml"].covariance_random)
+
+
+def test_the_bound_counts_them():
+    """No less than the covariance of maximum likelihood, which has them among its unknowns."""
+    gm, ml = (estimate(_run(estimate={"estimators": [n]}), _data(7), MOTION) for n in ("gm", "ml"))
+    np.testing.assert_allclose(np.sqrt(np.diag(gm.bound)), ml["ml"].std, rtol=0.02)
 
 
 def test_residuals_are_those_of_the_machine_that_was_found():

@@ -23,7 +23,12 @@ COUNT = 8
 def loaded():
     """Return PaLiDA with terms of which one depends on the load of the actuators."""
     palida = load_robot_description("palida").description.model_dump(mode="json", by_alias=True)
-    terms = [*DEFAULT, "force_offset", "load_friction"]
+    compensation = {"base_x": 0.1, "base_y": 0, "base_z": -1.3, "length": 0.7}
+    terms = [
+        *(*DEFAULT, "force_offset", {"cogging": {"pitch": 0.024}}, "cogging_second"),
+        *({"gravity_compensation": compensation}, {"payload": {"x": 0.05}}, "load_friction"),
+        *("asymmetric_friction", "quadratic_friction", "cubic_friction"),
+    ]
     return robot_from(load_run({"name": "n", "robot": palida | {"terms": terms}}).robot)
 
 

@@ -1,6 +1,7 @@
 """Terms: the blocks of the regressor, and one that no file of the package knows."""
 
 import json
+import pickle
 from pathlib import Path
 
 import casadi as ca
@@ -51,6 +52,10 @@ def test_every_term_is_declared_once():
     folder = Path(catalogue.__file__).parent / "terms"
     assert set(TERMS) == {path.stem for path in folder.glob("*.py")} - {"__init__"}
     assert len(known_parameters()) == len(parameters_of(tuple(TERMS.values())))
+
+
+def test_terms_reach_other_processes():
+    assert pickle.loads(pickle.dumps(TERMS)) == TERMS
 
 
 def test_the_default_is_listed_in_full(palida):

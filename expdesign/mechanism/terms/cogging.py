@@ -51,10 +51,14 @@ def parameters_of(letter: str, order: str) -> tuple[Parameter, ...]:
     )
 
 
+def _columns(instant: Instant) -> Columns:
+    return columns_of(instant, 1)
+
+
 TERM = Term(
     name="cogging",
     meaning="forces of the actuators with the period of a pitch, such as that of their magnets",
     parameters=parameters_of("c", "first"),
-    columns=lambda instant: columns_of(instant, 1),
+    columns=_columns,
     constants=(Constant(PITCH, "m", "stroke of an actuator in which they repeat", positive=True),),
 )

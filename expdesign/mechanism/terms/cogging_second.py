@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-from expdesign.mechanism.term import Term
+from expdesign.mechanism.term import Columns, Instant, Term
 from expdesign.mechanism.terms import cogging
+
+
+def _columns(instant: Instant) -> Columns:
+    return cogging.columns_of(instant, 2)
+
 
 TERM = Term(
     name="cogging_second",
     meaning="the same with half the period, beside it",
     parameters=cogging.parameters_of("d", "second"),
-    columns=lambda instant: cogging.columns_of(instant, 2),
+    columns=_columns,
     beside=cogging.TERM.name,
 )
