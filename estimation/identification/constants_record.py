@@ -29,10 +29,13 @@ class ConstantKeys:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ConstantRow(ConstantKeys):
-    """A row of `tables/constants.csv`."""
-
+class _OfEstimator:
     estimator: Annotated[str, described("", "ls, gm or ml")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ConstantRow(ConstantKeys, _OfEstimator):
+    """A row of `tables/constants.csv`."""
 
 
 def constants_found(robot: Robot, systematic: Systematic | None) -> tuple[ConstantKeys, ...]:
