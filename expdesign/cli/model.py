@@ -12,7 +12,7 @@ from expdesign.cli.output import JsonOption, results, say, write_json
 if TYPE_CHECKING:
     from estimation.controlmodel.record import ControlModelFile
 
-_WIDTH = "--sign-width"
+_WIDTH = "--smoothing"
 
 
 def model(

@@ -127,7 +127,7 @@ def test_the_module_of_a_folder_tests_itself_and_predicts_as_the_identified_robo
 
 @pytest.mark.system("cc")
 def test_a_compiler_builds_tests_and_times_the_code(expdesign, folder):
-    status, out, _ = expdesign("model", folder, "--format", "c", "--sign-width", "2 mm/s", "--json")
+    status, out, _ = expdesign("model", folder, "--format", "c", "--smoothing", "2 mm/s", "--json")
     assert status == 0
     found = json.loads(out)
     assert found["sign_width"] == 0.002
@@ -159,8 +159,8 @@ def test_a_robot_file_that_was_changed_since_is_told(expdesign, folder):
     [
         (["--format", "java"], "--format"),
         ([], "--format"),
-        (["--format", "c", "--sign-width", "-1"], "--sign-width"),
-        (["--format", "c", "--sign-width", "3 kg"], "--sign-width"),
+        (["--format", "c", "--smoothing", "-1"], "--smoothing"),
+        (["--format", "c", "--smoothing", "3 kg"], "--smoothing"),
     ],
 )
 def test_bad_options_are_refused(expdesign, folder, arguments, named):
