@@ -130,6 +130,6 @@ def summary(table: pd.DataFrame) -> str:
     wrong = int(np.count_nonzero(table["agrees"] == _WRONG))
     return (
         f"{len(table) - wrong} of {len(table)} machines: the same rank, null space, coefficients "
-        f"and forces by both ways, within {_ROUNDING:g}. The random states of the first are 400 "
+        f"and forces by both ways, within {_ROUNDING:g}. The random states of the first are 250 "
         "within the limits; the 10 000 of the other know no limits."
     )

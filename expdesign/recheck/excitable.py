@@ -25,7 +25,7 @@ from expdesign.information.identifiable import IDENTIFIABLE, BaseParameters
 from expdesign.recheck.random_states import random_states
 from expdesign.robot import Robot
 
-STATES = 400
+STATES = 250
 _FEWEST = 100
 """States that tell something: of a machine whose limits hardly any state keeps nothing is said."""
 _UNSAID = 0.25

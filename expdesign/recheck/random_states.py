@@ -14,7 +14,7 @@ from expdesign.robot.limit_model import states_at_rest
 
 _DRAWS = 8
 """Batches that are drawn at most: of a batch some states are always within the limits."""
-_BISECTIONS = 10
+_BISECTIONS = 6
 
 
 def random_states(robot: Robot, count: int, seed: int = 0) -> tuple[Array, Array, Array]:

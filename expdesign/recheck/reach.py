@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -57,6 +58,7 @@ class Reach:
     ahead: Stop
 
 
+@lru_cache(maxsize=8)
 def reach(robot: Robot) -> tuple[Reach, ...]:
     """Return how far each coordinate goes from home alone, at rest, until a limit stops it.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from expdesign.experiment.combinations import KnownCombination
 from results.notation import counted
@@ -11,7 +11,7 @@ from results.report.table import Column, ReportTable
 
 
 def combination_blocks(
-    key: str, found: Sequence[KnownCombination], parameters: int
+    key: str, found: Sequence[KnownCombination], asked: Iterable[str]
 ) -> tuple[Block, ...]:
     """Return the combinations in which others matter; nothing of a folder that has none.
 
@@ -20,12 +20,14 @@ def combination_blocks(
     key : str
         Name of the table in the page.
     found : sequence of KnownCombination
-    parameters : int
-        That the design judges, or that were estimated, with those that regroup.
+    asked : iterable of str
+        The parameters that a design judges, or that were estimated.
     """
     together = [row for row in found if row.together]
     if not found:
         return ()
+    regrouped = (name for row in found for name in row.regrouped.split(", ") if name)
+    parameters = len({*asked, *regrouped})
     if not together:
         if len(found) == parameters:
             text = f"All {counted(parameters, 'parameter')} are identified each for itself."

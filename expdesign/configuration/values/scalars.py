@@ -118,8 +118,9 @@ def word_for_none(
                 return accepted(value, handler)
             read = accepted(value)
         except PydanticCustomError as error:
-            allowed = f"{word}, or {(error.context or {})['allowed']}"
-            raise refusal(error.message(), allowed) from None
+            found = error.context or {}
+            allowed = f"{word}, or {found['allowed']}"
+            raise refusal(error.message(), allowed, found["nearest"]) from None
         return handler(read)
 
     return WrapValidator(check), PlainSerializer(lambda value: word if value is None else value)
@@ -136,7 +137,8 @@ def word_or(word: str, otherwise: BeforeValidator) -> BeforeValidator:
             return accepted(value)
         except PydanticCustomError as error:
             allowed = f"{word}, or {(error.context or {})['allowed']}"
-            raise refusal(error.message(), allowed) from None
+            meant = partial(nearest, value, (word,))
+            raise refusal(error.message(), allowed, meant) from None
 
     return BeforeValidator(check)
 

@@ -54,7 +54,9 @@ def design_report(folder: RunFolder) -> StageReport:
         *_gains(sensitivity),
         *folder.figures(*DESIGN_FIGURES[:5]),
         parameters_table(record),
-        *_combinations(record),
+        *combination_blocks(
+            "design_combinations", record.base_parameters, record.summary.parameters
+        ),
         *folder.figures(*DESIGN_FIGURES[5:7]),
         _starts_table(record),
         *folder.figures(*DESIGN_FIGURES[7:]),
@@ -125,12 +127,6 @@ def parameters_table(record: DesignRecord) -> ReportTable:
         f"{_TOLERANCES if shared else ''}"
     )
     return ReportTable.of("parameters", caption, columns, record.parameters)
-
-
-def _combinations(record: DesignRecord) -> tuple[Block, ...]:
-    base = record.configuration.run.design.parameters == "base"
-    judged = record.robot.parameter_names if base else record.summary.parameters
-    return combination_blocks("design_combinations", record.base_parameters, len(judged))
 
 
 _TOLERANCES = (

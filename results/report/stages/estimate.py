@@ -86,16 +86,6 @@ def estimates_table(record: EstimateRecord, truth: Mapping[str, float] | None) -
     return ReportTable.of("estimates", caption, columns, record.by_estimator()[best])
 
 
-def _asked_for(summary: EstimateFile) -> int:
-    """Return how many parameters were estimated, each for itself or in a combination."""
-    regrouped = {
-        name
-        for row in summary.best_estimator.base_parameters
-        for name in filter(None, row.regrouped.split(", "))
-    }
-    return len({*summary.parameters} - {*summary.fixed} | regrouped)
-
-
 def _estimators_table(record: EstimateRecord) -> ReportTable:
     tables = record.by_estimator()
     first = next(iter(tables.values()))
@@ -125,7 +115,8 @@ def _blocks(
     blocks += selection_blocks(folder, record)
     blocks += budget_blocks(record)
     together = summary.best_estimator.base_parameters
-    blocks += combination_blocks("estimate_combinations", together, _asked_for(summary))
+    free = {*summary.parameters} - {*summary.fixed}
+    blocks += combination_blocks("estimate_combinations", together, free)
     weak = [combination.text for combination in summary.best_estimator.combinations]
     if weak and not together:  # a folder of an earlier version
         text = "What counts only together with others: " + "; ".join(weak)
