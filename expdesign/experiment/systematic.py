@@ -120,5 +120,6 @@ def _bases(trajectory: FourierTrajectory, times: Array) -> tuple[Array, ...]:
 
 def _rows(columns: Array, white: Array) -> Array:
     """Return columns (S, 6, …) scaled to unit covariance, one row per channel and sample."""
-    flat = columns.reshape(*columns.shape[:2], -1)
-    return np.matmul(white, flat).reshape(-1, flat.shape[2])
+    count = int(np.prod(columns.shape[2:]))
+    flat = columns.reshape(*columns.shape[:2], count)
+    return np.matmul(white, flat).reshape(flat.shape[0] * flat.shape[1], count)
