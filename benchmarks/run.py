@@ -32,6 +32,7 @@ NAMES = (
     "term_selection",
     "multibody",
     "tolerances",
+    "constants",
     "calls",
     "screws",
     "imported",

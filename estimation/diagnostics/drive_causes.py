@@ -72,7 +72,7 @@ def _friction(suspects: Suspects) -> Iterator[Cause]:
             "friction does not rise near standstill",
             "friction near standstill is not that of the model",
             "add `stribeck`, with a `velocity` like the one named, to the robot's `terms`: it is "
-            "estimated with everything else",
+            "estimated with everything else, and so is the velocity with `estimate: true`",
         ),
         noun="friction near standstill",
         absent="friction near standstill is that of the model (p = {p:.2g})",

@@ -17,8 +17,8 @@ from expdesign.mechanism.hexapod import ACTUATORS
 _NOT_PERIODIC = Assumption(
     "no position-periodic force",
     "a force is periodic in the strut's length",
-    "compensate it in the drives or add it to the model: it biases the parameters by more than "
-    "their intervals show",
+    "compensate it in the drives, or add `cogging` with this `pitch` to the robot's `terms` (and "
+    "`cogging_second` for half of it): it biases the parameters by more than their intervals show",
 )
 _PERIODIC_FORCE = "a position-periodic force"
 

@@ -23,7 +23,7 @@ from expdesign.mechanism.catalogue import TERMS
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.term import Term, parameters_of
 from expdesign.robot import Robot
-from expdesign.robot.deviation import deviations, tolerated
+from expdesign.robot.deviation import Deviation, deviations, estimated_constants, tolerated
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,13 +72,20 @@ class Suspects:
     def tolerated(self) -> tuple[Signature, Array]:
         """Return the columns of all that has a tolerance, and 1/std² of each, (t,).
 
-        None after pointwise kinematics.
+        Constants of terms that are estimated are among them. None after pointwise kinematics.
         """
-        entries = tolerated(self.robot) if self.motion is not None else ()
+        entries = self._inexact if self.motion is not None else ()
         if not entries:
             return self._of_forces(np.zeros((*self.part.forces.shape, 0))), np.zeros(0)
         precision = np.array([each.std**-2 for each in entries])
         return self.deviations([each.name for each in entries]), precision
+
+    @cached_property
+    def _inexact(self) -> tuple[Deviation, ...]:
+        constants = estimated_constants(self.robot)
+        names = {one.name for one in constants}
+        others = (one for one in tolerated(self.robot) if one.name not in names)
+        return (*constants, *others)
 
     def delay(self, seconds: float) -> Signature:
         """Return what a delay of the forces by so much adds, N per second of it.
@@ -106,7 +113,10 @@ class Suspects:
         robot, experiment, motion, part = self.robot, self.experiment, self.motion, self.part
         if motion is None:
             raise ValueError("pointwise kinematics have no motion that deviations could move")
-        wanted = [each for each in deviations(robot) if each.group in _GEOMETRIC or each.std > 0]
+        inexact = {each.name for each in self._inexact}
+        wanted = [
+            each for each in deviations(robot) if each.group in _GEOMETRIC or each.name in inexact
+        ]
         signs = experiment.signs(robot, motion)
         own_clock = experiment.record.own_clock
         forces = deviation_forces(

@@ -18,7 +18,7 @@ from estimation.estimators.experiment import Experiment
 from estimation.kinematics.friction_signs import expected_signs
 from estimation.measurement_model import HarmonicMotion, predict_lengths
 from estimation.measurement_model.deviation import deviation_lengths, predict_deviating_forces
-from estimation.measurement_model.normal_equations import NormalEquations, Rows
+from estimation.measurement_model.normal_equations import Filter, NormalEquations, Rows
 from estimation.measurement_model.prediction import chunks
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.robot import Robot
@@ -140,17 +140,7 @@ class DeviatingMachine:
         free: NDArray[np.bool_],
     ) -> NormalEquations:
         """Return what an experiment says of the free parameters, of θ and of ξ, in this order."""
-        forces, lengths, noise = (
-            experiment.record.forces,
-            experiment.record.lengths,
-            experiment.noise,
-        )
-
-        def force_rows(part: slice) -> Rows:
-            found = self.forces(experiment, motion, values, part)
-            columns = (found.regressors[:, :, free], found.deviations, found.slope)
-            residuals = forces.values[part] - found.regressors @ values
-            return residuals, np.concatenate(columns, axis=2), forces.counts[part]
+        lengths, noise = experiment.record.lengths, experiment.noise
 
         def length_rows(part: slice) -> Rows:
             found = self.lengths(experiment, motion, part)
@@ -161,9 +151,32 @@ class DeviatingMachine:
         of_motion = NormalEquations.of(
             map(length_rows, parts), noise.lengths.covariance, noise.lengths.filter
         )
-        return NormalEquations.of(
-            map(force_rows, parts), noise.forces.covariance, noise.forces.filter
-        ).with_motion(of_motion)
+        own = noise.forces.covariance, noise.forces.filter
+        return self.force_equations(experiment, motion, values, free, *own).with_motion(of_motion)
+
+    def force_equations(
+        self,
+        experiment: Experiment,
+        motion: HarmonicMotion,
+        values: Array,
+        free: NDArray[np.bool_],
+        covariance: Array,
+        noise_filter: Filter | None,
+    ) -> NormalEquations:
+        """Return what the forces of an experiment say of them.
+
+        The rows are weighted with the inverse of the covariance, (6, 6), behind the filter.
+        """
+        forces = experiment.record.forces
+
+        def rows(part: slice) -> Rows:
+            found = self.forces(experiment, motion, values, part)
+            columns = (found.regressors[:, :, free], found.deviations, found.slope)
+            residuals = forces.values[part] - found.regressors @ values
+            return residuals, np.concatenate(columns, axis=2), forces.counts[part]
+
+        parts = chunks(experiment.record.samples)
+        return NormalEquations.of(map(rows, parts), covariance, noise_filter)
 
     @property
     def delay(self) -> float:

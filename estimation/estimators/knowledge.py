@@ -16,6 +16,7 @@ from estimation.estimators.earlier import EarlierEstimate
 from expdesign.configuration import ComputationError
 from expdesign.configuration.sections.data import EstimateSection
 from expdesign.information.fisher import ScaledInformation
+from expdesign.mechanism.catalogue import known_parameters
 from expdesign.robot import Robot
 from expdesign.robot.deviation import Deviation
 
@@ -31,9 +32,15 @@ class UnidentifiableError(ComputationError):
 
     def __init__(self, names: tuple[str, ...]) -> None:
         self.names = names
+        remedy = "Fix them (estimate.fixed) or give a prior (estimate.prior)"
+        if not set(names) <= set(known_parameters()):
+            remedy = (
+                "Fix parameters (estimate.fixed), take constants of terms as they are (estimate: "
+                "false), or give a prior (estimate.prior, tolerances.terms)"
+            )
         super().__init__(
             f"the data do not determine {', '.join(names)}: the information matrix is singular. "
-            "Fix them (estimate.fixed) or give a prior (estimate.prior)",
+            f"{remedy}",
             {"undetermined": list(names)},
         )
 
@@ -99,7 +106,7 @@ class Knowledge:
             "start": zero,
             "prior_mean": zero,
             "prior_precision": std**-2,
-            "lower": -endless,
+            "lower": np.array([each.lower for each in deviations]),
             "upper": endless,
         }
         wider: dict[str, Any] = {

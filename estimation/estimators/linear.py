@@ -4,23 +4,38 @@ Both minimise Σ c (q − A p)ᵀ W (q − A p) plus the prior's part; LS with W
 variance, so that priors have their weight), GM with W = Σ⁻¹, behind the filter that makes the noise
 white where it is not. Their covariance counts the noise as it is either way, and that of the
 lengths through B = −∂p̂/∂ξ.
+
+Constants of terms that are estimated, too, enter by variable projection: p is the best one at
+every θ, and θ moves by the Gauss–Newton step of both together (Golub and Pereyra, SIAM Journal on
+Numerical Analysis 10, 1973, in Kaufman's form), shortened until the sum of squares falls. At the
+end both count alike in the covariance.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from constraints.arrays import Array
+from estimation.estimators.deviating import DeviatingMachine
 from estimation.estimators.experiment import Experiment
 from estimation.estimators.influence import Influence
 from estimation.estimators.joint import force_equations
 from estimation.estimators.knowledge import Knowledge
 from estimation.estimators.result import ParameterEstimate, precision
+from estimation.estimators.systematic import systematic_share
 from estimation.measurement_model.normal_equations import Filter, NormalEquations
 from expdesign.robot import Robot
+from expdesign.robot.deviation import Deviation, estimated_constants
+
+_STEPS = 30
+_HALVINGS = 8
+_CONVERGED = 1e-3
+"""Of the constants, in their standard deviations: the step after one so short is not looked for."""
 
 
 def weighting_covariance(estimator: str, covariance: Array) -> Array:
@@ -35,82 +50,220 @@ def linear_estimate(
 ) -> ParameterEstimate:
     """Estimate the parameters with equal weights, ``"ls"``, or with the full Σ, ``"gm"``.
 
+    Constants of terms that the robot file says to estimate are found with them.
+
     Raises
     ------
     UnidentifiableError
         The data (and priors) do not determine every free parameter.
+    ValueError
+        Constants are to be estimated along pointwise kinematics.
     """
     began = time.perf_counter()
-    free, start, prior = knowledge.free, knowledge.start, knowledge.precision
-    information = prior
-    gradient = prior @ (knowledge.prior_mean - start)[free]
-    noises = [experiment.noise.forces for experiment in experiments]
-    weightings = [weighting_covariance(estimator, noise.covariance) for noise in noises]
-    filters = [noise.filter if estimator == "gm" else None for noise in noises]
-    cost = 0.0
-    for experiment, weighting, noise_filter in zip(experiments, weightings, filters, strict=True):
-        rows = (
-            experiment.forces - experiment.fitted_regressors @ start,
-            experiment.fitted_regressors[:, :, free],
-            experiment.counts,
-        )
-        fitted = NormalEquations.of([rows], weighting, noise_filter)
-        information = information + fitted.matrix
-        gradient = gradient + fitted.gradient
-        cost += fitted.cost
-    values = start.copy()
-    move = knowledge.best_step(information, gradient, start)
-    values[free] += move
-    inverse = knowledge.inverse(information)
-    # Σ c (q − A p)ᵀ W (q − A p), the prior's part left out.
-    data_gradient = gradient - prior @ (knowledge.prior_mean - start)[free]
-    cost += float(move @ (information - prior) @ move - 2 * data_gradient @ move)
+    constants = estimated_constants(robot)
+    if constants and any(experiment.fit is None for experiment in experiments):
+        raise ValueError("constants of terms are estimated along fitted motions only")
+    problem = _Problem(robot, tuple(experiments), knowledge, estimator, constants)
+    fit, iterations, status = _converged(problem)
+    inverse = fit.inverse
+    count = int(np.count_nonzero(knowledge.free))
+    machine = fit.machine if constants else None
     influences = [
-        Influence(
-            robot=robot,
-            experiment=experiment,
-            motion=None if experiment.fit is None else experiment.fit.motion,
-            values=values,
-            free=free,
-            weighting=weighting,
-            weighted_by_noise=estimator == "gm",
-            force_gain=inverse,
-            length_gain=_length_gain(
-                robot, experiment, knowledge, weighting, noise_filter, values, inverse
-            ),
-        )
-        for experiment, weighting, noise_filter in zip(
-            experiments, weightings, filters, strict=True
+        _influence(problem, fit, experiment, weighting, inverse[:count], number, machine)
+        for number, (experiment, weighting) in enumerate(
+            zip(fit.experiments, problem.weightings, strict=True)
         )
     ]
-    return ParameterEstimate(
+    own = inverse[:count, :count]
+    found = ParameterEstimate(
         estimator=estimator,
-        values=values,
-        **precision(influences, knowledge, inverse @ prior @ inverse),
+        values=fit.values,
+        **precision(influences, knowledge, own @ knowledge.precision @ own),
         motions=tuple(e.fit.motion for e in experiments if e.fit is not None),
-        cost=cost,
-        iterations=1,
-        converged=True,
-        status="solved (linear)",
+        cost=fit.cost,
+        iterations=iterations,
+        converged=status == "",
+        status=status or ("solved" if constants else "solved (linear)"),
         seconds=time.perf_counter() - began,
     )
+    if not constants:
+        return found
+    std = np.sqrt(np.diag(inverse)[count:])
+    systematic = systematic_share(influences, constants, knowledge.free, fit.theta, std)
+    return replace(found.with_systematic(systematic), seconds=time.perf_counter() - began)
 
 
-def _length_gain(
-    robot: Robot,
+@dataclass(frozen=True, eq=False)
+class _Problem:
+    robot: Robot
+    experiments: tuple[Experiment, ...]
+    knowledge: Knowledge
+    estimator: str
+    constants: tuple[Deviation, ...]
+    """Entries of θ that are estimated, too."""
+
+    @cached_property
+    def weightings(self) -> list[Array]:
+        """W⁻¹ of every experiment, (6, 6)."""
+        noises = [experiment.noise.forces for experiment in self.experiments]
+        return [weighting_covariance(self.estimator, noise.covariance) for noise in noises]
+
+    @cached_property
+    def filters(self) -> list[Filter | None]:
+        noises = [experiment.noise.forces for experiment in self.experiments]
+        return [noise.filter if self.estimator == "gm" else None for noise in noises]
+
+    @cached_property
+    def known(self) -> Knowledge:
+        """What is known of the parameters, and of θ behind them."""
+        return self.knowledge.with_deviations(self.constants) if self.constants else self.knowledge
+
+    def at(self, theta: Array) -> _Fit:
+        """Return the best parameters at θ."""
+        machine = DeviatingMachine.of(self.robot, self.constants, theta)
+        present = self.experiments
+        if np.any(theta != 0):
+            present = tuple(experiment.of_robot(machine.robot) for experiment in present)
+        free, start, prior = self.knowledge.free, self.knowledge.start, self.knowledge.precision
+        information = prior
+        gradient = prior @ (self.knowledge.prior_mean - start)[free]
+        cost = 0.0
+        for experiment, weighting, noise_filter in zip(
+            present, self.weightings, self.filters, strict=True
+        ):
+            rows = (
+                experiment.forces - experiment.fitted_regressors @ start,
+                experiment.fitted_regressors[:, :, free],
+                experiment.counts,
+            )
+            fitted = NormalEquations.of([rows], weighting, noise_filter)
+            information = information + fitted.matrix
+            gradient = gradient + fitted.gradient
+            cost += fitted.cost
+        values = start.copy()
+        move = self.knowledge.best_step(information, gradient, start)
+        values[free] += move
+        # Σ c (q − A p)ᵀ W (q − A p), the prior's part left out.
+        data_gradient = gradient - prior @ (self.knowledge.prior_mean - start)[free]
+        cost += float(move @ (information - prior) @ move - 2 * data_gradient @ move)
+        return _Fit(self, machine, present, theta, values, cost, information)
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """The best parameters at θ."""
+
+    problem: _Problem
+    machine: DeviatingMachine
+    experiments: tuple[Experiment, ...]
+    """With A at θ."""
+    theta: Array
+    values: Array
+    cost: float
+    linear: Array
+    """(k, k), information on the parameters alone, θ held."""
+
+    @property
+    def total(self) -> float:
+        """Cost with the priors' parts."""
+        known = self.problem.known
+        off = (np.concatenate([self.values, self.theta]) - known.prior_mean)[known.free]
+        return self.cost + float(off @ known.precision @ off)
+
+    @cached_property
+    def equations(self) -> list[NormalEquations]:
+        """What the forces of every experiment say of the parameters, θ and ξ."""
+        problem = self.problem
+        found = []
+        for experiment, weighting, noise_filter in zip(
+            self.experiments, problem.weightings, problem.filters, strict=True
+        ):
+            motion = experiment.motion if experiment.fit is None else experiment.fit.motion
+            own = self.values, problem.knowledge.free, weighting, noise_filter
+            found.append(
+                self.machine.force_equations(experiment, motion, *own)
+                if problem.constants
+                else force_equations(problem.robot, experiment, motion, *own)
+            )
+        return found
+
+    @cached_property
+    def information(self) -> Array:
+        """(k + t, k + t), on the parameters and θ, priors included."""
+        count = len(self.problem.known.precision)
+        if not self.problem.constants:
+            return self.linear
+        data = sum(each.matrix[:count, :count] for each in self.equations)
+        return self.problem.known.precision + data
+
+    @cached_property
+    def inverse(self) -> Array:
+        return self.problem.known.inverse(self.information)
+
+    def step(self) -> tuple[Array, float]:
+        """Return the step of θ, and its length in standard deviations."""
+        known, count = self.problem.known, len(self.linear)
+        at = np.concatenate([self.values, self.theta])
+        gradient = known.precision @ (known.prior_mean - at)[known.free]
+        gradient = gradient + sum(each.gradient[: len(gradient)] for each in self.equations)
+        move = known.best_step(self.information, gradient, at)[count:]
+        within = self.inverse[count:, count:]
+        return move, float(np.sqrt(move @ np.linalg.solve(within, move)))
+
+
+def _converged(problem: _Problem) -> tuple[_Fit, int, str]:
+    """Return the best fit, the steps of θ that it took, and what is wrong with it."""
+    fit = problem.at(np.zeros(len(problem.constants)))
+    if not problem.constants:
+        return fit, 1, ""
+    for number in range(1, _STEPS + 1):
+        move, length = fit.step()
+        trial = problem.at(fit.theta + move)
+        for _ in range(_HALVINGS):
+            if trial.total <= fit.total:
+                break
+            move = move / 2
+            trial = problem.at(fit.theta + move)
+        if trial.total <= fit.total:
+            fit = trial
+        if length < _CONVERGED:
+            return fit, number, ""
+        if fit is not trial:
+            return fit, number, "no step improves the fit any more"
+    return fit, _STEPS, "stopped at the most iterations allowed"
+
+
+def _influence(
+    problem: _Problem,
+    fit: _Fit,
     experiment: Experiment,
-    knowledge: Knowledge,
     weighting: Array,
-    noise_filter: Filter | None,
-    values: Array,
-    inverse: Array,
-) -> Array | None:
-    """Return −B Cov(ξ̂), B = −∂p̂/∂ξ = F⁻¹ Σ c Aᵀ W ∂(A p)/∂ξ; None after pointwise kinematics."""
-    fit = experiment.fit
-    if fit is None:
-        return None
-    equations = force_equations(
-        robot, experiment, fit.motion, values, knowledge.free, weighting, noise_filter
+    gain: Array,
+    number: int,
+    machine: DeviatingMachine | None,
+) -> Influence:
+    """Return how the errors of one experiment move the parameters.
+
+    `gain`, (k, k + t), is that of the columns of the parameters and of θ. The lengths move them by
+    −B Cov(ξ̂), B = −∂p̂/∂ξ = F⁻¹ Σ c Uᵀ W ∂(A p)/∂ξ; not known after pointwise kinematics.
+    """
+    motion, length_gain, force_gain = None, None, gain
+    if experiment.fit is not None:
+        motion, count = experiment.fit.motion, gain.shape[1]
+        matrix = fit.equations[number].matrix
+        length_gain = -gain @ matrix[:count, count:] @ experiment.fit.covariance
+        if machine is not None:
+            force_gain = np.pad(gain, ((0, 0), (0, motion.unknowns)))
+            length_gain = np.pad(length_gain, ((0, 0), (len(machine.chosen), 0)))
+    return Influence(
+        robot=problem.robot,
+        experiment=experiment,
+        motion=motion,
+        values=fit.values,
+        free=problem.knowledge.free,
+        weighting=weighting,
+        weighted_by_noise=problem.estimator == "gm",
+        force_gain=force_gain,
+        length_gain=length_gain,
+        machine=machine,
     )
-    count = len(inverse)
-    return -inverse @ equations.matrix[:count, count:] @ fit.covariance

@@ -26,7 +26,7 @@ from estimation.measurement_model import HarmonicMotion
 from estimation.measurement_model.normal_equations import Elimination, NormalEquations
 from expdesign.progress import tell
 from expdesign.robot import Robot
-from expdesign.robot.deviation import Deviation
+from expdesign.robot.deviation import Deviation, estimated_constants
 
 _STEPS = 40
 _CONVERGED = 1e-2
@@ -56,7 +56,7 @@ def maximum_likelihood(
         The Gauss–Markov estimate.
     deviations : sequence of Deviation
         Entries of θ that are estimated, too, with their tolerances as priors: one θ for all
-        experiments.
+        experiments. Constants of terms that the robot file says to estimate come before them.
 
     Raises
     ------
@@ -66,12 +66,18 @@ def maximum_likelihood(
         An experiment has pointwise kinematics.
     """
     began = time.perf_counter()
+    constants = estimated_constants(robot)
+    named = {one.name for one in constants}
+    deviations = (*constants, *(one for one in deviations if one.name not in named))
     if any(experiment.fit is None for experiment in experiments):
         raise ValueError("maximum likelihood needs motions that were fitted by Fourier series")
     # θ stands behind the parameters and is treated as such, with its tolerances as priors.
     known = knowledge.with_deviations(deviations)
-    problem = _Problem(robot, experiments, known, tuple(deviations))
-    values = np.concatenate([start.values, np.zeros(len(deviations))])
+    problem = _Problem(robot, experiments, known, deviations)
+    theta = np.zeros(len(deviations))
+    if start.systematic is not None and constants:
+        theta[: len(constants)] = start.systematic.values[: len(constants)]
+    values = np.concatenate([start.values, theta])
     motions = [experiment.motion for experiment in experiments]
     equations = problem.equations(values, motions)
     cost = problem.cost(equations, values)

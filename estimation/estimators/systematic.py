@@ -38,8 +38,23 @@ class Systematic:
 
     @property
     def scaled(self) -> Array:
-        """(m, t), D times the tolerances: what one standard deviation of every entry does."""
-        return self.response * np.array([each.std for each in self.deviations])
+        """(m, t), D times the tolerances: what one standard deviation of every entry does.
+
+        Zero of an entry that was estimated without a prior: nothing of it is left but noise.
+        """
+        std = np.array([each.std for each in self.deviations])
+        return self.response * np.where(np.isfinite(std), std, 0.0)
+
+    @property
+    def with_priors(self) -> bool:
+        """Whether something that has a tolerance was estimated."""
+        known = [std < one.std < np.inf for one, std in zip(self.deviations, self.std, strict=True)]
+        return self.estimated and any(known)
+
+    @property
+    def inexact(self) -> bool:
+        """Whether anything has a tolerance."""
+        return any(np.isfinite(one.std) for one in self.deviations)
 
     @property
     def covariance(self) -> Array:
@@ -63,7 +78,7 @@ def systematic_share(
     influences : sequence of Influence
         Of every experiment of the estimate.
     chosen : sequence of Deviation
-        At least one.
+        At least one; all that were estimated together with the parameters are among them.
     free : (m,) of bool
         Parameters that were estimated.
     values, std : (t,), optional
@@ -79,10 +94,11 @@ def systematic_share(
         motion = influence.motion
         if motion is None or influence.length_gain is None:
             return None
-        machine = influence.machine or DeviatingMachine.of(
-            influence.robot, chosen, np.zeros(len(chosen))
-        )
-        known, jumps = (influence.experiment, motion), influence.machine is None
+        found = influence.machine or DeviatingMachine.exact(influence.robot)
+        theta = dict(zip((one.name for one in found.chosen), found.theta.tolist(), strict=True))
+        at = np.array([theta.get(one.name, 0.0) for one in chosen])
+        machine = DeviatingMachine.of(influence.robot, chosen, at)
+        known, jumps = (influence.experiment, motion), "delay" not in theta
         response[free] += influence.response(
             _moved(partial(machine.forces, *known, influence.values, jumps=jumps)),
             _moved(partial(machine.lengths, *known)),

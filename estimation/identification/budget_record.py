@@ -11,7 +11,7 @@ import numpy as np
 from constraints.arrays import Array
 from estimation.estimators import Systematic
 from expdesign.mechanism.catalogue import parameter_unit
-from expdesign.runfolder import Numbers, copied, described
+from expdesign.runfolder import Numbers, OpenNumber, copied, described
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -21,7 +21,10 @@ class DeviationKeys:
     name: Annotated[str, described("", "what deviates, such as base_joint_1_x")]
     group: Annotated[str, described("", "key of its tolerance in the robot file")]
     unit: Annotated[str, described("", "SI unit of tolerance, value and std")]
-    tolerance: Annotated[float, described("see unit", "standard deviation in the robot file")]
+    tolerance: Annotated[
+        OpenNumber,
+        described("see unit", "standard deviation in the robot file; null: nothing was known"),
+    ]
     value: Annotated[float, described("see unit", "estimate; zero where it is not estimated")]
     std: Annotated[
         float, described("see unit", "its standard deviation; the tolerance where not estimated")
@@ -57,16 +60,28 @@ class SystematicKeys:
 
     @property
     def scaled(self) -> Array:
-        """(m, t), what one standard deviation of each tolerance does to each parameter, SI."""
-        return self.response * np.array([each.tolerance for each in self.deviations])
+        """(m, t), what one standard deviation of each tolerance does to each parameter, SI.
+
+        Zero of what was estimated without one.
+        """
+        tolerances = np.array([each.tolerance for each in self.deviations])
+        return self.response * np.where(np.isfinite(tolerances), tolerances, 0.0)
+
+    @property
+    def with_priors(self) -> bool:
+        """Whether something that has a tolerance was estimated."""
+        return self.estimated and any(
+            each.std < each.tolerance < np.inf for each in self.deviations
+        )
 
     @property
     def groups(self) -> dict[str, Array]:
         """Standard deviation, (m,), SI, that each group of tolerances makes."""
         groups = np.array([each.group for each in self.deviations])
+        known = [each.group for each in self.deviations if np.isfinite(each.tolerance)]
         return {
             group: np.linalg.norm(self.scaled[:, groups == group], axis=1)
-            for group in dict.fromkeys(groups.tolist())
+            for group in dict.fromkeys(known)
         }
 
 
@@ -115,7 +130,10 @@ class DeviationRow:
     deviation: Annotated[str, described("", "what deviates, such as base_joint_1_x")]
     source: Annotated[str, described("", "key of its tolerance")]
     unit: Annotated[str, described("", "SI unit of the numbers")]
-    tolerance: Annotated[float, described("see unit", "standard deviation in the robot file")]
+    tolerance: Annotated[
+        OpenNumber,
+        described("see unit", "standard deviation in the robot file; empty: nothing was known"),
+    ]
     value: Annotated[float, described("see unit", "estimate; zero where it is not estimated")]
     std: Annotated[float, described("see unit", "its standard deviation")]
 

@@ -12,10 +12,12 @@ from estimation.diagnostics.noise_record import NoiseKeys, noise_keys
 from estimation.diagnostics.record import Diagnosis, DiagnosisKeys
 from estimation.estimators import ParameterEstimate, covariance_ml_less_gm
 from estimation.identification.budget_record import SystematicKeys
+from estimation.identification.constants_record import ConstantKeys, constants_found
 from estimation.identification.result import EstimationResult, RecordSummary
 from estimation.identification.term_selection import Selection
 from estimation.uncertainty.intervals import Combination
 from expdesign.configuration import Problem
+from expdesign.robot import robot_from
 from expdesign.robot.deviation import tolerated
 from expdesign.runfolder import Numbers, OpenNumbers, RunFile, copied, described
 from expdesign.runfolder.contradiction import (
@@ -141,6 +143,10 @@ class EstimatorKeys:
         SystematicKeys | None,
         described("", "what is not known exactly, and what it does; null: taken as exact"),
     ] = None
+    constants: Annotated[
+        tuple[ConstantKeys, ...],
+        described("", "constants of terms that were estimated, as in tables/constants.csv"),
+    ] = ()
     combinations: Annotated[
         tuple[Combination, ...], described("", "what is known of parameters not identified")
     ]
@@ -161,6 +167,7 @@ class EstimatorKeys:
             freedom=np.where(np.isinf(estimate.freedom), np.nan, estimate.freedom),
             values=dict(zip(result.knowledge.names, estimate.values.tolist(), strict=True)),
             systematic=SystematicKeys.of(estimate.systematic),
+            constants=constants_found(robot_from(result.configuration.robot), estimate.systematic),
             combinations=result.combinations[estimate.estimator],
             motions=tuple(copied(FourierKeys, motion) for motion in motions),
         )
@@ -274,12 +281,12 @@ def _intervals_note(result: EstimationResult) -> str:
     systematic = result.best.systematic
     counted = all(e.noise.forces.lines is not None for e in result.experiments)
     noise = f"the noise of forces and lengths, {'as it is' if counted else 'taken for white'}"
-    if systematic is None:
+    if systematic is None or not systematic.inexact:
         return (
             f"95 %, with {noise}; they hold for exact geometry and force "
             f"constants: {_NO_TOLERANCES[bool(tolerated(result.robot))]}"
         )
-    verb = "and what is left of" if systematic.estimated else "and"
+    verb = "and what is left of" if systematic.with_priors else "and"
     return f"95 %, with {noise}, {verb} the robot's tolerances"
 
 

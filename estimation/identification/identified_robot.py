@@ -16,10 +16,11 @@ from expdesign.configuration.identification import (
     identified_name,
 )
 from expdesign.configuration.robot_description import RobotDescription
+from expdesign.configuration.tolerances import Tolerances
 from expdesign.configuration.writing import robot_yaml
 from expdesign.mechanism.hexapod import ACTUATORS
-from expdesign.robot import robot_from
-from expdesign.robot.deviation import as_in_a_file, deviated
+from expdesign.robot import Robot, robot_from
+from expdesign.robot.deviation import Deviation, as_in_a_file, deviated, estimated_constants
 
 FILE = "identified-robot.yaml"
 
@@ -29,12 +30,13 @@ def identified_robot(result: EstimationResult, diagnosis: Diagnosis | None) -> s
 
     Joints, gravity and constants are those that were estimated, where they were; their tolerances
     are then what the estimate left of them, each for itself. Tolerances of the measurement stay.
+    A constant that the file says to estimate still is: with this tolerance as its prior.
     """
     robot, best = robot_from(result.configuration.robot), result.best
     found = best.systematic
     description = robot.description.description
     if found is not None and found.estimated:
-        tolerances = _tolerances(description, best)
+        tolerances = _tolerances(description, robot, best)
         moved = as_in_a_file(deviated(robot, found.deviations, found.values).description)
         description = moved.model_copy(update={"tolerances": tolerances})
     names = result.knowledge.names
@@ -52,11 +54,13 @@ def _identification(result: EstimationResult, diagnosis: Diagnosis | None) -> Id
     best = result.best
     found = best.systematic
     verdict = None if diagnosis is None else diagnosis.verdict
-    entries = (
-        ()
-        if found is None
-        else zip(found.deviations, found.values.tolist(), found.std.tolist(), strict=True)
-    )
+    # What was estimated without a tolerance is random: its errors are in that covariance.
+    inexact = np.zeros(0, dtype=bool)
+    entries: list[tuple[Deviation, float, float]] = []
+    if found is not None:
+        inexact = np.isfinite([one.std for one in found.deviations])
+        whole = zip(found.deviations, found.values.tolist(), found.std.tolist(), strict=True)
+        entries = [entry for entry in whole if np.isfinite(entry[0].std)]
     return Identification(
         run=result.configuration.run.name,
         estimator=best.estimator,
@@ -69,15 +73,17 @@ def _identification(result: EstimationResult, diagnosis: Diagnosis | None) -> Id
             IdentifiedDeviation(name=one.name, tolerance=one.std, value=value, std=std)
             for one, value, std in entries
         ),
-        response=() if found is None else _rows(found.response),
+        response=() if found is None or not entries else _rows(found.response[:, inexact]),
     )
 
 
-def _tolerances(description: RobotDescription, best: ParameterEstimate) -> Any:
+def _tolerances(description: RobotDescription, robot: Robot, best: ParameterEstimate) -> Any:
     """Return the tolerances with what the estimate left of those of the machine."""
     given, found = description.tolerances, best.systematic
-    if given is None or found is None:
+    constants = [one.group.split(".")[1:] for one in estimated_constants(robot)]
+    if found is None or (given is None and not constants):
         return given
+    given = given or Tolerances()
     left = {
         one.name: std
         for one, std in zip(found.deviations, found.std.tolist(), strict=True)
@@ -93,10 +99,13 @@ def _tolerances(description: RobotDescription, best: ParameterEstimate) -> Any:
     tilts = [std for name, std in left.items() if name.startswith("gravity_")]
     if tilts:
         changes["gravity"] = float(np.sqrt(np.mean(np.square(tilts))))
-    if given.terms:
+    terms = {term: dict(own) for term, own in (given.terms or {}).items()}
+    for term, name in constants:
+        terms.setdefault(term, {})[name] = 0.0
+    if terms:
         changes["terms"] = {
             term: {name: left.get(f"{term}_{name}", std) for name, std in own.items()}
-            for term, own in given.terms.items()
+            for term, own in terms.items()
         }
     return given.model_copy(update=changes)
 

@@ -19,6 +19,7 @@ from estimation.identification.budget_record import (
     budget_rows,
     deviation_rows,
 )
+from estimation.identification.constants_record import ConstantRow, constant_rows
 from estimation.identification.estimate_file import EstimateFile
 from estimation.identification.identified_robot import FILE as IDENTIFIED_ROBOT
 from estimation.identification.identified_robot import identified_robot
@@ -131,6 +132,7 @@ class EstimateRecord(FolderRecord):
         "precision": RowTable("tables/precision.csv", _WRITTEN_BY, PrecisionRow),
         "budget": RowTable("tables/budget.csv", _WRITTEN_BY, BudgetRow),
         "deviations": RowTable("tables/deviations.csv", _WRITTEN_BY, DeviationRow),
+        "constants": RowTable("tables/constants.csv", _WRITTEN_BY, ConstantRow),
         "noise": RowTable("tables/noise.csv", _WRITTEN_BY, NoiseRow),
         "selection": RowTable("tables/selection.csv", _WRITTEN_BY, SelectionRow),
         "rows": ESTIMATES,
@@ -189,7 +191,12 @@ class EstimateRecord(FolderRecord):
 
     def contents(self) -> Contents:
         """Yield the tables, with those of each recording before the estimates themselves."""
-        optional = {"budget": self.budget, "deviations": self.budget, "selection": self.selection}
+        optional = {
+            "budget": self.budget,
+            "deviations": self.budget,
+            "constants": self.constants,
+            "selection": self.selection,
+        }
         unsaid = (*(self.TABLES[name] for name, rows in optional.items() if not rows), ESTIMATES)
         yield from ((table, part) for table, part in super().contents() if table not in unsaid)
         numbers = self.summary.numbers
@@ -257,7 +264,7 @@ class EstimateRecord(FolderRecord):
         return [
             row
             for estimator, entry in self.summary.estimators.items()
-            if entry.systematic is not None
+            if entry.systematic is not None and entry.systematic.groups
             for row in budget_rows(estimator, names, entry.covariance, entry.systematic)
         ]
 
@@ -275,6 +282,15 @@ class EstimateRecord(FolderRecord):
     def selection(self) -> tuple[SelectionRow, ...]:
         """Every term that was tried; empty where none was."""
         return () if self.summary.selection is None else self.summary.selection.steps
+
+    @property
+    def constants(self) -> list[ConstantRow]:
+        """Constants of terms that were estimated; empty where none was."""
+        return [
+            row
+            for estimator, entry in self.summary.estimators.items()
+            for row in constant_rows(estimator, entry.constants)
+        ]
 
     @property
     def noise(self) -> list[NoiseRow]:

@@ -121,7 +121,10 @@ def _systematic(keys: SystematicKeys | None, robot: Robot) -> Systematic | None:
     if keys is None or any(one.name not in known for one in keys.deviations):
         return None
     return Systematic(
-        tuple(replace(known[one.name], std=one.tolerance) for one in keys.deviations),
+        tuple(
+            replace(known[one.name], std=one.tolerance if np.isfinite(one.tolerance) else np.inf)
+            for one in keys.deviations
+        ),
         keys.response,
         np.array([one.value for one in keys.deviations]),
         np.array([one.std for one in keys.deviations]),

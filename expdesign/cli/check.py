@@ -117,12 +117,31 @@ def check(
         *defaults,
         *held,
         *([reserve] if reserve else []),
+        *_constants_in_words(robot),
     ):
         note(text)
     if made:
         note(made)
     for warning in warnings:
         warn(warning)
+
+
+def _constants_in_words(robot: Robot) -> list[str]:
+    """Return which constants of terms an estimate finds, and from where on."""
+    from expdesign.configuration import quantity_text
+    from expdesign.robot.deviation import estimated_constants
+
+    found = []
+    for one in estimated_constants(robot):
+        prior = f"a prior of ± {quantity_text(one.std, one.unit)} (tolerances.{one.group})"
+        term, constant = one.group.split(".")[1:]
+        described = next(t for t in robot.description.description.terms if t.name == term)
+        value = quantity_text(described.constants[constant].value, one.unit)
+        found.append(
+            f"{term}.{constant} is estimated from {value} on, with "
+            f"{prior if one.std < float('inf') else 'no prior'}"
+        )
+    return found
 
 
 def _designs_in_words(configuration: RunConfiguration) -> list[str]:

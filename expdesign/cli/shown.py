@@ -148,6 +148,8 @@ def montecarlo(outcome: Outcome) -> None:
 
 def estimate(outcome: Outcome) -> None:
     """Print the recordings, the estimates with their standard deviations, and the verdict."""
+    from estimation.uncertainty.intervals import with_error
+
     console = results()
     result, diagnosis = outcome.result
     for record in result.records:
@@ -169,6 +171,12 @@ def estimate(outcome: Outcome) -> None:
     title = "Estimates (standard deviations of the last digits)"
     heads = ("parameter", *(name.upper() for name in result.estimates), "a priori", "unit")
     console.print(_table(title, heads, rows, ("parameter", "unit")))
+    for row in outcome.record.constants:
+        if row.estimator == result.best.estimator:
+            say(
+                f"{row.constant} = {with_error(row.value, row.std)} {row.unit} (estimated from "
+                f"{row.stated:.6g} on)"
+            )
     for combination in result.combinations[result.best.estimator]:
         say(combination.text)
     if diagnosis is not None:

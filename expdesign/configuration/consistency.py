@@ -29,6 +29,7 @@ def inconsistencies(
     yield from _long_delay(run, document)
     yield from _nothing_to_estimate(run, robot, document)
     yield from _nothing_to_select(run, robot, document)
+    yield from _unfitted_constants(run, robot, document)
 
 
 def _unknown_parameters(
@@ -182,9 +183,31 @@ def _nothing_to_select(
                 f"the term '{candidate.name}' takes the constants of '{beside}'",
                 f"{beside} among the robot's terms, or listed before {candidate.name}",
             )
+        estimated = any(constant.estimate for constant in candidate.constants.values())
+        if estimated and run.estimate.differentiation != "fourier":
+            yield document.problem(
+                (*key, place),
+                f"a constant of '{candidate.name}' is estimated, which takes a motion that is a "
+                f"Fourier series; '{run.estimate.differentiation}' differentiation has none",
+                "estimate.differentiation: fourier, or estimate: false with the constant",
+            )
     if run.estimate.prior_from != "none":
         yield document.problem(
             ("estimate", "prior_from"),
             "an earlier estimate is a prior of its own terms, and estimate.select tries others",
             "none, or no estimate.select",
+        )
+
+
+def _unfitted_constants(
+    run: RunDescription, robot: ResolvedRobot, document: Document
+) -> Iterator[Problem]:
+    """Name a differentiation along which no constant of a term is estimated."""
+    named = ", ".join(robot.estimated_constants)
+    if named and run.estimate.differentiation != "fourier":
+        yield document.problem(
+            ("estimate", "differentiation"),
+            f"the robot {robot.name} has {named} estimated, which takes a motion that is a Fourier "
+            f"series; '{run.estimate.differentiation}' differentiation has none",
+            "fourier, or estimate: false with the constants",
         )

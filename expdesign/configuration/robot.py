@@ -89,6 +89,16 @@ class ResolvedRobot:
         return tuple(self.parameters)
 
     @property
+    def estimated_constants(self) -> tuple[str, ...]:
+        """Constants of terms that its file says to estimate: ``cogging.pitch``."""
+        return tuple(
+            f"{term.name}.{name}"
+            for term in self.description.terms
+            for name, constant in term.constants.items()
+            if constant.estimate
+        )
+
+    @property
     def thread_lead(self) -> float:
         """Lead of the struts' screws, m per turn, above zero for a right-handed thread."""
         return self.drive.screw.signed_lead if self.drive.screw is not None else 0.0

@@ -25,6 +25,8 @@ JOINT_ENTRIES = len(_AXES) * ACTUATORS
 """Of the base, and of the platform: joint by joint."""
 TILTS = 2
 _ALONG = 0.9
+_MOST_OFF = 0.9
+"""Share of a positive constant by which it may be too large."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +43,8 @@ class Deviation:
     """Its tolerance, in that unit; 0: exact."""
     place: int
     """Among all entries of the robot, from 0."""
+    lower: float = -np.inf
+    """What θ is never below: of a constant that only makes sense above zero."""
 
     @property
     def of_the_machine(self) -> bool:
@@ -71,6 +75,29 @@ def deviations(robot: Robot) -> tuple[Deviation, ...]:
 def tolerated(robot: Robot) -> tuple[Deviation, ...]:
     """Return the entries of θ that have a tolerance: none where everything is exact."""
     return tuple(each for each in deviations(robot) if each.std > 0)
+
+
+def estimated_constants(robot: Robot) -> tuple[Deviation, ...]:
+    """Return the constants of terms that the robot file says to estimate.
+
+    Their standard deviation is their tolerance, and endless without one: nothing is known of them
+    but where the search begins. A constant that is positive stays above a tenth of that.
+    """
+    about = robot.description
+    flagged = {f"terms.{name}" for name in about.estimated_constants}
+    if not flagged:
+        return ()
+    values = iter(about.constants)
+    least = {
+        f"terms.{term.name}.{constant.name}": -_MOST_OFF * value if constant.positive else -np.inf
+        for term in robot.terms
+        for constant, value in zip(term.constants, values, strict=False)
+    }
+    return tuple(
+        replace(one, std=one.std or np.inf, lower=least[one.group])
+        for one in deviations(robot)
+        if one.group in flagged
+    )
 
 
 def _entries(robot: Robot, given: Tolerances) -> Iterator[tuple[str, str, str, float | None]]:

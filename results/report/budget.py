@@ -13,7 +13,8 @@ from results.report.table import Column, ReportTable
 
 def share_columns(record: EstimateRecord) -> list[Column]:
     """Return the shares of the standard deviation, where there are two."""
-    if record.summary.best_estimator.systematic is None:
+    found = record.summary.best_estimator.systematic
+    if found is None or not found.groups:
         return []
     return [
         Column("σ random", digits=3, of="std_random"),
@@ -25,7 +26,7 @@ def budget_blocks(record: EstimateRecord) -> list[Block]:
     """Say which tolerance costs which parameter how much."""
     summary = record.summary
     found = summary.best_estimator.systematic
-    if found is None:
+    if found is None or not found.groups:
         if not summary.intervals_cover:
             return []
         return [TextBlock(f"Intervals: {summary.intervals_note}.", Level.NEUTRAL)]
@@ -46,7 +47,7 @@ def budget_blocks(record: EstimateRecord) -> list[Block]:
     text = (
         "What is not known exactly was estimated with its tolerance as prior; what the data leave "
         "of it is counted."
-        if found.estimated
+        if found.with_priors
         else "What is not known exactly is counted by its tolerance, shared by all recordings of "
         "this machine: more data do not make it smaller."
     )
@@ -58,10 +59,27 @@ def budget_blocks(record: EstimateRecord) -> list[Block]:
         TextBlock(text, Level.NEUTRAL),
         ReportTable.of("budget", caption, columns),
     ]
-    if found.estimated:
+    if found.with_priors:
         shown = [row for row in record.deviations if row.estimator == summary.best]
         blocks.append(_deviations_table(shown))
     return blocks
+
+
+def constants_blocks(record: EstimateRecord) -> list[Block]:
+    """Show the constants of terms that were estimated; nothing where none was."""
+    rows = [row for row in record.constants if row.estimator == record.summary.best]
+    if not rows:
+        return []
+    columns = [
+        Column("constant", kind="text", of="constant"),
+        Column("unit", kind="text", of="unit"),
+        Column("in the robot file", digits=5, of="stated"),
+        Column("tolerance", digits=3, of="tolerance"),
+        Column("estimate", digits=5, of="value"),
+        Column("σ", digits=3, of="std"),
+    ]
+    caption = "Constants of terms, estimated together with the parameters"
+    return [ReportTable.of("constants", caption, columns, rows)]
 
 
 def _deviations_table(rows: Sequence[DeviationRow]) -> ReportTable:

@@ -16,7 +16,7 @@ from results.figures.noise import NOISE_FIGURES
 from results.figures.parameters import ESTIMATE_FIGURES
 from results.figures.residuals import DIAGNOSTIC_FIGURES
 from results.notation import counted, readable
-from results.report.budget import budget_blocks, share_columns
+from results.report.budget import budget_blocks, constants_blocks, share_columns
 from results.report.content import (
     Block,
     Fact,
@@ -109,6 +109,7 @@ def _blocks(
         blocks.append(TextBlock(summary.intervals_note, Level.CAUTION))
     blocks.append(estimates_table(record, truth))
     blocks += selection_blocks(folder, record)
+    blocks += constants_blocks(record)
     blocks += budget_blocks(record)
     weak = [combination.text for combination in summary.best_estimator.combinations]
     if weak:
