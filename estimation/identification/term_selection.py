@@ -10,6 +10,7 @@ import numpy as np
 from numpy.linalg import LinAlgError
 
 from estimation.estimators import Experiment, Knowledge, linear_estimate
+from estimation.identification.corrected import estimated_machine
 from estimation.identification.load import at_estimated_load
 from estimation.identification.residual_weights import with_residual_noise
 from estimation.selection.criteria import Judge
@@ -95,7 +96,7 @@ class Selection:
         section = configuration.run.estimate.select
         if section is None:
             return None
-        wide = robot_from(with_added_terms(configuration, section.candidates).robot)
+        wide = robot_from(with_added_terms(configuration, held(section.candidates)).robot)
         terms = {term.name: term for term in wide.terms}
         blocks = {
             one.name: tuple(p.name for p in parameters_of((terms[one.name],)))
@@ -108,10 +109,14 @@ class Selection:
             wide, [experiment.with_terms_of(wide) for experiment in experiments], knowledge
         )
         wide, loaded = at_estimated_load(wide, present, without)
-        values = linear_estimate(wide, loaded, without, "gm").values
+        found = linear_estimate(wide, loaded, without, "gm")
+        # Constants of the robot's own terms may have been found, too.
+        machine = estimated_machine(wide, found.systematic).robot
+        if machine is not wide:
+            wide, loaded = machine, tuple(each.of_robot(machine) for each in loaded)
         level = (section.level or DEFAULT_LEVEL) if section.by == "f" else None
         try:
-            evidence = Evidence.of(wide, loaded, knowledge, values, blocks)
+            evidence = Evidence.of(wide, loaded, knowledge, found.values, blocks)
             needs = {name: terms[name].beside for name in blocks if terms[name].beside in blocks}
             judge = Judge(evidence, section.by, level or DEFAULT_LEVEL, needs)
         except LinAlgError as error:
@@ -130,3 +135,21 @@ class Selection:
             held_out=held_out if section.by == "holdout" else "",
             steps=steps,
         )
+
+
+def held(candidates: Sequence[TermDescription]) -> tuple[TermDescription, ...]:
+    """Return terms whose constants are taken as written, where the run would estimate them.
+
+    A constant of a force that is not there yet moves nothing.
+    """
+    return tuple(
+        term.model_copy(
+            update={
+                "constants": {
+                    name: constant.model_copy(update={"estimate": False})
+                    for name, constant in term.constants.items()
+                }
+            }
+        )
+        for term in candidates
+    )

@@ -215,6 +215,35 @@ def test_friction_may_be_a_candidate():
     )
 
 
+@pytest.mark.parametrize("known", [False, True])
+def test_a_constant_is_estimated_with_the_term_that_was_chosen(known):
+    """Of a candidate after the choice, of the robot's own term before it."""
+    file = load_robot_description("palida").description.model_dump(mode="json", by_alias=True)
+
+    def robot(pitch, *terms, **parameters):
+        listed = [*file["terms"], {"cogging": {"pitch": pitch}}, *terms]
+        values = file["parameters"] | {f"cs{j}": 20.0 for j in range(1, 7)}
+        cosines = {f"cc{j}": 5.0 for j in range(1, 7)}
+        return file | {"terms": listed, "parameters": values | cosines | parameters}
+
+    true = robot(0.05, "drive_inertia", m_drive=3.0)
+    machine = robot_from(load_run({"name": "m", "robot": true}).robot)
+    data = measured(MOTION, 8, robot=machine, force_scale=0.1)
+    guess = {"value": 0.0503, "estimate": True}
+    candidates = ["force_offset", "drive_inertia"]
+    section = {"estimators": ["gm"], "harmonics": 2, "select": {"candidates": candidates}}
+    if not known:
+        candidates.append({"cogging": {"pitch": guess}})
+    own = robot(guess) if known else "palida"
+    result = estimate({"name": "m", "robot": own, "estimate": section}, data, MOTION)
+    chosen = {"drive_inertia"} if known else {"drive_inertia", "cogging"}
+    assert set(result.selection.chosen) == chosen
+    (deviation,) = result.best.systematic.deviations
+    assert deviation.name == "cogging_pitch"
+    (off,), (std,) = result.best.systematic.values, result.best.systematic.std
+    assert abs(off + 0.0003) < 5 * std < 0.0003
+
+
 def test_several_recordings_hold_each_other_out():
     motions = [trajectory(seed=4), trajectory(seed=5)]
     data = [measured(m, robot=machine(m_drive=3.0), seed=k) for k, m in enumerate(motions)]
