@@ -201,6 +201,14 @@ def _nothing_to_select(
                 f"the term '{candidate.name}' takes the constants of '{beside}'",
                 f"{beside} among the robot's terms, or listed before {candidate.name}",
             )
+        estimated = any(constant.estimate for constant in candidate.constants.values())
+        if estimated and run.estimate.differentiation != "fourier":
+            yield document.problem(
+                (*key, place),
+                f"a constant of '{candidate.name}' is estimated, which takes a motion that is a "
+                f"Fourier series; '{run.estimate.differentiation}' differentiation has none",
+                "estimate.differentiation: fourier, or estimate: false with the constant",
+            )
     if run.estimate.prior_from != "none":
         yield document.problem(
             ("estimate", "prior_from"),
