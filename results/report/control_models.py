@@ -18,7 +18,6 @@ def control_model_section(folder: RunFolder) -> Section | None:
     models = {f"{FOLDER}/{one.parent.name}": ControlModelFile.read(one) for one in places}
     if not models:
         return None
-    last = next(iter(models.values()))
     blocks: list[Block] = [TextBlock(f"The identified robot for a controller: {_origins(models)}.")]
     robot = folder.path / IDENTIFIED
     digest = file_hash(robot) if robot.is_file() else ""
@@ -27,8 +26,10 @@ def control_model_section(folder: RunFolder) -> Section | None:
         text = f"Not of the robot that the folder holds now: {', '.join(old)}. Write them again."
         blocks.append(TextBlock(text, Level.CAUTION))
     blocks.append(_tests_table(models))
-    if last.uncertainty:
-        blocks.append(_uncertainty_table(last))
+    stated = [one for one in models.values() if one.uncertainty]
+    if stated:
+        # That of all formats, unless some are of an earlier estimate, which is said.
+        blocks.append(_uncertainty_table(stated[0]))
     return Section("model", "Control models", tuple(blocks))
 
 
