@@ -38,6 +38,7 @@ NAMES = (
     "certificate",
     "certified_robots",
     "speed",
+    "physical_consistency",
 )
 
 

@@ -20,6 +20,8 @@ from expdesign.robot.deviation import Deviation, deviations
 class EarlierEstimate:
     """What the robot file says of the estimate that its parameters come from."""
 
+    values: Array
+    """(m,), SI: the estimate itself, also where the robot's parameters are those of bodies."""
     precision: Array
     """(m, m), inverse of its random covariance; zero for what it did not estimate."""
     deviations: tuple[Deviation, ...]
@@ -59,6 +61,7 @@ class EarlierEstimate:
         scale = np.multiply.outer(std[at], std[at])
         precision[np.ix_(at, at)] = np.linalg.inv(covariance[np.ix_(at, at)] / scale) / scale
         return cls(
+            np.array(found.unconstrained or robot.parameters),
             (precision + precision.T) / 2,
             tuple(replace(known[one.name], std=one.tolerance) for one in found.deviations),
             np.array(found.response).reshape(len(covariance), len(found.deviations)),

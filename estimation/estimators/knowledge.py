@@ -67,6 +67,7 @@ class Knowledge:
     def of(cls, robot: Robot, section: EstimateSection) -> Knowledge:
         """Take what the run's `estimate:` section says, whose names the loader has checked."""
         known, nominal = robot.parameter_names, np.array(robot.parameters)
+        earlier = EarlierEstimate.of(robot) if section.prior_from == "robot" else None
         fixed: Mapping[str, float | None] = section.fixed
         priors, bounds = section.prior, section.bounds
         lower, upper = np.transpose([bounds.get(name, (-np.inf, np.inf)) for name in known])
@@ -81,11 +82,13 @@ class Knowledge:
             nominal=nominal,
             free=np.array([name not in fixed for name in known]),
             start=values(fixed),
-            prior_mean=values({name: prior.value for name, prior in priors.items()}),
+            prior_mean=values({name: prior.value for name, prior in priors.items()})
+            if earlier is None
+            else earlier.values,
             prior_precision=np.array([priors[n].std ** -2 if n in priors else 0.0 for n in known]),
             lower=lower,
             upper=upper,
-            earlier=EarlierEstimate.of(robot) if section.prior_from == "robot" else None,
+            earlier=earlier,
         )
 
     def with_deviations(self, deviations: Sequence[Deviation]) -> Knowledge:

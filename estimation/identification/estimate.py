@@ -26,6 +26,7 @@ from estimation.identification.load import at_estimated_load
 from estimation.identification.noise_choice import residual_noise
 from estimation.identification.recording import prepare_recording
 from estimation.identification.result import EstimationResult, RecordSummary, best_of
+from estimation.uncertainty.consistent import consistent_estimate
 from estimation.uncertainty.intervals import identified_combinations, parameter_rows
 from expdesign.configuration import ConfigurationLike, InputError, RunConfiguration, load_run
 from expdesign.progress import tell, told
@@ -113,6 +114,10 @@ def estimate(
             )
             records = _with_residual_noise(robot, records, knowledge)
         tell("what is identified")
+        tell("the nearest parameters that bodies have")
+        consistent = {
+            name: consistent_estimate(robot, found, knowledge) for name, found in estimates.items()
+        }
         combinations = {
             name: identified_combinations(robot, knowledge.names, result.values, result.covariance)
             for name, result in estimates.items()
@@ -128,12 +133,19 @@ def estimate(
         estimates=estimates,
         rows=tuple(rows),
         combinations=combinations,
+        consistent=consistent,
         bound=bound,
         seconds=time.perf_counter() - began,
         warnings=(
             *configuration.warnings,
             *(warning for recording in recordings for warning in recording.warnings),
             *_warnings(records, knowledge, estimates),
+            *(
+                f"{name}: no bodies have the values that are fixed (`estimate.fixed`) or within "
+                "the bounds (`estimate.bounds`), whatever the other parameters are"
+                for name, found in consistent.items()
+                if found is None
+            ),
         ),
     )
 

@@ -12,6 +12,7 @@ from estimation.diagnostics.noise_record import NoiseKeys, noise_keys
 from estimation.diagnostics.record import Diagnosis, DiagnosisKeys
 from estimation.estimators import ParameterEstimate, covariance_ml_less_gm
 from estimation.identification.budget_record import SystematicKeys
+from estimation.identification.consistent_record import ConsistentKeys
 from estimation.identification.result import EstimationResult, RecordSummary
 from estimation.uncertainty.intervals import Combination
 from expdesign.configuration import Problem
@@ -140,6 +141,10 @@ class EstimatorKeys:
         SystematicKeys | None,
         described("", "what is not known exactly, and what it does; null: taken as exact"),
     ] = None
+    consistent: Annotated[
+        ConsistentKeys | None,
+        described("", "the nearest parameters that some bodies have; null: what is fixed forbids"),
+    ] = None
     combinations: Annotated[
         tuple[Combination, ...], described("", "what is known of parameters not identified")
     ]
@@ -160,6 +165,9 @@ class EstimatorKeys:
             freedom=np.where(np.isinf(estimate.freedom), np.nan, estimate.freedom),
             values=dict(zip(result.knowledge.names, estimate.values.tolist(), strict=True)),
             systematic=SystematicKeys.of(estimate.systematic),
+            consistent=ConsistentKeys.of(
+                result.consistent[estimate.estimator], result.knowledge.names
+            ),
             combinations=result.combinations[estimate.estimator],
             motions=tuple(copied(FourierKeys, motion) for motion in motions),
         )
@@ -215,6 +223,13 @@ class EstimateFile(RunFile):
                 yield from other_shape(
                     f"{place}.{key}", numbers if numbers.size else None, (count,), of
                 )
+            if found.consistent is not None:
+                yield from other_names(
+                    f"{place}.consistent.values", found.consistent.values, names, of
+                )
+                for key in ("spread", "low", "high"):
+                    numbers = getattr(found.consistent, key)
+                    yield from other_shape(f"{place}.consistent.{key}", numbers, (count,), of)
             if found.systematic is not None:
                 yield from other_shape(
                     f"{place}.systematic.response",

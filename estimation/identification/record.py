@@ -19,6 +19,7 @@ from estimation.identification.budget_record import (
     budget_rows,
     deviation_rows,
 )
+from estimation.identification.consistent_record import ConsistentRow, consistent_rows
 from estimation.identification.estimate_file import EstimateFile
 from estimation.identification.identified_robot import FILE as IDENTIFIED_ROBOT
 from estimation.identification.identified_robot import identified_robot
@@ -130,6 +131,7 @@ class EstimateRecord(FolderRecord):
         "precision": RowTable("tables/precision.csv", _WRITTEN_BY, PrecisionRow),
         "budget": RowTable("tables/budget.csv", _WRITTEN_BY, BudgetRow),
         "deviations": RowTable("tables/deviations.csv", _WRITTEN_BY, DeviationRow),
+        "consistent": RowTable("tables/consistent.csv", _WRITTEN_BY, ConsistentRow),
         "noise": RowTable("tables/noise.csv", _WRITTEN_BY, NoiseRow),
         "rows": ESTIMATES,
     }
@@ -188,7 +190,9 @@ class EstimateRecord(FolderRecord):
     def contents(self) -> Contents:
         """Yield the tables, with those of each recording before the estimates themselves."""
         exact = () if self.budget else (self.TABLES["budget"], self.TABLES["deviations"])
-        unsaid = (*exact, ESTIMATES)
+        # A folder of a version before has none.
+        earlier = () if self.consistent else (self.TABLES["consistent"],)
+        unsaid = (*exact, *earlier, ESTIMATES)
         yield from ((table, part) for table, part in super().contents() if table not in unsaid)
         numbers = self.summary.numbers
         for n, motion in self.motions.items():
@@ -267,6 +271,16 @@ class EstimateRecord(FolderRecord):
             for estimator, entry in self.summary.estimators.items()
             if entry.systematic is not None
             for row in deviation_rows(estimator, entry.systematic)
+        ]
+
+    @property
+    def consistent(self) -> list[ConsistentRow]:
+        """Every estimate beside the nearest parameters that bodies have."""
+        return [
+            row
+            for estimator, entry in self.summary.estimators.items()
+            if entry.consistent is not None
+            for row in consistent_rows(estimator, entry.values, entry.covariance, entry.consistent)
         ]
 
     @property

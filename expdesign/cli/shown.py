@@ -171,6 +171,8 @@ def estimate(outcome: Outcome) -> None:
     console.print(_table(title, heads, rows, ("parameter", "unit")))
     for combination in result.combinations[result.best.estimator]:
         say(combination.text)
+    if (near := outcome.record.summary.best_estimator.consistent) is not None:
+        say(near.text)
     if diagnosis is not None:
         _verdict(diagnosis.verdict)
     _place(outcome)

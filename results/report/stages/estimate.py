@@ -17,6 +17,7 @@ from results.figures.parameters import ESTIMATE_FIGURES
 from results.figures.residuals import DIAGNOSTIC_FIGURES
 from results.notation import counted, readable
 from results.report.budget import budget_blocks, share_columns
+from results.report.consistency import consistency_blocks
 from results.report.content import (
     Block,
     Fact,
@@ -108,6 +109,7 @@ def _blocks(
         blocks.append(TextBlock(summary.intervals_note, Level.CAUTION))
     blocks.append(estimates_table(record, truth))
     blocks += budget_blocks(record)
+    blocks += consistency_blocks(record)
     weak = [combination.text for combination in summary.best_estimator.combinations]
     if weak:
         text = "What counts only together with others: " + "; ".join(weak)
