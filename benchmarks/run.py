@@ -44,6 +44,7 @@ NAMES = (
     "feedforward",
     "base_parameters",
     "speed",
+    "physical_consistency",
 )
 
 

@@ -60,6 +60,8 @@ class UnloadedMachine:
 class EarlierEstimate:
     """What the robot file says of the estimate that its parameters come from."""
 
+    values: Array
+    """(m,), SI: the estimate itself, also where the robot's parameters are those of bodies."""
     precision: Array
     """(m, m), inverse of its random covariance; zero for what it did not estimate."""
     deviations: tuple[Deviation, ...]
@@ -92,7 +94,11 @@ class EarlierEstimate:
                 allowed="none, or a robot such as the identified-robot.yaml of a run folder",
             )
         covariance = np.array(found.covariance_random)
-        return cls(_precision(covariance), *_systematic(found, robot, "estimate.prior_from"))
+        return cls(
+            np.array(found.unconstrained or robot.parameters),
+            _precision(covariance),
+            *_systematic(found, robot, "estimate.prior_from"),
+        )
 
     @classmethod
     def without_payload(cls, robot: Robot, machine: RobotDescription) -> EarlierEstimate:
@@ -108,13 +114,14 @@ class EarlierEstimate:
         """
         found, names = identification_of(machine), robot.parameter_names
         unloaded = UnloadedMachine(
-            np.array([machine.parameters[name] for name in names]),
+            np.array(found.unconstrained or [machine.parameters[name] for name in names]),
             np.array(found.covariance_random),
             np.array([names.index(name) for name in PLATFORM], dtype=np.intp),
         )
         kept = unloaded.covariance.copy()
         kept[unloaded.platform] = kept[:, unloaded.platform] = 0.0
-        return cls(_precision(kept), *_systematic(found, robot, "estimate.prior"), unloaded)
+        systematic = _systematic(found, robot, "estimate.prior")
+        return cls(unloaded.values, _precision(kept), *systematic, unloaded)
 
 
 def _precision(covariance: Array) -> Array:

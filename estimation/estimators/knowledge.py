@@ -96,6 +96,7 @@ class Knowledge:
             It says something of a parameter that regroups into others, which `base` leaves alone.
         """
         known, nominal = robot.parameter_names, np.array(robot.parameters)
+        earlier = EarlierEstimate.of(robot) if section.prior_from == "robot" else None
         fixed: Mapping[str, float | None] = section.fixed
         priors, bounds = section.named_priors, section.bounds
         lower, upper = np.transpose([bounds.get(name, (-np.inf, np.inf)) for name in known])
@@ -115,12 +116,14 @@ class Knowledge:
             nominal=nominal,
             free=np.array([name in own for name in known]),
             start=values(fixed),
-            prior_mean=values({name: prior.value for name, prior in priors.items()}),
+            prior_mean=values({name: prior.value for name, prior in priors.items()})
+            if earlier is None
+            else earlier.values,
             prior_precision=np.array([priors[n].std ** -2 if n in priors else 0.0 for n in known]),
             lower=lower,
             upper=upper,
             base=base,
-            earlier=EarlierEstimate.of(robot) if section.prior_from == "robot" else None,
+            earlier=earlier,
         )
         if not isinstance(section.prior, RobotDescription):
             return whole

@@ -27,6 +27,7 @@ from estimation.identification.recording import prepare_recording
 from estimation.identification.residual_weights import with_residual_noise
 from estimation.identification.result import EstimationResult, RecordSummary, best_of
 from estimation.identification.term_selection import Selection
+from estimation.uncertainty.consistent import consistent_estimate
 from estimation.uncertainty.intervals import identified_combinations, parameter_rows
 from expdesign.configuration import ConfigurationLike, InputError, RunConfiguration, load_run
 from expdesign.configuration.added_terms import with_added_terms
@@ -120,6 +121,10 @@ def estimate(
                 )
             )
             records = _with_residual_noise(robot, records, knowledge)
+        tell("the nearest parameters that bodies have")
+        consistent = {
+            name: consistent_estimate(robot, found, knowledge) for name, found in estimates.items()
+        }
         tell("what is identified")
         combinations = {
             name: identified_combinations(robot, knowledge.names, result.values, result.covariance)
@@ -136,6 +141,7 @@ def estimate(
         estimates=estimates,
         rows=tuple(rows),
         combinations=combinations,
+        consistent=consistent,
         bound=bound,
         selection=selection,
         seconds=time.perf_counter() - began,
@@ -144,6 +150,12 @@ def estimate(
             *(warning for recording in recordings for warning in recording.warnings),
             *(() if selection is None else selection.warnings),
             *_warnings(records, knowledge, estimates),
+            *(
+                f"{name}: no bodies have the values that are fixed (`estimate.fixed`) or within "
+                "the bounds (`estimate.bounds`), whatever the other parameters are"
+                for name, found in consistent.items()
+                if found is None
+            ),
         ),
     )
 

@@ -13,6 +13,7 @@ from estimation.diagnostics.record import Diagnosis, DiagnosisKeys
 from estimation.estimators import ParameterEstimate, covariance_ml_less_gm
 from estimation.estimators.payload import TEN
 from estimation.identification.budget_record import SystematicKeys
+from estimation.identification.consistent_record import ConsistentKeys
 from estimation.identification.constants_record import ConstantKeys, constants_found
 from estimation.identification.payload_record import PayloadKeys
 from estimation.identification.result import EstimationResult, RecordSummary
@@ -154,6 +155,10 @@ class EstimatorKeys:
         PayloadKeys | None,
         described("", "what the platform carries beyond the machine identified before; null: none"),
     ] = None
+    consistent: Annotated[
+        ConsistentKeys | None,
+        described("", "the nearest parameters that some bodies have; null: what is fixed forbids"),
+    ] = None
     combinations: Annotated[
         tuple[Combination, ...], described("", "what is known of parameters not identified")
     ]
@@ -180,6 +185,9 @@ class EstimatorKeys:
             systematic=SystematicKeys.of(estimate.systematic),
             constants=constants_found(robot_from(result.configuration.robot), estimate.systematic),
             payload=PayloadKeys.of(result.payloads.get(estimate.estimator)),
+            consistent=ConsistentKeys.of(
+                result.consistent[estimate.estimator], result.knowledge.names
+            ),
             combinations=result.combinations[estimate.estimator],
             base_parameters=result.knowledge.combinations(
                 result.robot, estimate.values, estimate.covariance
@@ -251,6 +259,13 @@ class EstimateFile(RunFile):
                     yield from other_shape(path, matrix, (len(TEN),) * 2, "a payload")
                 path = f"{place}.payload.freedom"
                 yield from other_shape(path, own.freedom, (len(TEN),), "a payload")
+            if found.consistent is not None:
+                yield from other_names(
+                    f"{place}.consistent.values", found.consistent.values, names, of
+                )
+                for key in ("spread", "low", "high"):
+                    numbers = getattr(found.consistent, key)
+                    yield from other_shape(f"{place}.consistent.{key}", numbers, (count,), of)
             if found.systematic is not None:
                 yield from other_shape(
                     f"{place}.systematic.response",

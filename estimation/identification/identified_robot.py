@@ -10,6 +10,7 @@ from constraints.arrays import Array
 from estimation.diagnostics.record import Diagnosis
 from estimation.estimators import ParameterEstimate
 from estimation.identification.result import EstimationResult
+from estimation.uncertainty.consistent import ConsistentEstimate
 from expdesign.configuration.identification import (
     IDENTIFIED_ROBOT,
     Identification,
@@ -29,6 +30,8 @@ FILE = IDENTIFIED_ROBOT
 def identified_robot(result: EstimationResult, diagnosis: Diagnosis | None) -> str:
     """Return the robot file with the parameters of the best estimate.
 
+    With `estimate.consistent` they are the nearest ones that some set of bodies has.
+
     Joints, gravity and constants are those that were estimated, where they were; their tolerances
     are then what the estimate left of them, each for itself. Tolerances of the measurement stay.
     A constant that the file says to estimate still is: with this tolerance as its prior.
@@ -40,15 +43,23 @@ def identified_robot(result: EstimationResult, diagnosis: Diagnosis | None) -> s
         tolerances = _tolerances(description, robot, best)
         moved = as_in_a_file(deviated(robot, found.deviations, found.values).description)
         description = moved.model_copy(update={"tolerances": tolerances})
-    names = result.knowledge.names
+    names, values = result.knowledge.names, best.values
+    if (near := _taken(result)) is not None:
+        values = near.values
     description = description.model_copy(
         update={
             "name": identified_name(description.name),
-            "parameters": dict(zip(names, best.values.tolist(), strict=True)),
+            "parameters": dict(zip(names, values.tolist(), strict=True)),
             "identification": _identification(result, diagnosis),
         }
     )
     return robot_yaml(description)
+
+
+def _taken(result: EstimationResult) -> ConsistentEstimate | None:
+    """Return what stands for the estimate in the file; None: the estimate itself."""
+    wanted = result.configuration.run.estimate.consistent
+    return result.consistent[result.best.estimator] if wanted else None
 
 
 def _identification(result: EstimationResult, diagnosis: Diagnosis | None) -> Identification:
@@ -68,6 +79,7 @@ def _identification(result: EstimationResult, diagnosis: Diagnosis | None) -> Id
         verdict="not judged" if verdict is None else verdict.status.value,
         summary="" if verdict is None else verdict.summary,
         parameters=result.knowledge.names,
+        unconstrained=() if _taken(result) is None else tuple(best.values.tolist()),
         covariance_random=_rows(best.covariance_random),
         covariance_systematic=_rows(best.covariance_systematic),
         deviations=tuple(

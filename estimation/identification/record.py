@@ -19,6 +19,7 @@ from estimation.identification.budget_record import (
     budget_rows,
     deviation_rows,
 )
+from estimation.identification.consistent_record import ConsistentRow, consistent_rows
 from estimation.identification.constants_record import ConstantRow, constant_rows
 from estimation.identification.estimate_file import EstimateFile
 from estimation.identification.identified_robot import FILE as IDENTIFIED_ROBOT
@@ -149,6 +150,7 @@ class EstimateRecord(FolderRecord):
         "deviations": RowTable("tables/deviations.csv", _WRITTEN_BY, DeviationRow),
         "constants": RowTable("tables/constants.csv", _WRITTEN_BY, ConstantRow),
         "payload": RowTable("tables/payload.csv", _WRITTEN_BY, PayloadRow),
+        "consistent": RowTable("tables/consistent.csv", _WRITTEN_BY, ConsistentRow),
         "noise": RowTable("tables/noise.csv", _WRITTEN_BY, NoiseRow),
         "selection": RowTable("tables/selection.csv", _WRITTEN_BY, SelectionRow),
         "rows": ESTIMATES,
@@ -212,6 +214,7 @@ class EstimateRecord(FolderRecord):
             "deviations": self.budget,
             "constants": self.constants,
             "payload": self.payload,
+            "consistent": self.consistent,  # a folder of a version before has none
             "selection": self.selection,
         }
         unsaid = (*(self.TABLES[name] for name, rows in optional.items() if not rows), ESTIMATES)
@@ -326,6 +329,16 @@ class EstimateRecord(FolderRecord):
             for estimator, entry in self.summary.estimators.items()
             if entry.payload is not None
             for row in payload_rows(estimator, entry.payload)
+        ]
+
+    @property
+    def consistent(self) -> list[ConsistentRow]:
+        """Every estimate beside the nearest parameters that bodies have."""
+        return [
+            row
+            for estimator, entry in self.summary.estimators.items()
+            if entry.consistent is not None
+            for row in consistent_rows(estimator, entry.values, entry.covariance, entry.consistent)
         ]
 
     @property

@@ -10,6 +10,7 @@ from constraints.arrays import Array
 from estimation.estimators import Experiment, Knowledge, ParameterEstimate
 from estimation.estimators.payload import PayloadEstimate, payload_estimate
 from estimation.identification.term_selection import Selection
+from estimation.uncertainty.consistent import ConsistentEstimate
 from estimation.uncertainty.intervals import Combination, ParameterRow
 from expdesign.configuration import RunConfiguration
 from expdesign.robot import Robot
@@ -52,6 +53,8 @@ class EstimationResult:
     rows: tuple[ParameterRow, ...]
     combinations: dict[str, tuple[Combination, ...]]
     """What is known of parameters that are not identified."""
+    consistent: dict[str, ConsistentEstimate | None]
+    """The nearest parameters that bodies have, by estimator; None: what is fixed leaves none."""
     bound: Array | None
     """(m, m) Cramér–Rao bound as a covariance, at the best estimate."""
     seconds: float

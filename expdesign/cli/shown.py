@@ -185,6 +185,8 @@ def estimate(outcome: Outcome) -> None:
         say(f"{row.combination}: {_concise(row.value, row.std)} {row.unit}")
     for combination in result.combinations[result.best.estimator]:
         say(combination.text)
+    if (near := outcome.record.summary.best_estimator.consistent) is not None:
+        say(near.text)
     if diagnosis is not None:
         _verdict(diagnosis.verdict)
     _place(outcome)

@@ -56,6 +56,8 @@ class Identification(Section):
     """The verdict in words."""
     parameters: Annotated[tuple[Text, ...], at_least(1, "parameters")]
     """Order of rows and columns."""
+    unconstrained: tuple[Number, ...] = ()
+    """The estimate itself, where the robot's parameters are the nearest that bodies have."""
     covariance_random: Matrix
     """m × m: what another recording of the machine draws anew."""
     covariance_systematic: Matrix
@@ -68,6 +70,9 @@ class Identification(Section):
     @model_validator(mode="after")
     def _sizes_fit(self) -> Identification:
         count, others = len(self.parameters), len(self.deviations)
+        if len(self.unconstrained) not in (0, count):
+            reason = "unconstrained does not fit the parameters"
+            raise refusal(reason, f"{count} numbers", key="unconstrained")
         for key, rows, columns in (
             ("covariance_random", count, count),
             ("covariance_systematic", count, count),

@@ -28,7 +28,7 @@ _SOLVED = (clarabel.SolverStatus.Solved, clarabel.SolverStatus.AlmostSolved)
 _PRECISION, _REDUCED = 1e-11, 1e-7
 _REGULARISATION = 1e-7
 """Of the solver where it does not scale the rows: with its own it sticks where nothing is left."""
-_SHARES = (0.0, *np.geomspace(1e-10, 1e-2, 9))
+_SHARES = tuple(np.geomspace(1e-10, 1e-2, 9).tolist())
 """Of the scales, by which what the solver found is moved inside, as little as it takes."""
 _FARTHER = 1e-5
 """By how much farther than the least distance, as a share and in σ, is near enough."""

@@ -15,7 +15,13 @@ import numpy as np
 import scipy.linalg as sla
 
 from constraints.arrays import Array
-from expdesign.mechanism.bodies import MachineBodies, RigidBody, point_masses, together
+from expdesign.mechanism.bodies import (
+    MachineBodies,
+    RigidBody,
+    platform_parameters,
+    point_masses,
+    together,
+)
 from expdesign.mechanism.term import Lump, Parameter
 from expdesign.mechanism.terms.rigid_platform import GENERAL, MASS, platform_pseudo_inertia
 from expdesign.mechanism.terms.struts import along, breadth, thickness
@@ -134,9 +140,7 @@ class Realisable:
 
     def _slider_mass(self, whole: Array, least: float, rounding: float) -> float | None:
         """Return a mass of a slider, kg, that leaves a platform of the pseudo-inertia `whole`."""
-        size = np.sqrt([self.sizes["platform"]] * 3 + [self.sizes["mass"]])
-        unit = np.multiply.outer(size, size)
-        ours, sliders = whole / unit, self.sliders / unit
+        ours, sliders = whole / self._unit, self.sliders / self._unit
         rest = ours - least * sliders
         if not np.all(np.isfinite(rest)) or np.linalg.eigvalsh(rest)[0] < -rounding:
             return None
@@ -146,14 +150,54 @@ class Realisable:
             return least  # a platform at the limit of what a body is
         return (least + max(least, 1 / share)) / 2 if share > 0 else least
 
+    @cached_property
+    def _unit(self) -> Array:
+        """(4, 4), what counts as one in the platform's pseudo-inertia."""
+        size = np.sqrt([self.sizes["platform"]] * 3 + [self.sizes["mass"]])
+        return np.multiply.outer(size, size)
+
+    def beside_sliders(self, values: Array) -> Array | None:
+        """Return the platform's pseudo-inertia beside the lightest sliders, (4, 4), in its scales.
+
+        None without a platform, or where the struts are none.
+        """
+        p = dict(zip(self.names, values.tolist(), strict=True))
+        strut = _Strut.of(p, np.inf) if self.struts else _Strut()
+        if not self.platform or strut is None:
+            return None
+        return (platform_pseudo_inertia(p) - strut.least * self.sliders) / self._unit
+
+    def of_platform(self, matrix: Array) -> Array:
+        """Return the parameters, (m,), of a platform's pseudo-inertia, (4, 4), in its scales."""
+        body = RigidBody.of_pseudo_inertia(matrix * self._unit)
+        made = platform_parameters(body, 0.0, self.joints)
+        return np.array([made.get(name, 0.0) for name in self.names])
+
+    @cached_property
+    def thin(self) -> tuple[tuple[Array, Array], ...]:
+        """The two combinations, (m,), of p1, p2 and p3 that bodies have not less than none of.
+
+        Each with the parameters of a body that has one of it and none of the other.
+        """
+        if not self.struts:
+            return ()
+        numbers = (
+            ({"p2": -0.5, "p3": 0.5}, {"p1": 1.0, "p2": -1.0, "p3": 1.0}),
+            ({"p1": 1.0, "p2": 0.5, "p3": -0.5}, {"p1": 1.0}),
+        )
+        return tuple(
+            (self._vector(combination), self._vector(removed)) for combination, removed in numbers
+        )
+
+    def _vector(self, numbers: Mapping[str, float]) -> Array:
+        return np.array([numbers.get(name, 0.0) for name in self.names])
+
     def inside(self, values: Array, share: float) -> Array:
         """Return parameters with small bodies added to each body, and within their bounds."""
-        added = dict.fromkeys(self.names, 0.0)
         sizes = self.sizes
-        added |= {name: 2 * sizes["strut"] for name in ("p1", "p3") if self.struts}
-        if self.platform:
-            added |= dict.fromkeys(_MOMENTS, 2 * sizes["platform"]) | {MASS: sizes["mass"]}
-        return np.clip(values + share * np.array(list(added.values())), self.lower, self.upper)
+        added = dict.fromkeys(("p1", "p3"), 2 * sizes["strut"])
+        added |= dict.fromkeys(_MOMENTS, 2 * sizes["platform"]) | {MASS: sizes["mass"]}
+        return np.clip(values + share * self._vector(added), self.lower, self.upper)
 
 
 def _depth(p: Mapping[str, float]) -> Array:

@@ -111,6 +111,7 @@ def _doubt(summary: ValidationFile) -> str:
 
 def _summary(result: EstimationResult, diagnosis: Diagnosis | None) -> dict[str, Any]:
     verdict = None if diagnosis is None else diagnosis.verdict
+    near = result.consistent[result.best.estimator]
     best = [row for row in result.rows if row.estimator == result.best.estimator]
     return {
         "best": result.best.estimator,
@@ -119,6 +120,13 @@ def _summary(result: EstimationResult, diagnosis: Diagnosis | None) -> dict[str,
         },
         **({} if result.selection is None else {"terms_added": list(result.selection.chosen)}),
         "not_identified": [row.parameter for row in best if row.identified is False],
+        "consistent": None
+        if near is None
+        else {
+            "distance": near.distance,
+            "p": near.p,
+            "values": dict(zip(result.knowledge.names, near.values.tolist(), strict=True)),
+        },
         "verdict": "not judged" if verdict is None else verdict.status.value,
         "findings": [] if verdict is None else [finding.sentence for finding in verdict.failed],
         "seconds": result.seconds,

@@ -65,7 +65,7 @@ def assert_has(robot, bodies, values, tolerance=1e-11):
         # By the definition, not by the way they were made.
         second = np.trace(body.inertia) / 2 * np.eye(3) - body.inertia
         whole = np.block([[second, body.moment[:, None]], [body.moment, np.array(body.mass)]])
-        size = np.sqrt(np.maximum(np.diag(whole), 1e-12 * np.trace(whole) + 1e-300))
+        size = np.sqrt(np.maximum(np.diag(whole), 1e-9 * np.trace(whole) + 1e-300))
         least = np.linalg.eigvalsh(whole / np.outer(size, size))[0]
         assert least >= -tolerance, (name, least)
         assert np.linalg.eigvalsh(whole)[0] >= -tolerance * np.trace(whole)

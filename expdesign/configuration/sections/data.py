@@ -304,6 +304,9 @@ class EstimateSection(Section):
     frequency: Annotated[FrequencyOrigin, one_of(FrequencyOrigin)] = "known"
     loss: Annotated[Loss, one_of(Loss)] = "squared"
     """``huber`` lets outliers count less."""
+    consistent: Annotated[bool, LATER] = False
+    """Whether `identified-robot.yaml` has the nearest parameters that some set of bodies has, which
+    are found in any case, instead of the estimate itself."""
     cutoff: Annotated[Frequency, Positive] | None = None
     """Of the Butterworth filter, Hz; None: three times the highest frequency of the design."""
     parameters: Annotated[Estimated, one_of(Estimated), LATER] = "all"

@@ -18,6 +18,7 @@ from results.figures.residuals import DIAGNOSTIC_FIGURES
 from results.notation import counted, readable
 from results.report.budget import budget_blocks, constants_blocks, share_columns
 from results.report.combinations import combination_blocks
+from results.report.consistency import consistency_blocks
 from results.report.content import (
     Block,
     Fact,
@@ -117,6 +118,7 @@ def _blocks(
     together = summary.best_estimator.base_parameters
     free = {*summary.parameters} - {*summary.fixed}
     blocks += combination_blocks("estimate_combinations", together, free)
+    blocks += consistency_blocks(record)
     weak = [combination.text for combination in summary.best_estimator.combinations]
     if weak and not together:  # a folder of an earlier version
         text = "What counts only together with others: " + "; ".join(weak)

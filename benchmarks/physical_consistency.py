@@ -1,0 +1,202 @@
+"""PaLiDA's estimates beside the nearest ones that bodies have, with true bodies at their limits.
+
+Estimates are drawn with the covariance of an ML estimate of ten periods of the design of n = 5:
+normal about a truth that some bodies have. What comes out is judged by the bodies that come with
+it. One draw of forty is also tested for its distance, which takes 400 projections.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import cache, partial
+
+import numpy as np
+
+from benchmarks.studies import Row, claim_row, equivalent_run, palida_design, summary
+from constraints.arrays import Array
+from estimation.estimators import Knowledge, ParameterEstimate
+from estimation.identification.estimate import parameter_knowledge, run_estimators
+from estimation.identification.recording import prepare_experiment
+from estimation.twin import Twin
+from estimation.uncertainty.consistent import consistent_estimate
+from expdesign.mechanism.bodies import MachineBodies
+from expdesign.mechanism.nearest import Nearest, Projection
+from expdesign.robot import Robot, robot_from
+
+TITLE = "Physically consistent estimates"
+
+__all__ = ["SECTIONS", "TITLE", "rows", "summary"]
+
+_ROUNDING = 1e-12
+_AGREE, _NEAREST = 1e-6, 1e-4
+_LONGEST = 1.0
+_TESTED = 40
+"""One of so many draws is tested."""
+_LEVEL = 0.05
+
+
+@cache
+def _machine() -> tuple[Robot, Knowledge, ParameterEstimate]:
+    run = equivalent_run("physical-consistency", 250)
+    robot, design = robot_from(run.robot), palida_design()
+    knowledge = parameter_knowledge(run, robot)
+    data = Twin.of(run, design, seed=5).measurement(1)
+    experiment = prepare_experiment(run, robot, data, design)
+    return robot, knowledge, run_estimators(robot, [experiment], knowledge, ("gm", "ml"))["ml"]
+
+
+def _truth(**changes: float) -> Array:
+    """Return PaLiDA's parameters with these, p3 made p2 plus twice the struts' ∫ x² dm."""
+    robot, _, _ = _machine()
+    width = changes.pop("width", 0.02)
+    named = dict(zip(robot.parameter_names, robot.parameters.tolist(), strict=True))
+    named |= {"p1": width + changes.pop("height", 0.01), "p3": named["p2"] + 2 * width}
+    return np.array([{**named, **changes}[name] for name in robot.parameter_names])
+
+
+def _point_platform(**changes: float) -> Array:
+    """Return parameters with the lightest sliders, and a platform beside them that is one point."""
+    robot, _, _ = _machine()
+    values = _truth(**changes)
+    rest = robot.realisable.beside_sliders(values)
+    if rest is None:
+        raise RuntimeError("PaLiDA has a platform and struts")
+    eigenvalues, axes = np.linalg.eigh(rest)
+    small = axes[:, :3] * eigenvalues[:3]
+    flat = values - robot.realisable.of_platform(small @ axes[:, :3].T)
+    # Joints that are rounded have no symmetry to the last digit, which the model's platform has.
+    every = np.full(len(flat), True)
+    return Projection(robot.realisable, np.diag(robot.scales), every).of(flat).values
+
+
+SECTIONS: dict[str, Callable[[], Array]] = {
+    "inside": _truth,
+    "thin-struts": partial(_truth, width=0.0),
+    "thinnest-struts": partial(_truth, width=0.0, height=0.0),
+    "no-friction": partial(_truth, r2=0.0, r5=0.0, r6=0.0, r_alpha=0.0),
+    "point-platform": _point_platform,
+    "all-of-it": partial(
+        _point_platform, width=0.0, height=0.0, r2=0.0, r5=0.0, r6=0.0, r_alpha=0.0
+    ),
+}
+"""Truths, from inside to corners."""
+
+
+def rows(section: str, repetitions: int | None = None) -> Iterator[Row]:
+    """Yield what is claimed of one kind of truth."""
+    robot, knowledge, estimate = _machine()
+    truth, count = SECTIONS[section](), repetitions or 1000
+    yield claim_row("some bodies have the truth", *_words(_has(robot, truth)))
+    projection = Projection.by(estimate.covariance, robot.realisable, knowledge.free)
+    draws = np.random.default_rng(1).standard_normal((count, len(truth)))
+    values = truth + draws @ projection.factor.T
+    found: list[Nearest] = []
+    seconds = []
+    for each in values:
+        began = time.perf_counter()
+        found.append(projection.of(each))
+        seconds.append(time.perf_counter() - began)
+    wrong = sum(not _are_of(robot, one.bodies, one.values) for one in found)
+    yield claim_row(f"{count} of {count} are of bodies", f"{count - wrong} of {count}", not wrong)
+    least = min(_least(one.bodies) for one in found)
+    yield claim_row("least eigenvalue of their pseudo-inertias, over the largest", f"{least:.1e}")
+    longest = max(seconds)
+    text = f"{longest:.3f} s, median {1e3 * np.median(seconds):.1f} ms"
+    yield claim_row(f"each in less than {_LONGEST:g} s", text, longest < _LONGEST)
+    own = [robot.realisable.bodies(each) is not None for each in values]
+    apart = [
+        float(np.max(np.abs(one.values - each) / estimate.std))
+        for one, each, inside in zip(found, values, own, strict=True)
+        if inside
+    ]
+    yield claim_row(
+        f"where bodies have the estimate both agree to {_AGREE:g} σ",
+        f"{max(apart, default=0.0):.1e} σ in {sum(own)} of {count}",
+        max(apart, default=0.0) <= _AGREE,
+    )
+    short = max((one.distance - one.least for one in found), default=0.0)
+    yield claim_row(
+        f"none is nearer, by the dual, to {_NEAREST:g} σ", f"{short:.1e} σ", short <= _NEAREST
+    )
+    yield from _errors(truth, values, np.array([one.values for one in found]), estimate)
+    yield from _tested(truth, values[::_TESTED])
+
+
+def _errors(truth: Array, values: Array, near: Array, estimate: ParameterEstimate) -> Iterator[Row]:
+    """Yield how large the errors are beside those of the estimate without constraints."""
+    rms = np.sqrt(np.mean((near - truth) ** 2, axis=0)) / estimate.std
+    without = np.sqrt(np.mean((values - truth) ** 2, axis=0)) / estimate.std
+    robot, _, _ = _machine()
+    worst, best = int(np.argmax(rms / without)), int(np.argmin(rms / without))
+    names = robot.parameter_names
+    text = (
+        f"{rms[worst] / without[worst]:.3f} ({names[worst]}), least "
+        f"{rms[best] / without[best]:.3f} ({names[best]})"
+    )
+    yield claim_row(
+        "root mean square error over that without constraints, largest",
+        text,
+        bool(rms[worst] <= without[worst] * (1 + 3 / np.sqrt(2 * len(values)))),
+    )
+    inside = np.abs(near - truth) <= 1.96 * estimate.std
+    cover = np.mean(inside, axis=0)
+    error = np.sqrt(0.05 * 0.95 / len(values))
+    yield claim_row(
+        "consistent ± 1.96 σ holds the truth in 95 % at least, every parameter",
+        f"{100 * np.mean(cover):.1f} %, least {100 * np.min(cover):.1f} ± {100 * error:.1f} %",
+        bool(np.min(cover) >= 0.95 - 3.5 * error),
+    )
+
+
+def _tested(truth: Array, values: Array) -> Iterator[Row]:
+    """Yield how often the test says more than noise, and what the spread is worth."""
+    robot, knowledge, estimate = _machine()
+    known = replace(estimate, freedom=np.full(len(truth), np.inf))
+    found = [consistent_estimate(robot, replace(known, values=each), knowledge) for each in values]
+    there = [one for one in found if one is not None]
+    level = float(np.mean([one.significant for one in there]))
+    error = float(np.sqrt(_LEVEL * (1 - _LEVEL) / len(values)))
+    yield claim_row(
+        "told as significant at 5 % in 5 % of the cases at most",
+        f"{100 * level:.1f} ± {100 * error:.1f} % of {len(values)}",
+        level <= _LEVEL + 2.5 * error,
+    )
+    rms = np.sqrt(np.mean([(one.values - truth) ** 2 for one in there], axis=0))
+    spread = np.sqrt(np.mean([one.spread**2 for one in there], axis=0))
+    ratio = rms / spread
+    yield claim_row(
+        "root mean square error over the spread told: mean, least, largest",
+        f"{np.mean(ratio):.2f}, {np.min(ratio):.2f}, {np.max(ratio):.2f}",
+    )
+
+
+def _words(holds: bool) -> tuple[str, bool]:
+    return "yes" if holds else "no", holds
+
+
+def _has(robot: Robot, values: Array) -> bool:
+    found = robot.realisable.bodies(values)
+    return found is not None and _are_of(robot, found, values)
+
+
+def _are_of(robot: Robot, bodies: MachineBodies, values: Array) -> bool:
+    """Judge by the bodies alone: they are bodies, and they have the parameters."""
+    made = bodies.parameters(robot.description.platform_joints)
+    named = zip(robot.parameter_names, values.tolist(), robot.scales.tolist(), strict=True)
+    same = all(abs(made.get(n, v) - v) <= _ROUNDING * max(s, 1.0) for n, v, s in named)
+    bounds = robot.realisable
+    kept = bool(np.all((values >= bounds.lower) & (values <= bounds.upper)))
+    return same and kept and _least(bodies) >= -_ROUNDING
+
+
+def _least(bodies: MachineBodies) -> float:
+    """Return the least eigenvalue of all pseudo-inertias, over the largest of each."""
+    found = []
+    for body in vars(bodies).values():
+        second = np.trace(body.inertia) / 2 * np.eye(3) - body.inertia
+        whole = np.block([[second, body.moment[:, None]], [body.moment, np.array(body.mass)]])
+        eigenvalues = np.linalg.eigvalsh(whole)
+        found.append(eigenvalues[0] / eigenvalues[-1])
+    return float(min(found))

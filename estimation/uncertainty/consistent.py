@@ -1,0 +1,146 @@
+"""Estimates beside the nearest ones that some set of bodies has, and what the difference means.
+
+The estimate p̂ with covariance C stays as it is; beside it stands p̃, the nearest parameters in the
+metric C⁻¹ that bodies have (`expdesign.mechanism.nearest`). docs/consistency.md tells why the test
+and the standard deviations are what they are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from constraints.arrays import Array
+from estimation.estimators import Knowledge, ParameterEstimate
+from estimation.uncertainty.intervals import LEVEL, interval_widths
+from expdesign.mechanism.bodies import MachineBodies
+from expdesign.mechanism.nearest import NoBodiesError, Projection
+from expdesign.robot import Robot
+
+DRAWS = 199
+"""Of the test and of the spread each: (1 + n) / (1 + 199) has steps of half a percent."""
+SEED = 0
+NEAR = 3.0
+"""Standard deviations within which a condition may be tight in truth: the test takes it so."""
+
+
+@dataclass(frozen=True, eq=False)
+class ConsistentEstimate:
+    """The nearest parameters to an estimate that some bodies have."""
+
+    estimator: str
+    values: Array
+    """(m,), SI; the estimate itself, bit by bit, where bodies have it."""
+    distance: float
+    """√((p̂ − p̃)ᵀ C⁻¹ (p̂ − p̃)), standard deviations."""
+    p: float
+    """How often noise makes such a distance at least, where bodies have the true parameters."""
+    active: tuple[str, ...]
+    """The conditions and bounds that p̃ stands at."""
+    bodies: MachineBodies
+    """Which have p̃."""
+    spread: Array
+    """(m,), root mean square error of p̃ where it is the truth; std where bodies have p̂."""
+    low: Array
+    high: Array
+    """(m,), 95 % intervals: of the estimate's width about p̃, within the bounds."""
+
+    @property
+    def realisable(self) -> bool:
+        """Whether bodies have the estimate itself."""
+        return self.distance == 0
+
+    @property
+    def significant(self) -> bool:
+        """Whether noise alone hardly makes the distance."""
+        return self.p < 1 - LEVEL
+
+
+def consistent_estimate(
+    robot: Robot, estimate: ParameterEstimate, knowledge: Knowledge
+) -> ConsistentEstimate | None:
+    """Return the nearest parameters that bodies have; None where what is fixed leaves none.
+
+    Fixed parameters stay, and bounds of the run are kept, too.
+    """
+    own = robot.realisable
+    among = replace(
+        own,
+        lower=np.maximum(own.lower, knowledge.lower),
+        upper=np.minimum(own.upper, knowledge.upper),
+    )
+    std = estimate.std
+    free = knowledge.free & (std > 0) & np.isfinite(std)
+    projection = Projection.by(estimate.covariance, among, free)
+    try:
+        nearest = projection.of(estimate.values)
+    except NoBodiesError:
+        return None
+    half = interval_widths(estimate.freedom) * np.where(free, std, np.nan)
+    p, spread = 1.0, np.where(free, std, np.nan)
+    if nearest.distance > 0:
+        rng = np.random.default_rng(SEED)
+        draws = rng.standard_normal((DRAWS, int(np.count_nonzero(free))))
+        freedom = float(np.min(estimate.freedom[free]))
+        if np.isfinite(freedom):
+            # The covariance is estimated: distances are measured with one that scatters.
+            draws *= np.sqrt(freedom / rng.chisquare(freedom, (DRAWS, 1)))
+        moves = draws @ projection.factor.T
+        null = tightest(projection, nearest.values)
+        as_far = sum(projection.of(null + move).distance >= nearest.distance for move in moves)
+        p = (1 + as_far) / (1 + DRAWS)
+        errors = [projection.of(nearest.values + move).values - nearest.values for move in moves]
+        spread = np.where(free, np.sqrt(np.mean(np.square(errors), axis=0)), np.nan)
+    return ConsistentEstimate(
+        estimator=estimate.estimator,
+        values=nearest.values,
+        distance=nearest.distance,
+        p=p,
+        active=nearest.active,
+        bodies=nearest.bodies,
+        spread=spread,
+        low=np.maximum(nearest.values - half, among.lower),
+        high=np.minimum(nearest.values + half, among.upper),
+    )
+
+
+def tightest(projection: Projection, values: Array) -> Array:
+    """Return the parameters, (m,), from which noise goes farthest of those that may be the truth.
+
+    Every condition within 3 σ of being tight is made so (Andrews and Soares, Econometrica 78, 2010,
+    choose the conditions that count in this way). What is taken off are parameters q of bodies, and
+    the parameters of bodies K are a convex cone, K + q ⊂ K: from p − q every move ends at least as
+    far from K as from p.
+    """
+    among, found = projection.among, values.copy()
+    spread = np.linalg.norm(projection.factor, axis=1)
+    for ends in (among.lower, among.upper):
+        found = np.where(np.abs(found - ends) < NEAR * spread, ends, found)
+    for combination, removed in among.thin:
+        slack = float(combination @ found)
+        if slack < NEAR * np.linalg.norm(combination @ projection.factor):
+            found = found - slack * removed
+    found = _flat(projection, found)
+    found = np.where(projection.free, found, values)
+    try:
+        return projection.of(found).values
+    except NoBodiesError:
+        return values
+
+
+def _flat(projection: Projection, values: Array) -> Array:
+    """Return parameters without what of the platform may be noise."""
+    among = projection.among
+    rest = among.beside_sliders(values)
+    if rest is None:
+        return values
+    eigenvalues, axes = np.linalg.eigh(rest)
+    steps = [among.beside_sliders(values + move) for move in projection.factor.T]
+    slopes = [
+        np.full(len(axes), np.inf) if step is None else np.diag(axes.T @ (step - rest) @ axes)
+        for step in steps
+    ]
+    noise = np.linalg.norm(slopes, axis=0)
+    small = eigenvalues < NEAR * noise
+    return values - among.of_platform((axes[:, small] * eigenvalues[small]) @ axes[:, small].T)
