@@ -78,7 +78,8 @@ def consistency_in_words(found: ConsistentEstimate) -> str:
     )
     chance = f"noise alone makes such a distance in {100 * found.p:.2g} % of the cases at most"
     if found.significant:
-        return f"{said}{chance}: the model lacks something, or a tolerance or the noise is larger"
+        doubt = "a reason to look for what the model lacks, or for a larger tolerance or noise"
+        return f"{said}{chance}: {doubt}"
     return f"{said}{chance}: no reason for doubt"
 
 
