@@ -20,7 +20,6 @@ import expdesign
 from benchmarks.studies import CLEAR_BIAS, ROOT, Row, claim_row, summary
 from constraints.arrays import Array
 from estimation.estimators import Experiment
-from estimation.estimators.earlier import PLATFORM
 from estimation.estimators.joint import joint_equations, reduced_information
 from estimation.estimators.payload import TEN, payload_estimate
 from estimation.identification import estimate
@@ -35,6 +34,7 @@ from expdesign.configuration import RunConfiguration, load_run
 from expdesign.configuration.prior import identification_of
 from expdesign.experiment.design import design_task
 from expdesign.mechanism.hexapod import ACTUATORS
+from expdesign.mechanism.terms.rigid_platform import OF_A_BODY
 from expdesign.robot import robot_from
 from expdesign.trajectory import FourierTrajectory, TrajectoryFile
 
@@ -164,7 +164,7 @@ def _true_payload(twin: Twin) -> Array:
     payload = twin.truth.payload
     if payload is None:
         raise RuntimeError("the run states a payload")
-    return np.array([payload[name] for name in PLATFORM])
+    return np.array([payload[name] for name in OF_A_BODY.values()])
 
 
 def _bare(run: RunConfiguration, twin: Twin) -> tuple[Array, Array]:
@@ -228,7 +228,7 @@ def _joint_bound(run: RunConfiguration, design: FourierTrajectory) -> Array:
     values = twin.truth.values_of(robot.parameter_names)
     equations = joint_equations(robot, experiment, motion, values, knowledge.free)
     information = reduced_information([equations], knowledge)
-    places = [robot.parameter_names.index(name) for name in PLATFORM]
+    places = [robot.parameter_names.index(name) for name in OF_A_BODY.values()]
     scale = np.sqrt(np.diag(information))
     scaled = information / np.multiply.outer(scale, scale)
     prior = np.linalg.inv(covariance * np.multiply.outer(scale, scale))

@@ -16,11 +16,9 @@ from expdesign.configuration import InputError
 from expdesign.configuration.identification import Identification
 from expdesign.configuration.prior import identification_of
 from expdesign.configuration.robot_description import RobotDescription
+from expdesign.mechanism.terms.rigid_platform import OF_A_BODY
 from expdesign.robot import Robot
 from expdesign.robot.deviation import Deviation, deviations
-
-PLATFORM = ("p10", "sx", "sy", "p9", "p6", "p7", "p8", "Ixy", "Ixz", "Iyz")
-"""Parameters that a payload adds to: mass, first moments, inertia about the TCP."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +30,7 @@ class UnloadedMachine:
     covariance: Array
     """(m, m), P: its random share."""
     platform: NDArray[np.intp]
-    """(10,), places of `PLATFORM`."""
+    """(10,), places of `OF_A_BODY`'s parameters."""
 
     @property
     def known(self) -> NDArray[np.bool_]:
@@ -116,7 +114,7 @@ class EarlierEstimate:
         unloaded = UnloadedMachine(
             np.array(found.unconstrained or [machine.parameters[name] for name in names]),
             np.array(found.covariance_random),
-            np.array([names.index(name) for name in PLATFORM], dtype=np.intp),
+            np.array([names.index(name) for name in OF_A_BODY.values()], dtype=np.intp),
         )
         kept = unloaded.covariance.copy()
         kept[unloaded.platform] = kept[:, unloaded.platform] = 0.0

@@ -26,10 +26,10 @@ from constraints.arrays import Array
 from estimation.estimators.earlier import EarlierEstimate
 from estimation.estimators.result import ParameterEstimate
 from expdesign.mechanism.bodies import ENTRIES, RigidBody, inertia_of
+from expdesign.mechanism.terms.rigid_platform import OF_A_BODY
 
-TEN = ("mass", "sx", "sy", "sz", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
-"""Names of a payload's parameters in the order of those they add to: mass, first moments and
-inertia about the TCP, in the axes of the platform frame; products as matrix entries."""
+TEN = tuple(OF_A_BODY)
+"""Names of a payload's parameters."""
 ABOUT_CENTRE = ("cx", "cy", "cz", *(f"{name}_centre" for name in TEN[4:]))
 """Names of what follows from them: the centre of mass, and the inertia about it."""
 

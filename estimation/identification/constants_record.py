@@ -29,12 +29,14 @@ class ConstantKeys:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _OfEstimator:
+class OfEstimator:
+    """A row that is about one estimator."""
+
     estimator: Annotated[str, described("", "ls, gm or ml")]
 
 
 @dataclass(frozen=True, kw_only=True)
-class ConstantRow(ConstantKeys, _OfEstimator):
+class ConstantRow(ConstantKeys, OfEstimator):
     """A row of `tables/constants.csv`."""
 
 

@@ -9,16 +9,16 @@ from typing import Annotated, Self
 import numpy as np
 
 from constraints.arrays import Array
-from estimation.estimators.earlier import PLATFORM
 from estimation.estimators.payload import ABOUT_CENTRE, TEN, PayloadEstimate, about_centre
 from estimation.uncertainty.intervals import interval_widths
 from expdesign.mechanism.catalogue import parameter_unit
+from expdesign.mechanism.terms.rigid_platform import OF_A_BODY
 from expdesign.runfolder import Numbers, OpenNumber, OpenNumbers, copied, described
 
 _SURE = 3.0
 """Standard deviations that a mass has to be above zero, for its centre to be somewhere."""
 
-_UNITS = tuple(parameter_unit(name) for name in PLATFORM)
+_UNITS = tuple(parameter_unit(name) for name in OF_A_BODY.values())
 _UNITS_ABOUT_CENTRE = ("m",) * 3 + _UNITS[4:]
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import astuple, dataclass
+from dataclasses import asdict, astuple, dataclass
 from itertools import product
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Self
@@ -20,7 +20,7 @@ from estimation.identification.budget_record import (
     deviation_rows,
 )
 from estimation.identification.consistent_record import ConsistentRow, consistent_rows
-from estimation.identification.constants_record import ConstantRow, constant_rows
+from estimation.identification.constants_record import ConstantRow, OfEstimator, constant_rows
 from estimation.identification.estimate_file import EstimateFile
 from estimation.identification.identified_robot import FILE as IDENTIFIED_ROBOT
 from estimation.identification.identified_robot import identified_robot
@@ -80,13 +80,8 @@ class NoiseRow(CovarianceRow, _OfRecording):
     """One element of Σ or Δ of one recording."""
 
 
-@dataclass(frozen=True)
-class _OfEstimator:
-    estimator: Annotated[str, described("", "ls, gm or ml")]
-
-
-@dataclass(frozen=True)
-class EstimatedCombination(KnownCombination, _OfEstimator):
+@dataclass(frozen=True, kw_only=True)
+class EstimatedCombination(KnownCombination, OfEstimator):
     """A combination of parameters that the data identify."""
 
 
@@ -281,7 +276,7 @@ class EstimateRecord(FolderRecord):
     def base_parameters(self) -> list[EstimatedCombination]:
         """What every estimator knows of combinations; empty in a folder of an earlier version."""
         return [
-            EstimatedCombination(estimator, *astuple(row))
+            EstimatedCombination(estimator=estimator, **asdict(row))
             for estimator, entry in self.summary.estimators.items()
             for row in entry.base_parameters
         ]

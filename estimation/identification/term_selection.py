@@ -16,11 +16,10 @@ from estimation.identification.residual_weights import with_residual_noise
 from estimation.selection.criteria import Judge
 from estimation.selection.evidence import Evidence
 from estimation.selection.path import SelectionRow, select
-from expdesign.configuration import ComputationError, RunConfiguration
+from expdesign.configuration import ComputationError, InputError, RunConfiguration
 from expdesign.configuration.added_terms import with_added_terms
 from expdesign.configuration.parameters import FurtherTerms, TermDescription
 from expdesign.configuration.sections.data import DEFAULT_LEVEL, SelectionCriterion
-from expdesign.mechanism.term import parameters_of
 from expdesign.robot import Robot, robot_from
 from expdesign.runfolder import described
 
@@ -89,7 +88,8 @@ class Selection:
         Raises
         ------
         InputError
-            The recordings hold nothing out that could be predicted.
+            The recordings hold nothing out that could be predicted, or no parameter of a candidate
+            is estimated.
         UnidentifiableError
             They do not determine the parameters of the robot's own terms.
         """
@@ -98,11 +98,19 @@ class Selection:
             return None
         wide = robot_from(with_added_terms(configuration, held(section.candidates)).robot)
         terms = {term.name: term for term in wide.terms}
+        knowledge = Knowledge.of(wide, configuration.run.estimate)
+        estimated = {n for n, free in zip(knowledge.names, knowledge.free, strict=True) if free}
         blocks = {
-            one.name: tuple(p.name for p in parameters_of((terms[one.name],)))
+            one.name: tuple(p.name for p in terms[one.name].parameters if p.name in estimated)
             for one in section.candidates
         }
-        knowledge = Knowledge.of(wide, configuration.run.estimate)
+        if nothing := [name for name, own in blocks.items() if not own]:
+            raise InputError(
+                f"nothing of {' and '.join(nothing)} is estimated: its parameters are fixed, or "
+                "show only in combinations with others (estimate.parameters: base)",
+                key="estimate.select.candidates",
+                allowed="terms that say something that the robot's own do not",
+            )
         own = np.isin(knowledge.names, robot.parameter_names)
         without = replace(knowledge, free=knowledge.free & own)
         present = with_residual_noise(

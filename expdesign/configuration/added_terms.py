@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from expdesign.configuration.parameters import TermDescription, chosen_terms
@@ -15,11 +15,11 @@ from expdesign.mechanism.term import parameters_of
 def with_added_terms(
     configuration: RunConfiguration, added: Sequence[TermDescription]
 ) -> RunConfiguration:
-    """Return the run with further terms behind those of its robot, their parameters at zero.
+    """Return the run with further terms of its robot, their parameters at zero.
 
-    Those without signs of friction come first: the load of the actuators counts them for the
-    others. Terms that it has already are left alone. What an earlier estimate knew is dropped: it
-    did not know of them.
+    Those without signs of friction come before the first that has some: the load of the actuators
+    counts them for the others. Terms that it has already are left alone. What an earlier estimate
+    knew is dropped: it did not know of them.
     """
     present = [term.name for term in configuration.robot.terms]
     lacking = [term for term in added if term.name not in present]
@@ -32,15 +32,35 @@ def with_added_terms(
 
 def _with_terms(robot: ResolvedRobot, added: Sequence[TermDescription]) -> ResolvedRobot:
     about = robot.description
-    described = (*about.terms, *sorted(added, key=lambda one: bool(TERMS[one.name].rates)))
+    described = _in_order(about.terms, added)
     turning = about.platform_cardan_axes is not None
     terms = chosen_terms(described, about.platform, about.drive, turning=turning)
-    parameters = {p.name: about.parameters.get(p.name, 0.0) for p in parameters_of(terms)}
-    changes = {"terms": described, "parameters": parameters, "identification": None}
+
+    def known(values: Mapping[str, float]) -> dict[str, float]:
+        return {one.name: values.get(one.name, 0.0) for one in parameters_of(terms)}
+
+    stated = {"terms": described, "parameters": known(about.parameters), "identification": None}
     return replace(
         robot,
-        description=about.model_copy(update=changes),
+        description=about.model_copy(update=stated),
         terms=terms,
         constants=tuple(c.value for term in described for c in term.constants.values()),
-        parameters=parameters,
+        # Those of a payload are in these, and not in what the file states.
+        parameters=known(robot.parameters),
     )
+
+
+def _in_order(
+    own: Sequence[TermDescription], added: Sequence[TermDescription]
+) -> tuple[TermDescription, ...]:
+    """Return terms with further ones where they belong."""
+    found = list(own)
+    for term in sorted(added, key=lambda one: bool(TERMS[one.name].rates)):
+        names = [one.name for one in found]
+        place = len(names)
+        if not TERMS[term.name].rates:
+            place = next((k for k, name in enumerate(names) if TERMS[name].rates), place)
+        if (partner := TERMS[term.name].beside) in names:
+            place = max(place, names.index(partner) + 1)
+        found.insert(place, term)
+    return tuple(found)

@@ -209,9 +209,13 @@ def _nothing_to_select(
                 f"Fourier series; '{run.estimate.differentiation}' differentiation has none",
                 "estimate.differentiation: fourier, or estimate: false with the constant",
             )
-    if run.estimate.prior_from != "none":
+    earlier = {
+        "prior_from": run.estimate.prior_from != "none",
+        "prior": not isinstance(run.estimate.prior, dict),
+    }
+    for name in (name for name, given in earlier.items() if given):
         yield document.problem(
-            ("estimate", "prior_from"),
+            ("estimate", name),
             "an earlier estimate is a prior of its own terms, and estimate.select tries others",
             "none, or no estimate.select",
         )

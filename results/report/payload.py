@@ -6,10 +6,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from estimation.estimators.earlier import PLATFORM
 from estimation.estimators.payload import ABOUT_CENTRE, TEN, about_centre
 from estimation.identification.payload_record import PayloadRow
 from estimation.identification.record import EstimateRecord
+from expdesign.mechanism.terms.rigid_platform import OF_A_BODY
 from results.report.content import Block, Level, TextBlock
 from results.report.table import Column, ReportTable
 
@@ -36,7 +36,7 @@ def payload_blocks(record: EstimateRecord, truth: Mapping[str, float] | None) ->
             Column("σ systematic", digits=3, of="std_systematic"),
         ]
     if truth is not None:
-        values = np.array([truth[name] for name in PLATFORM])
+        values = np.array([truth[name] for name in OF_A_BODY.values()])
         derived = np.concatenate([values, about_centre(values)[0]])
         known = dict(zip((*TEN, *ABOUT_CENTRE), derived.tolist(), strict=True))
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from estimation.estimators.earlier import PLATFORM, EarlierEstimate, UnloadedMachine
+from estimation.estimators.earlier import EarlierEstimate, UnloadedMachine
 from estimation.estimators.payload import TEN, about_centre, payload_estimate
 from estimation.estimators.result import ParameterEstimate
 from estimation.estimators.systematic import Systematic
@@ -18,6 +18,7 @@ from expdesign.configuration import load_run
 from expdesign.configuration.bodies import Body, payload_parameters
 from expdesign.configuration.robot import as_general
 from expdesign.mechanism.bodies import inertia_of
+from expdesign.mechanism.terms.rigid_platform import OF_A_BODY
 from expdesign.robot import load_robot
 from expdesign.robot.deviation import deviations
 from tests.estimation.cases import trajectory
@@ -25,7 +26,7 @@ from tests.estimation.cases import trajectory
 ROBOT = load_robot("palida")
 M = 29
 NAMES = (*ROBOT.parameter_names[:10], "sx", "sy", "Ixy", "Ixz", "Iyz")
-PLACES = np.array([NAMES.index(name) for name in PLATFORM])
+PLACES = np.array([NAMES.index(name) for name in OF_A_BODY.values()])
 OTHERS = np.setdiff1d(np.arange(M), PLACES)
 BODY = {
     "mass": 5,
@@ -66,6 +67,7 @@ class Linear:
         whole = np.column_stack([response[:, 0] + inherited[:, 0], inherited[:, 1]])
         systematic = Systematic(self.deviations, whole, np.zeros(2), np.ones(2))
         earlier = EarlierEstimate(
+            before,
             kept,
             self.deviations,
             self.before_by,
@@ -151,7 +153,7 @@ def test_centre_and_inertia_are_those_of_the_body(seed):
     mass, centre = rng.uniform(0.5, 20), rng.normal(size=3)
     moments = rng.uniform(1, 1.5, 3).tolist() + rng.uniform(-0.2, 0.2, 3).tolist()
     body = Body.model_validate({"mass": mass, "centre": centre.tolist(), "inertia": moments})
-    values = np.array([payload_parameters([body])[name] for name in PLATFORM])
+    values = np.array([payload_parameters([body])[name] for name in OF_A_BODY.values()])
     derived, slope = about_centre(values)
     np.testing.assert_allclose(derived, [*centre, *moments], rtol=1e-9, atol=1e-9)
     step = 1e-6 * np.diag(1 + np.abs(values))
@@ -200,7 +202,7 @@ def loaded(machine):
 
 
 def test_the_payload_is_found(loaded):
-    true = np.array([TRUE[name] for name in PLATFORM])
+    true = np.array([TRUE[name] for name in OF_A_BODY.values()])
     for found in loaded.payloads.values():
         random = found.covariance - found.covariance_systematic
         off = found.values - true

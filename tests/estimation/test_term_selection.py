@@ -194,6 +194,18 @@ def test_without_a_term_the_estimate_is_as_ever():
     np.testing.assert_array_equal(tried.best.covariance, plain.best.covariance)
 
 
+def test_a_candidate_of_which_nothing_is_estimated_is_refused():
+    """In base parameters a payload on a general platform says nothing new."""
+    general = load_robot_description("palida").description.model_dump(mode="json", by_alias=True)
+    configuration = selecting(
+        candidates=[{"payload": {"z": 0.05}}, "quadratic_friction"],
+        estimate={"parameters": "base"},
+        robot=general | {"platform": "general"},
+    )
+    with pytest.raises(InputError, match="payload"):
+        estimate(configuration, measured(MOTION), MOTION)
+
+
 def test_friction_may_be_a_candidate():
     """Its signs are those of rates that no other term has."""
     file = load_robot_description("palida").description.model_dump(mode="json", by_alias=True)

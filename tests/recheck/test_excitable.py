@@ -17,7 +17,7 @@ from expdesign.recheck.excitable import best_std, excitable, structural_base
 from expdesign.recheck.random_states import random_states
 from expdesign.robot import LimitModel, load_robot, robot_from
 from tests.estimation.cases import trajectory
-from tests.payload import MASS, REGROUPED, described, known_payload, with_payload
+from tests.payload import MASS, REGROUPED, described, with_payload
 
 STRIBECK = {"stribeck": {"velocity": 1e9}}
 
@@ -54,14 +54,13 @@ def test_robots_that_ship_against_other_states(name):
 
 
 def test_a_payload_is_what_the_platform_carries():
-    with known_payload():
-        base = structural_base(with_payload())
-        assert base.regrouped == (MASS,)
-        found = {name: base.members(name)[MASS] for name in base.combined}
-        assert found == pytest.approx(REGROUPED, rel=1e-8)
-        (sentence,) = base.sentences()
-        assert MASS in sentence
-        assert "p10" in sentence
+    base = structural_base(with_payload())
+    assert base.regrouped == (MASS,)
+    found = {name: base.members(name)[MASS] for name in base.combined}
+    assert found == pytest.approx(REGROUPED, rel=1e-8)
+    (sentence,) = base.sentences()
+    assert MASS in sentence
+    assert "p10" in sentence
 
 
 def test_what_the_robot_file_states_keeps_its_name():

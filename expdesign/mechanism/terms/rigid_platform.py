@@ -131,3 +131,15 @@ SYMMETRIC = Term(
 GENERAL = replace(SYMMETRIC, parameters=_TEN, columns=_general, lumps=(_lump(_TEN),))
 LATERAL = tuple(one.name for one in GENERAL.parameters[len(SYMMETRIC.parameters) :])
 """Parameters that the general platform has and the symmetric one has not."""
+OF_A_BODY = {
+    "mass": MASS,
+    "sx": "sx",
+    "sy": "sy",
+    "sz": "p9",
+    "Ixx": "p6",
+    "Iyy": "p7",
+    "Izz": "p8",
+    **{name: name for name in _PRODUCTS},
+}
+"""Parameters of the general platform by what a body on it adds to: its mass, first moments and
+inertia about the TCP, in the axes of the platform frame; products as matrix entries."""
