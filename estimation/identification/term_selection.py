@@ -19,7 +19,7 @@ from estimation.selection.path import SelectionRow, select
 from expdesign.configuration import ComputationError, InputError, RunConfiguration
 from expdesign.configuration.added_terms import with_added_terms
 from expdesign.configuration.parameters import FurtherTerms, TermDescription
-from expdesign.configuration.sections.data import DEFAULT_LEVEL, SelectionCriterion
+from expdesign.configuration.sections.selection import DEFAULT_LEVEL, SelectionCriterion
 from expdesign.robot import Robot, robot_from
 from expdesign.runfolder import described
 

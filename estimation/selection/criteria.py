@@ -15,7 +15,7 @@ from estimation.diagnostics.projection import Fit, Places
 from estimation.diagnostics.tails import log_tail
 from estimation.selection.evidence import Evidence, RecordingShare, Share
 from expdesign.configuration import InputError
-from expdesign.configuration.sections.data import SelectionCriterion
+from expdesign.configuration.sections.selection import SelectionCriterion
 from expdesign.information.fisher import EXCITABLE, ScaledInformation
 
 

@@ -28,11 +28,7 @@ from expdesign.configuration.joint_ring import JointRing
 from expdesign.configuration.limits import CHARACTERISTIC_LENGTH
 from expdesign.configuration.robot_description import RobotDescription
 from expdesign.configuration.run import ReportSection
-from expdesign.configuration.sections.data import (
-    EstimateSection,
-    MonteCarloSection,
-    SelectSection,
-)
+from expdesign.configuration.sections.data import EstimateSection, MonteCarloSection
 from expdesign.configuration.sections.design import DesignSection, MotionSection, TrajectorySection
 from expdesign.configuration.sections.disturbances import (
     Cogging,
@@ -50,6 +46,7 @@ from expdesign.configuration.sections.experiment import (
 )
 from expdesign.configuration.sections.export import OFFERS
 from expdesign.configuration.sections.feedforward import FeedforwardSection
+from expdesign.configuration.sections.selection import SelectSection
 from expdesign.configuration.sections.sweep import MOST_DESIGNS, path_units
 from expdesign.configuration.values.quantity import unit_dimension, unit_symbols
 from expdesign.experiment.design_file import DesignFile

@@ -9,7 +9,7 @@ from matplotlib.patches import Rectangle
 
 from estimation.identification.term_selection import Selection
 from estimation.selection.path import SelectionRow
-from expdesign.configuration.sections.data import SelectSection
+from expdesign.configuration.sections.selection import SelectSection
 from results.figures.selection import selection_figure
 from results.report.content import TextBlock
 from results.report.selection import selection_blocks

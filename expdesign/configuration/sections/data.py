@@ -7,10 +7,11 @@ from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
-from expdesign.configuration.parameters import FurtherTerms, known_parameter, parsed_parameter
+from expdesign.configuration.parameters import known_parameter, parsed_parameter
 from expdesign.configuration.problem import refusal, require, shown
 from expdesign.configuration.robot_description import RobotDescription
 from expdesign.configuration.section import LATER, Section
+from expdesign.configuration.sections.selection import SelectSection
 from expdesign.configuration.values.channels import ForceOffsets, Offsets, Order, Signs
 from expdesign.configuration.values.quantity import (
     CURRENT,
@@ -202,7 +203,6 @@ FrequencyOrigin = Literal["known", "estimated"]
 PriorOrigin = Literal["none", "robot"]
 SystematicOrigin = Literal["budget", "estimated", "none"]
 Loss = Literal["squared", "huber"]
-SelectionCriterion = Literal["bic", "f", "holdout"]
 Estimated = Literal["all", "base"]
 
 Estimators = Annotated[
@@ -258,30 +258,6 @@ class Prior(Section):
 
     value: float | None
     std: float
-
-
-_LEVEL_SHARE = require(
-    lambda value: 0 < value < 1, "{value:g} is no level of a test", "0 < level < 1, such as 0.01"
-)
-DEFAULT_LEVEL = 0.01
-
-
-class SelectSection(Section):
-    """Terms that the robot may lack, of which the data choose."""
-
-    candidates: FurtherTerms
-    """As in a robot file's `terms`."""
-    by: Annotated[SelectionCriterion, one_of(SelectionCriterion)] = "bic"
-    """What judges a step: Schwarz's criterion, an F test, or forces that were not fitted."""
-    level: Annotated[Number, _LEVEL_SHARE] | None = None
-    """Of the F tests: how often one of all candidates enters though none belongs there; None:
-    `DEFAULT_LEVEL`, where `by` is `f`."""
-
-    @model_validator(mode="after")
-    def _level_of_a_test(self) -> SelectSection:
-        if self.level is not None and self.by != "f":
-            raise refusal(f"by: {self.by} has no level", "level with by: f alone", key="level")
-        return self
 
 
 class EstimateSection(Section):
