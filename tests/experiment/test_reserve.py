@@ -27,7 +27,7 @@ def result(tiny, few_limits, cheaper):
         robot=few_limits,
         limits=limits,
         trajectory={"controller_period": 0.001},
-        design={"max_iterations": 30},
+        design={"max_iterations": 160},
     )
     with cheaper():
         return expdesign.design(run)

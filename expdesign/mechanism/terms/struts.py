@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import partial
 
 import casadi as ca
 import numpy as np
@@ -106,8 +105,12 @@ def _with_sixth(p: Mapping[str, float]) -> Array:
     return along(p, p[MASS] / ACTUATORS)
 
 
-_thickness = partial(thickness, slack=_ROUNDING)
-_breadth = partial(breadth, slack=_ROUNDING)
+def _thickness(p: Mapping[str, float]) -> Array:
+    return thickness(p, _ROUNDING)
+
+
+def _breadth(p: Mapping[str, float]) -> Array:
+    return breadth(p, _ROUNDING)
 
 
 TERM = Term(
