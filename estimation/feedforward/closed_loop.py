@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy as np
 from constraints.arrays import Array, Mask
 from estimation.feedforward.controller import Controller, ControllerState
 from estimation.feedforward.forward_dynamics import ForwardDynamics
+from estimation.feedforward.record import CaseName
 from estimation.twin.disturbances import quantised
 from expdesign.configuration import ComputationError
 from expdesign.mechanism.hexapod import ACTUATORS
@@ -52,7 +54,7 @@ def followed(
     machine: ForwardDynamics,
     controller: Controller,
     task: Task,
-    feedforward: Array,
+    feedforward: Mapping[CaseName, Array],
     start: Array,
     integral: Array,
     substeps: int,
@@ -64,8 +66,8 @@ def followed(
     machine : ForwardDynamics
     controller : Controller
     task : Task
-    feedforward : (C, T, 6) array
-        Forces that are added to the controller's, N.
+    feedforward : mapping of (T, 6) arrays
+        Forces that are added to the controller's, N, by the name of each of the C cases.
     start : (12,) array
         Pose and rate at the first sample.
     integral : (C, 6) array
@@ -76,9 +78,10 @@ def followed(
     Raises
     ------
     ComputationError
-        A machine leaves its motion: the loop is unstable.
+        A machine leaves its motion, and in which case: the loop is unstable.
     """
-    cases, count, _ = feedforward.shape
+    given = np.array(list(feedforward.values()))
+    cases, count, _ = given.shape
     states = np.empty((cases, count, len(start)))
     lengths, commands = (np.empty((cases, count, ACTUATORS)) for _ in range(2))
     limited = np.empty((cases, count, ACTUATORS), dtype=bool)
@@ -92,13 +95,16 @@ def followed(
         states[:, k], lengths[:, k] = state, length
         measured = quantised(length + task.noise[k], task.resolution)
         error = task.lengths[k] - measured
-        if not np.max(np.abs(error)) < _LOST:  # NaN too
+        lost = ~(np.max(np.abs(error), axis=1) < _LOST)  # NaN too
+        if np.any(lost):
+            cases_lost = (case for case, left in zip(feedforward, lost, strict=True) if left)
+            named = ", ".join(f"'{case}'" for case in cases_lost)
             raise ComputationError(
-                f"the machine leaves its motion {k * controller.step:.3g} s after the start: its "
-                "controller is unstable, or too weak for the limits of its forces; try another "
-                "feedforward.bandwidth"
+                f"the machine leaves its motion {k * controller.step:.3g} s after the start with "
+                f"the feed-forward {named}: its controller is unstable, or too weak for the limits "
+                "of its forces; try another feedforward.bandwidth"
             )
-        commands[:, k], limited[:, k], kept = controller.commanded(kept, error, feedforward[:, k])
+        commands[:, k], limited[:, k], kept = controller.commanded(kept, error, given[:, k])
         forces = commands[:, k] / task.gains[k]
         for _ in range(substeps):
             state, length = advanced(state, forces)

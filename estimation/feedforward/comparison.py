@@ -81,15 +81,17 @@ def compare_feedforward(
     with threadpool_limits(limits=1, user_api="blas"):
         times = step * np.arange(round(section.periods * motion.period / step), dtype=np.float64)
         last = round((section.periods - 1) * motion.period / step)
-        identified = estimated_machine(nominal, saved.estimate.systematic).robot
-        truth = true_machine(configuration, saved, identified, times)
+        machine = estimated_machine(nominal, saved.estimate.systematic)
+        truth = true_machine(configuration, saved, machine, times)
         models: dict[CaseName, Model] = {
             "nominal": Model(nominal, nominal.parameters),
-            "identified": Model(identified, saved.estimate.values),
+            "identified": Model(machine.robot, saved.estimate.values),
             "true": truth.model,
         }
+        # What a controller commands is measured force; the models' forces are true ones.
+        gains: dict[CaseName, Array] = {"identified": machine.gains, "true": truth.gains}
         loop = _Loop(configuration, nominal, truth, motion, times, width)
-        forces = _feedforwards(models, motion, times + step / 2, truth.gains)
+        forces = _feedforwards(models, motion, times + step / 2, gains)
         found, numbers = loop.compared(forces)
     made = {case: _tracking(loop, found, place, last) for place, case in enumerate(forces)}
     feedback = found.commands - np.array(list(forces.values()))
@@ -161,10 +163,14 @@ def _of_the_estimate(saved: SavedEstimate) -> tuple[str, ...]:
 
 
 def _feedforwards(
-    models: dict[CaseName, Model], motion: FourierTrajectory, times: Array, gains: Array
+    models: dict[CaseName, Model],
+    motion: FourierTrajectory,
+    times: Array,
+    gains: dict[CaseName, Array],
 ) -> dict[CaseName, Array]:
     """Return the forces of each case, (T, 6), N, in the controller's units.
 
+    Those are true forces times the gains that a model has, measured over true; 1 where it has none.
     Those of the nominal model are left out where that is the true one.
     """
     states = motion.sample(times)
@@ -173,9 +179,8 @@ def _feedforwards(
     found: dict[CaseName, Array] = {
         "none": np.zeros_like(states.pose),
         "gravity": nominal.forces(at_rest),
-        **{case: model.forces(states) for case, model in models.items()},
+        **{case: model.forces(states) * gains.get(case, 1.0) for case, model in models.items()},
     }
-    found["true"] = found["true"] * gains
     if np.array_equal(found["nominal"], found["true"]):
         del found["nominal"]
     return found
@@ -225,12 +230,12 @@ class _Loop:
 
     def compared(self, forces: dict[CaseName, Array]) -> tuple[Followed, IntegrationKeys]:
         """Simulate all cases, and once more with half the step and half the width."""
-        step, given = self.controller.step, np.array(list(forces.values()))
+        step = self.controller.step
         poses = self.states.pose[:: max(1, len(self.states.pose) // _TRIED)]
         substeps = max(_FEWEST, int(np.ceil(step / self.machine.longest_step(poses))))
         finer = replace(self.machine, width=self.machine.width / 2)
         found, again = (
-            self._followed(machine, given, forces["true"], count, words)
+            self._followed(machine, forces, count, words)
             for machine, count, words in (
                 (self.machine, substeps, "all feed-forwards"),
                 (finer, 2 * substeps, "the same in smaller steps"),
@@ -244,13 +249,14 @@ class _Loop:
         return found, IntegrationKeys(step / substeps, self.machine.width, change)
 
     def _followed(
-        self, machine: ForwardDynamics, given: Array, true: Array, substeps: int, words: str
+        self, machine: ForwardDynamics, forces: dict[CaseName, Array], substeps: int, words: str
     ) -> Followed:
         # As it is after many periods: the integral bears what the feed-forward lacks on average.
-        integral = np.mean(true - given, axis=1) * (self.controller.integral > 0)
+        lacking = [np.mean(forces["true"] - given, axis=0) for given in forces.values()]
+        integral = np.array(lacking) * (self.controller.integral > 0)
         with part(words):
             return followed(
-                machine, self.controller, self.task, given, self.start, integral, substeps
+                machine, self.controller, self.task, forces, self.start, integral, substeps
             )
 
 

@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 
 from constraints.arrays import Array
+from estimation.estimators import DeviatingMachine
 from estimation.feedforward.forward_dynamics import Model
 from estimation.identification.saved import SavedEstimate
 from estimation.twin.disturbances import force_factors
@@ -15,7 +16,7 @@ from expdesign.configuration import ComputationError, RunConfiguration
 from expdesign.configuration.sections.disturbances import Cogging
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.term import parameters_of
-from expdesign.robot import Robot, robot_from
+from expdesign.robot import robot_from
 
 _MOST_DRAWS = 10_000
 
@@ -35,7 +36,7 @@ class TrueMachine:
 
 
 def true_machine(
-    configuration: RunConfiguration, saved: SavedEstimate, identified: Robot, times: Array
+    configuration: RunConfiguration, saved: SavedEstimate, machine: DeviatingMachine, times: Array
 ) -> TrueMachine:
     """Return the digital twin or, where the recording is of a real machine, one that is drawn.
 
@@ -43,10 +44,15 @@ def true_machine(
     distribution, and again until none is beyond its bound: what is simulated then shows what the
     estimate's uncertainty costs, and nothing of what the model does not know.
 
+    Only p is drawn, by its whole covariance: geometry, gains and constants of terms stay as the
+    estimate has them. The part of the covariance that comes from their being estimated with p, or
+    from their tolerances, belongs to errors of p that errors of θ make up for in the forces. With θ
+    held nothing does, and the errors come out too large.
+
     Parameters
     ----------
-    identified : Robot
-        With the geometry that was estimated.
+    machine : DeviatingMachine
+        With the geometry, constants and gains that were estimated.
     times : (T,) array
         s.
 
@@ -56,13 +62,13 @@ def true_machine(
         No machine with parameters within their bounds is found.
     """
     section = configuration.run.experiment
-    gains = np.ones((len(times), ACTUATORS))
     if configuration.run.data.file is None:
         robot = robot_from(configuration.truth or configuration.robot)
+        gains = np.ones((len(times), ACTUATORS))
         if section.force_constant is not None:
             gains = force_factors(section.force_constant, times, float(times[-1]))
         return TrueMachine("twin", Model(robot, robot.parameters), section.cogging, gains)
-    estimate, bounds = saved.estimate, parameters_of(identified.terms)
+    estimate, bounds = saved.estimate, parameters_of(machine.robot.terms)
     lower = np.array([one.lower for one in bounds])
     upper = np.array([one.upper for one in bounds])
     # A parameter that the estimate itself has beyond its bound stays where it is.
@@ -79,4 +85,5 @@ def true_machine(
             "parameters within their bounds: the estimate is too uncertain to be simulated"
         )
     values = drawn[int(np.argmax(kept))]
-    return TrueMachine("drawn", Model(identified, values), None, gains)
+    gains = np.tile(machine.gains, (len(times), 1))
+    return TrueMachine("drawn", Model(machine.robot, values), None, gains)

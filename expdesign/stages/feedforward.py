@@ -6,6 +6,7 @@ from dataclasses import asdict
 
 from estimation.feedforward.comparison import compare_feedforward
 from expdesign.stages.outcome import Outcome
+from expdesign.stages.table import STAGES
 from expdesign.stages.workspace import Workspace
 
 
@@ -13,7 +14,7 @@ def perform(work: Workspace) -> Outcome:
     """Compare how well a motion is followed with each feed-forward."""
     configuration, saved = work.estimate()
     design = None
-    if configuration.run.feedforward.motion == "design":
+    if "design" in STAGES["feedforward"].needed(configuration):
         design = work.design().trajectory
     record = compare_feedforward(configuration, saved, design)
     summary = record.summary

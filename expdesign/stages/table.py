@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -43,6 +43,10 @@ def _designs_itself(configuration: RunConfiguration) -> bool:
     return study is not None and study.kind == "design"
 
 
+def _own_motion(configuration: RunConfiguration) -> bool:
+    return configuration.run.feedforward.motion != "design"
+
+
 def _sections(*names: str, **keys: set[str]) -> Mapping[str, Keys]:
     return {**dict.fromkeys(("name", "robot", *names), True), **keys}
 
@@ -62,7 +66,7 @@ class Stage:
     sections: Mapping[str, Keys] | None
     """Sections of the run file, or keys of them, that the result depends on; None: on all."""
     needs: tuple[str, ...] = ()
-    """What it is made from beside the run file: ``"design"``, ``"recording"`` (with the design
+    """What it may be made from beside the run file: ``"design"``, ``"recording"`` (with the design
     that was executed, if there is one), ``"estimate"``, or ``"folder"``, all other stages. It
     comes from the options of the command, from memory when the same run has just made it, or
     from the run folder."""
@@ -74,14 +78,15 @@ class Stage:
     """Function that makes its section of the report, as ``module:function``."""
     reported_after: str = ""
     """Stage after which that section stands; where the stage stands in this table by default."""
-    needs_nothing: Callable[[RunConfiguration], bool] = lambda _configuration: False
-    """Whether it makes what it needs itself in this run."""
+    does_without: Mapping[str, Callable[[RunConfiguration], bool]] = field(default_factory=dict)
+    """Of what it needs, that which only some runs need, with whether this one does without."""
     left_out: tuple[Callable[[RunConfiguration], str], ...] = ()
     """Reasons why a run does not do it although it names it; empty texts are none."""
 
     def needed(self, configuration: RunConfiguration) -> tuple[str, ...]:
         """Return what it needs in this run."""
-        return () if self.needs_nothing(configuration) else self.needs
+        spared = {need for need, spares in self.does_without.items() if spares(configuration)}
+        return tuple(need for need in self.needs if need not in spared)
 
 
 _FIGURES = "figures/*"
@@ -151,7 +156,8 @@ STAGES: dict[str, Stage] = {
         does="drives the twin with and without the forces of the identified model",
         record="feedforward.json",
         perform="expdesign.stages.feedforward:perform",
-        needs=("estimate",),
+        needs=("estimate", "design"),
+        does_without={"design": _own_motion},
         sections=_sections("trajectory", "experiment", "data", "estimate", "feedforward"),
         writes=_TABLES,
         report="results.report.stages.feedforward:feedforward_report",
@@ -162,7 +168,7 @@ STAGES: dict[str, Stage] = {
         record="study.json",
         perform="expdesign.stages.studies:study",
         needs=("design",),
-        needs_nothing=_designs_itself,
+        does_without={"design": _designs_itself},
         sections=_sections("trajectory", "design", "experiment", "estimate", "montecarlo", "study"),
         writes=_TABLES,
         report="results.report.stages.study:study_report",

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from estimation.estimators import DeviatingMachine, Systematic
 from estimation.feedforward.comparison import compare_feedforward
 from estimation.feedforward.record import FeedforwardRecord
 from estimation.feedforward.true_machine import true_machine
@@ -17,10 +18,14 @@ from expdesign.configuration.noise_spectrum import DENSITIES
 from expdesign.configuration.robot import load_robot_description
 from expdesign.mechanism.term import parameters_of
 from expdesign.robot import robot_from
+from expdesign.robot.deviation import tolerated
 from tests.estimation.cases import ROBOT, measured, run, trajectory
 
 MOTION = trajectory()
+READ = [0.05, -0.05, 0.05, -0.05, 0.05, -0.05]
+"""By which share the forces of each actuator are measured too large."""
 FOLLOWED = {"motion": "circle", "radius": 0.08, "speed": 1.0, "periods": 1}
+EXACT = DeviatingMachine.exact(ROBOT)
 SLOW = {"trajectory": {"controller_period": 0.005}}
 
 
@@ -117,8 +122,8 @@ def test_cases_that_are_missing_are_told(record, tmp_path):
 def test_of_a_real_machine_one_is_drawn(saved):
     config = case(data={"file": "measured.csv"})
     times = np.arange(3.0)
-    found, again = (true_machine(config, saved, ROBOT, times) for _ in range(2))
-    other = true_machine(config.with_section("experiment", seed=7), saved, ROBOT, times)
+    found, again = (true_machine(config, saved, EXACT, times) for _ in range(2))
+    other = true_machine(config.with_section("experiment", seed=7), saved, EXACT, times)
     assert found.kind == "drawn"
     np.testing.assert_array_equal(found.model.values, again.model.values)
     assert np.any(found.model.values != other.model.values)
@@ -135,7 +140,7 @@ def test_an_estimate_without_any_possible_machine_is_told(saved):
     hopeless = replace(saved.estimate, values=np.abs(saved.estimate.values), covariance=vague)
     config = case(data={"file": "measured.csv"})
     with pytest.raises(ComputationError, match="too uncertain"):
-        true_machine(config, replace(saved, estimate=hopeless), ROBOT, np.arange(3.0))
+        true_machine(config, replace(saved, estimate=hopeless), EXACT, np.arange(3.0))
 
 
 def test_force_constants_and_cogging_act_in_the_loop(saved):
@@ -147,6 +152,33 @@ def test_force_constants_and_cogging_act_in_the_loop(saved):
     cogging = {"amplitude": 30, "pitch": "30 mm"}
     disturbed = compare_feedforward(case(experiment={"cogging": cogging}), saved, None)
     assert disturbed.summary.case("true").rms_struts > 2 * record.summary.case("true").rms_struts
+
+
+@pytest.fixture(scope="module")
+def read_wrongly(saved):
+    """An estimate that knows all parameters, and the force constants of a machine with others."""
+    robot = robot_from(run(tolerances={"force_constant": {"each": "5 %"}}).robot)
+    chosen, zeros = tolerated(robot), np.zeros((len(robot.parameters), len(READ)))
+    found = Systematic(chosen, zeros, np.array(READ), np.zeros(len(READ)), estimated=True)
+    known = replace(saved.estimate, values=robot.parameters, systematic=found)
+    return replace(saved, estimate=known)
+
+
+def test_forces_are_fed_forward_in_the_units_that_the_estimate_found(read_wrongly):
+    """A model without any error leaves what the true one does: both know the force constants."""
+    wrong = {"force_constant": {"each": READ}}
+    tolerances = {"force_constant": {"each": "5 %"}}
+    config = case(experiment=wrong, tolerances=tolerances)
+    summary = compare_feedforward(config, read_wrongly, None).summary
+    assert summary.case("nominal").rms_from_true > 20e-6
+    assert summary.case("identified").rms_from_true < 1e-9
+
+
+def test_a_machine_that_is_drawn_has_the_force_constants_of_the_estimate(read_wrongly):
+    found = read_wrongly.estimate.systematic
+    machine = DeviatingMachine.of(ROBOT, found.deviations, found.values)
+    drawn = true_machine(case(data={"file": "measured.csv"}), read_wrongly, machine, np.arange(3.0))
+    np.testing.assert_allclose(drawn.gains, 1 + np.tile(READ, (3, 1)))
 
 
 def test_a_loop_that_is_unstable_is_told(saved):

@@ -64,6 +64,7 @@ def test_a_run_file_names_the_stages_of_the_table():
 def test_what_a_stage_names_is_there(name):
     stage = STAGES[name]
     assert set(stage.needs) <= NEEDS
+    assert set(stage.does_without) <= set(stage.needs)
     assert set(stage.sections or ()) <= set(RunDescription.model_fields)
     (parameter,) = inspect.signature(loaded(stage.perform)).parameters
     assert parameter == "work"
@@ -102,6 +103,16 @@ def test_a_stage_is_made_from_the_sections_that_it_declares(key, monkeypatch, tm
             assert same == (part is False), name
 
 
+@pytest.mark.parametrize("motion", ["circle", "design"])
+def test_the_feed_forward_of_a_design_is_made_from_it(motion, monkeypatch, tmp_path):
+    designs = iter(["one", "another"])
+    made = {"design": lambda: next(designs), "estimate": lambda: "the same"}
+    monkeypatch.setattr(Workspace, "made_from", lambda _, need: made[need]())
+    config = load_run({"name": "name", "robot": "palida", "feedforward": {"motion": motion}})
+    one, other = (stage_inputs("feedforward", Workspace(config, tmp_path)) for _ in range(2))
+    assert (one == other) == (motion == "circle")
+
+
 def test_every_key_of_a_run_file_is_tried():
     keys = {field.alias or name for name, field in RunDescription.model_fields.items()}
     # The robot takes limits, noise and tolerances in; the others are not for results.
@@ -118,7 +129,14 @@ def test_who_needs_a_design(tmp_path):
     study = load_run(run | {"study": {"kind": "design", "repetitions": 25}})
     assert performed(study) == ["study"]
     assert stages_without_design(study, tmp_path) is None
+    measured = {"name": "name", "robot": "palida", "data": {"file": "measured.csv"}, "estimate": {}}
+    circle, design = (
+        load_run(measured | {"feedforward": {"motion": motion}}) for motion in ("circle", "design")
+    )
+    assert stages_without_design(circle, tmp_path) is None
+    assert "feedforward" in stages_without_design(design, tmp_path).message
     (tmp_path / "design.json").write_text("{}")
+    assert stages_without_design(design, tmp_path) is None
     assert stages_without_design(load_run(run), tmp_path) is None
 
 
