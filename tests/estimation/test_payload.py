@@ -66,6 +66,7 @@ class Linear:
         whole = np.column_stack([response[:, 0] + inherited[:, 0], inherited[:, 1]])
         systematic = Systematic(self.deviations, whole, np.zeros(2), np.ones(2))
         earlier = EarlierEstimate(
+            before,
             kept,
             self.deviations,
             self.before_by,
