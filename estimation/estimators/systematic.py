@@ -48,7 +48,9 @@ class Systematic:
     @property
     def with_priors(self) -> bool:
         """Whether something that has a tolerance was estimated."""
-        known = [std < one.std < np.inf for one, std in zip(self.deviations, self.std, strict=True)]
+        known = [
+            std != one.std < np.inf for one, std in zip(self.deviations, self.std, strict=True)
+        ]
         return self.estimated and any(known)
 
     @property
