@@ -121,6 +121,21 @@ class EarlierEstimate:
         systematic = _systematic(found, robot, "estimate.prior")
         return cls(unloaded.values, _precision(kept), *systematic, unloaded)
 
+    def mean_beside(self, held: NDArray[np.bool_], values: Array) -> Array:
+        """Return its mean, (m,), when it is known that those held have these values.
+
+        The conditional mean of a normal distribution, by its precision P of the others (f) and of
+        those held (d): m_f − P_ff⁻¹ P_fd (v_d − m_d). P_ff is their precision.
+        """
+        std = np.sqrt(np.diag(self.precision))
+        others = np.flatnonzero(~held & (std > 0))
+        scale = std[others]
+        own = self.precision[np.ix_(others, others)] / np.multiply.outer(scale, scale)
+        pull = self.precision[np.ix_(others, held)] @ (values - self.values)[held]
+        mean = np.where(held, values, self.values)
+        mean[others] -= np.linalg.solve(own, pull / scale) / scale
+        return mean
+
 
 def _precision(covariance: Array) -> Array:
     """Return the inverse of a covariance, (m, m); zero where it has no variance."""

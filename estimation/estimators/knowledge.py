@@ -75,7 +75,7 @@ class Knowledge:
     start: Array
     """(m,), values to begin from; those of the fixed parameters are kept."""
     prior_mean: Array
-    """(m,)."""
+    """(m,), of the free parameters where the fixed ones stand."""
     prior_precision: Array
     """(m,), 1/std²; 0 without a prior."""
     lower: Array
@@ -111,14 +111,15 @@ class Knowledge:
         if base is not None:
             _refuse_of_combinations(section, base)
             own = base.base
+        free, start = np.array([name in own for name in known]), values(fixed)
         whole = cls(
             names=known,
             nominal=nominal,
-            free=np.array([name in own for name in known]),
-            start=values(fixed),
+            free=free,
+            start=start,
             prior_mean=values({name: prior.value for name, prior in priors.items()})
             if earlier is None
-            else earlier.values,
+            else earlier.mean_beside(~free, start),
             prior_precision=np.array([priors[n].std ** -2 if n in priors else 0.0 for n in known]),
             lower=lower,
             upper=upper,

@@ -67,13 +67,7 @@ def linear_estimate(
     fit, iterations, status = _converged(problem)
     inverse = fit.inverse
     count = int(np.count_nonzero(knowledge.free))
-    machine = fit.machine if constants else None
-    influences = [
-        _influence(problem, fit, experiment, weighting, inverse[:count], number, machine)
-        for number, (experiment, weighting) in enumerate(
-            zip(fit.experiments, problem.weightings, strict=True)
-        )
-    ]
+    influences = _influences(problem, fit, inverse[:count])
     own = inverse[:count, :count]
     found = ParameterEstimate(
         estimator=estimator,
@@ -88,7 +82,9 @@ def linear_estimate(
     )
     if not constants:
         return found
-    std = np.sqrt(np.diag(inverse)[count:])
+    gain = inverse[count:]
+    prior_share = gain @ problem.known.precision @ gain.T
+    std = np.sqrt(_variance(_influences(problem, fit, gain), prior_share))
     systematic = systematic_share(influences, constants, knowledge.free, fit.theta, std)
     return replace(found.with_systematic(systematic), seconds=time.perf_counter() - began)
 
@@ -233,6 +229,19 @@ def _converged(problem: _Problem) -> tuple[_Fit, int, str]:
     return fit, _STEPS, "stopped at the most iterations allowed"
 
 
+def _influences(problem: _Problem, fit: _Fit, gain: Array) -> list[Influence]:
+    """Return how the errors of every experiment move what `gain`, (r, k + t), has a row for."""
+    pairs = zip(fit.experiments, problem.weightings, strict=True)
+    return [_influence(problem, fit, *pair, gain, number) for number, pair in enumerate(pairs)]
+
+
+def _variance(influences: Sequence[Influence], prior_share: Array) -> Array:
+    """Return the variances that the noise makes of forces and lengths, and the priors', (r,)."""
+    shares = [share for one in influences for share in (one.force_share(), one.length_share())]
+    noise = sum(np.diag(share.matrix) for share in shares if share is not None)
+    return np.diag(prior_share) + noise
+
+
 def _influence(
     problem: _Problem,
     fit: _Fit,
@@ -240,14 +249,14 @@ def _influence(
     weighting: Array,
     gain: Array,
     number: int,
-    machine: DeviatingMachine | None,
 ) -> Influence:
-    """Return how the errors of one experiment move the parameters.
+    """Return how the errors of one experiment move parameters or θ: as many as `gain` has rows.
 
-    `gain`, (k, k + t), is that of the columns of the parameters and of θ. The lengths move them by
+    `gain`, (r, k + t), is that of the columns of the parameters and of θ. The lengths move them by
     −B Cov(ξ̂), B = −∂p̂/∂ξ = F⁻¹ Σ c Uᵀ W ∂(A p)/∂ξ; not known after pointwise kinematics.
     """
     motion, length_gain, force_gain = None, None, gain
+    machine = fit.machine if problem.constants else None
     if experiment.fit is not None:
         motion, count = experiment.fit.motion, gain.shape[1]
         matrix = fit.equations[number].matrix

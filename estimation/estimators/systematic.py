@@ -48,7 +48,9 @@ class Systematic:
     @property
     def with_priors(self) -> bool:
         """Whether something that has a tolerance was estimated."""
-        known = [std < one.std < np.inf for one, std in zip(self.deviations, self.std, strict=True)]
+        known = [
+            std != one.std < np.inf for one, std in zip(self.deviations, self.std, strict=True)
+        ]
         return self.estimated and any(known)
 
     @property
@@ -121,16 +123,16 @@ def with_prior(
 ) -> Systematic | None:
     """Return what tolerances do to an estimate whose prior is an earlier one of the machine.
 
-    The prior enters with the gain F⁻¹ P, (k, k). An entry with the same tolerance is the same
-    number in both.
+    The prior enters with the gain F⁻¹ P, (k, m): its errors of parameters that are held now move
+    what it says of the others. An entry with the same tolerance is the same number in both.
     """
     if any(each.motion is None or each.length_gain is None for each in influences):
         return systematic
     count = int(np.count_nonzero(free))
     # The forces' gain on the parameters' columns is F⁻¹, in every experiment.
-    gain = influences[0].force_gain[:, :count] @ earlier.precision[np.ix_(free, free)]
+    gain = influences[0].force_gain[:, :count] @ earlier.precision[free]
     inherited = np.zeros_like(earlier.response)
-    inherited[free] = gain @ earlier.response[free]
+    inherited[free] = gain @ earlier.response
     if systematic is None:
         if not any(one.std > 0 for one in earlier.deviations):
             return None

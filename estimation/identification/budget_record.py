@@ -71,7 +71,7 @@ class SystematicKeys:
     def with_priors(self) -> bool:
         """Whether something that has a tolerance was estimated."""
         return self.estimated and any(
-            each.std < each.tolerance < np.inf for each in self.deviations
+            each.std != each.tolerance < np.inf for each in self.deviations
         )
 
     @property

@@ -230,3 +230,56 @@ def test_pointwise_kinematics_are_refused():
     with pytest.raises(InputError, match=r"cogging\.pitch, stribeck\.velocity") as caught:
         _run(estimate={"differentiation": "central"})
     assert caught.value.problems[0].key == "estimate.differentiation"
+
+
+# Small, so that what is expected of the sign of friction is the sign.
+UNEQUAL = {"force_std": [*["0.03 N"] * 4, *["0.4 N"] * 2], "length_std": ["3 um"] * 6}
+EQUAL = {"force_std": ["0.04 N"] * 6, "length_std": ["10 um"] * 6}
+
+
+@pytest.mark.parametrize("tolerance", [None, 2e-7])
+@pytest.mark.parametrize(("estimator", "noise"), [("ls", UNEQUAL), ("gm", EQUAL)])
+def test_their_spread_counts_weights_and_lengths(estimator, noise, tolerance):
+    """A second computation: the sandwich from difference quotients, all samples at once."""
+    sections = {"estimate": {"estimators": [estimator], "spectrum": "white"}, "noise": noise}
+    if tolerance is not None:
+        sections["tolerances"] = {"terms": {"cogging": {"pitch": tolerance}}}
+    result = estimate(_run(_guess(PITCH), _guess(VELOCITY), **sections), _data(scale=0.0), MOTION)
+    experiment, robot = result.experiments[0], _machine()
+    motion, p, true = experiment.motion, robot.parameters, np.array([PITCH, VELOCITY])
+    times, periods = experiment.record.forces.times, experiment.record.forces.counts[0]
+
+    def regressor(motion, constants):
+        moved = replace(robot.description, constants=tuple(constants))
+        states = np.split(motion.at(times).state(), 3, axis=1)
+        return replace(robot, description=moved).regressor(*states).reshape(6 * len(times), -1)
+
+    def lengths(step):
+        return robot.inverse_kinematics(motion.moved(step).at(times).state()[:, :6]).ravel()
+
+    def slope(function, count, size):
+        steps = size * np.eye(count)
+        return np.transpose([(function(s) - function(-s)) / (2 * size) for s in steps])
+
+    def whole(one_sample):
+        return np.kron(np.eye(len(times)), one_sample) / periods
+
+    by_constants = slope(lambda s: regressor(motion, true * (1 + s)) @ p, 2, 1e-6) / true
+    by_motion = slope(lambda s: regressor(motion.moved(s), true) @ p, motion.unknowns, 1e-8)
+    of_lengths = slope(lengths, motion.unknowns, 1e-8)
+    columns = np.concatenate([regressor(motion, true), by_constants], axis=1)
+    scales = np.linalg.norm(columns, axis=0)
+    columns = columns / scales
+    prior = np.zeros(len(scales))
+    prior[len(p)] = 0.0 if tolerance is None else (tolerance * scales[len(p)]) ** -2
+
+    forces, noise_of_lengths = experiment.noise.forces.covariance, experiment.noise.lengths
+    weighting = forces if estimator == "gm" else np.eye(6) * np.trace(forces) / 6
+    weighted = np.linalg.solve(whole(weighting), columns)
+    inverse = np.linalg.inv(columns.T @ weighted + np.diag(prior))
+    of_motion = of_lengths.T @ np.linalg.solve(whole(noise_of_lengths.covariance), of_lengths)
+    noisy = whole(forces) + by_motion @ np.linalg.solve(of_motion, by_motion.T)
+    covariance = inverse @ (weighted.T @ noisy @ weighted + np.diag(prior)) @ inverse
+    expected, naive = (np.sqrt(np.diag(each))[-2:] / scales[-2:] for each in (covariance, inverse))
+    np.testing.assert_allclose(result[estimator].systematic.std, expected, rtol=1e-4)
+    assert np.any(np.abs(naive / expected - 1) > 0.05)

@@ -1,14 +1,19 @@
 """The robot that an estimate found, as a file that every command takes."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from estimation.estimators import with_prior
+from estimation.estimators.knowledge import Knowledge
 from estimation.identification import estimate
 from estimation.identification.identified_robot import FILE
 from estimation.identification.record import EstimateRecord
 from estimation.identification.saved import read_estimate
 from expdesign.configuration import InputError, load_run
 from expdesign.configuration.identification import identified_name
+from expdesign.configuration.sections.data import EstimateSection
 from expdesign.robot import load_robot
 from expdesign.robot.deviation import tolerated
 from tests.estimation.cases import measured, run, trajectory
@@ -120,6 +125,45 @@ def test_as_a_prior_it_shares_its_systematic_error(tmp_path):
     np.testing.assert_allclose(std, 1, rtol=0.25)
     random = np.sqrt(np.diag(found.covariance_random) / np.diag(both.covariance_random))
     np.testing.assert_allclose(random, 1, rtol=0.15)
+
+
+def test_as_a_prior_it_is_conditioned_on_what_is_fixed(written):
+    """The blocks of its joint covariance say the same as those of the precision."""
+    result, folder = written
+    robot = load_robot(folder / FILE)
+    names, std = robot.parameter_names, result.best.std
+    covariance = np.array(robot.description.description.identification.covariance_random)
+    held = [names.index(name) for name in ("p10", "r1", "p9")]
+    values = robot.parameters[held] + np.array([3.0, -2.0, 0.0]) * std[held]
+    fixed = dict(zip(("p10", "r1"), values.tolist(), strict=False)) | {"p9": None}
+    knowledge = Knowledge.of(robot, EstimateSection(prior_from="robot", fixed=fixed))
+    free = np.setdiff1d(np.arange(len(names)), held)
+    assert list(np.flatnonzero(knowledge.free)) == list(free)
+
+    unit = np.sqrt(np.diag(covariance))
+    correlation = covariance / np.multiply.outer(unit, unit)
+    across = correlation[np.ix_(free, held)]
+    gain = across @ np.linalg.inv(correlation[np.ix_(held, held)])
+    moved = gain @ ((values - robot.parameters[held]) / unit[held])
+    assert np.max(np.abs(moved)) > 1
+    shift = (knowledge.prior_mean - robot.parameters)[free] / unit[free]
+    np.testing.assert_allclose(shift, moved, atol=1e-5)
+    left = correlation[np.ix_(free, free)] - gain @ across.T
+    found = knowledge.precision * np.multiply.outer(unit[free], unit[free])
+    np.testing.assert_allclose(found @ left, np.eye(len(free)), atol=1e-5)
+
+    # What tolerances made of the parameters that are held moves that mean, too.
+    earlier = knowledge.earlier
+    inverse = np.linalg.inv(2 * found) * np.multiply.outer(unit[free], unit[free])
+    influence = SimpleNamespace(motion=True, length_gain=True, force_gain=inverse)
+    inherited = with_prior(None, [influence], earlier, knowledge.free)
+    for one, column in zip(inherited.deviations, inherited.response.T, strict=True):
+        at = [each.name for each in earlier.deviations].index(one.name)
+        by = earlier.response[:, at] / unit
+        # The prior has half of the weight.
+        expected = (by[free] - gain @ by[held]) / 2
+        np.testing.assert_allclose(column[free] / unit[free], expected, atol=1e-5 * max(abs(by)))
+        assert not np.any(column[held])
 
 
 def test_a_robot_that_was_not_identified_is_no_prior():
