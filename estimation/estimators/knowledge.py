@@ -174,6 +174,21 @@ class Knowledge:
             own[:count, :count] += self.earlier.precision
         return own[np.ix_(self.free, self.free)]
 
+    @property
+    def regrouping(self) -> Array | None:
+        """(m, m): β in place of each base parameter, nothing of those that regroup, else p.
+
+        None where each is estimated for itself.
+        """
+        if self.base is None:
+            return None
+        at = [self.names.index(name) for name in self.base.names]
+        own = [self.names.index(name) for name in self.base.base]
+        found = np.eye(len(self.names))
+        found[at] = 0.0
+        found[np.ix_(own, at)] = self.base.matrix
+        return found
+
     def at_bound(self, values: Array) -> NDArray[np.bool_]:
         """Tell which of the parameters, (m,), stand at one of their bounds."""
         return self.free & ((values <= self.lower) | (values >= self.upper))

@@ -10,6 +10,7 @@ import numpy as np
 
 from constraints.arrays import Array
 from estimation.uncertainty.consistent import ConsistentEstimate
+from expdesign.information.identifiable import listed
 from expdesign.mechanism.catalogue import parameter_unit
 from expdesign.runfolder import Numbers, OpenNumber, OpenNumbers, copied, described
 
@@ -33,6 +34,14 @@ class ConsistentKeys:
     """The nearest parameters to an estimate that some set of bodies has."""
 
     values: Annotated[dict[str, float], described("SI", "by parameter")]
+    moved: Annotated[
+        OpenNumbers,
+        described("1", "(m,) values less estimate in σ, of base parameters by their combinations"),
+    ]
+    exchanged: Annotated[
+        tuple[str, ...],
+        described("", "held parameters that took other values: no force shows which they have"),
+    ]
     distance: Annotated[
         float, described("1", "from the estimate, standard deviations; 0: bodies have it")
     ]
@@ -69,11 +78,15 @@ class ConsistentKeys:
 
 def consistency_in_words(found: ConsistentEstimate) -> str:
     """Say whether some bodies have an estimate, and what it means if not."""
+    if found.exchanged:
+        told, others = "combinations", f", with other values of {listed(found.exchanged)}"
+    else:
+        told, others = "parameters", ""
     if found.realisable:
-        return "physically consistent: some set of bodies has these parameters"
+        return f"physically consistent: some set of bodies has these {told}{others}"
     near = max(found.distance, _FLOOR)
     said = (
-        f"not physically consistent: the nearest parameters that some set of bodies has are "
+        f"not physically consistent: the nearest {told} that some set of bodies has{others} are "
         f"{near:.2g} σ away, at the limit of {', '.join(found.active)}; "
     )
     chance = f"noise alone makes such a distance in {100 * found.p:.2g} % of the cases at most"
@@ -97,7 +110,10 @@ class ConsistentRow:
     consistent: Annotated[
         float, described("see unit", "of the nearest parameters that some set of bodies has")
     ]
-    moved: Annotated[OpenNumber, described("1", "consistent less estimate, in standard deviations")]
+    moved: Annotated[
+        OpenNumber,
+        described("1", "consistent less estimate in σ, of a base parameter its combination's"),
+    ]
     ci_low: Annotated[
         OpenNumber, described("see unit", "lower end of the 95 % interval about consistent")
     ]
@@ -118,15 +134,14 @@ def consistent_rows(
     std = np.sqrt(np.diag(covariance))
     std = np.where(std > 0, std, np.nan).tolist()
     for k, (name, value) in enumerate(values.items()):
-        near = keys.values[name]
         yield ConsistentRow(
             estimator=estimator,
             parameter=name,
             unit=parameter_unit(name),
             estimate=value,
             std=std[k],
-            consistent=near,
-            moved=(near - value) / std[k],
+            consistent=keys.values[name],
+            moved=float(keys.moved[k]),
             ci_low=float(keys.low[k]),
             ci_high=float(keys.high[k]),
             spread=float(keys.spread[k]),

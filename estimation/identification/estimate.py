@@ -31,6 +31,7 @@ from estimation.uncertainty.consistent import consistent_estimate
 from estimation.uncertainty.intervals import identified_combinations, parameter_rows
 from expdesign.configuration import ConfigurationLike, InputError, RunConfiguration, load_run
 from expdesign.configuration.added_terms import with_added_terms
+from expdesign.configuration.robot_description import RobotDescription
 from expdesign.progress import tell, told
 from expdesign.robot import Robot, robot_from
 from expdesign.robot.deviation import Deviation, tolerated
@@ -151,8 +152,7 @@ def estimate(
             *(() if selection is None else selection.warnings),
             *_warnings(records, knowledge, estimates),
             *(
-                f"{name}: no bodies have the values that are fixed (`estimate.fixed`) or within "
-                "the bounds (`estimate.bounds`), whatever the other parameters are"
+                f"{name}: {_no_bodies(configuration)}"
                 for name, found in consistent.items()
                 if found is None
             ),
@@ -281,6 +281,25 @@ def _one_each(
     if len(designs) != count:
         raise ValueError(f"{count} recordings, but {len(designs)} designs")
     return designs
+
+
+def _no_bodies(configuration: RunConfiguration) -> str:
+    """Say that no parameters of bodies were found, and what of the run can be why."""
+    section = configuration.run.estimate
+    causes = {
+        "that are fixed (`estimate.fixed`)": bool(section.fixed),
+        "within the bounds (`estimate.bounds`)": bool(section.bounds),
+        "that the earlier identification held (`estimate.prior`)": isinstance(
+            section.prior, RobotDescription
+        ),
+    }
+    told = [cause for cause, there in causes.items() if there]
+    if told:
+        return f"no bodies have the values {' and '.join(told)}, whatever the other parameters are"
+    return (
+        "no parameters that bodies have were found near the estimate: the search did not converge, "
+        "and whether the estimate is physically consistent is not known"
+    )
 
 
 def _warnings(

@@ -263,7 +263,7 @@ class EstimateFile(RunFile):
                 yield from other_names(
                     f"{place}.consistent.values", found.consistent.values, names, of
                 )
-                for key in ("spread", "low", "high"):
+                for key in ("moved", "spread", "low", "high"):
                     numbers = getattr(found.consistent, key)
                     yield from other_shape(f"{place}.consistent.{key}", numbers, (count,), of)
             if found.systematic is not None:

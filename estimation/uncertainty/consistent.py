@@ -1,8 +1,9 @@
 """Estimates beside the nearest ones that some set of bodies has, and what the difference means.
 
 The estimate p̂ with covariance C stays as it is; beside it stands p̃, the nearest parameters in the
-metric C⁻¹ that bodies have (`expdesign.mechanism.nearest`). docs/consistency.md tells why the test
-and the standard deviations are what they are.
+metric C⁻¹ that bodies have (`expdesign.mechanism.nearest`). Of base parameters these are the
+nearest combinations; what regroups into them takes whatever value bodies need. docs/consistency.md
+tells why the test and the standard deviations are what they are.
 """
 
 from __future__ import annotations
@@ -21,6 +22,8 @@ from expdesign.robot import Robot
 DRAWS = 199
 """Of the test and of the spread each: (1 + n) / (1 + 199) has steps of half a percent."""
 SEED = 0
+TOLD = 0.01
+"""Share of its scale from which the change of a parameter that no force shows is told."""
 NEAR = 3.0
 """Standard deviations within which a condition may be tight in truth: the test takes it so."""
 
@@ -32,8 +35,13 @@ class ConsistentEstimate:
     estimator: str
     values: Array
     """(m,), SI; the estimate itself, bit by bit, where bodies have it."""
+    moved: Array
+    """(m,), p̃ − p̂ in standard deviations; of a base parameter what its combination moved by. NaN:
+    not estimated."""
+    exchanged: tuple[str, ...]
+    """The parameters with other values than they were held at, since no force shows which."""
     distance: float
-    """√((p̂ − p̃)ᵀ C⁻¹ (p̂ − p̃)), standard deviations."""
+    """√((p̂ − p̃)ᵀ C⁻¹ (p̂ − p̃)), standard deviations; of the combinations where p regroups."""
     p: float
     """How often noise makes such a distance at least, where bodies have the true parameters."""
     active: tuple[str, ...]
@@ -48,7 +56,7 @@ class ConsistentEstimate:
 
     @property
     def realisable(self) -> bool:
-        """Whether bodies have the estimate itself."""
+        """Whether bodies have the estimate: of base parameters, these combinations."""
         return self.distance == 0
 
     @property
@@ -72,7 +80,7 @@ def consistent_estimate(
     )
     std = estimate.std
     free = knowledge.free & (std > 0) & np.isfinite(std)
-    projection = Projection.by(estimate.covariance, among, free)
+    projection = Projection.by(estimate.covariance, among, free, knowledge.regrouping)
     try:
         nearest = projection.of(estimate.values)
     except NoBodiesError:
@@ -90,11 +98,18 @@ def consistent_estimate(
         null = tightest(projection, nearest.values)
         as_far = sum(projection.of(null + move).distance >= nearest.distance for move in moves)
         p = (1 + as_far) / (1 + DRAWS)
-        errors = [projection.of(nearest.values + move).values - nearest.values for move in moves]
+        errors = [
+            projection.told(projection.of(nearest.values + move).values - nearest.values)
+            for move in moves
+        ]
         spread = np.where(free, np.sqrt(np.mean(np.square(errors), axis=0)), np.nan)
+    change = nearest.values - estimate.values
+    exchanged = np.flatnonzero(projection.regrouped & (np.abs(change) > TOLD * robot.scales))
     return ConsistentEstimate(
         estimator=estimate.estimator,
         values=nearest.values,
+        moved=projection.told(change) / np.where(free, std, np.nan),
+        exchanged=tuple(knowledge.names[k] for k in exchanged),
         distance=nearest.distance,
         p=p,
         active=nearest.active,
@@ -114,15 +129,15 @@ def tightest(projection: Projection, values: Array) -> Array:
     far from K as from p.
     """
     among, found = projection.among, values.copy()
-    spread = np.linalg.norm(projection.factor, axis=1)
+    spread = np.linalg.norm(projection.noise, axis=1)
     for ends in (among.lower, among.upper):
         found = np.where(np.abs(found - ends) < NEAR * spread, ends, found)
     for combination, removed in among.thin:
         slack = float(combination @ found)
-        if slack < NEAR * np.linalg.norm(combination @ projection.factor):
+        if slack < NEAR * np.linalg.norm(combination @ projection.noise):
             found = found - slack * removed
     found = _flat(projection, found)
-    found = np.where(projection.free, found, values)
+    found = np.where(projection.movable, found, values)
     try:
         return projection.of(found).values
     except NoBodiesError:
@@ -136,7 +151,7 @@ def _flat(projection: Projection, values: Array) -> Array:
     if rest is None:
         return values
     eigenvalues, axes = np.linalg.eigh(rest)
-    steps = [among.beside_sliders(values + move) for move in projection.factor.T]
+    steps = [among.beside_sliders(values + move) for move in projection.noise.T]
     slopes = [
         np.full(len(axes), np.inf) if step is None else np.diag(axes.T @ (step - rest) @ axes)
         for step in steps

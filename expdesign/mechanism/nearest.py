@@ -4,6 +4,9 @@ Minimise ½ (p − p̂)ᵀ C⁻¹ (p − p̂) over p and what of the bodies is i
 every matrix of `Realisable.conditions` is positive semidefinite and every bound is kept. With
 p = p̂ + L z, C = L Lᵀ, the cost is ½ |z|²; matrices are divided by the robot's scales. Solved by
 Clarabel (Goulart and Chen, 2024), an interior-point method.
+
+Of base parameters β = p_b + C p_d the forces tell β alone, whatever p_d is: p = p̂ + L z + N w then,
+where N changes p_d by w and p_b by −C w, and w costs nothing. Distances are those of β.
 """
 
 from __future__ import annotations
@@ -32,6 +35,9 @@ _SHARES = tuple(np.geomspace(1e-10, 1e-2, 9).tolist())
 """Of the scales, by which what the solver found is moved inside, as little as it takes."""
 _FARTHER = 1e-5
 """By how much farther than the least distance, as a share and in σ, is near enough."""
+_DRIFT = 1e-7
+"""Cost of |w|², in scales, beside |z|²: w is free, but goes no farther than bodies need. It moves z
+by so much of σ w / scale²: below `_FARTHER`."""
 _ACTIVE = 1e-3
 """Share of the distance from which a condition is told to be what moves an estimate."""
 
@@ -47,7 +53,7 @@ class Nearest:
     values: Array
     """(m,), SI."""
     distance: float
-    """√((p − p̂)ᵀ C⁻¹ (p − p̂))."""
+    """√((p − p̂)ᵀ C⁻¹ (p − p̂)), of β in place of p where parameters regroup; 0 up to rounding."""
     least: float
     """No bodies are nearer than that: by the dual of the programme, to the solver's precision."""
     bodies: MachineBodies
@@ -64,20 +70,65 @@ class Projection:
     factor: Array
     """(m, k), L: C of the free parameters is L Lᵀ, the rows of others are zero."""
     free: NDArray[np.bool_]
-    """(m,), false: stays as it is."""
+    """(m,), false: stays as it is, or regroups."""
+    regrouping: Array | None = None
+    """(m, m): what the forces tell in place of each parameter. β of a base parameter, nothing of
+    those that regroup into it, else the parameter. None: each for itself."""
 
     @classmethod
-    def by(cls, covariance: Array, among: Realisable, free: NDArray[np.bool_]) -> Projection:
+    def by(
+        cls,
+        covariance: Array,
+        among: Realisable,
+        free: NDArray[np.bool_],
+        regrouping: Array | None = None,
+    ) -> Projection:
         """Return that in the metric of a covariance, (m, m); of free parameters definite."""
         std = np.sqrt(np.diag(covariance)[free])
         own = covariance[np.ix_(free, free)] / np.multiply.outer(std, std)
         factor = np.zeros((len(free), len(std)))
         factor[free] = std[:, None] * np.linalg.cholesky(own)
-        return cls(among, factor, free)
+        return cls(among, factor, free, regrouping)
+
+    def told(self, change: Array) -> Array:
+        """Return what the forces tell of a change of the parameters, (m,): that of β for p_b."""
+        return change if self.regrouping is None else self.regrouping @ change
+
+    @cached_property
+    def regrouped(self) -> NDArray[np.bool_]:
+        """(m,), the parameters p_d."""
+        if self.regrouping is None:
+            return np.zeros(len(self.free), dtype=bool)
+        return np.asarray(np.diag(self.regrouping) == 0)
+
+    @cached_property
+    def movable(self) -> NDArray[np.bool_]:
+        """(m,), what does not stay as it is."""
+        return self.free | self.regrouped | np.any(self._hidden != 0, axis=1)
+
+    @cached_property
+    def _hidden(self) -> Array:
+        """(m, d), N: changes that leave β as it is, of about one scale."""
+        if self.regrouping is None:
+            return np.zeros((len(self.free), 0))
+        found = (np.eye(len(self.free)) - self.regrouping)[:, self.regrouped]
+        return found / np.max(np.abs(found) / self.among.scales[:, None], axis=0)
+
+    @cached_property
+    def noise(self) -> Array:
+        """(m, k + d), L and how far each of p_d moves the β that tells most of it by one σ."""
+        if self.regrouping is None:
+            return self.factor
+        std = np.linalg.norm(self.factor[self.free], axis=1)
+        tell = np.abs(self.regrouping[np.ix_(self.free, self.regrouped)]) / std[:, None]
+        most = np.max(tell, axis=0, initial=0.0)
+        own = np.divide(1.0, most, out=np.zeros_like(most), where=most > 0)
+        return np.column_stack([self.factor, np.eye(len(self.free))[:, self.regrouped] * own])
 
     def length(self, change: Array) -> float:
         """Return the length of a change of the parameters, (m,), in standard deviations."""
-        return float(np.linalg.norm(np.linalg.solve(self.factor[self.free], change[self.free])))
+        told = self.told(change)[self.free]
+        return float(np.linalg.norm(np.linalg.solve(self.factor[self.free], told)))
 
     def of(self, values: Array) -> Nearest:
         """Return the nearest parameters; those given, bit by bit, when bodies have them.
@@ -106,19 +157,31 @@ class Projection:
 
     def _inside(self, values: Array, move: Array, forces: Array, least: float) -> Nearest | None:
         """Return what the solver found, moved inside by what its rounding takes."""
-        change = self.factor @ move
-        for share in _SHARES:
-            inside = self.among.inside(values + change, share)
+        held = self.factor @ move[: self.factor.shape[1]]
+        any_way = self._ways @ move
+        for share, exchange in product(_SHARES, (False, True)):
+            near = values + (any_way if exchange else held)
+            inside = self.among.inside(near, share)
+            if np.any(self.regrouped) and not exchange and self.length(inside - near) > _FARTHER:
+                continue  # it takes w: bounds without it move β
             bodies = self.among.bodies(inside, rounding=0.0)
             if bodies is not None:
-                kept = np.where(self.free, inside, values)
-                active = self._active(move, forces)
-                return Nearest(kept, self.length(kept - values), least, bodies, active)
+                kept = np.where(self.movable, inside, values)
+                distance = self.length(kept - values)
+                if np.any(self.regrouped) and distance <= _FARTHER:
+                    return Nearest(kept, 0.0, 0.0, bodies, ())
+                active = self._active(move[: self.factor.shape[1]], forces)
+                return Nearest(kept, distance, least, bodies, active)
         return None
 
     @cached_property
+    def _ways(self) -> Array:
+        """(m, k + d), of z and w."""
+        return np.column_stack([self.factor, self._hidden])
+
+    @cached_property
     def _blocks(self) -> tuple[_Block, ...]:
-        std = np.linalg.norm(self.factor, axis=1)
+        std = np.linalg.norm(self.noise, axis=1)
         return tuple(_blocks(self.among, np.maximum(self.among.scales, std)))
 
     @cached_property
@@ -133,9 +196,10 @@ class Projection:
 
     def _solver(self, *, scaled: bool) -> Any:
         rows = np.vstack(
-            [np.column_stack([-block.rows @ self.factor, -block.others]) for block in self._blocks]
+            [np.column_stack([-block.rows @ self._ways, -block.others]) for block in self._blocks]
         )
-        cost = sparse.diags_array([1.0] * np.count_nonzero(self.free) + [0.0], format="csc")
+        count, drifts = self.factor.shape[1], self._hidden.shape[1]
+        cost = sparse.diags_array([1.0] * count + [_DRIFT] * drifts + [0.0], format="csc")
         settings = clarabel.DefaultSettings()
         settings.verbose = False
         settings.max_threads = 1
@@ -161,7 +225,7 @@ class Projection:
     def _solved(
         self, values: Array, unit: float, *, scaled: bool
     ) -> tuple[Array, Array, float] | None:
-        """Return z, the multipliers and the least distance by the dual.
+        """Return z and w, the multipliers and the least distance by the dual.
 
         Found in units of so many σ: what is far from all bodies looks infeasible in small ones.
         """
@@ -174,8 +238,10 @@ class Projection:
         found = solver.solve()
         if found.status not in _SOLVED:
             return None
-        least = unit * np.sqrt(2 * max(found.obj_val_dual, 0.0))
-        return unit * np.array(found.x)[:-1], unit * np.array(found.z), float(least)
+        move = np.array(found.x)[:-1]
+        drift = _DRIFT * float(np.sum(move[self.factor.shape[1] :] ** 2))
+        least = unit * np.sqrt(max(2 * found.obj_val_dual - drift, 0.0))
+        return unit * move, unit * np.array(found.z), float(least)
 
     def _active(self, move: Array, forces: Array) -> tuple[str, ...]:
         """Return what pushes by more than a share of all, as the multipliers tell."""
@@ -184,7 +250,7 @@ class Projection:
         told = (
             block.meaning
             for block, force in zip(self._blocks, np.split(forces, ends), strict=True)
-            if np.linalg.norm((block.rows @ self.factor).T @ force) > least
+            if np.linalg.norm((block.rows @ self.noise).T @ force) > least
         )
         return tuple(dict.fromkeys(told))
 

@@ -20,6 +20,8 @@ from expdesign.configuration.values.scalars import read_only
 from expdesign.mechanism.hexapod import ACTUATORS, numbered
 from expdesign.robot.robot import Robot
 
+FORCE_CONSTANT = "force_constant"
+"""Of all forces in common; ``force_constant_1`` … of one actuator."""
 _AXES = ("x", "y", "z")
 JOINT_ENTRIES = len(_AXES) * ACTUATORS
 """Of the base, and of the platform: joint by joint."""
@@ -120,8 +122,8 @@ def _entries(robot: Robot, given: Tolerances) -> Iterator[tuple[str, str, str, f
             yield f"{term.name}_{constant.name}", group, constant.unit, own.get(constant.name)
     forces = given.force_constant or ForceConstantTolerance()
     yield from _numbered("strut_length", "strut_length", "m", given.strut_length)
-    yield "force_constant", "force_constant.common", "1", forces.common
-    yield from _numbered("force_constant", "force_constant.each", "1", forces.each)
+    yield FORCE_CONSTANT, "force_constant.common", "1", forces.common
+    yield from _numbered(FORCE_CONSTANT, "force_constant.each", "1", forces.each)
     yield "delay", "delay", "s", given.delay
     yield "clock", "clock", "1", given.clock
 

@@ -22,8 +22,10 @@ from estimation.identification.estimate_file import EstimateFile
 from estimation.identification.identified_robot import FILE as IDENTIFIED
 from expdesign.configuration import InputError
 from expdesign.configuration.identification import Identification
+from expdesign.mechanism.hexapod import ACTUATORS, numbered
 from expdesign.progress import tell
 from expdesign.robot import Robot, load_robot
+from expdesign.robot.deviation import FORCE_CONSTANT
 from expdesign.runfolder.atomic import written_beside
 from expdesign.runfolder.manifest import Manifest, file_hash, package_versions
 from expdesign.stages.folder import refuse_unwritable
@@ -32,6 +34,8 @@ from expdesign.stages.table import STAGES
 from expdesign.trajectory import FourierTrajectory, TrajectoryFile
 
 _ESTIMATE = "estimate"
+_SAME_UNIT = 1e-6
+"""Share of the forces up to which the drive's newton is one."""
 
 
 def export_model(
@@ -171,6 +175,8 @@ def _tell_doubts(model: ControlModel, progress: Progress) -> None:
         return
     for warning in known.warnings:
         progress.warn(warning)
+    if told := _force_constants(known):
+        progress.warn(told)
     names = np.array(model.robot.parameter_names)
     negative = names[_below(model)]
     if negative.size:
@@ -178,6 +184,21 @@ def _tell_doubts(model: ControlModel, progress: Progress) -> None:
             f"friction below zero drives the machine: {', '.join(negative)}. They are not "
             "identified well enough; see estimates.csv"
         )
+
+
+def _force_constants(known: Identification) -> str:
+    """Say that forces are true newtons where the estimate has corrected the drive's; else ""."""
+    constants = [one for one in known.deviations if one.name.startswith(FORCE_CONSTANT)]
+    common = sum(one.value for one in constants if one.name == FORCE_CONSTANT)
+    own = {one.name: one.value for one in constants}
+    shares = [common + own.get(name, 0.0) for name in numbered(f"{FORCE_CONSTANT}_")]
+    if not any(abs(share) > _SAME_UNIT for share in shares):
+        return ""  # none was estimated, or none is off
+    told = ", ".join(f"{100 * share:+.2g} %" for share in shares)
+    return (
+        "the estimate has corrected the force constants: the model's forces are true newtons, and "
+        f"not the drive's units, which are off by {told} (actuators 1 to {ACTUATORS})"
+    )
 
 
 def _below(model: ControlModel) -> Array:

@@ -21,7 +21,7 @@ def consistency_blocks(record: EstimateRecord) -> list[Block]:
     if found.distance == 0:
         return blocks
     rows = [row for row in record.consistent if row.estimator == summary.best]
-    shown = [row for row in rows if abs(row.moved) >= _MOVED]
+    shown = [row for row in rows if abs(row.moved) >= _MOVED or row.parameter in found.exchanged]
     columns = [
         Column("parameter", kind="parameter", of="parameter"),
         Column("unit", kind="text", of="unit"),

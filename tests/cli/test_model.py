@@ -8,6 +8,7 @@ import sys
 import numpy as np
 import pandas as pd
 import pytest
+from ruamel.yaml import YAML
 
 from estimation.controlmodel.record import ControlModelFile
 from estimation.identification import estimate
@@ -192,3 +193,20 @@ def test_the_report_has_a_section_of_the_models(folder):
     text = (folder / "report.html").read_text(encoding="utf-8")
     assert 'id="model"' in text
     assert "model/python" in text
+
+
+@pytest.mark.parametrize("off", [0.0, 0.02])
+def test_forces_in_true_newtons_are_told(expdesign, folder, off):
+    """Where the estimate has found force constants off, as the robot file says."""
+    path = folder / "identified-robot.yaml"
+    robot = YAML().load(path)
+    known = robot["identification"]
+    known["deviations"] = [
+        {"name": "force_constant_2", "tolerance": 0.03, "value": off, "std": 0.01}
+    ]
+    known["response"] = [[0.0] for _ in known["parameters"]]
+    YAML().dump(robot, path)
+    status, _, err = expdesign("model", folder, "--format", "python")
+    assert status == 0, err
+    assert ("true newtons" in err) == (off != 0)
+    assert ("+2 %" in err) == (off != 0)

@@ -5,9 +5,12 @@ import pytest
 
 from estimation.estimators import Knowledge, UnidentifiableError
 from estimation.identification import estimate
+from estimation.identification.identified_robot import FILE
 from estimation.identification.record import EstimateRecord
+from estimation.uncertainty.consistent import consistent_estimate
 from expdesign.configuration import InputError, load_run
-from expdesign.robot import robot_from
+from expdesign.robot import load_robot, robot_from
+from tests.diagnostics.test_plausibility import made_up
 from tests.estimation.cases import measured, trajectory
 from tests.payload import described
 
@@ -146,3 +149,110 @@ def test_the_record_has_the_combinations_after_reading(data, tmp_path):
     assert (tmp_path / "tables/estimate_combinations.csv").read_text(encoding="utf-8").count(
         "\n"
     ) == 1 + len(rows)
+
+
+def _bodies_of(values, held):
+    """Return an estimate with values of all parameters, held ones as given, and what is near it."""
+    robot = robot_from(_run(held).robot)
+    knowledge = Knowledge.of(robot, _run(held, parameters="base").run.estimate)
+    std = np.where(knowledge.free, 0.02 * robot.scales, 0.0)
+    estimate = made_up(robot, values, std)
+    return robot, estimate, consistent_estimate(robot, estimate, knowledge)
+
+
+FAR = {f"s{j}": 30.0 for j in range(1, 7)}
+
+
+def _thick(robot, friction, held):
+    """Return parameters of struts with some thickness, with r_j + s_j and s_j as given."""
+    named = dict(zip(robot.parameter_names, robot.parameters.tolist(), strict=True))
+    named |= {"p1": 0.3, "p2": 0.9, "p3": 1.0, "p5": -0.5, "p9": 0.5}
+    named |= {f"r{j}": friction[j - 1] - held for j in range(1, 7)}
+    named |= {f"s{j}": held for j in range(1, 7)}
+    return np.array([named[name] for name in robot.parameter_names])
+
+
+def test_combinations_that_bodies_have_are_consistent_whatever_is_held():
+    """Held far from true they make r negative, which says nothing: only r + s does."""
+    robot = robot_from(_run(FAR).robot)
+    values = _thick(robot, [5.0, 7.0, 9.0, 11.0, 13.0, 50.0], 30.0)
+    _, estimate, near = _bodies_of(values, FAR)
+    assert (near.distance, near.p, near.active) == (0, 1, ())
+    assert near.realisable
+    assert not near.significant
+    assert set(near.exchanged) >= {f"s{j}" for j in range(1, 6)}
+    assert robot.realisable.bodies(near.values) is not None
+    free = estimate.std > 0
+    np.testing.assert_allclose(near.moved[free], 0, atol=1e-4)
+    states = MOTION.sample(MOTION.sample_times(50))
+    np.testing.assert_allclose(
+        robot.actuator_forces(*states, near.values),
+        robot.actuator_forces(*states, values),
+        atol=1e-6,
+    )
+    # What no condition asks for stays as it is held.
+    k = robot.parameter_names.index("s6")
+    assert near.values[k] == pytest.approx(30.0, abs=0.1)
+
+
+def test_what_the_forces_tell_is_still_doubted():
+    """One σ, or forty, of a parameter that is estimated alone, beside combinations as far off."""
+    robot = robot_from(_run(FAR).robot)
+    for sigmas in (1.0, 40.0):
+        found = []
+        for held in (0.0, 30.0):
+            values = _thick(robot, [5.0] * 6, held)
+            k = robot.parameter_names.index("v3")
+            values[k] = -sigmas * 0.02 * robot.scales[k]
+            near = _bodies_of(values, {f"s{j}": held for j in range(1, 7)})[2]
+            assert near.distance == pytest.approx(sigmas, rel=1e-4)
+            assert near.moved[k] == pytest.approx(sigmas, rel=1e-4)
+            assert near.active == ("v3",)
+            assert near.significant == (sigmas == 40)
+            found.append(near)
+        one, other = found
+        assert one.p == pytest.approx(other.p, abs=0.02)
+        np.testing.assert_allclose(one.spread, other.spread, rtol=1e-3)
+
+
+def test_distances_are_those_of_the_machine_without_what_regroups():
+    """Where s may have either sign every s takes up what r lacks: r + s has no condition at all."""
+    plain = load_robot("palida")
+    robot = robot_from(_run(FAR).robot)
+    rng = np.random.default_rng(5)
+    place = [robot.parameter_names.index(name) for name in plain.parameter_names]
+    base = _thick(robot, [5.0] * 6, 30.0)
+    for _ in range(2):
+        values = base.copy()
+        values[place] += 0.5 * plain.scales * rng.standard_normal(len(place))
+        alone = values[place].copy()
+        for j in range(1, 7):
+            alone[plain.parameter_names.index(f"r{j}")] = 50.0
+        expected = consistent_estimate(
+            plain,
+            made_up(plain, alone, 0.02 * plain.scales),
+            Knowledge.of(plain, load_run({"name": "n", "robot": "palida"}).run.estimate),
+        )
+        near = _bodies_of(values, FAR)[2]
+        assert expected.distance > 1
+        assert near.distance == pytest.approx(expected.distance, rel=1e-4)
+
+
+def test_the_identified_robot_keeps_the_combinations(data, tmp_path):
+    """With `consistent` the file has bodies' values, and the forces of the nearest estimate."""
+    files = {}
+    for held in (0.0, 30.0):
+        run = _run({f"s{j}": held for j in range(1, 7)}, parameters="base", consistent=True)
+        folder = tmp_path / str(held)
+        folder.mkdir()
+        found = estimate(run, data, MOTION)
+        record = EstimateRecord.of(found)
+        record.write(folder)
+        keys = EstimateRecord.read(folder).summary.best_estimator.consistent
+        np.testing.assert_array_equal(keys.moved, found.consistent["gm"].moved)
+        assert not keys.significant
+        files[held] = load_robot(folder / FILE)
+        assert not [text for text in files[held].description.warnings if "inconsistent" in text]
+    states = MOTION.sample(MOTION.sample_times(50))
+    near, far = (robot.actuator_forces(*states) for robot in files.values())
+    np.testing.assert_allclose(near, far, atol=1e-3)

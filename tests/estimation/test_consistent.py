@@ -1,5 +1,6 @@
 """Estimates beside the nearest that some bodies have: test, spread, files, the identified robot."""
 
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -164,3 +165,17 @@ def test_what_is_fixed_to_what_no_bodies_have_is_told():
     assert any("no bodies" in warning for warning in result.warnings)
     assert EstimateRecord.of(result).summary.best_estimator.consistent is None
     assert not EstimateRecord.of(replace(result)).consistent
+
+
+def test_fixed_and_bounds_are_blamed_only_where_they_are_set(monkeypatch):
+    module = sys.modules[estimate.__module__]
+    monkeypatch.setattr(module, "consistent_estimate", lambda *_: None)
+    data = measured(MOTION, 1, step=0.01)
+    for given, blamed in (
+        ({}, set()),
+        ({"fixed": {"p10": 12.0}}, {"estimate.fixed"}),
+        ({"bounds": {"p10": [0, 30]}}, {"estimate.bounds"}),
+    ):
+        result = estimate(run({"harmonics": 2, "estimators": ["gm"], **given}), data, MOTION)
+        (told,) = [each for each in result.warnings if each.startswith("gm: no ")]
+        assert {key for key in ("estimate.fixed", "estimate.bounds") if key in told} == blamed
