@@ -63,7 +63,8 @@ def evidence_of(configuration, experiments):
     }
     knowledge = Knowledge.of(wide, configuration.run.estimate)
     seen = [experiment.of_robot(wide) for experiment in experiments]
-    values = np.array([*ROBOT.parameters, *np.zeros(len(knowledge.names) - len(ROBOT.parameters))])
+    own_values = dict(zip(ROBOT.parameter_names, ROBOT.parameters, strict=True))
+    values = np.array([own_values.get(name, 0.0) for name in knowledge.names])
     return wide, knowledge, seen, Evidence.of(wide, seen, knowledge, values, blocks)
 
 
