@@ -191,7 +191,7 @@ def _variables(model: ControlModel) -> list[_Variable]:
     outputs = [
         _Variable(f"{name}[{j}]", unit, f"{meaning} {j}", "output", None)
         for name, unit, meaning in OUTPUTS
-        for j in range(1, len(numbered("")) + 1)
+        for j in numbered("")
     ]
     return inputs + outputs
 

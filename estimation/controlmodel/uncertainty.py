@@ -6,9 +6,8 @@ wrong geometry does to Q beside moving the parameters is not counted.
 
 Constants θ that were estimated with p (the pitch of cogging) are in A, and their errors go with
 those of p: the covariance of Q is then A C Aᵀ with what θ adds and the cross covariance of p and θ,
-which takes off more than θ adds. A robot file does not have the cross covariance. A C Aᵀ, which is
-what is stated, is too wide then: for cogging of unknown pitch 3.1 … 3.3 N rms in place of 2.2 …
-2.6 N.
+which along the design as a rule takes off more than θ adds. A robot file does not have it: what is
+stated is A C Aᵀ.
 """
 
 from __future__ import annotations

@@ -31,27 +31,6 @@ class SavedEstimate:
     """What its own recordings say against it, in words; empty: nothing."""
 
 
-def read_estimate(source: Path, robot: Robot, estimator: str | None = None) -> SavedEstimate:
-    """Read an estimate to predict with.
-
-    Parameters
-    ----------
-    source : Path
-        A run folder, or its `estimate.json`.
-    robot : Robot
-        Whose parameters they are.
-    estimator : str, optional
-        The best one by default.
-
-    Raises
-    ------
-    InputError
-        There is none, or it is not this robot's.
-    """
-    path = source / EstimateFile.FILE if source.is_dir() else source
-    return saved_estimate(EstimateFile.read(source), path, robot, estimator)
-
-
 def saved_estimate(
     found: EstimateFile, path: Path, robot: Robot, estimator: str | None = None
 ) -> SavedEstimate:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from math import floor, isnan, log10
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,10 +10,16 @@ from rich import box
 from rich.table import Table
 
 from expdesign.cli.output import note, results, say
+from expdesign.cli.result_lines import (
+    concise,
+    printed_findings,
+    printed_place,
+    printed_verdict,
+    result_table,
+)
 from expdesign.stages.outcome import Outcome, short
 
 if TYPE_CHECKING:
-    from estimation.diagnostics.finding import Finding, Verdict
     from estimation.identification.record import EstimateRecord
 
 
@@ -58,10 +62,10 @@ def design(outcome: Outcome) -> None:
         ("limit", "where", "worst", *reserved, "bound", "used", "left"),
         ("limit", "where"),
     )
-    table = _table(title, heads, rows, left, no_wrap=True)
+    table = result_table(title, heads, rows, left, no_wrap=True)
     table.box, table.pad_edge, table.show_edge = box.SIMPLE_HEAD, False, False
     results().print(table)
-    _place(outcome)
+    printed_place(outcome)
 
 
 def experiment(outcome: Outcome) -> None:
@@ -84,7 +88,7 @@ def experiment(outcome: Outcome) -> None:
         say(f"measured: {truth.machine.name} of experiment.truth, not the run's robot")
     named = ", ".join(truth.disturbances.active) or "none"
     say(f"noise as the robot states it, {truth.memory}; disturbances: {named}")
-    _place(outcome)
+    printed_place(outcome)
 
 
 def noise(outcome: Outcome) -> None:
@@ -109,10 +113,10 @@ def noise(outcome: Outcome) -> None:
             for strut, size, row in zip(struts, std, correlation_of(covariance), strict=True)
         ]
         heading = f"Noise of the {title}: standard deviation [{unit}] and correlation"
-        console.print(_table(heading, ("strut", "std", *struts), rows, ("strut",)))
-    _findings(found.findings, outcomes=True)
+        console.print(result_table(heading, ("strut", "std", *struts), rows, ("strut",)))
+    printed_findings(found.findings, outcomes=True)
     console.print(f"\n{outcome.record.block}", markup=False, highlight=False, soft_wrap=True)
-    _place(outcome)
+    printed_place(outcome)
     if not record.averaged:
         note(
             "a period is no whole number of samples: the noise is what a Fourier series of the "
@@ -143,8 +147,8 @@ def montecarlo(outcome: Outcome) -> None:
         rows.append((name.upper(), str(len(study.estimated(name))), *cells))
     title = "In brackets 95 % intervals; bias in its standard errors"
     heads = ("estimator", "estimates", "RMSE / bound", "coverage (%)", "largest bias")
-    console.print(_table(title, heads, rows, ("estimator",)))
-    _place(outcome)
+    console.print(result_table(title, heads, rows, ("estimator",)))
+    printed_place(outcome)
 
 
 def estimate(outcome: Outcome) -> None:
@@ -167,11 +171,11 @@ def estimate(outcome: Outcome) -> None:
     rows = []
     for parameter in result.knowledge.names:
         found = [by_place[name, parameter] for name in result.estimates]
-        values = (_concise(row.value, row.std) for row in found)
+        values = (concise(row.value, row.std) for row in found)
         rows.append((parameter, *values, f"{found[0].a_priori:.5g}", found[0].unit))
     title = "Estimates (standard deviations of the last digits)"
     heads = ("parameter", *(name.upper() for name in result.estimates), "a priori", "unit")
-    console.print(_table(title, heads, rows, ("parameter", "unit")))
+    console.print(result_table(title, heads, rows, ("parameter", "unit")))
     for row in outcome.record.constants:
         if row.estimator == result.best.estimator:
             say(
@@ -182,14 +186,14 @@ def estimate(outcome: Outcome) -> None:
         console.print(_payload(outcome.record))
     best = result.best
     for row in result.knowledge.inseparable(result.robot, best.values, best.covariance):
-        say(f"{row.combination}: {_concise(row.value, row.std)} {row.unit}")
+        say(f"{row.combination}: {concise(row.value, row.std)} {row.unit}")
     for combination in result.combinations[result.best.estimator]:
         say(combination.text)
     if (near := outcome.record.summary.best_estimator.consistent) is not None:
         say(near.text)
     if diagnosis is not None:
-        _verdict(diagnosis.verdict)
-    _place(outcome)
+        printed_verdict(diagnosis.verdict)
+    printed_place(outcome)
 
 
 def _payload(record: EstimateRecord) -> Table:
@@ -198,7 +202,7 @@ def _payload(record: EstimateRecord) -> Table:
     rows = [
         (
             quantity,
-            *(_concise(by_place[n, quantity].value, by_place[n, quantity].std) for n in names),
+            *(concise(by_place[n, quantity].value, by_place[n, quantity].std) for n in names),
             row.unit,
         )
         for (first, quantity), row in by_place.items()
@@ -206,7 +210,7 @@ def _payload(record: EstimateRecord) -> Table:
     ]
     title = "The payload, in the platform frame (standard deviations of the last digits)"
     heads = ("quantity", *(name.upper() for name in names), "unit")
-    return _table(title, heads, rows, ("quantity", "unit"))
+    return result_table(title, heads, rows, ("quantity", "unit"))
 
 
 def validate(outcome: Outcome) -> None:
@@ -225,7 +229,7 @@ def validate(outcome: Outcome) -> None:
     ]
     title = "Variance of single samples [N²]: about the prediction, and of the noise"
     heads = ("motion", "actuator", "prediction", "noise", "F", "verdict")
-    console.print(_table(title, heads, rows, ("motion", "verdict")))
+    console.print(result_table(title, heads, rows, ("motion", "verdict")))
     errors = [
         (
             row.motion,
@@ -240,12 +244,12 @@ def validate(outcome: Outcome) -> None:
     ]
     title = "Error of the prediction [N rms], noise taken off"
     sizes = ("motion", "actuator", "error", "95 %", "of the range", "tolerance", "kept")
-    console.print(_table(title, sizes, errors, ("motion", "kept")))
+    console.print(result_table(title, sizes, errors, ("motion", "kept")))
     for motion in record.summary.motions:
         if motion.tolerance_words:
             say(f"{motion.name}: {motion.tolerance_words}")
-        _verdict(motion.diagnostics.verdict, f"{motion.name}: ")
-    _place(outcome)
+        printed_verdict(motion.diagnostics.verdict, f"{motion.name}: ")
+    printed_place(outcome)
 
 
 def feedforward(outcome: Outcome) -> None:
@@ -266,8 +270,8 @@ def feedforward(outcome: Outcome) -> None:
     moved = {"twin": "the digital twin", "drawn": "a machine drawn from the estimate's covariance"}
     title = f"Tracking error [µm] of {moved[summary.machine]}, {summary.motion}"
     heads = ("feed-forward", "struts", "largest", "TCP", "largest", "feedback [N]", "times better")
-    results().print(_table(title, heads, rows, ("feed-forward",)))
-    _place(outcome)
+    results().print(result_table(title, heads, rows, ("feed-forward",)))
+    printed_place(outcome)
 
 
 def study(outcome: Outcome) -> None:
@@ -275,7 +279,7 @@ def study(outcome: Outcome) -> None:
     words = {True: "yes", False: "no", None: ""}
     rows = [(one.statement, one.value, one.paper, words[one.holds]) for one in outcome.result]
     heads = ("what", "found", "paper", "holds")
-    results().print(_table("On the digital twin (simulated)", heads, rows, heads))
+    results().print(result_table("On the digital twin (simulated)", heads, rows, heads))
     say(f"{outcome.message}; written to {short(outcome.folder)}")
 
 
@@ -300,7 +304,7 @@ def sweep(outcome: Outcome) -> None:
         rows.append((str(one.number), name, one.status, *numbers, proved))
     heads = ("", "design", "status", "log det F", "median", "worst", "measured", "search", "proved")
     title = "Predicted std / nominal value [%], measuring time and processor time of the search [s]"
-    results().print(_table(title, heads, rows, ("design", "status", "proved")))
+    results().print(result_table(title, heads, rows, ("design", "status", "proved")))
     if best is not None:
         say(f"* the most precise: {short(outcome.folder / best.folder)}")
     say(f"{outcome.message}; written to {short(outcome.folder)}")
@@ -328,56 +332,3 @@ def tables(outcome: Outcome) -> None:
 def report(outcome: Outcome) -> None:
     """Print where the report is."""
     say(f"report: {short(outcome.result)}")
-
-
-def _place(outcome: Outcome) -> None:
-    say(f"written to {short(outcome.folder)}")
-
-
-def _table(
-    title: str,
-    heads: Sequence[str],
-    rows: Iterable[Sequence[str]],
-    left: Sequence[str],
-    *,
-    no_wrap: bool = False,
-) -> Table:
-    """Return a table whose columns are flush right but for those that are named."""
-    table = Table(title=title, title_justify="left")
-    for head in heads:
-        table.add_column(head, justify="left" if head in left else "right", no_wrap=no_wrap)
-    for row in rows:
-        table.add_row(*row)
-    return table
-
-
-def _verdict(verdict: Verdict, begin: str = "") -> None:
-    """Print a verdict, and below it what was found against the model: once, with what to do."""
-    words, serious = verdict.summary, [each for each in verdict.failed if each.serious]
-    if serious:
-        count = "1 finding speaks" if len(serious) == 1 else f"{len(serious)} findings speak"
-        words = f"{verdict.status.value}: {count} against the model"
-    say(f"{begin}{words}")
-    _findings(verdict.failed)
-
-
-def _findings(findings: Iterable[Finding], *, outcomes: bool = False) -> None:
-    for finding in findings:
-        outcome = f"{finding.assumption}: {finding.outcome.value}. " if outcomes else ""
-        if outcomes and finding.failed:
-            # That an assumption which denies something fails would have to be decoded.
-            outcome = f"{finding.contradiction}. "
-        advice = f". What to do: {finding.advice}" if finding.advice else ""
-        say(f"- {outcome}{finding.sentence}{advice}")
-
-
-def _concise(value: float, std: float) -> str:
-    """Return 1.2345(67) for 1.2345 ± 0.0067."""
-    if isnan(std):
-        return f"{value:.5g} fixed"
-    if not std > 0:
-        return f"{value:.6g}"
-    digits = 1 - floor(log10(std))
-    if digits <= 0:
-        return f"{value:.0f}({std:.0f})"
-    return f"{value:.{digits}f}({std * 10**digits:.0f})"

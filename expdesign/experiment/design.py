@@ -14,22 +14,20 @@ from expdesign.configuration import ConfigurationLike, InputError, RunConfigurat
 from expdesign.configuration.loading import smoothing_widths
 from expdesign.configuration.noise import NOISE_FROM_DATA
 from expdesign.configuration.prior import identification_of
-from expdesign.experiment.combinations import (
-    KnownCombination,
-    identified_base,
-    known_combinations,
+from expdesign.experiment.predicted_precision import (
+    experiment_information,
+    identified_combinations,
+    precision,
 )
-from expdesign.experiment.result import DesignResult, PredictedPrecision, imprecise, whole
+from expdesign.experiment.result import DesignResult, imprecise, whole
 from expdesign.experiment.systematic import systematic_std
 from expdesign.information.criteria import CRITERIA
 from expdesign.information.fisher import (
     EXCITABLE,
     ScaledInformation,
     SingularInformationError,
-    parameter_covariance,
     weak_directions,
 )
-from expdesign.information.identifiable import BaseParameters, root_of
 from expdesign.information.marginal import PriorMachine
 from expdesign.information.periodic_noise import PeriodicNoise
 from expdesign.noise.hum import Hum
@@ -102,9 +100,9 @@ def design(config: ConfigurationLike, monitor: Monitor | None = None) -> DesignR
     trajectory = found.finished.trajectory
     evaluator, samples = task.evaluator, configuration.run.trajectory.samples
     information = evaluator.information(trajectory, samples)
-    whole_information, total = _experiment_information(evaluator, trajectory, configuration)
+    whole_information, total = experiment_information(evaluator, trajectory, configuration)
     periods = configuration.run.experiment.periods
-    experiment = _precision(evaluator, whole_information, total, periods)
+    experiment = precision(evaluator, whole_information, total, periods)
     return DesignResult(
         configuration=configuration,
         robot=evaluator.robot,
@@ -115,9 +113,9 @@ def design(config: ConfigurationLike, monitor: Monitor | None = None) -> DesignR
         information=information,
         log_det_information=evaluator.log_det(information),
         criterion_value=evaluator.value(information),
-        per_period=_precision(evaluator, information, samples, 1),
+        per_period=precision(evaluator, information, samples, 1),
         experiment=experiment,
-        base_parameters=_known(configuration, evaluator, whole_information),
+        base_parameters=identified_combinations(configuration, evaluator, whole_information),
         hum=task.plan.hum.distances(trajectory.omega),
         systematic=systematic_std(
             evaluator.robot,
@@ -307,53 +305,6 @@ def _blame_unexcited(task: DesignTask, error: NoDesignError) -> None:
     if informations and all(scaled.is_singular() for scaled in informations):
         fewest = min((s.weak_directions(task.evaluator.names) for s in informations), key=len)
         raise SingularInformationError(fewest) from error
-
-
-def _precision(
-    evaluator: Evaluator, information: Array, samples: int, periods: float
-) -> PredictedPrecision:
-    std = np.sqrt(np.diag(parameter_covariance(information, evaluator.names)))
-    named = dict(zip(evaluator.names, std.tolist(), strict=True))
-    return PredictedPrecision(samples, periods, named)
-
-
-def _known(
-    configuration: RunConfiguration, evaluator: Evaluator, information: Array
-) -> tuple[KnownCombination, ...]:
-    """Return the combinations that the whole experiment, with this information, identifies."""
-    robot = evaluator.robot
-    base = identified_base(root_of(information), evaluator.names, robot.scales[evaluator.columns])
-    # What is neither judged nor regrouped counts as known.
-    together = configuration.run.design.parameters == "base"
-    structure = structural_base(robot) if together else BaseParameters.each(evaluator.names)
-    at = [robot.parameter_names.index(name) for name in structure.names]
-    judged = [structure.names.index(name) for name in evaluator.names]
-    covariance = np.zeros((len(at), len(at)))
-    covariance[np.ix_(judged, judged)] = parameter_covariance(information, evaluator.names)
-    scales = dict(zip(robot.parameter_names, robot.scales.tolist(), strict=True))
-    return known_combinations(base, structure, robot.parameters[at], covariance, scales)
-
-
-def _experiment_information(
-    evaluator: Evaluator, trajectory: FourierTrajectory, configuration: RunConfiguration
-) -> tuple[Array, int]:
-    """Return F of the whole experiment, (k, k), and its number of samples."""
-    experiment = configuration.run.experiment
-    per_period = trajectory.period * experiment.sampling
-    total = int(np.ceil(experiment.periods * per_period * (1 - 1e-12)))
-    count = whole(per_period)
-    if count is not None:
-        information = evaluator.whole_information(trajectory, count) * experiment.periods
-    elif evaluator.memory is not None:
-        # What a period of nearly as many samples tells, for all of them.
-        count = max(1, round(per_period))
-        information = evaluator.whole_information(trajectory, count) * (total / count)
-    else:
-        motion = trajectory.sample(np.arange(total) / experiment.sampling)
-        information = evaluator.of_regressors(evaluator.robot.regressor(*motion), trajectory.omega)
-    # All that was known before counts, and not what is the share of a measuring time.
-    counted = total if evaluator.prior is None else evaluator.prior.samples
-    return evaluator.judged(information, counted), total
 
 
 def _unlimited(robot: Robot, trajectory: FourierTrajectory) -> tuple[str, ...]:

@@ -7,8 +7,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import fmpy
 import numpy as np
 import pytest
+from fmpy.validation import validate_fmu
 
 from estimation.controlmodel import formats
 from estimation.controlmodel.compiler import FLAGS
@@ -67,9 +69,6 @@ def test_the_python_module_needs_numpy_alone(palida, tmp_path):
 
 @pytest.mark.system("cc")
 def test_the_fmu_is_valid_and_gives_the_models_numbers(palida, tmp_path):
-    fmpy = pytest.importorskip("fmpy")
-    from fmpy.validation import validate_fmu
-
     made = FORMATS["fmu"].make(palida, tmp_path)
     (name,) = made.files
     path = tmp_path / name

@@ -9,11 +9,11 @@ from estimation.diagnostics.diagnosis import verdict
 from estimation.diagnostics.finding import Outcome, Status
 from estimation.diagnostics.plausibility import plausibility
 from estimation.estimators import Knowledge
-from estimation.estimators.result import ParameterEstimate
 from expdesign.configuration.sections.data import EstimateSection
 from expdesign.library import robot_files
 from expdesign.robot import load_robot
 from tests.diagnostics.conftest import Laboratory
+from tests.estimation.cases import made_up
 
 LAB = Laboratory(samples=200, periods=4)
 
@@ -23,31 +23,9 @@ def found_in(data):
     return plausibility(LAB.robot, LAB.knowledge, estimate)
 
 
-def made_up(robot, values, std):
-    """Return an estimate with these values, each with its standard deviation."""
-    count = len(values)
-    covariance = np.diag(np.broadcast_to(std, count) ** 2)
-    return ParameterEstimate(
-        estimator="gm",
-        values=np.asarray(values, dtype=float),
-        covariance=covariance,
-        covariance_forces=covariance,
-        covariance_kinematics=None,
-        freedom=np.full(count, np.inf),
-        colour=np.ones(count),
-        influences=(),
-        motions=(),
-        cost=0.0,
-        iterations=1,
-        converged=True,
-        status="",
-        seconds=0.0,
-    )
-
-
 def judged(robot, values, std, section=None):
     knowledge = Knowledge.of(robot, section or EstimateSection())
-    return plausibility(robot, knowledge, made_up(robot, values, std))
+    return plausibility(robot, knowledge, made_up(values, std))
 
 
 @pytest.mark.parametrize(

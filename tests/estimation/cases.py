@@ -3,6 +3,9 @@
 import numpy as np
 
 from estimation.data.measurement import Measurement
+from estimation.estimators import ParameterEstimate
+from estimation.identification.estimate_file import EstimateFile
+from estimation.identification.saved import saved_estimate
 from expdesign.configuration import load_run
 from expdesign.robot import load_robot
 from expdesign.trajectory import FourierTrajectory
@@ -54,3 +57,32 @@ def measured(
 
 def _draws(rng, covariance, count):
     return rng.normal(size=(count, 6)) @ np.linalg.cholesky(covariance).T
+
+
+def read_estimate(folder, robot):
+    """Return the best estimate of a run folder."""
+    return saved_estimate(EstimateFile.read(folder), folder / EstimateFile.FILE, robot)
+
+
+def made_up(values, spread):
+    """Return an estimate with these values and standard deviations, (m,), or covariance, (m, m)."""
+    count = len(values)
+    covariance = spread
+    if np.ndim(spread) < 2:
+        covariance = np.diag(np.broadcast_to(spread, count) ** 2)
+    return ParameterEstimate(
+        estimator="gm",
+        values=np.asarray(values, dtype=float),
+        covariance=covariance,
+        covariance_forces=covariance,
+        covariance_kinematics=None,
+        freedom=np.full(count, np.inf),
+        colour=np.ones(count),
+        influences=(),
+        motions=(),
+        cost=0.0,
+        iterations=1,
+        converged=True,
+        status="",
+        seconds=0.0,
+    )

@@ -10,8 +10,7 @@ from estimation.identification.record import EstimateRecord
 from estimation.uncertainty.consistent import consistent_estimate
 from expdesign.configuration import InputError, load_run
 from expdesign.robot import load_robot, robot_from
-from tests.diagnostics.test_plausibility import made_up
-from tests.estimation.cases import measured, trajectory
+from tests.estimation.cases import made_up, measured, trajectory
 from tests.payload import described
 
 STRIBECK = {"stribeck": {"velocity": 1e9}}
@@ -156,7 +155,7 @@ def _bodies_of(values, held):
     robot = robot_from(_run(held).robot)
     knowledge = Knowledge.of(robot, _run(held, parameters="base").run.estimate)
     std = np.where(knowledge.free, 0.02 * robot.scales, 0.0)
-    estimate = made_up(robot, values, std)
+    estimate = made_up(values, std)
     return robot, estimate, consistent_estimate(robot, estimate, knowledge)
 
 
@@ -230,7 +229,7 @@ def test_distances_are_those_of_the_machine_without_what_regroups():
             alone[plain.parameter_names.index(f"r{j}")] = 50.0
         expected = consistent_estimate(
             plain,
-            made_up(plain, alone, 0.02 * plain.scales),
+            made_up(alone, 0.02 * plain.scales),
             Knowledge.of(plain, load_run({"name": "n", "robot": "palida"}).run.estimate),
         )
         near = _bodies_of(values, FAR)[2]

@@ -15,8 +15,7 @@ from expdesign.configuration import load_run
 from expdesign.configuration.sections.data import EstimateSection
 from expdesign.mechanism.nearest import Projection
 from expdesign.robot import load_robot
-from tests.diagnostics.test_plausibility import made_up
-from tests.estimation.cases import ROBOT, measured, run, trajectory
+from tests.estimation.cases import ROBOT, made_up, measured, run, trajectory
 
 MOTION = trajectory(100, 0.01)
 NAMES = ROBOT.parameter_names
@@ -32,7 +31,7 @@ def truth(**changes):
 
 def beside(values, section=None, std=STD):
     return consistent_estimate(
-        ROBOT, made_up(ROBOT, values, std), Knowledge.of(ROBOT, section or EstimateSection())
+        ROBOT, made_up(values, std), Knowledge.of(ROBOT, section or EstimateSection())
     )
 
 

@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 
 from estimation.estimators.earlier import EarlierEstimate, UnloadedMachine
 from estimation.estimators.payload import TEN, about_centre, payload_estimate
-from estimation.estimators.result import ParameterEstimate
 from estimation.estimators.systematic import Systematic
 from estimation.identification import estimate
 from estimation.identification.record import EstimateRecord
@@ -21,7 +20,7 @@ from expdesign.mechanism.bodies import inertia_of
 from expdesign.mechanism.terms.rigid_platform import OF_A_BODY
 from expdesign.robot import load_robot
 from expdesign.robot.deviation import deviations
-from tests.estimation.cases import trajectory
+from tests.estimation.cases import made_up, trajectory
 
 ROBOT = load_robot("palida")
 M = 29
@@ -73,22 +72,7 @@ class Linear:
             self.before_by,
             UnloadedMachine(before, self.covariance, PLACES),
         )
-        found = ParameterEstimate(
-            estimator="gm",
-            values=values,
-            covariance=inverse,
-            covariance_forces=inverse,
-            covariance_kinematics=None,
-            freedom=np.full(M, np.inf),
-            colour=np.ones(M),
-            influences=(),
-            motions=(),
-            cost=0.0,
-            iterations=1,
-            converged=True,
-            status="",
-            seconds=0.0,
-        ).with_systematic(systematic)
+        found = made_up(values, inverse).with_systematic(systematic)
         return found, payload_estimate(found, earlier)
 
     def joint(self):

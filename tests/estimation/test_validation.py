@@ -9,12 +9,12 @@ from estimation.diagnostics.record import DiagnosisKeys
 from estimation.identification import estimate
 from estimation.identification.estimate_file import EstimateFile
 from estimation.identification.record import EstimateRecord
-from estimation.identification.saved import read_estimate, saved_estimate
+from estimation.identification.saved import saved_estimate
 from estimation.validation.motions import benchmark_motion
 from estimation.validation.validate import validate
 from expdesign.configuration import InputError, load_run
 from expdesign.configuration.sections.experiment import ValidationMotion
-from tests.estimation.cases import ROBOT, STEP, measured, run, trajectory
+from tests.estimation.cases import ROBOT, STEP, measured, read_estimate, run, trajectory
 
 MOTION = trajectory(seed=2)
 SAMPLING = f"{1 / STEP} Hz"

@@ -12,14 +12,13 @@ from estimation.feedforward.record import FeedforwardRecord
 from estimation.feedforward.true_machine import true_machine
 from estimation.identification import estimate
 from estimation.identification.record import EstimateRecord
-from estimation.identification.saved import read_estimate
 from expdesign.configuration import ComputationError, InputError, load_run
 from expdesign.configuration.noise_spectrum import DENSITIES
 from expdesign.configuration.robot import load_robot_description
 from expdesign.mechanism.term import parameters_of
 from expdesign.robot import robot_from
 from expdesign.robot.deviation import tolerated
-from tests.estimation.cases import ROBOT, measured, run, trajectory
+from tests.estimation.cases import ROBOT, measured, read_estimate, run, trajectory
 
 MOTION = trajectory()
 READ = [0.05, -0.05, 0.05, -0.05, 0.05, -0.05]
