@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from estimation.estimators import Knowledge, UnidentifiableError
-from estimation.identification import estimate
+from estimation.identification import estimate, prepare_experiment
+from estimation.identification.estimate import run_estimators
 from estimation.identification.identified_robot import FILE
 from estimation.identification.record import EstimateRecord
 from estimation.uncertainty.consistent import consistent_estimate
@@ -90,9 +91,16 @@ def test_what_is_fixed_is_known_and_takes_no_part(data):
 def test_standard_deviations_of_combinations_cover(machine):
     """Errors over σ of six combinations in 40 experiments; the friction held is far from true."""
     run = _run(parameters="base")
-    errors = []
+    robot = robot_from(run.robot)
+    knowledge, errors = Knowledge.of(robot, run.run.estimate), []
     for seed in range(40):
-        rows = _combinations(estimate(run, measured(MOTION, seed, robot=machine), MOTION))
+        recording = measured(MOTION, seed, robot=machine)
+        experiment = prepare_experiment(run, robot, recording, MOTION)
+        found = run_estimators(robot, [experiment], knowledge, ("gm",))["gm"]
+        rows = {
+            row.parameter: row
+            for row in knowledge.inseparable(robot, found.values, found.covariance)
+        }
         truth = dict(zip(machine.parameter_names, machine.parameters, strict=True))
         errors.append(
             [
