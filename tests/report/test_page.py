@@ -295,7 +295,7 @@ def test_the_stage_of_run_is_kept_and_done_anew(folder, tmp_path, expdesign_says
     assert status == 0, (output, error)
     assert "<title>Another title</title>" in text_of(folder)
     status, output, _ = expdesign_says("run", only, "--out", folder, "--json")
-    assert json.loads(output[output.index("{") :])["resumed"] is True
+    assert json.loads(output)["resumed"] is True
     # By itself it has the same title.
     assert expdesign_says("report", folder)[0] == 0
     assert "<title>Another title</title>" in text_of(folder)
@@ -319,7 +319,7 @@ def test_a_run_that_was_changed_is_shown_in_its_report(folder, tmp_path, expdesi
         with blank_figures():
             status, output, error = expdesign_says("run", file, "--out", folder, "--json")
         assert status == 0, (output, error)
-        stages = json.loads(output[output.index("{") :])["stages"]
+        stages = json.loads(output)["stages"]
         assert {name for name, stage in stages.items() if not stage["resumed"]} == again
         resolved = (folder / "run.yaml").read_text(encoding="utf-8")
         assert resolved == resolved_yaml(load_run(file))
