@@ -188,6 +188,17 @@ def test_lengths_without_a_pose_are_discarded_and_the_next_are_found(palida, uni
 
 
 @pytest.mark.system("cc")
+def test_a_pose_without_forces_is_discarded_and_the_measured_one_is_not(palida, unit):
+    unit.put(_of_pose("pose"), np.full(6, np.nan))
+    for name in ("forces", "rest", "friction"):
+        with pytest.raises(FMICallException) as failed:
+            unit.get(_of_actuators(name))
+        assert failed.value.status == DISCARD
+    assert len(unit.logged) == 1
+    np.testing.assert_array_equal(unit.get(_of_pose("measured_pose")), palida.robot.home)
+
+
+@pytest.mark.system("cc")
 def test_the_search_begins_where_it_is_told(palida, unit):
     """Turned by more than 45° from there is too far, and a reset forgets it."""
     lengths, pose, start = (
