@@ -1,7 +1,8 @@
 """Control models on ten thousand states: compiled by two compilers in two precisions, and run.
 
 States are random within the robot's limits, with struts and cardan joints that slide by 1 mm/s at
-least: nearer to zero a sign of dry friction may be another one in single precision.
+least and no joint that locks: nearer to zero a sign of dry friction may be another one in single
+precision, and where a joint locks what rests on its turn grows without bound.
 """
 
 from __future__ import annotations

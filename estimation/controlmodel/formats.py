@@ -23,23 +23,11 @@ from estimation.controlmodel.compiler import (
 from estimation.controlmodel.instructions import NUMPY, C
 from estimation.controlmodel.model import ControlModel
 from estimation.controlmodel.rendering import context, rendered
+from estimation.controlmodel.signals import REASONS, blocks
 from estimation.controlmodel.vectors import VECTORS
 from expdesign.configuration import ComputationError
-from expdesign.mechanism.hexapod import POSE, numbered
+from expdesign.mechanism.hexapod import ACTUATORS
 
-OUTPUTS = (
-    ("forces", "N", "force of actuator"),
-    ("rest", "N", "force that holds the platform still, actuator"),
-    ("friction", "N", "the friction's share of the force, actuator"),
-    ("lengths", "m", "coordinate of actuator"),
-    ("rates", "m/s", "speed of actuator"),
-)
-"""Of blocks: name, unit and meaning, six numbers each."""
-_INPUTS = (
-    ("pose", "", ""),
-    ("rate", "/s", "rate of "),
-    ("acceleration", "/s2", "acceleration of "),
-)
 _EARLIEST = (1980, 1, 1, 0, 0, 0)
 """The time in an archive: the same model makes the same bytes."""
 
@@ -70,7 +58,7 @@ def _c(model: ControlModel, folder: Path) -> Made:
 
 
 def _simulink(model: ControlModel, folder: Path) -> Made:
-    filled = context(model, C) | {"outputs": OUTPUTS}
+    filled = context(model, C) | _signals(model)
     name = model.prefix
     own = {
         f"{name}_sfun.c": _text("sfunction.c.j2", filled),
@@ -96,12 +84,10 @@ def _fmu(model: ControlModel, folder: Path) -> Made:
             "name one in CC. The format c needs none"
         )
     filled, name = context(model, C), model.prefix
-    first = 3 * len(POSE)
-    named = [(each, first + 6 * k) for k, (each, _, _) in enumerate(OUTPUTS)]
     sources = _c_files(model, filled)
     # Of the code, so that units that differ have another one.
     guid = "{" + str(uuid.uuid5(uuid.NAMESPACE_URL, _digest(sources[f"{name}.c"]))) + "}"
-    filled |= {"guid": guid, "outputs": named, "variables": list(_variables(model))}
+    filled |= {"guid": guid} | _signals(model)
     wrapper = f"{name}_fmu.c"
     made = _tested(model, sources | {wrapper: _text("fmu.c.j2", filled)}, folder)
     library = f"{name}{place.suffix}"
@@ -122,6 +108,16 @@ FORMATS = {
     "simulink": ModelFormat("level-2 S-function for Simulink, with its C code", _simulink),
 }
 """By name. A new one is a function and an entry here."""
+
+
+def _signals(model: ControlModel) -> dict[str, Any]:
+    signals = blocks(model)
+    first = {one.name: ACTUATORS * k for k, one in enumerate(signals)}
+    ports = {
+        f"{kind}s": [one.name for one in signals if one.causality == kind]
+        for kind in ("input", "output")
+    }
+    return {"blocks": signals, "first": first, "reasons": REASONS, **ports}
 
 
 def _c_files(model: ControlModel, filled: dict[str, Any]) -> dict[str, bytes]:
@@ -163,37 +159,6 @@ def _text(template: str, filled: dict[str, Any]) -> bytes:
 
 def _digest(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()
-
-
-class _Variable(NamedTuple):
-    """One of an FMU."""
-
-    name: str
-    unit: str
-    meaning: str
-    causality: str
-    start: float | None
-
-
-def _variables(model: ControlModel) -> list[_Variable]:
-    home = model.robot.home.tolist()
-    inputs = [
-        _Variable(
-            f"{name}.{coordinate.name}",
-            f"{coordinate.unit}{per}",
-            f"{word}{coordinate.meaning}",
-            "input",
-            home[k] if name == "pose" else 0.0,
-        )
-        for name, per, word in _INPUTS
-        for k, coordinate in enumerate(POSE)
-    ]
-    outputs = [
-        _Variable(f"{name}[{j}]", unit, f"{meaning} {j}", "output", None)
-        for name, unit, meaning in OUTPUTS
-        for j in numbered("")
-    ]
-    return inputs + outputs
 
 
 class _Place(NamedTuple):

@@ -16,6 +16,8 @@ from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.mechanism.term import Term
 
 POSE, RATE, ACCELERATION = "pose", "rate", "acceleration"
+_OF_FORCES = 3
+"""Outputs, where no load comes before."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,9 +31,13 @@ class ModelFunction:
     function: ca.Function
     """(inputs, geometry (g), constants (c), parameters (m)) → outputs.
 
-    Forces are given as w, Gᵀ column by column, and f of Q = G⁻ᵀ w + f: solving by elimination with
-    pivots is a hundred times more exact in single precision than what CasADi writes for it.
+    Forces are given as Gᵀ column by column, w, and f of Q = G⁻ᵀ w + f: solving by elimination with
+    pivots is a hundred times more exact in single precision than what CasADi writes for it. Where
+    friction depends on the load of the actuators, which is such a Q itself, its w and f come
+    before, and it is the last input.
     """
+    loaded: bool = False
+    """Whether it depends on the load."""
 
 
 @cache
@@ -42,14 +48,16 @@ def model_functions(terms: tuple[Term, ...]) -> Mapping[str, ModelFunction]:
     coordinates of the actuators, are ``lengths``, ``rates``, and ``slope``: lengths and, row by
     row, ∂q/∂λ.
     """
-    graph = hexapod_graph(terms)
+    graph = hexapod_graph(terms, open_load=True)
     states = {POSE: graph.pose, RATE: graph.rate, ACCELERATION: graph.acceleration}
     machine = [graph.geometry.vector, graph.constants, graph.parameters]
 
     def of(does: str, inputs: tuple[str, ...], outputs: list[ca.SX]) -> ModelFunction:
-        given = [*(states[key] for key in inputs), *machine]
+        loaded = len(outputs) > _OF_FORCES
+        given = [*(states[key] for key in inputs), *machine, *([graph.load] if loaded else [])]
         dense = [ca.densify(value) for value in outputs]
-        return ModelFunction(does, inputs, ca.Function("model", given, dense, {"cse": True}))
+        function = ca.Function("model", given, dense, {"cse": True})
+        return ModelFunction(does, inputs, function, loaded)
 
     lengths, rates = graph.kinematic["strut_length"], graph.kinematic["strut_speed"]
     signs = (graph.signs, ca.sign(sliding_speeds(graph)))
@@ -95,9 +103,13 @@ def sliding_speeds(graph: HexapodGraph) -> ca.SX:
 
 
 def _borne(graph: HexapodGraph, *pairs: tuple[ca.SX, ca.SX]) -> list[ca.SX]:
-    """Return w, Gᵀ and f, with values for symbols; the load is that of the parameters."""
-    wrench, along = graph.borne_with(Friction.HELD)
+    """Return Gᵀ, w and f, with values for symbols; w and f of the load before, where it counts."""
+    borne = list(graph.borne_with(Friction.HELD))
     # All at once: the signs are expressions of pose and rate.
-    symbols, values = zip((graph.nominal, graph.parameters), *pairs, strict=True)
-    parts = [wrench, ca.vec(graph.transposed), along]
-    return ca.substitute(parts, list(symbols), list(values))
+    symbols, values = map(list, zip(*pairs, strict=True))
+    found = ca.substitute([ca.vec(graph.transposed), *borne], symbols, values)
+    if any(ca.depends_on(part, graph.load) for part in found):
+        found[1:1] = ca.substitute(
+            borne, [graph.parameters], [graph.parameters * ca.DM(graph.loading)]
+        )
+    return found

@@ -7,8 +7,9 @@ robot's numbers would be strewn over the code. Here they stay named constants on
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import casadi as ca
 
@@ -85,6 +86,7 @@ def lines(
     inputs: Sequence[Sequence[str]],
     outputs: Sequence[Sequence[str]],
     language: Language,
+    calls: Mapping[int, str] = MappingProxyType({}),
 ) -> Lines:
     """Return the instructions of an SX function as assignments.
 
@@ -95,6 +97,9 @@ def lines(
     inputs, outputs : sequence of str sequences
         What every element is called, column by column.
     language : Language
+    calls : mapping
+        Output → what to call once it is written. CasADi has the instructions in the order of the
+        outputs, so that what is needed for later ones alone comes after.
 
     Raises
     ------
@@ -117,6 +122,8 @@ def lines(
         elif operation == ca.OP_OUTPUT:
             name = outputs[target[0]][target[1]]
             statements.append(f"{name} = {held[source[0]]}{language.end}")
+            if target[0] in calls and target[1] == len(outputs[target[0]]) - 1:
+                statements.append(f"{calls[target[0]]}{language.end}")
         else:
             text = _expression(operation, [held[place] for place in source], language)
             held[target[0]] = f"a{target[0]}"

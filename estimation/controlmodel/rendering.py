@@ -22,8 +22,10 @@ from estimation.controlmodel.numbers import (
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
 
 _OUTPUTS = {"lengths": ("lengths",), "rates": ("rates",), "slope": ("lengths", "matrix")}
-_FORCES = ("forces", "transposed", "along")
+_FORCES, _LOAD = ("transposed", "forces", "along"), ("transposed", "load", "along")
 """What is stored in C and Python by the functions of `model_functions`."""
+_CARRIED = "carry(matrix, along, load)"
+"""Makes the load of its wrench."""
 
 
 @dataclass(frozen=True)
@@ -34,6 +36,7 @@ class Body:
     inputs: tuple[str, ...]
     unread: tuple[str, ...]
     """Inputs that it does not depend on."""
+    loaded: bool
     code: Lines
 
 
@@ -46,14 +49,17 @@ def context(model: ControlModel, language: Language) -> dict[str, Any]:
     bodies: dict[str, Body] = {}
     for name, each in model.functions.items():
         inputs = [[f"{key}[{k}]" for k in range(COORDINATES)] for key in each.inputs]
-        outputs = [list(map(_place(key), range(_size(key)))) for key in _OUTPUTS.get(name, _FORCES)]
-        code = lines(each.function, [*inputs, *machine], outputs, language)
+        keys = _OUTPUTS.get(name, (*_LOAD, *_FORCES[1:]) if each.loaded else _FORCES)
+        outputs = [list(map(_place(key), range(_size(key)))) for key in keys]
+        load = [list(map(_place("load"), range(ACTUATORS)))] if each.loaded else []
+        calls = {len(_LOAD) - 1: _CARRIED} if each.loaded else {}
+        code = lines(each.function, [*inputs, *machine, *load], outputs, language, calls)
         unread = tuple(
             key
             for key, places in zip(each.inputs, inputs, strict=True)
             if code.read.isdisjoint(places)
         )
-        bodies[name] = Body(each.does, each.inputs, unread, code)
+        bodies[name] = Body(each.does, each.inputs, unread, each.loaded, code)
     read = frozenset[str]().union(*(body.code.read for body in bodies.values()))
     vectors, force = model.vectors, model.largest_force
     return {

@@ -25,6 +25,9 @@ _SPEED, _ACCELERATION = 0.5, 5.0
 """Of the struts where the robot does not limit them, m/s and m/s²."""
 _CLEAR = 1e-3
 """Speeds, m/s, below which a state is not taken: in single precision the sign may be another."""
+_GIMBAL = 0.05
+"""Sine of the angle, 3°, between a strut and the first axis of its cardan joint below which a state
+is not taken: the joint locks there, and its accelerations grow without bound."""
 _MOVING = frozenset({"actuator_force", "strut_speed", "strut_acceleration"})
 _ROUNDS = 24
 
@@ -92,7 +95,7 @@ def random_states(robot: Robot, count: int, seed: int) -> Array:
     """Return states (N, 18) whose poses keep the limits, the first at rest at home.
 
     Speeds and accelerations of the struts are up to their limits. Where dry friction changes its
-    sign nearby, a state is not taken.
+    sign nearby, or a cardan joint locks, a state is not taken.
     """
     rng = np.random.default_rng(seed)
     reach, found = 1.0, [states_at_rest(robot.home[None])]
@@ -122,7 +125,7 @@ def _tried(robot: Robot, count: int, reach: float, rng: np.random.Generator) -> 
     rate *= _share(robot, "strut_speed", _SPEED, slope, rate, rng)
     acceleration *= _share(robot, "strut_acceleration", _ACCELERATION, slope, acceleration, rng)
     states = np.concatenate([pose, rate, acceleration], axis=1)
-    return states[_clear_of_signs(robot, states)]
+    return states[_clear(robot, states)]
 
 
 def _kept(robot: Robot, pose: Array) -> Array:
@@ -151,11 +154,14 @@ def _share(
     return bound * rng.uniform(0.05, 1.0, struts.shape) / struts
 
 
-def _clear_of_signs(robot: Robot, states: Array) -> Array:
+def _clear(robot: Robot, states: Array) -> Array:
     graph = robot.graph
-    speeds = ca.densify(sliding_speeds(graph))
-    if speeds.numel() == 0:
-        return np.ones(len(states), dtype=bool)
-    kernel = BatchFunction("sliding_speeds", [graph.state], [graph.geometry.vector], [speeds])
+    kinematic, geometry = graph.kinematic, graph.geometry
+    squares = [1 - kinematic["sin_beta"] ** 2]
+    if graph.turning:
+        axes = kinematic["rotation_matrix"] @ geometry.platform_cardan_axes
+        squares.append(1 - ca.sum1(axes * kinematic["strut_direction"]).T ** 2)
+    clear = ca.vertcat(ca.fabs(sliding_speeds(graph)) / _CLEAR, ca.vertcat(*squares) / _GIMBAL**2)
+    kernel = BatchFunction("clear", [graph.state], [geometry.vector], [ca.densify(clear)])
     (found,) = kernel(states, robot.geometry_vector)
-    return np.all(np.abs(found) > _CLEAR, axis=1)
+    return np.all(found > 1, axis=1)

@@ -41,7 +41,9 @@ class Friction(Enum):
 class HexapodGraph:
     """Symbols and expressions of one instant, columns but the regressor. SI units and radians."""
 
-    def __init__(self, terms: tuple[Term, ...], *, open_inverse: bool = False) -> None:
+    def __init__(
+        self, terms: tuple[Term, ...], *, open_inverse: bool = False, open_load: bool = False
+    ) -> None:
         self.pose, self.rate, self.acceleration = (
             ca.SX.sym(name, COORDINATES) for name in ("pose", "rate", "acceleration")
         )
@@ -136,6 +138,10 @@ class HexapodGraph:
         self.carried = (
             ca.SX.sym("carried", ACTUATORS, ACTUATORS) if open_inverse else ca.inv(transposed)
         )
+        # (6, 1), the load of the actuators where it is an input, found by another way, and (m,)
+        # which parameters are in it
+        self.load, self._open_load = ca.SX.sym("load", ACTUATORS), open_load
+        self.loading: tuple[bool, ...] = ()
         self._struts, self._arms = struts, arms
         # (6, m) wrenches on the platform and (12, m) torques about the cardan axes, (6, m) wrenches
         # that both make together, and (6, m) forces along the struts
@@ -175,7 +181,8 @@ class HexapodGraph:
     def _columns(self, terms: tuple[Term, ...], instant: Instant) -> list[ca.SX]:
         """Return what the columns of A are made of."""
         found = [ca.SX(count * ACTUATORS, 0) for count in (1, 2, 1, 1)]
-        load = ca.SX.zeros(ACTUATORS)
+        load = self.load if self._open_load else ca.SX.zeros(ACTUATORS)
+        loading: tuple[bool, ...] = ()
         values = iter(ca.vertsplit(self.constants))
         constants: dict[str, dict[str, ca.SX]] = {"": {}}
         for term in terms:
@@ -192,12 +199,16 @@ class HexapodGraph:
             elif columns.between is not None:
                 along = columns.between if columns.along is None else along + columns.between
             wrench = direct if columns.torques is None else direct + self._borne(torques)
-            if not term.rates:
+            own_parts = (direct, torques, wrench, along)
+            if not (term.rates or self._open_load):
                 first = found[0].shape[1]
                 own_nominal = self.nominal[first : first + none.shape[1]]
                 load += (self.carried @ wrench + along) @ own_nominal
-            own_parts = (direct, torques, wrench, along)
+            if any(ca.depends_on(part, self.load) for part in own_parts):
+                self.loading = loading
+            loading += (not term.rates,) * len(term.parameters)
             found = [ca.horzcat(*pair) for pair in zip(found, own_parts, strict=True)]
+        self.loading += (False,) * (len(loading) - len(self.loading))
         return found
 
     @property
@@ -319,12 +330,15 @@ class HexapodGraph:
 
 
 @cache
-def hexapod_graph(terms: tuple[Term, ...] = (), *, open_inverse: bool = False) -> HexapodGraph:
+def hexapod_graph(
+    terms: tuple[Term, ...] = (), *, open_inverse: bool = False, open_load: bool = False
+) -> HexapodGraph:
     """Build the graph of these terms, without any that of the kinematics alone; cached.
 
-    With an open inverse G⁻ᵀ is an input of the graph, `carried`, instead of an expression.
+    With an open inverse G⁻ᵀ is an input of the graph, `carried`, instead of an expression; with an
+    open load that of the actuators, `load`.
     """
-    return HexapodGraph(terms, open_inverse=open_inverse)
+    return HexapodGraph(terms, open_inverse=open_inverse, open_load=open_load)
 
 
 def _column(struts: Sequence[StrutKinematics | ThreadTurn], name: str) -> ca.SX:

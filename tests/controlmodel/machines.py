@@ -5,7 +5,7 @@ import numpy as np
 from estimation.controlmodel.model import Origin
 from expdesign.configuration import load_run
 from expdesign.configuration.robot import load_robot_description
-from expdesign.mechanism.catalogue import DEFAULT
+from expdesign.mechanism.catalogue import TERMS
 from expdesign.mechanism.hexapod import numbered
 from expdesign.robot import robot_from
 
@@ -16,16 +16,26 @@ def every_term():
     """Return PaLiDA with every term that there is, screws that the platform turns, and tilt."""
     rng = np.random.default_rng(3)
     palida = load_robot_description("palida").description.model_dump(mode="json", by_alias=True)
-    constants = [{"stribeck": {"velocity": "50 mm/s"}}, {"cable": {"rest_length": 0.6}}]
+    constants = {
+        "stribeck": {"velocity": "50 mm/s"},
+        "cable": {"rest_length": 0.6},
+        "cogging": {"pitch": "30 mm"},
+        "gravity_compensation": {"base_x": 0.02, "base_y": 0.01, "base_z": -0.9, "length": 0.4},
+        "payload": {"x": 0.03, "y": -0.02, "z": 0.04},
+    }
+    terms = [{name: constants[name]} if name in constants else name for name in TERMS]
     extra = {"sx": 0.05, "sy": -0.03, "Ixy": 0.01, "Ixz": -0.02, "Iyz": 0.015}
-    for letter, size in (("o", 8.0), ("s", 6.0), ("mu", 0.04), ("k", 40.0)):
+    extra |= {"b_force": -20.0, "b_stiffness": 30.0, "m_payload": 0.7}
+    sizes = {"o": 8.0, "s": 6.0, "mu": 0.04, "k": 40.0, "a": 2.0, "w": 3.0, "c": 1.0}
+    sizes |= {"cs": 4.0, "cc": 3.0, "ds": 2.0, "dc": 1.0}
+    for letter, size in sizes.items():
         extra |= dict(zip(numbered(letter), size * rng.uniform(0.5, 1, 6), strict=True))
     axes = np.array(palida["alpha_axes"]) + 0.3 * rng.normal(size=(6, 3))
     palida |= {
         "name": "2nd-machine",
         "platform": "general",
         "gravity": [0.5, -0.3, -9.78],
-        "terms": [*DEFAULT, "force_offset", *constants, "load_friction"],
+        "terms": terms,
         "parameters": {**palida["parameters"], **extra},
         "drive": {"screw": {"lead": "5 mm", "inertia": 1e-6}},
         "platform_cardan_axes": axes.tolist(),

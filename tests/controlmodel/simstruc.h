@@ -4,8 +4,8 @@
 typedef int int_T;
 typedef double real_T;
 typedef struct {
-    double inputs[3][6], outputs[5][6];
-    int widths[2][8], parameters, continuous, discrete, ports[2], times;
+    double inputs[5][6], outputs[7][6], work[6];
+    int connected[5], widths[2][8], parameters, continuous, discrete, ports[2], times;
     double sample_time, offset;
     const char *error;
 } SimStruct;
@@ -31,5 +31,8 @@ typedef struct {
 #define ssSetOffsetTime(S, n, time) ((S)->offset = (time))
 #define ssSetOptions(S, options) ((void)(options))
 #define ssSetErrorStatus(S, text) ((S)->error = (text))
+#define ssSetNumRWork(S, n) ((void)(n))
+#define ssGetRWork(S) ((S)->work)
+#define ssGetInputPortConnected(S, port) ((S)->connected[port])
 #define ssGetInputPortSignal(S, port) ((const void *)(S)->inputs[port])
 #define ssGetOutputPortSignal(S, port) ((void *)(S)->outputs[port])

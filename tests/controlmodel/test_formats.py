@@ -10,17 +10,21 @@ from pathlib import Path
 import fmpy
 import numpy as np
 import pytest
+from fmpy.fmi1 import FMICallException
 from fmpy.validation import validate_fmu
 
 from estimation.controlmodel import formats
 from estimation.controlmodel.compiler import FLAGS
-from estimation.controlmodel.formats import FORMATS, OUTPUTS
+from estimation.controlmodel.formats import FORMATS
+from estimation.controlmodel.signals import OUTPUTS
 from estimation.controlmodel.vectors import random_states
 from expdesign.configuration import ComputationError
 from expdesign.mechanism.hexapod import POSE
 
 HERE = Path(__file__).parent
 STATES = ("pose", "rate", "acceleration")
+DISCARD = 2
+COMPILERS = [pytest.param(name, marks=pytest.mark.system(name)) for name in ("gcc", "clang")]
 
 
 def _module(folder, model):
@@ -67,49 +71,191 @@ def test_the_python_module_needs_numpy_alone(palida, tmp_path):
     assert run.stdout.strip() == "False"
 
 
-@pytest.mark.system("cc")
-def test_the_fmu_is_valid_and_gives_the_models_numbers(palida, tmp_path):
-    made = FORMATS["fmu"].make(palida, tmp_path)
+@pytest.fixture(scope="module")
+def fmu(palida, tmp_path_factory):
+    """Its path, and the folder where it is unpacked."""
+    folder = tmp_path_factory.mktemp("fmu")
+    made = FORMATS["fmu"].make(palida, folder)
     (name,) = made.files
-    path = tmp_path / name
+    path = folder / name
     path.write_bytes(made.files[name])
+    return path, Path(fmpy.extract(str(path), str(folder / "unpacked")))
+
+
+def _of_pose(name):
+    return [f"{name}.{axis.name}" for axis in POSE]
+
+
+def _of_actuators(name):
+    return [f"{name}[{j}]" for j in range(1, 7)]
+
+
+@pytest.mark.system("cc")
+def test_the_fmu_is_valid_and_gives_the_models_numbers(palida, fmu):
+    path, _ = fmu
     assert validate_fmu(str(path)) == []
     vectors = palida.vectors
-    named = [f"{state}.{axis.name}" for state in STATES for axis in POSE]
+    named = [name for state in STATES for name in _of_pose(state)]
+    named += _of_actuators("measured_lengths") + _of_actuators("measured_rates")
     given = np.zeros(len(vectors.state), dtype=[("time", float), *((n, float) for n in named)])
     given["time"] = np.arange(len(given))
-    for column, values in zip(named, vectors.state.T, strict=True):
-        given[column] = values
-    outputs = [f"{name}[{j}]" for name, *_ in OUTPUTS for j in range(1, 7)]
+    values = np.hstack([vectors.state, vectors.lengths, vectors.rates])
+    for column, each in zip(named, values.T, strict=True):
+        given[column] = each
+    expected = {tuple(_of_actuators(name)): getattr(vectors, name) for name, *_ in OUTPUTS}
+    # Each from the pose of the state before.
+    expected[tuple(_of_pose("measured_pose"))] = vectors.state[:, :6]
+    expected[tuple(_of_pose("measured_rate"))] = vectors.state[:, 6:12]
     steps = {"stop_time": len(given), "step_size": 1, "output_interval": 1}
+    outputs = [name for names in expected for name in names]
     result = fmpy.simulate_fmu(str(path), input=given, output=outputs, **steps)
-    for name, *_ in OUTPUTS:
+    for names, numbers in expected.items():
         # What was given at the beginning of a step is there at its end.
-        found = np.stack([result[f"{name}[{j}]"] for j in range(1, 7)], axis=1)[1:]
-        np.testing.assert_allclose(found, getattr(vectors, name), atol=1e-9, err_msg=name)
+        found = np.stack([result[name] for name in names], axis=1)[1:]
+        np.testing.assert_allclose(found, numbers, atol=1e-8, err_msg=names[0])
+
+
+class _Unit:
+    """An instance of an FMU, and what it has logged."""
+
+    def __init__(self, unpacked):
+        described = fmpy.read_model_description(str(unpacked))
+        self.references = {one.name: one.valueReference for one in described.modelVariables}
+        self.starts = {one.name: one.start for one in described.modelVariables}
+        self.logged = []
+        self.unit = fmpy.simulation.instantiate_fmu(
+            str(unpacked),
+            described,
+            "CoSimulation",
+            logger=lambda *values: self.logged.append(values[-1].decode()),
+        )
+        self.unit.setupExperiment()
+        self.unit.enterInitializationMode()
+
+    def _of(self, names):
+        return [self.references[name] for name in names]
+
+    def put(self, names, values):
+        self.unit.setReal(self._of(names), list(values))
+
+    def get(self, names):
+        return np.array(self.unit.getReal(self._of(names)))
+
+    def step(self):
+        self.unit.doStep(currentCommunicationPoint=0.0, communicationStepSize=1e-3)
+
+
+@pytest.fixture
+def unit(fmu):
+    made = _Unit(fmu[1])
+    yield made
+    made.unit.terminate()
+    made.unit.freeInstance()
 
 
 @pytest.mark.system("cc")
+def test_the_fmu_finds_no_pose_where_none_was_measured_and_stays_at_home(palida, unit):
+    lengths, pose = _of_actuators("measured_lengths"), _of_pose("measured_pose")
+    at_home = palida.robot.inverse_kinematics(palida.robot.home)
+    np.testing.assert_allclose([float(unit.starts[name]) for name in lengths], at_home)
+    unit.put(_of_pose("pose"), palida.vectors.state[1, :6])
+    unit.step()
+    np.testing.assert_allclose(unit.get(_of_actuators("rest")), palida.vectors.rest[1], atol=1e-9)
+    np.testing.assert_array_equal(unit.get(pose), palida.robot.home)
+    assert not np.any(unit.get(_of_pose("measured_rate")))
+    assert unit.logged == []
+
+
+@pytest.mark.system("cc")
+@pytest.mark.parametrize("spoilt", [(100, 1, 1, 1, 1, 1), (np.nan,) * 6])
+def test_lengths_without_a_pose_are_discarded_and_the_next_are_found(palida, unit, spoilt):
+    vectors = palida.vectors
+    lengths, pose = _of_actuators("measured_lengths"), _of_pose("measured_pose")
+    unit.put(lengths, vectors.lengths[1])
+    unit.step()
+    np.testing.assert_allclose(unit.get(pose), vectors.state[1, :6], atol=1e-9)
+    unit.put(lengths, vectors.lengths[1] * spoilt)
+    unit.step()
+    for names in (pose, _of_pose("measured_rate")):
+        with pytest.raises(FMICallException) as failed:
+            unit.get(names)
+        assert failed.value.status == DISCARD
+    assert len(unit.logged) == 1  # once, not each time that it is asked for
+    unit.get(_of_actuators("forces"))
+    unit.put(lengths, vectors.lengths[2])
+    unit.step()
+    np.testing.assert_allclose(unit.get(pose), vectors.state[2, :6], atol=1e-9)
+
+
+@pytest.mark.system("cc")
+def test_a_pose_without_forces_is_discarded_and_the_measured_one_is_not(palida, unit):
+    unit.put(_of_pose("pose"), np.full(6, np.nan))
+    for name in ("forces", "rest", "friction"):
+        with pytest.raises(FMICallException) as failed:
+            unit.get(_of_actuators(name))
+        assert failed.value.status == DISCARD
+    assert len(unit.logged) == 1
+    np.testing.assert_array_equal(unit.get(_of_pose("measured_pose")), palida.robot.home)
+
+
+@pytest.mark.system("cc")
+def test_the_search_begins_where_it_is_told(palida, unit):
+    """Turned by more than 45° from there is too far, and a reset forgets it."""
+    lengths, pose, start = (
+        _of_actuators("measured_lengths"),
+        _of_pose("measured_pose"),
+        _of_pose("start_pose"),
+    )
+    unit.put(start, palida.robot.home + np.eye(6)[5])
+    unit.step()
+    with pytest.raises(FMICallException) as failed:
+        unit.get(pose)
+    assert failed.value.status == DISCARD
+    unit.put(start, palida.vectors.state[1, :6] + 0.01)
+    unit.put(lengths, palida.vectors.lengths[1])
+    np.testing.assert_allclose(unit.get(pose), palida.vectors.state[1, :6], atol=1e-9)
+    unit.unit.reset()
+    np.testing.assert_array_equal(unit.get(pose), palida.robot.home)
+
+
+@pytest.mark.parametrize("compiler", COMPILERS)
+def test_the_fmus_source_compiles_without_a_warning(fmu, compiler):
+    (source,) = fmu[1].glob("sources/*_fmu.c")
+    command = [compiler, *FLAGS, "-O0", "-Wshadow", "-fsyntax-only", source.name]
+    subprocess.run(command, cwd=source.parent, check=True)
+
+
+@pytest.mark.parametrize("compiler", COMPILERS)
 def test_the_s_function_compiles_against_a_stand_in_and_gives_the_models_numbers(
-    palida, tmp_path, monkeypatch
+    palida, tmp_path, monkeypatch, compiler
 ):
     monkeypatch.setattr(formats, "find_compiler", lambda: None)  # its own test is that of `c`
     made = FORMATS["simulink"].make(palida, tmp_path)
     for name, content in made.files.items():
         (tmp_path / name).write_bytes(content)
     sources = [f"{palida.prefix}_sfun.c", f"{palida.prefix}.c"]
-    command = ["cc", *FLAGS, "-O0", "-Wno-unused-value", "-I", str(HERE), "-shared", "-fPIC"]
+    command = [compiler, *FLAGS, "-O0", "-Wno-unused-value", "-I", str(HERE), "-shared", "-fPIC"]
     subprocess.run([*command, "-o", "sfun.so", *sources, "-lm"], cwd=tmp_path, check=True)
     library = ctypes.CDLL(str(tmp_path / "sfun.so"))
-    # The signals stand first in the stand-in's SimStruct.
-    block = np.zeros(200)
-    for k, state in enumerate(palida.vectors.state[:20]):
-        block[:18] = state
-        library.called(ctypes.c_void_p(block.ctypes.data))
-        found = block[18:48].reshape(5, 6)
-        for values, (name, *_) in zip(found, OUTPUTS, strict=True):
-            expected = getattr(palida.vectors, name)[k]
-            np.testing.assert_allclose(values, expected, atol=1e-9, err_msg=name)
+    # The signals stand first in the stand-in's SimStruct, and what is connected.
+    block, vectors = np.zeros(300), palida.vectors
+    place = ctypes.c_void_p(block.ctypes.data)
+    connected = block[78:].view(np.intc)[:5]
+    inputs, outputs = block[:30].reshape(5, 6), block[30:72].reshape(7, 6)
+    library.started(place)
+    library.called(place)
+    np.testing.assert_array_equal(outputs[:5], 0)
+    np.testing.assert_array_equal(outputs[5:], [palida.robot.home, np.zeros(6)])
+    connected[:] = 1
+    for k, state in enumerate(vectors.state[:20]):
+        inputs[:3], inputs[3], inputs[4] = state.reshape(3, 6), vectors.lengths[k], vectors.rates[k]
+        library.called(place)
+        expected = [getattr(vectors, name)[k] for name, *_ in OUTPUTS] + [state[:6], state[6:12]]
+        np.testing.assert_allclose(outputs, expected, atol=1e-8)
+    assert library.failed(place) == 0
+    inputs[3] *= 100
+    library.called(place)
+    assert library.failed(place) == 1
 
 
 @pytest.mark.parametrize("name", FORMATS)

@@ -40,18 +40,23 @@ def test_forces_are_the_robots_and_their_parts_add_up(robot):
 
 @pytest.mark.parametrize("name", ["forces", "rest", "friction"])
 def test_the_graphs_functions_give_the_same_forces(robot, name):
-    """Elimination on w, Gᵀ and f, in NumPy, against what the robot returns."""
+    """Elimination on Gᵀ, w and f, in NumPy, against what the robot returns."""
     function = model_functions(robot.terms)[name]
+    assert function.loaded == ("mu1" in robot.parameter_names and name != "rest")
     vectors = vectors_of(robot, 0.0, 50, 0)
     machine = (robot.geometry_vector, robot.description.constants, robot.parameters)
     expected = getattr(vectors, name)
     for state, forces in zip(vectors.state, expected, strict=True):
         parts = np.split(state, 3)[: len(function.inputs)]
-        wrench, transposed, along = (
-            one.full().ravel(order="F") for one in function.function(*parts, *machine)
-        )
-        matrix = transposed.reshape(6, 6).T
-        np.testing.assert_allclose(np.linalg.solve(matrix, wrench) + along, forces, atol=1e-9)
+        found = None
+        for _ in range(1 + function.loaded):  # the load first, which the forces are of
+            load = [] if not function.loaded else [np.zeros(6) if found is None else found]
+            transposed, *borne = (
+                one.full().ravel(order="F") for one in function.function(*parts, *machine, *load)
+            )
+            wrench, along = borne[:2] if found is None else borne[-2:]
+            found = np.linalg.solve(transposed.reshape(6, 6).T, wrench) + along
+        np.testing.assert_allclose(found, forces, atol=1e-9)
 
 
 def test_a_narrow_width_is_nearly_the_sign_and_a_wide_one_is_not(robot):
