@@ -283,7 +283,7 @@ class Knowledge:
 def _refuse_of_combinations(section: EstimateSection, base: BaseParameters) -> None:
     """Refuse priors and bounds of parameters that show only together with others."""
     for key, given in (("prior", section.named_priors), ("bounds", section.bounds)):
-        for name in given:
+        for name in (name for name in given if name in base.names):
             shown = [base.text(one) for one in base.base if name in (one, *base.members(one))]
             if name in base.regrouped or shown != [name]:
                 what = f"shows only in {listed(shown)}" if shown else "shows in nothing"
