@@ -67,7 +67,7 @@ class Selection:
     caveat: Annotated[str, described("", "what is to be known of the intervals")] = CAVEAT
     bounded: Annotated[
         tuple[str, ...],
-        described("", "parameters with bounds, which the choice did without and the estimate keeps"),
+        described("", "parameters with bounds, which the choice did without, the estimate not"),
     ] = ()
 
     @property

@@ -202,7 +202,9 @@ def test_bounds_have_no_part_in_the_choice_and_hold_after_it(parameters):
     bounds = {"m_drive": [0.5, 2.0], "p10": [10, 16], "o3": [1, 2]}
     free, bounded = (
         estimate(
-            selecting(candidates=CANDIDATES[:3], estimate=more | {"parameters": parameters}), data, MOTION
+            selecting(candidates=CANDIDATES[:3], estimate=more | {"parameters": parameters}),
+            data,
+            MOTION,
         )
         for more in ({}, {"bounds": bounds})
     )
