@@ -103,6 +103,7 @@ def check(
                 "limits_held_by_others": held,
                 "reserve": {key: one.reserve for key, one in configuration.robot.limits.items()},
                 "bodies": made,
+                "within_rounding": about.rounded,
                 "warnings": warnings,
                 **found,
             }
@@ -122,6 +123,7 @@ def check(
         *defaults,
         *held,
         *([reserve] if reserve else []),
+        *([about.rounded] if about.rounded else []),
         *_constants_in_words(robot),
     ):
         note(text)
