@@ -27,8 +27,7 @@ OutOption = Annotated[
     typer.Option(
         "--out",
         metavar="DIR",
-        help="Of --machine: the run folder, whose figures/ get the drawing; runs/<name> by "
-        "default.",
+        help="Of --machine: the run folder, whose figures/ get the drawing; runs/NAME by default.",
     ),
 ]
 

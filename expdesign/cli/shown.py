@@ -176,7 +176,7 @@ def estimate(outcome: Outcome) -> None:
         found = [by_place[name, parameter] for name in result.estimates]
         values = (concise(row.value, row.std) for row in found)
         rows.append((parameter, *values, f"{found[0].a_priori:.5g}", found[0].unit))
-    title = "Estimates (standard deviations of the last digits)"
+    title = "Estimates (in brackets the standard deviation of the last digits)"
     heads = ("parameter", *(name.upper() for name in result.estimates), "a priori", "unit")
     console.print(result_table(title, heads, rows, ("parameter", "unit")))
     for row in outcome.record.constants:
@@ -211,7 +211,9 @@ def _payload(record: EstimateRecord) -> Table:
         for (first, quantity), row in by_place.items()
         if first == names[0]
     ]
-    title = "The payload, in the platform frame (standard deviations of the last digits)"
+    title = (
+        "The payload, in the platform frame (in brackets the standard deviation of the last digits)"
+    )
     heads = ("quantity", *(name.upper() for name in names), "unit")
     return result_table(title, heads, rows, ("quantity", "unit"))
 

@@ -415,6 +415,19 @@ def test_help_loads_no_numerics():
     assert loaded.stdout == "[]\n"
 
 
+@pytest.mark.parametrize("given", ["rubin", robot_files()["rubin"]])
+def test_a_robot_in_place_of_a_run_is_told_so(given, expdesign):
+    status, _, error = expdesign("check", given)
+    assert status == 2
+    assert error.count("error:") == 1
+    assert "robot: rubin" in error
+
+
+def test_a_help_shows_the_default_folder(expdesign):
+    for command in ("check", "design", "estimate"):
+        assert "runs/NAME" in expdesign(command, "--help")[1]
+
+
 def test_check_tells_rounding_from_a_contradiction(expdesign, run_file):
     told = {}
     for p2 in ("0.944", "0.947"):
