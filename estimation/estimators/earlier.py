@@ -6,6 +6,7 @@ prior's weight, and comes together with what they make of the new recordings.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,6 +17,7 @@ from expdesign.configuration import InputError
 from expdesign.configuration.identification import Identification
 from expdesign.configuration.prior import identification_of
 from expdesign.configuration.robot_description import RobotDescription
+from expdesign.information.identifiable import BaseParameters
 from expdesign.mechanism.terms.rigid_platform import OF_A_BODY
 from expdesign.robot import Robot
 from expdesign.robot.deviation import Deviation, deviations
@@ -94,7 +96,7 @@ class EarlierEstimate:
         covariance = np.array(found.covariance_random)
         return cls(
             np.array(found.unconstrained or robot.parameters),
-            _precision(covariance),
+            _inverse(covariance),
             *_systematic(found, robot, "estimate.prior_from"),
         )
 
@@ -119,7 +121,54 @@ class EarlierEstimate:
         kept = unloaded.covariance.copy()
         kept[unloaded.platform] = kept[:, unloaded.platform] = 0.0
         systematic = _systematic(found, robot, "estimate.prior")
-        return cls(unloaded.values, _precision(kept), *systematic, unloaded)
+        return cls(unloaded.values, _inverse(kept), *systematic, unloaded)
+
+    def of_combinations(
+        self, base: BaseParameters, names: Sequence[str], held: Array
+    ) -> EarlierEstimate:
+        """Return what it knows of combinations β = T p, where all other parameters are held.
+
+        A normal distribution of p with the mean m and the covariance C is one of β with T m and
+        T C Tᵀ, whatever is known of each parameter of it. It is told of the base parameters, where
+        those that regroup into them are held; what the earlier estimate held is known to it.
+
+        Parameters
+        ----------
+        base : BaseParameters
+            Of the parameters that are not fixed.
+        names : sequence of str
+            Of all m parameters.
+        held : (m,)
+            Values where all but the base parameters stay.
+
+        Raises
+        ------
+        InputError
+            It knows less than there are combinations: some of them exactly.
+        """
+        at = [names.index(name) for name in base.names]
+        own = [names.index(name) for name in base.base]
+        fixed = np.isin(np.arange(len(held)), at, invert=True)
+        inner = self.precision[np.ix_(at, at)]
+        covariance = _inverse(inner)
+        told = base.matrix[:, np.diag(inner) > 0] * base.units[np.diag(inner) > 0]
+        told = told[np.any(told != 0, axis=1)]
+        told /= np.linalg.norm(told, axis=1)[:, None]
+        if len(told) and np.linalg.matrix_rank(told) < len(told):
+            raise InputError(
+                "the robot's identification held some of the parameters that regroup, and what it "
+                "found of the others is no prior of all combinations (estimate.parameters: base)",
+                key="estimate.prior_from",
+                allowed="none, or estimate.parameters: all",
+            )
+        values, precision = held.copy(), np.zeros_like(self.precision)
+        values[own] += base.matrix @ (self.mean_beside(fixed, held) - held)[at]
+        precision[np.ix_(own, own)] = _inverse(base.matrix @ covariance @ base.matrix.T)
+        # Beside what is fixed now, they move with what the earlier estimate made of that, too.
+        moved = self.response[at] + covariance @ self.precision[at][:, fixed] @ self.response[fixed]
+        response = np.zeros_like(self.response)
+        response[own] = base.matrix @ moved
+        return replace(self, values=values, precision=precision, response=response)
 
     def mean_beside(self, held: NDArray[np.bool_], values: Array) -> Array:
         """Return its mean, (m,), when it is known that those held have these values.
@@ -137,8 +186,8 @@ class EarlierEstimate:
         return mean
 
 
-def _precision(covariance: Array) -> Array:
-    """Return the inverse of a covariance, (m, m); zero where it has no variance."""
+def _inverse(covariance: Array) -> Array:
+    """Return the precision of a covariance, (m, m), or back; zero where its diagonal is zero."""
     std = np.sqrt(np.diag(covariance))
     at = np.flatnonzero(std > 0)
     precision = np.zeros_like(covariance)

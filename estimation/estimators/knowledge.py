@@ -106,12 +106,13 @@ class Knowledge:
             chosen = [given.get(name) for name in known]
             return np.array([n if c is None else c for n, c in zip(nominal, chosen, strict=True)])
 
-        own = tuple(name for name in known if name not in fixed)
+        own, start = tuple(name for name in known if name not in fixed), values(fixed)
         base = structural_base(robot, own) if section.parameters == "base" and own else None
         if base is not None:
             _refuse_of_combinations(section, base)
             own = base.base
-        free, start = np.array([name in own for name in known]), values(fixed)
+            earlier = None if earlier is None else earlier.of_combinations(base, known, start)
+        free = np.array([name in own for name in known])
         whole = cls(
             names=known,
             nominal=nominal,
@@ -281,14 +282,8 @@ class Knowledge:
 
 def _refuse_of_combinations(section: EstimateSection, base: BaseParameters) -> None:
     """Refuse priors and bounds of parameters that show only together with others."""
-    if isinstance(section.prior, RobotDescription):
-        raise InputError(
-            "a machine without its payload is the prior of its own parameters, not of combinations",
-            key="estimate.parameters",
-            allowed="all",
-        )
     for key, given in (("prior", section.named_priors), ("bounds", section.bounds)):
-        for name in given:
+        for name in (name for name in given if name in base.names):
             shown = [base.text(one) for one in base.base if name in (one, *base.members(one))]
             if name in base.regrouped or shown != [name]:
                 what = f"shows only in {listed(shown)}" if shown else "shows in nothing"

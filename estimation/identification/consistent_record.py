@@ -12,6 +12,7 @@ from constraints.arrays import Array
 from estimation.uncertainty.consistent import ConsistentEstimate
 from expdesign.information.identifiable import listed
 from expdesign.mechanism.catalogue import parameter_unit
+from expdesign.robot import Robot
 from expdesign.runfolder import Numbers, OpenNumber, OpenNumbers, copied, described
 
 _FLOOR = 1e-3
@@ -63,21 +64,26 @@ class ConsistentKeys:
     text: Annotated[str, described("", "in words")]
 
     @classmethod
-    def of(cls, found: ConsistentEstimate | None, names: tuple[str, ...]) -> Self | None:
+    def of(cls, found: ConsistentEstimate | None, robot: Robot) -> Self | None:
         """Describe it."""
         if found is None:
             return None
         return copied(
             cls,
             found,
-            values=dict(zip(names, found.values.tolist(), strict=True)),
+            values=dict(zip(robot.parameter_names, found.values.tolist(), strict=True)),
             bodies={name: copied(BodyKeys, body) for name, body in vars(found.bodies).items()},
-            text=consistency_in_words(found),
+            text=consistency_in_words(
+                found, known=robot.realisable.bodies(robot.parameters) is not None
+            ),
         )
 
 
-def consistency_in_words(found: ConsistentEstimate) -> str:
-    """Say whether some bodies have an estimate, and what it means if not."""
+def consistency_in_words(found: ConsistentEstimate, *, known: bool) -> str:
+    """Say whether some bodies have an estimate, and what it means if not.
+
+    `known` tells whether some have the values of the robot file.
+    """
     if found.exchanged:
         told, others = "combinations", f", with other values of {listed(found.exchanged)}"
     else:
@@ -89,9 +95,14 @@ def consistency_in_words(found: ConsistentEstimate) -> str:
         f"not physically consistent: the nearest {told} that some set of bodies has{others} are "
         f"{near:.2g} σ away, at the limit of {', '.join(found.active)}; "
     )
-    chance = f"noise alone makes such a distance in {100 * found.p:.2g} % of the cases at most"
+    chance = f"noise alone makes such a distance in {100 * found.p:.3g} % of the cases at most"
     if found.significant:
         doubt = "a reason to look for what the model lacks, or for a larger tolerance or noise"
+        if not known:
+            doubt += (
+                ". No bodies have the values of the robot file either: an estimate of a twin that "
+                "has them is rightly found so"
+            )
         return f"{said}{chance}: {doubt}"
     return f"{said}{chance}: no reason for doubt"
 

@@ -185,9 +185,7 @@ class EstimatorKeys:
             systematic=SystematicKeys.of(estimate.systematic),
             constants=constants_found(robot_from(result.configuration.robot), estimate.systematic),
             payload=PayloadKeys.of(result.payloads.get(estimate.estimator)),
-            consistent=ConsistentKeys.of(
-                result.consistent[estimate.estimator], result.knowledge.names
-            ),
+            consistent=ConsistentKeys.of(result.consistent[estimate.estimator], result.robot),
             combinations=result.combinations[estimate.estimator],
             base_parameters=result.knowledge.combinations(
                 result.robot, estimate.values, estimate.covariance

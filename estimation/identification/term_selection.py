@@ -20,6 +20,7 @@ from expdesign.configuration import ComputationError, InputError, RunConfigurati
 from expdesign.configuration.added_terms import with_added_terms
 from expdesign.configuration.parameters import FurtherTerms, TermDescription
 from expdesign.configuration.sections.selection import DEFAULT_LEVEL, SelectionCriterion
+from expdesign.information.identifiable import listed
 from expdesign.robot import Robot, robot_from
 from expdesign.runfolder import described
 
@@ -36,6 +37,15 @@ SAME_MOTION = (
     "of them, so that a term that only imitates it is not punished. A recording of another motion "
     "would tell"
 )
+
+
+def without_bounds(names: Sequence[str]) -> str:
+    """Say what is to be known of terms that were chosen beside bounds of these parameters."""
+    return (
+        f"the bounds of {listed(names)} (estimate.bounds) had no part in the choice: with them χ² "
+        "would not be distributed as χ². The estimate keeps them, and a term that was chosen for a "
+        "value beyond its bound explains less there than the choice counted on"
+    )
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -55,6 +65,10 @@ class Selection:
     held_out: Annotated[str, described("", "what was predicted: recordings or periods, or empty")]
     steps: Annotated[tuple[SelectionRow, ...], described("", "every block that was tried")]
     caveat: Annotated[str, described("", "what is to be known of the intervals")] = CAVEAT
+    bounded: Annotated[
+        tuple[str, ...],
+        described("", "parameters with bounds, which the choice did without, the estimate not"),
+    ] = ()
 
     @property
     def added(self) -> tuple[TermDescription, ...]:
@@ -69,6 +83,8 @@ class Selection:
             found.append(f"estimate.select added {', '.join(self.chosen)}: {CAVEAT}")
         if self.held_out == "periods":
             found.append(f"estimate.select: {SAME_MOTION}")
+        if self.bounded:
+            found.append(f"estimate.select: {without_bounds(self.bounded)}")
         return found
 
     @classmethod
@@ -111,6 +127,8 @@ class Selection:
                 key="estimate.select.candidates",
                 allowed="terms that say something that the robot's own do not",
             )
+        unbounded = np.full(len(knowledge.names), np.inf)
+        knowledge = replace(knowledge, lower=-unbounded, upper=unbounded)
         own = np.isin(knowledge.names, robot.parameter_names)
         without = replace(knowledge, free=knowledge.free & own)
         present = with_residual_noise(
@@ -142,6 +160,7 @@ class Selection:
             dispersion=judge.dispersion,
             held_out=held_out if section.by == "holdout" else "",
             steps=steps,
+            bounded=tuple(name for name in configuration.run.estimate.bounds if name in estimated),
         )
 
 

@@ -52,9 +52,9 @@ def _expdesign(
         ),
     ] = False,
 ) -> None:
-    """Design excitation experiments for hexapods and simulate them, from one YAML file.
+    """Find the dynamic parameters of a hexapod: design the motion, simulate, estimate, validate.
 
-    RUN.yaml is a run file, or the name of one that ships (`palida`).
+    All from one YAML file. RUN.yaml is a run file, or the name of one that ships (`palida`).
 
     Exit status 0: done and within limits; 1: failed, or the result breaks a limit; 2: bad input.
     """

@@ -27,8 +27,7 @@ OutOption = Annotated[
     typer.Option(
         "--out",
         metavar="DIR",
-        help="Of --machine: the run folder, whose figures/ get the drawing; runs/<name> by "
-        "default.",
+        help="Of --machine: the run folder, whose figures/ get the drawing; runs/NAME by default.",
     ),
 ]
 
@@ -103,6 +102,7 @@ def check(
                 "limits_held_by_others": held,
                 "reserve": {key: one.reserve for key, one in configuration.robot.limits.items()},
                 "bodies": made,
+                "within_rounding": about.rounded,
                 "warnings": warnings,
                 **found,
             }
@@ -122,6 +122,7 @@ def check(
         *defaults,
         *held,
         *([reserve] if reserve else []),
+        *([about.rounded] if about.rounded else []),
         *_constants_in_words(robot),
     ):
         note(text)

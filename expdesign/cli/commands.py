@@ -14,7 +14,11 @@ _MOST_REPETITIONS = 400_000
 
 OutOption = Annotated[
     Path | None,
-    typer.Option("--out", metavar="DIR", help="The run folder; runs/<name> by default."),
+    typer.Option(
+        "--out",
+        metavar="DIR",
+        help="The run folder; runs/NAME by default, NAME being that of the run.",
+    ),
 ]
 DesignOption = Annotated[
     Path | None,

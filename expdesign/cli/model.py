@@ -26,7 +26,10 @@ def model(
         ),
     ],
     name: Annotated[
-        str, typer.Option("--format", metavar="NAME", help="c, python, fmu or simulink.")
+        str,
+        typer.Option(
+            "--format", metavar="NAME", help="c, python, fmu or simulink; has to be given."
+        ),
     ] = "",
     out: Annotated[
         Path | None,

@@ -27,20 +27,23 @@ def design(outcome: Outcome) -> None:
     """Print how the design ended, with the value of its own criterion first, and its limits."""
     from constraints import limit_definitions
     from expdesign.configuration import quantity_text
-    from expdesign.information.criteria import CRITERIA
+    from expdesign.information.criteria import CRITERIA, OF_A_CHANGE
 
     result = outcome.result
     section = result.configuration.run.design
     criterion = CRITERIA[section.criterion]
     scaling = {"si": "SI units", "nominal": "nominal scaling"}[section.scaling]
-    value = f"{criterion.title} = {result.criterion_value:.7g}"
+    value = f"{criterion.named(section.information)} = {result.criterion_value:.7g}"
     if not criterion.invariant:
-        value += f" ({scaling}), log det F = {result.log_det_information:.7g}"
+        log_det = CRITERIA["d"].named(section.information)
+        value += f" ({scaling}), {log_det} = {result.log_det_information:.7g}"
     say(
         f"{result.configuration.run.name}: {result.status} in {result.seconds:.0f} s. {value} over "
         f"{result.samples} samples of one period of {result.trajectory.period:.4f} s, from start "
         f"{result.search.best.index}. The search: {result.search.ended}."
     )
+    if section.prior is not None:
+        say(f"{OF_A_CHANGE}.")
     known = limit_definitions()
     kept = any(check.reserve for check in result.check.limits)
     rows = [
@@ -173,7 +176,7 @@ def estimate(outcome: Outcome) -> None:
         found = [by_place[name, parameter] for name in result.estimates]
         values = (concise(row.value, row.std) for row in found)
         rows.append((parameter, *values, f"{found[0].a_priori:.5g}", found[0].unit))
-    title = "Estimates (standard deviations of the last digits)"
+    title = "Estimates (in brackets the standard deviation of the last digits)"
     heads = ("parameter", *(name.upper() for name in result.estimates), "a priori", "unit")
     console.print(result_table(title, heads, rows, ("parameter", "unit")))
     for row in outcome.record.constants:
@@ -208,7 +211,9 @@ def _payload(record: EstimateRecord) -> Table:
         for (first, quantity), row in by_place.items()
         if first == names[0]
     ]
-    title = "The payload, in the platform frame (standard deviations of the last digits)"
+    title = (
+        "The payload, in the platform frame (in brackets the standard deviation of the last digits)"
+    )
     heads = ("quantity", *(name.upper() for name in names), "unit")
     return result_table(title, heads, rows, ("quantity", "unit"))
 
@@ -302,7 +307,7 @@ def sweep(outcome: Outcome) -> None:
         proved = ("yes" if one.certified else "no") if one.made else ""
         name = f"{label} *" if one is best else label
         rows.append((str(one.number), name, one.status, *numbers, proved))
-    heads = ("", "design", "status", "log det F", "median", "worst", "measured", "search", "proved")
+    heads = ("", "design", "status", "log det", "median", "worst", "measured", "search", "proved")
     title = "Predicted std / nominal value [%], measuring time and processor time of the search [s]"
     results().print(result_table(title, heads, rows, ("design", "status", "proved")))
     if best is not None:

@@ -73,7 +73,9 @@ class Terminal(Progress):
 
         section = configuration.run.design
         hops = section.hops if section.search == "hopping" else 0
-        display = SearchDisplay(self._console, CRITERIA[section.criterion], section.starts, hops)
+        display = SearchDisplay(
+            self._console, CRITERIA[section.criterion], section.starts, hops, section.information
+        )
         hidden = nullcontext() if self._activity is None else self._activity.hidden()
         with hidden, display.shown(), told_to(display.told):
             yield display.report
@@ -98,10 +100,19 @@ class SearchDisplay:
     criterion : Criterion
     starts, hops : int
         How many there are, at most.
+    information : str
+        Symbol of what the criterion is of.
     """
 
-    def __init__(self, console: Console, criterion: Criterion, starts: int, hops: int) -> None:
-        self._console, self._criterion = console, criterion
+    def __init__(
+        self,
+        console: Console,
+        criterion: Criterion,
+        starts: int,
+        hops: int,
+        information: str = "F",
+    ) -> None:
+        self._console, self._criterion, self._information = console, criterion, information
         self._starts, self._hops, self._total = starts, hops, starts + hops
         self._running: dict[int, SearchEvent] = {}
         self._best: SearchEvent | None = None
@@ -194,7 +205,7 @@ class SearchDisplay:
 
         # The rough search of a criterion that is flat far off is that of log det F.
         of_d = event.phase == "blunt" and self._criterion.flat
-        title = (CRITERIA["d"] if of_d else self._criterion).title
+        title = (CRITERIA["d"] if of_d else self._criterion).named(self._information)
         model = "true" if event.phase in _TRUE else "smoothed"
         return f"{title} {event.objective:.6g} ({model})"
 

@@ -39,13 +39,16 @@ def inconsistencies(
 def _unknown_parameters(
     run: RunDescription, robot: ResolvedRobot, document: Document
 ) -> list[Problem]:
+    own = robot.parameter_names
+    candidates = () if run.estimate.select is None else run.estimate.select.candidates
+    # Bounds of a candidate hold if it is chosen. A value or a prior of it would judge it already.
+    tried = (p.name for one in candidates for p in TERMS[one.name].parameters)
     named = {
-        ("design", "parameters"): run.design.named_parameters or (),
-        ("estimate", "fixed"): run.estimate.fixed,
-        ("estimate", "prior"): run.estimate.named_priors,
-        ("estimate", "bounds"): run.estimate.bounds,
+        ("design", "parameters"): (run.design.named_parameters or (), own),
+        ("estimate", "fixed"): (run.estimate.fixed, own),
+        ("estimate", "prior"): (run.estimate.named_priors, own),
+        ("estimate", "bounds"): (run.estimate.bounds, (*own, *tried)),
     }
-    valid = robot.parameter_names
     return [
         document.problem(
             key,
@@ -53,7 +56,7 @@ def _unknown_parameters(
             ", ".join(valid),
             nearest(name, valid),
         )
-        for key, names in named.items()
+        for key, (names, valid) in named.items()
         for name in names
         if name not in valid
     ]

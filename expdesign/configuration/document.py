@@ -27,12 +27,13 @@ class Document:
     """Plain data (dict, list, str, int, float, bool, None) and where it comes from.
 
     `file` is None for a mapping that was handed over by a program; `lines` gives the line, from
-    one, of every key and list item by its path.
+    one, of every key and list item by its path, `texts` numbers and texts as they are written.
     """
 
     data: dict[str, Any]
     file: Path | None = None
     lines: Mapping[Key, int] = field(default_factory=dict)
+    texts: Mapping[Key, str] = field(default_factory=dict)
 
     @property
     def label(self) -> str:

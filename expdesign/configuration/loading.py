@@ -32,6 +32,8 @@ P = TypeVar("P", DesignSection, EstimateSection)
 
 _SMOOTHING = (0.4, 0.1, 0.05)
 _SMOOTHING_WITHOUT_LIMIT = (0.8, 0.2, 0.1)
+_OF_A_ROBOT = "base_joints"
+"""A key that robot files have, and run files have not."""
 _NOISE_USED_BY = ("design", "experiment", "montecarlo")
 
 
@@ -128,7 +130,19 @@ def _document(source: str | PathLike[str] | Mapping[str, Any] | RunDescription) 
         source = source.model_dump(by_alias=True, include=source.model_fields_set)
     if isinstance(source, Mapping):
         return document_from_mapping(source)
-    return read_yaml(find_file(source, "run", run_files()), RUN_FILE_KIND)
+    if isinstance(source, str) and source in robot_files().keys() - run_files().keys():
+        raise _no_run(f"'{source}' is a robot", source)
+    document = read_yaml(find_file(source, "run", run_files()), RUN_FILE_KIND)
+    if _OF_A_ROBOT in document.data:
+        raise _no_run("this is a robot file", document.label, document.file)
+    return document
+
+
+def _no_run(what: str, robot: str, file: Path | None = None) -> InputError:
+    allowed = f"a file of two lines, `name: first` and `robot: {robot}`"
+    return InputError(
+        f"{what}, and a run is asked for, which names its robot", file, allowed=allowed
+    )
 
 
 def _format(document: Document) -> int | None:

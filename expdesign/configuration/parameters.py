@@ -11,16 +11,13 @@ import numpy as np
 from pydantic import BeforeValidator, Field, ValidationInfo, model_serializer
 from pydantic_core import PydanticCustomError
 
-from constraints.arrays import Array
 from expdesign.configuration.drive import DIRECT, Drive
 from expdesign.configuration.problem import nearest, refusal, shown
 from expdesign.configuration.section import Section
 from expdesign.configuration.values.quantity import dimension_of
 from expdesign.configuration.values.scalars import each_read, known
 from expdesign.mechanism.catalogue import DEFAULT, TERMS, known_parameters, terms_named
-from expdesign.mechanism.nearest import NoBodiesError, Projection
-from expdesign.mechanism.realisable import Realisable
-from expdesign.mechanism.term import Constant, Parameter, Term, parameters_of, scales_of
+from expdesign.mechanism.term import Constant, Parameter, Term, parameters_of
 from expdesign.mechanism.terms import drive_inertia, rigid_platform
 
 
@@ -164,11 +161,6 @@ FurtherTerms = Annotated[tuple[TermDescription, ...], BeforeValidator(partial(_t
 
 DEFAULT_TERMS = _terms(DEFAULT)
 
-_AS_WRITTEN = 1e-9
-"""Share of the scales that a file which was written with fewer digits may be off bodies."""
-_TOLD, _TOLD_CHANGE = 4, 1e-4
-"""How many of the nearest parameters are told, and from which change on."""
-
 
 def chosen_terms(
     described: tuple[TermDescription, ...],
@@ -208,66 +200,3 @@ def _parameters(value: object, info: ValidationInfo) -> dict[str, float]:
 
 
 Parameters = Annotated[dict[str, float], BeforeValidator(_parameters)]
-
-
-def parameter_warnings(
-    terms: tuple[Term, ...],
-    values: Mapping[str, float],
-    platform_joints: Array,
-    length: float,
-    gravity: float,
-) -> list[str]:
-    """Return in words what no real bodies have: rounded tables and estimates have it.
-
-    Parameters
-    ----------
-    terms : tuple of Term
-    values : mapping
-        Nominal parameters, SI.
-    platform_joints : (6, 3)
-        Platform frame, m.
-    length, gravity : float
-        Characteristic length, m, and size of gravity, m/s².
-    """
-    found = []
-    for parameter in parameters_of(terms):
-        value = values[parameter.name]
-        if value < parameter.lower or (parameter.strict and value == parameter.lower):
-            bound = "not positive" if parameter.strict else "negative"
-            found.append(f"{parameter.name} = {value:g} is {bound}")
-        if value > parameter.upper:
-            found.append(f"{parameter.name} = {value:g} is above {parameter.upper:g}")
-    found += [text for term in terms for text in term.impossible(values)]
-    with np.errstate(all="ignore"):
-        nearest = _nearest_bodies(parameters_of(terms), values, platform_joints, length, gravity)
-    if nearest:
-        found = [*found[:-1], ". ".join([*found[-1:], nearest])]
-    return [f"physically inconsistent parameters: {text}" for text in found]
-
-
-def _nearest_bodies(
-    parameters: tuple[Parameter, ...],
-    given: Mapping[str, float],
-    joints: Array,
-    length: float,
-    gravity: float,
-) -> str:
-    """Say which parameters are the nearest that some bodies have, each measured by its size."""
-    names = [parameter.name for parameter in parameters]
-    values = np.array([given[name] for name in names])
-    mass = given.get(rigid_platform.MASS, 0.0)
-    scales = scales_of(parameters, values, mass, length, gravity)
-    among = Realisable.of(parameters, scales, joints)
-    if among.bodies(values, _AS_WRITTEN) is not None:
-        return ""
-    try:
-        nearest = Projection(among, np.diag(scales), np.full(len(names), True)).of(values)
-    except NoBodiesError:
-        return ""  # too large to be judged, which is told of the bodies themselves
-    change = (nearest.values - values) / scales
-    moved = [k for k in np.argsort(-np.abs(change)) if abs(change[k]) >= _TOLD_CHANGE]
-    told = ", ".join(
-        f"{names[k]} = {nearest.values[k]:.4g} ({100 * change[k]:+.2g} %)" for k in moved[:_TOLD]
-    )
-    more = f" and {len(moved) - _TOLD} others" if len(moved) > _TOLD else ""
-    return f"No bodies have all parameters; the nearest that some have: {told or 'the same'}{more}"

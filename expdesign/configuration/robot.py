@@ -24,7 +24,8 @@ from expdesign.configuration.limits import (
     with_shared_joints,
 )
 from expdesign.configuration.noise import NoiseDescription, ResolvedNoise, resolve_noise
-from expdesign.configuration.parameters import chosen_terms, parameter_warnings
+from expdesign.configuration.parameters import chosen_terms
+from expdesign.configuration.physical_consistency import physical_consistency, roundings
 from expdesign.configuration.problem import InputError, Problem
 from expdesign.configuration.reserve import merged_reserve
 from expdesign.configuration.robot_description import PlatformKind, RobotDescription, read_robot
@@ -83,6 +84,9 @@ class ResolvedRobot:
     source: Path | None = None
     warnings: tuple[str, ...] = ()
     """What is legal but odd."""
+    rounded: str = ""
+    """Why bodies have its parameters within the rounding of the file, where they have not those
+    written; else empty."""
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
@@ -201,14 +205,15 @@ def resolve_robot(
     if problems:
         raise InputError(problems)
 
-    warnings += _of_gravity(description)
-    warnings += parameter_warnings(
+    consistency = physical_consistency(
         terms,
         description.parameters,
+        roundings(document, (*source.key, "parameters"), description.parameters),
         platform_joints,
         length,
         float(np.linalg.norm(description.gravity)),
     )
+    warnings += [*_of_gravity(description), *consistency.warnings]
     base_joints, home = np.array(description.base_joints), np.array(description.home)
     longest = float(np.max(geo.geometry_at(home, base_joints, platform_joints).lengths))
     warnings += reserve.warnings(resolved_limits)
@@ -257,6 +262,7 @@ def resolve_robot(
         characteristic_length=length,
         source=document.file,
         warnings=tuple(warnings),
+        rounded=consistency.rounded,
     )
 
 

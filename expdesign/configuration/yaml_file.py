@@ -81,7 +81,7 @@ def read_yaml(path: Path, kind: FileKind | None = None) -> Document:
     data = converter.convert(node, (), ())
     if converter.problems or not isinstance(data, dict):
         raise InputError(converter.problems or "the file holds no mapping", path)
-    return Document(data, path, converter.lines)
+    return Document(data, path, converter.lines, converter.texts)
 
 
 @lru_cache(maxsize=8)
@@ -132,6 +132,7 @@ class _Converter:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.lines: dict[Key, int] = {}
+        self.texts: dict[Key, str] = {}
         self.problems: list[Problem] = []
         self._count = 0
         self._scalars = SafeConstructor(loader=YAML(typ="safe", pure=True))
@@ -201,6 +202,7 @@ class _Converter:
 
     def _scalar(self, node: ScalarNode, key: Key) -> Any:
         text: str = node.value
+        self.texts[key] = text
         try:
             if str(node.tag) in _TEXT_TAGS:
                 text.encode()

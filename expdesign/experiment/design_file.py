@@ -167,11 +167,17 @@ class DesignFile(TrajectoryFile):
     samples: Annotated[int, described("1", "samples of one period in the information")]
     log_det_information: Annotated[
         OpenNumber,
-        described("", "log det F of the judged parameters: unsmoothed model, full Σ, SI"),
+        described(
+            "",
+            "log det F of the judged parameters, with design.prior log det S of their change: "
+            "unsmoothed model, full Σ, SI",
+        ),
     ]
     criterion_value: Annotated[
         OpenNumber,
-        described("", "log det, trace of F⁻¹, smallest eigenvalue or condition number"),
+        described(
+            "", "log det, trace of the inverse, smallest eigenvalue or condition number of F or S"
+        ),
     ]
     predicted_std: Annotated[
         PredictedStd,

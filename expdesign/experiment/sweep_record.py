@@ -42,7 +42,8 @@ class SweptDesign:
     criterion: Annotated[str, described("", "what was optimised")]
     criterion_value: Annotated[OpenNumber, described("SI", "of the samples of one period")] = np.nan
     log_det_information: Annotated[
-        OpenNumber, described("1", "log det F over the samples of one period, SI")
+        OpenNumber,
+        described("1", "log det F (S with a prior) of the samples of one period, SI"),
     ] = np.nan
     median_rel_std_percent: Annotated[
         OpenNumber,

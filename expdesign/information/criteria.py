@@ -32,6 +32,11 @@ def _spread(logs: Array, level: float) -> tuple[float, Array, Array]:
     )
 
 
+OF_A_CHANGE = (
+    "S is the information of what design.parameters have changed by since the machine of "
+    "design.prior was identified"
+)
+
 CRITERIA = MappingProxyType(
     {
         criterion.key: criterion

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -35,6 +36,10 @@ class Criterion:
     """(cost of the mean of F over the samples, number m of parameters, samples that F is summed
     over, sum of the logarithms of the parameters' scales) → the reported number that it stands for
     (progress only)."""
+
+    def named(self, information: str) -> str:
+        """Return the title with the symbol of what its eigenvalues are of, ``F`` or ``S``."""
+        return re.sub(r"\bF(?![a-z])", information, self.title)
 
 
 @dataclass(frozen=True)

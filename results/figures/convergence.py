@@ -106,7 +106,8 @@ def _iteration_label(record: DesignRecord, found: Sequence[Trace]) -> str:
     stages = {stage for trace in found for stage in trace.stages}
     if not found or "blunt" in stages or criterion is None or not criterion.flat:
         return "Iteration of the start"
-    return "Iteration of the start (the rough search before is on log det F)"
+    log_det = CRITERIA["d"].named(record.configuration.run.design.information)
+    return f"Iteration of the start (the rough search before is on {log_det})"
 
 
 def _role(trace: Trace, best: int) -> str:
@@ -147,7 +148,8 @@ def _objective_axis(axes: Axes, record: DesignRecord, found: Sequence[Trace]) ->
     """Name the axis, scale it to what matters; draw and return the written design's value."""
     summary = record.summary
     criterion = CRITERIA.get(summary.criterion)
-    title = summary.criterion if criterion is None else criterion.title
+    information = record.configuration.run.design.information
+    title = summary.criterion if criterion is None else criterion.named(information)
     scaling = {"si": "SI units", "nominal": "nominal scaling"}.get(summary.scaling, summary.scaling)
     invariant = criterion is not None and criterion.invariant
     axes.set_title("Objective, smoothed as the optimiser sees it", pad=13)

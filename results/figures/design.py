@@ -120,7 +120,8 @@ def eigenvalues_figure(figure: Figure, record: DesignRecord) -> None:
     for axes, (title, values) in zip(figure.subplots(1, 2), panels.items(), strict=True):
         axes.set_title(title)
         axes.set_xlabel("Index of the eigenvalue")
-        axes.set_ylabel("Eigenvalue of scaled $F$ (dimensionless)")
+        information = record.configuration.run.design.information
+        axes.set_ylabel(f"Eigenvalue of scaled ${information}$ (dimensionless)")
         _stems(axes, np.array(values))
 
 

@@ -413,3 +413,30 @@ def test_help_loads_no_numerics():
         [sys.executable, "-c", code], capture_output=True, text=True, check=True
     )
     assert loaded.stdout == "[]\n"
+
+
+@pytest.mark.parametrize("given", ["rubin", robot_files()["rubin"]])
+def test_a_robot_in_place_of_a_run_is_told_so(given, expdesign):
+    status, _, error = expdesign("check", given)
+    assert status == 2
+    assert error.count("error:") == 1
+    assert "robot: rubin" in error
+
+
+def test_a_help_shows_the_default_folder(expdesign):
+    for command in ("check", "design", "estimate"):
+        assert "runs/NAME" in expdesign(command, "--help")[1]
+
+
+def test_check_tells_rounding_from_a_contradiction(expdesign, run_file):
+    told = {}
+    for p2 in ("0.944", "0.947"):
+        assert "p2: 0.947" in ROBOT
+        path = run_file(robot=ROBOT.replace("p2: 0.947", f"p2: {p2}"))
+        told[p2] = expdesign("check", path)[2]
+        within = json.loads(expdesign("check", "--json", path)[1])["within_rounding"]
+        assert bool(within) == (p2 == "0.944")
+        assert within in told[p2]
+    assert "note: the parameters are physically consistent within" in told["0.944"]
+    assert "physically inconsistent" not in told["0.944"]
+    assert "physically inconsistent" in told["0.947"]

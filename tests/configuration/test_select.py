@@ -35,6 +35,8 @@ def test_what_is_printed_loads_again(tmp_path, run_mapping):
         (selecting(["force_offset"], by="bik"), "estimate.select.by", "bic"),
         (selecting(["force_offset"], level=0.01), "estimate.select.level", None),
         (selecting(["force_offset"], by="f", level=1), "estimate.select.level", None),
+        (selecting(["force_offset"]) | {"bounds": {"m_drive": [0, 1]}}, "estimate.bounds", None),
+        (selecting(["force_offset"]) | {"fixed": {"o1": 1}}, "estimate.fixed", "v1"),
         (selecting(["force_offset"]) | {"prior_from": "robot"}, "estimate.prior_from", None),
         (selecting(["force_offset"]) | {"prior": "IDENTIFIED"}, "estimate.prior", None),
     ],

@@ -10,9 +10,10 @@ from estimation.identification.identified_robot import FILE
 from estimation.identification.record import EstimateRecord
 from estimation.uncertainty.consistent import consistent_estimate
 from expdesign.configuration import InputError, load_run
+from expdesign.configuration.sections.data import EstimateSection
 from expdesign.robot import load_robot, robot_from
 from tests.estimation.cases import made_up, measured, trajectory
-from tests.payload import described
+from tests.payload import PLACE, described, with_payload
 
 STRIBECK = {"stribeck": {"velocity": 1e9}}
 TRUTH = {f"s{j}": 2.0 + j for j in range(1, 7)}
@@ -263,3 +264,87 @@ def test_the_identified_robot_keeps_the_combinations(data, tmp_path):
     states = MOTION.sample(MOTION.sample_times(50))
     near, far = (robot.actuator_forces(*states) for robot in files.values())
     np.testing.assert_allclose(near, far, atol=1e-3)
+
+
+@pytest.fixture(scope="module")
+def identified(data, tmp_path_factory):
+    """A machine whose r and s an earlier estimate knows apart, by priors, and tolerances moved."""
+    prior = {f"{'r' if j < 4 else 's'}{j}": {"value": 3.0, "std": 0.5} for j in range(1, 7)}
+    prior |= {"s2": {"value": 4.0, "std": 2.0}}
+    folder = tmp_path_factory.mktemp("identified")
+    section = {"estimators": ["gm"], "harmonics": 2, "noise": "given", "prior": prior}
+    run = {"name": "n", "robot": described("palida", STRIBECK), "estimate": section}
+    run["tolerances"] = {"force_constant": {"common": 0.02}}
+    EstimateRecord.of(estimate(run, data, MOTION)).write(folder)
+    return folder / FILE
+
+
+@pytest.mark.parametrize("fixed", [{}, {"s1": 2.0, "p10": 16.4}])
+def test_an_earlier_estimate_is_a_prior_of_combinations(identified, machine, fixed):
+    """With all parameters, which the earlier estimate tells apart, the combinations are the same.
+
+    A machine whose s are written otherwise, as bodies may ask for, has the same combinations.
+    """
+    second = measured(MOTION, 1, robot=machine)
+    known = load_robot(identified).description.description
+    told = known.identification.model_copy(
+        update={"unconstrained": tuple(known.parameters.values())}
+    )
+    moved = {name: 9.0 if name[0] == "s" else value for name, value in known.parameters.items()}
+    other = known.model_copy(update={"parameters": moved, "identification": told})
+    wanted = ["ls", "gm", "ml"]
+    section = {"estimators": wanted, "harmonics": 2, "noise": "given", "fixed": fixed}
+
+    def after(robot, parameters):
+        options = section | {"prior_from": "robot", "parameters": parameters}
+        return estimate({"name": "n", "robot": robot, "estimate": options}, second, MOTION)
+
+    whole = after(known, "all")
+    for robot in (known, other):
+        base = after(robot, "base")
+        matrix = base.knowledge.regrouping
+        assert set(_combinations(base)) >= {f"r{j}" for j in range(2, 7)}
+        free = base.knowledge.free
+        for name in wanted:
+            one, all_of_it = base.estimates[name], whole.estimates[name]
+            std = one.std[free]
+            np.testing.assert_allclose(
+                (matrix @ one.values)[free] / std,
+                (matrix @ all_of_it.values)[free] / std,
+                atol=1e-3,
+            )
+            for key in ("covariance_random", "covariance_systematic"):
+                expected = matrix @ getattr(all_of_it, key) @ matrix.T
+                np.testing.assert_allclose(
+                    getattr(one, key)[np.ix_(free, free)] / np.multiply.outer(std, std),
+                    expected[np.ix_(free, free)] / np.multiply.outer(std, std),
+                    atol=1e-4,
+                )
+
+
+@pytest.mark.parametrize(
+    ("estimated", "refused"), [(["p10", "m_payload"], True), (["p10"], False), ([], False)]
+)
+def test_an_earlier_estimate_that_knows_some_combination_exactly_is_refused(estimated, refused):
+    """A payload of which alone is known how sure it is moves ten combinations by one number."""
+    robot, names = described("palida", {"payload": PLACE}), with_payload().parameter_names
+    values = with_payload().parameters.tolist()
+    variance = [4.0 * (name in estimated) for name in names]
+    robot |= {"platform": "general", "parameters": dict(zip(names, values, strict=True))}
+    robot["identification"] = {
+        "run": "n",
+        "estimator": "gm",
+        "verdict": "accepted",
+        "parameters": names,
+        "covariance_random": np.diag(variance).tolist(),
+        "covariance_systematic": np.zeros((len(names),) * 2).tolist(),
+    }
+    section = EstimateSection(prior_from="robot", parameters="base")
+    machine = robot_from(load_run({"name": "n", "robot": robot}).robot)
+    if refused:
+        with pytest.raises(InputError, match="base") as caught:
+            Knowledge.of(machine, section)
+        assert caught.value.problems[0].key == "estimate.prior_from"
+        return
+    found = np.diag(Knowledge.of(machine, section).precision)
+    assert list(found[found > 0]) == pytest.approx([0.25] * len(estimated))

@@ -8,6 +8,7 @@ import pytest
 
 from estimation.estimators import Knowledge
 from estimation.identification import estimate
+from estimation.identification.consistent_record import ConsistentKeys
 from estimation.identification.identified_robot import FILE
 from estimation.identification.record import EstimateRecord
 from estimation.uncertainty.consistent import consistent_estimate, tightest
@@ -178,3 +179,13 @@ def test_fixed_and_bounds_are_blamed_only_where_they_are_set(monkeypatch):
         result = estimate(run({"harmonics": 2, "estimators": ["gm"], **given}), data, MOTION)
         (told,) = [each for each in result.warnings if each.startswith("gm: no ")]
         assert {key for key in ("estimate.fixed", "estimate.bounds") if key in told} == blamed
+
+
+def test_a_sharp_estimate_of_a_machine_that_no_bodies_are_is_told_so():
+    """The twin of PaLiDA as it ships: its p2 is 0.004 kg m² above p3."""
+    found = beside(ROBOT.parameters, EstimateSection(), 1e-3 * ROBOT.scales)
+    assert found.significant
+    told = ConsistentKeys.of(found, ROBOT).text
+    assert told.startswith("not physically consistent")
+    assert "robot file" in told
+    assert "robot file" not in ConsistentKeys.of(found, load_robot("linuxcnc")).text

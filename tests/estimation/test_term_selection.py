@@ -195,6 +195,31 @@ def test_without_a_term_the_estimate_is_as_ever():
     np.testing.assert_array_equal(tried.best.covariance, plain.best.covariance)
 
 
+@pytest.mark.parametrize("parameters", ["all", "base"])
+def test_bounds_have_no_part_in_the_choice_and_hold_after_it(parameters):
+    """Of the robot's own parameters, of a candidate that is chosen, and of one that is not."""
+    data = measured(MOTION, robot=machine(m_drive=3.0), seed=3, periods=6)
+    bounds = {"m_drive": [0.5, 2.0], "p10": [10, 16], "o3": [1, 2]}
+    free, bounded = (
+        estimate(
+            selecting(candidates=CANDIDATES[:3], estimate=more | {"parameters": parameters}),
+            data,
+            MOTION,
+        )
+        for more in ({}, {"bounds": bounds})
+    )
+    assert bounded.selection.chosen == free.selection.chosen == ("drive_inertia",)
+    worth = [[row.worth for row in each.selection.steps] for each in (bounded, free)]
+    assert worth[0] == worth[1]
+    assert bounded.selection.bounded == tuple(bounds)
+    values = dict(zip(bounded.knowledge.names, bounded.best.values, strict=True))
+    assert (values["m_drive"], values["p10"]) == (2, 16)
+    told = [text for text in bounded.warnings if text not in free.warnings]
+    assert any("estimate.select" in text and "m_drive" in text for text in told)
+    assert any("m_drive stands at its bound" in text for text in told)
+    assert not any("bound" in text for text in free.warnings)
+
+
 def test_a_candidate_of_which_nothing_is_estimated_is_refused():
     """In base parameters a payload on a general platform says nothing new."""
     general = load_robot_description("palida").description.model_dump(mode="json", by_alias=True)

@@ -1,13 +1,25 @@
 """A design for what has changed on an identified machine, judged once more by the joint problem."""
 
+import io
+
 import numpy as np
 import pytest
+from rich.console import Console
+from typer.testing import CliRunner
 
 import expdesign
-from expdesign.configuration import load_run
+from expdesign.cli import shown
+from expdesign.cli.app import app
+from expdesign.cli.terminal import SearchDisplay
+from expdesign.configuration import load_run, resolved_yaml
 from expdesign.configuration.robot import as_general
 from expdesign.configuration.robot_description import RobotDescription
+from expdesign.experiment import DesignRecord
 from expdesign.experiment.design import design_task
+from expdesign.information.criteria import CRITERIA
+from expdesign.solver.stage import SearchEvent
+from expdesign.stages.outcome import Outcome
+from results.figures.convergence import convergence_figure
 
 PLATFORM = ("p6", "p7", "p8", "p9", "p10", "sx", "sy", "Ixy", "Ixz", "Iyz")
 
@@ -103,3 +115,23 @@ def test_what_tolerances_did_to_the_earlier_estimate_is_counted(result):
     expected = evaluator.prior.gain(rows.T @ rows, samples) @ (rows.T @ (rows @ moved))
     assert list(result.systematic) == list(result.parameter_names)
     np.testing.assert_allclose([*result.systematic.values()], np.abs(expected), rtol=1e-6)
+
+
+def test_what_is_judged_has_one_name_wherever_it_is_told(result, tmp_path, capsys):
+    """It is S, log det F of the same motion being another number."""
+    run = result.configuration
+    shown.design(Outcome(result=result, folder=tmp_path))
+    said = capsys.readouterr().out
+    DesignRecord.of(result).write(tmp_path)
+    (tmp_path / "run.yaml").write_text(resolved_yaml(run), encoding="utf-8")
+    status = CliRunner().invoke(app, ["report", str(tmp_path)])
+    assert status.exit_code == 0, status.output
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    display = SearchDisplay(Console(file=io.StringIO()), CRITERIA["a"], 1, 0, "S")
+    display.report(SearchEvent(1, "done", 7, 5.0, 0.0, 2.0, "converged"))
+    for text in (said, page):
+        assert "log det S" in text
+        assert "log det F" not in text
+    assert "trace of S⁻¹ 5" in display._console.file.getvalue()
+    figure = convergence_figure.draw(DesignRecord.read(tmp_path))
+    assert figure.axes[0].get_ylabel().startswith("log det S")

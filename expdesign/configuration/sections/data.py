@@ -316,6 +316,12 @@ class EstimateSection(Section):
         if self.prior and self.prior_from != "none":
             message = "prior and prior_from are both given"
             raise refusal(message, "one of them", key="prior_from")
+        if self.parameters == "base" and not isinstance(self.prior, dict):
+            message = (
+                "parameters is base, and prior a machine without its payload: it is known by its "
+                "own parameters, not by combinations"
+            )
+            raise refusal(message, "parameters: all, or no prior", key="parameters")
         if self.fixed and not isinstance(self.prior, dict):
             message = "fixed, beside the prior of a whole machine: it holds what that held"
             raise refusal(message, "prior or fixed", key="fixed")

@@ -158,6 +158,11 @@ class DesignSection(Section):
         return self
 
     @property
+    def information(self) -> str:
+        """Symbol of the matrix that is judged: ``F``, or with a prior ``S``, that of the change."""
+        return "F" if self.prior is None else "S"
+
+    @property
     def named_parameters(self) -> tuple[str, ...] | None:
         """The parameters that are named one by one, None where they are not."""
         return self.parameters if isinstance(self.parameters, tuple) else None

@@ -14,9 +14,9 @@ from expdesign.mechanism.term import FIRST_MOMENT_SCALE, Columns, Instant, Lump,
 from expdesign.mechanism.terms.rigid_platform import MASS
 
 _ROUNDING = 0.05
-"""Share by which published tables of estimates, rounded, were seen to break p2 ≤ p3."""
+"""Share by which published tables of estimates were seen to break p2 ≤ p3."""
 
-_HARMLESS = ". By so little it is the rounding of a published table: harmless for the design"
+_HARMLESS = ". By so little it is harmless for the design"
 
 
 def _columns(instant: Instant) -> Columns:
@@ -63,8 +63,8 @@ def _impossible(p: Mapping[str, float]) -> list[str]:
     if p["p2"] > p["p3"]:
         small = p["p2"] < (1 + _ROUNDING) * p["p3"]
         found.append(
-            f"p2 = {p['p2']:g} exceeds p3 = {p['p3']:g}: the struts' inertia about their axis "
-            f"would be negative{_HARMLESS if small else ''}"
+            f"p2 = {p['p2']:g} exceeds p3 = {p['p3']:g} by {p['p2'] - p['p3']:.2g} kg m^2: the "
+            f"struts' inertia about their axis would be negative{_HARMLESS if small else ''}"
         )
     if p["p1"] + p["p2"] < 0:
         found.append(f"p1 + p2 = {p['p1'] + p['p2']:g} is negative")

@@ -6,6 +6,7 @@ import numpy as np
 
 from constraints.arrays import Array, Mask
 from expdesign.experiment.sensitivity import LimitSensitivity
+from expdesign.information.criteria import CRITERIA
 from expdesign.information.identifiable import IDENTIFIABLE
 from results.figures.parameters import ParameterSeries
 from results.notation import counted, duration, percent
@@ -55,7 +56,7 @@ def designs_report(
 def _efficiencies_in_words(comparison: DesignComparison) -> tuple[str, list[Fact]]:
     """Return which design has most information, and what the others have of it, by machine."""
     every = _efficiencies(comparison)
-    several = len(comparison.machines) > 1
+    several, log_det = len(comparison.machines) > 1, _log_det(comparison)
     text, facts = "", []
     for designs in comparison.machines:
         shares = {
@@ -70,14 +71,25 @@ def _efficiencies_in_words(comparison: DesignComparison) -> tuple[str, list[Fact
             if label != best
         )
         among = f" of {' and '.join(shares)}" if several else ""
-        text += f" {best} has the largest log det F{among}{f'; {others}' if others else ''}."
-        facts.append(Fact("largest log det F", best, f"for {comparison.samples} samples"))
+        text += f" {best} has the largest {log_det}{among}{f'; {others}' if others else ''}."
+        facts.append(Fact(f"largest {log_det}", best, f"for {comparison.samples} samples"))
     if several:
         text += (
             f" They are for {len(comparison.machines)} different robots ({COUNTED}), between which "
             "there is no efficiency; precision is relative to each one's own nominal values."
         )
     return text, facts
+
+
+def _information(comparison: DesignComparison) -> str:
+    """Return the symbol of what is compared: F, or S of designs with a prior."""
+    sections = [design.record.configuration.run.design for design in comparison.designs]
+    symbols = sorted({one.information for one in sections})
+    return symbols[0] if len(symbols) == 1 else f"({' or '.join(symbols)})"
+
+
+def _log_det(comparison: DesignComparison) -> str:
+    return CRITERIA["d"].named(_information(comparison))
 
 
 def _efficiencies(comparison: DesignComparison) -> dict[str, float | None]:
@@ -103,14 +115,14 @@ def _criteria_table(comparison: DesignComparison) -> ReportTable:
     designs, samples, shares = comparison.designs, comparison.samples, _efficiencies(comparison)
     columns = [
         Column("design", kind="text", of=[design.label for design in designs]),
-        Column("log det F", digits=6, of=[design.log_det(samples) for design in designs]),
+        Column(_log_det(comparison), digits=6, of=[design.log_det(samples) for design in designs]),
         Column("D-efficiency", "%", factor=100, of=[shares[design.label] for design in designs]),
     ]
     for name, scaled in (("SI", False), ("nominal", True)):
         spectra = [_spectrum(design, samples, scaled=scaled) for design in designs]
         trace, smallest, condition = zip(*spectra, strict=True)
         columns += [
-            Column(f"trace F⁻¹, {name}", of=trace),
+            Column(f"trace {_information(comparison)}⁻¹, {name}", of=trace),
             Column(f"smallest eigenvalue, {name}", of=smallest),
             Column(f"condition, {name}", of=condition),
         ]

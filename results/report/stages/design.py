@@ -7,7 +7,7 @@ import numpy as np
 from expdesign.configuration.open_rows import held_in_words
 from expdesign.experiment import DesignRecord
 from expdesign.experiment.sensitivity import LimitSensitivity
-from expdesign.information.criteria import CRITERIA
+from expdesign.information.criteria import CRITERIA, OF_A_CHANGE
 from expdesign.information.identifiable import IDENTIFIABLE
 from expdesign.recheck.limit_check import LimitCheck
 from expdesign.recheck.reached import REACHED
@@ -49,6 +49,7 @@ def design_report(folder: RunFolder) -> StageReport:
     cost = None if sensitivity is None else costliest_fact(sensitivity)
     blocks: tuple[Block, ...] = (
         Facts((*_details(record), *([] if cost is None else [cost]))),
+        *([TextBlock(f"{OF_A_CHANGE}.")] if record.configuration.run.design.prior else []),
         limits_table(record),
         *_reserve(record, sensitivity),
         *_gains(sensitivity),
@@ -179,13 +180,14 @@ def _verdict(record: DesignRecord) -> Verdict:
 def _facts(record: DesignRecord) -> tuple[Fact, ...]:
     summary = record.summary
     criterion = CRITERIA.get(summary.criterion)
+    information = record.configuration.run.design.information
     percents = np.array([parameter.rel_std_percent_experiment for parameter in record.parameters])
     relative = percents[np.isfinite(percents)]
     finite = np.isfinite(summary.criterion_value)
     value = readable(summary.criterion_value, 6) if finite else "singular"
     facts = [
         Fact(
-            criterion.title if criterion else summary.criterion,
+            criterion.named(information) if criterion else summary.criterion,
             value,
             f"one period, {summary.samples} samples, {_SCALINGS.get(summary.scaling, '')}",
         )
@@ -217,7 +219,8 @@ def _details(record: DesignRecord) -> tuple[Fact, ...]:
         Fact("harmonics", str(summary.harmonics)),
     ]
     if np.isfinite(summary.log_det_information):
-        facts.append(Fact("log det F", readable(summary.log_det_information, 6), "SI units"))
+        log_det = CRITERIA["d"].named(record.configuration.run.design.information)
+        facts.append(Fact(log_det, readable(summary.log_det_information, 6), "SI units"))
     facts.append(Fact("search", duration(solver.seconds), f"{solver.iterations} iterations"))
     return tuple(facts)
 

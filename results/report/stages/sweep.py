@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
+from expdesign.configuration import RunConfiguration
 from expdesign.configuration.grid import short_path, value_text
 from expdesign.experiment.sweep_record import FAILED, SweepRecord, SweptDesign
+from expdesign.information.criteria import CRITERIA
 from results.figures.sweep import sweep_figure
 from results.notation import counted, duration, readable
 from results.report.content import Block, Fact, Level, StageReport, TextBlock, Verdict
@@ -25,7 +27,7 @@ def sweep_report(folder: RunFolder) -> StageReport:
     blocks: tuple[Block, ...] = (
         TextBlock(_READ),
         *folder.figures(sweep_figure),
-        _table(record, "sweep", _CAPTION, _PROMISED),
+        _table(record, "sweep", _CAPTION, _promised(folder.configuration)),
         _table(record, "sweep_searches", "The searches, and where the designs are", _SEARCHED),
     )
     return StageReport(_verdict(record), blocks, _facts(record), heading="Designs over a grid")
@@ -35,16 +37,22 @@ _CAPTION = (
     "The designs: median of σ over the parameters, the worst and whose it is, time of measuring, "
     "processor time of the search, whether every limit is proved to be kept"
 )
-_PROMISED = (
-    Column("status", kind="outcome", of="status"),
-    Column("log det F", digits=5, of="log_det_information"),
-    Column("σ, median", "%", digits=3, of="median_rel_std_percent"),
-    Column("σ, worst", "%", digits=3, of="worst_rel_std_percent"),
-    Column("of", kind="parameter", of="worst_parameter"),
-    Column("measuring", "s", of="measuring_time"),
-    Column("search", "s", digits=3, of="cpu_seconds"),
-    Column("proved", of="certified"),
-)
+
+
+def _promised(configuration: RunConfiguration) -> tuple[Column, ...]:
+    log_det = CRITERIA["d"].named(configuration.run.design.information)
+    return (
+        Column("status", kind="outcome", of="status"),
+        Column(log_det, digits=5, of="log_det_information"),
+        Column("σ, median", "%", digits=3, of="median_rel_std_percent"),
+        Column("σ, worst", "%", digits=3, of="worst_rel_std_percent"),
+        Column("of", kind="parameter", of="worst_parameter"),
+        Column("measuring", "s", of="measuring_time"),
+        Column("search", "s", digits=3, of="cpu_seconds"),
+        Column("proved", of="certified"),
+    )
+
+
 _SEARCHED = (
     Column("criterion value", digits=5, of="criterion_value"),
     Column("period", "s", of="period"),

@@ -1,0 +1,174 @@
+"""Whether some bodies have the parameters of a robot file, to the digits that are written there."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from decimal import Decimal
+from functools import lru_cache
+
+import numpy as np
+from pydantic_core import PydanticCustomError
+
+from constraints.arrays import Array
+from expdesign.configuration.document import Document
+from expdesign.configuration.parameters import parsed_parameter
+from expdesign.configuration.problem import Key
+from expdesign.mechanism.nearest import NoBodiesError, Projection
+from expdesign.mechanism.realisable import Realisable
+from expdesign.mechanism.term import Term, parameters_of, scales_of
+from expdesign.mechanism.terms import rigid_platform
+
+_AS_WRITTEN = 1e-9
+"""Share of the scales that a file which was written with fewer digits may be off bodies."""
+_TOLD, _TOLD_CHANGE = 4, 1e-4
+"""How many of the nearest parameters are told, and from which change on."""
+_TOLD_ROUNDING = 1e-2
+"""The same, as a share of the rounding, where no more was needed."""
+_MANY = 100
+"""Times the rounding of a digit, from which on nobody asks whether it explains anything."""
+_HALF_UP = 1 + 1e-3
+"""A number in the middle of two may have been rounded to either."""
+_MANTISSA = re.compile(r"\s*[+-]?(\d+\.?\d*|\.\d+)(.*)", re.DOTALL)
+
+
+@dataclass(frozen=True)
+class PhysicalConsistency:
+    """What is to be said of the parameters of a robot file."""
+
+    warnings: tuple[str, ...] = ()
+    """What no bodies have, in words."""
+    rounded: str = ""
+    """Why bodies have the parameters that were rounded to those written; empty where bodies have
+    these themselves, or neither."""
+
+
+def roundings(document: Document, key: Key, values: Mapping[str, float]) -> dict[str, float]:
+    """Return half a unit of the last digit of every parameter that stands at a key, SI.
+
+    Nothing of those of which it is not known: that a program handed over, or that follow from
+    bodies.
+    """
+    found = {}
+    for name, value in values.items():
+        match = _MANTISSA.fullmatch(document.texts.get((*key, name), ""))
+        if match is None:
+            continue
+        last = Decimal(1).scaleb(-len(match[1].partition(".")[2]))
+        try:
+            if parsed_parameter(name, match[0]) == value:
+                found[name] = parsed_parameter(name, f"{last:f}{match[2]}") / 2
+        except PydanticCustomError:
+            continue
+    return found
+
+
+def physical_consistency(
+    terms: tuple[Term, ...],
+    values: Mapping[str, float],
+    rounding: Mapping[str, float],
+    platform_joints: Array,
+    length: float,
+    gravity: float,
+) -> PhysicalConsistency:
+    """Return in words what no real bodies have: published tables and estimates have it.
+
+    Parameters
+    ----------
+    terms : tuple of Term
+    values : mapping
+        Nominal parameters, SI.
+    rounding : mapping
+        What rounding may have moved them by, as of `roundings`.
+    platform_joints : (6, 3)
+        Platform frame, m.
+    length, gravity : float
+        Characteristic length, m, and size of gravity, m/s².
+    """
+    found = []
+    for parameter in parameters_of(terms):
+        value = values[parameter.name]
+        if value < parameter.lower or (parameter.strict and value == parameter.lower):
+            bound = "not positive" if parameter.strict else "negative"
+            found.append(f"{parameter.name} = {value:g} is {bound}")
+        if value > parameter.upper:
+            found.append(f"{parameter.name} = {value:g} is above {parameter.upper:g}")
+    found += [text for term in terms for text in term.impossible(values)]
+    joints = tuple(map(tuple, platform_joints.tolist()))
+    given = (tuple(values.items()), tuple(rounding.items()))
+    with np.errstate(all="ignore"):
+        nearest, rounded = _nearest_bodies(terms, *given, joints, length, gravity)
+    if rounded:
+        return PhysicalConsistency(rounded=rounded)
+    if nearest:
+        found = [*found[:-1], ". ".join([*found[-1:], nearest])]
+    return PhysicalConsistency(tuple(f"physically inconsistent parameters: {t}" for t in found))
+
+
+@lru_cache(maxsize=32)
+def _nearest_bodies(
+    terms: tuple[Term, ...],
+    given: tuple[tuple[str, float], ...],
+    rounding: tuple[tuple[str, float], ...],
+    joints: tuple[tuple[float, ...], ...],
+    length: float,
+    gravity: float,
+) -> tuple[str, str]:
+    """Say which parameters are the nearest that some bodies have, each measured by its size.
+
+    In its place, where bodies have what is written as far as rounding leaves it open, say that.
+    """
+    parameters, known, half = parameters_of(terms), dict(given), dict(rounding)
+    names = [parameter.name for parameter in parameters]
+    values = np.array([known[name] for name in names])
+    mass = known.get(rigid_platform.MASS, 0.0)
+    scales = scales_of(parameters, values, mass, length, gravity)
+    among = Realisable.of(parameters, scales, np.array(joints))
+    if among.bodies(values, _AS_WRITTEN) is not None:
+        return "", ""
+    reach = _HALF_UP * np.array([half.get(name, 0.0) for name in names])
+    within = _within(among, values, reach)
+    near = within
+    if near is None:
+        try:
+            near = Projection(among, np.diag(scales), np.full(len(names), True)).of(values).values
+        except NoBodiesError:
+            return "", ""  # too large to be judged, which is told of the bodies themselves
+    share = (near - values) / scales
+    least = _TOLD_CHANGE if within is None else _TOLD_ROUNDING * reach / scales
+    moved = [k for k in np.argsort(-np.abs(share)) if (abs(share) > least)[k]]
+    told = []
+    for k in moved[:_TOLD]:
+        change = near[k] - values[k]
+        text = f"{names[k]} = {near[k]:.6g} ({change:+.2g} {parameters[k].unit}"
+        if within is None:
+            text += f", {100 * share[k]:+.2g} %"
+            if abs(change) < _MANY * reach[k]:
+                text += f", {abs(change) / reach[k]:.2g} times the rounding of its last digit"
+        told.append(f"{text})")
+    listed = ", ".join(told)
+    if len(moved) > _TOLD:
+        listed += f" and {len(moved) - _TOLD} others"
+    if within is None:
+        return (
+            f"No bodies have all parameters; the nearest that some have: {listed or 'the same'}",
+            "",
+        )
+    return "", (
+        "the parameters are physically consistent within the rounding of their last digits: no "
+        f"bodies have them as they are written, but some have {listed}"
+    )
+
+
+def _within(among: Realisable, values: Array, reach: Array) -> Array | None:
+    """Return parameters of bodies that are nowhere off by more than a reach, (m,); None: none."""
+    free = reach > _AS_WRITTEN * among.scales
+    low, high = (np.where(free, values + side * reach, side * np.inf) for side in (-1, 1))
+    box = replace(among, lower=np.maximum(among.lower, low), upper=np.minimum(among.upper, high))
+    if not np.any(free) or np.any(box.lower > box.upper):
+        return None
+    try:
+        return Projection(box, np.diag(reach)[:, free], free).of(values).values
+    except NoBodiesError:
+        return None
