@@ -6,6 +6,7 @@ prior's weight, and comes together with what they make of the new recordings.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,7 +19,7 @@ from expdesign.configuration.prior import identification_of
 from expdesign.configuration.robot_description import RobotDescription
 from expdesign.mechanism.terms.rigid_platform import OF_A_BODY
 from expdesign.robot import Robot
-from expdesign.robot.deviation import Deviation, deviations
+from expdesign.robot.deviation import Deviation, deviations, estimated_constants
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,22 +27,23 @@ class UnloadedMachine:
     """A machine as it was identified before it carried a payload."""
 
     values: Array
-    """(m,), p₀, SI."""
+    """(m + c,), p₀, SI; zeros for the constants of terms that were estimated with it."""
     covariance: Array
-    """(m, m), P: its random share."""
+    """(m + c, m + c), P: its random share."""
     platform: NDArray[np.intp]
     """(10,), places of `OF_A_BODY`'s parameters."""
 
     @property
     def known(self) -> NDArray[np.bool_]:
-        """(m,), false: it was held at its value."""
+        """(m + c,), false: it was held at its value."""
         return np.diag(self.covariance) > 0
 
     @property
     def transfer(self) -> Array:
-        """(10, m), T = [1, −G]: what p' − p₀ says of the payload (`estimation.estimators.payload`).
+        """(10, m + c), T = [1, −G]: what p' − p₀ says of the payload.
 
-        G = P_ab P_bb⁻¹ is what a change of the other parameters makes expect of the platform's.
+        G = P_ab P_bb⁻¹ is what a change of the others (parameters and constants) makes expect of
+        the platform's; see `estimation.estimators.payload`.
         """
         others = self.known.copy()
         others[self.platform] = False
@@ -59,12 +61,13 @@ class EarlierEstimate:
     """What the robot file says of the estimate that its parameters come from."""
 
     values: Array
-    """(m,), SI: the estimate itself, also where the robot's parameters are those of bodies."""
+    """(m + c,), SI: the estimate itself, also where the robot's parameters are those of bodies; and
+    zeros for the c constants of terms that were estimated with it, which the robot has in it."""
     precision: Array
-    """(m, m), inverse of its random covariance; zero for what it did not estimate."""
+    """(m + c, m + c), inverse of its random covariance; zero for what it did not estimate."""
     deviations: tuple[Deviation, ...]
     response: Array
-    """(m, t), what it moves by per unit of each deviation."""
+    """(m + c, t), what it moves by per unit of each deviation."""
     unloaded: UnloadedMachine | None = None
     """The machine that it was of, where that carries a payload now."""
 
@@ -75,7 +78,7 @@ class EarlierEstimate:
         Raises
         ------
         InputError
-            There is none, or it is of other parameters or another geometry.
+            There is none, or it is of other parameters, constants or another geometry.
         """
         about = robot.description
         found = about.description.identification
@@ -91,10 +94,9 @@ class EarlierEstimate:
                 key="estimate.prior_from",
                 allowed="none, or a robot such as the identified-robot.yaml of a run folder",
             )
-        covariance = np.array(found.covariance_random)
         return cls(
-            np.array(found.unconstrained or robot.parameters),
-            _precision(covariance),
+            _with_constants(found.unconstrained or robot.parameters, found),
+            _precision(np.array(found.covariance_random)),
             *_systematic(found, robot, "estimate.prior_from"),
         )
 
@@ -112,7 +114,9 @@ class EarlierEstimate:
         """
         found, names = identification_of(machine), robot.parameter_names
         unloaded = UnloadedMachine(
-            np.array(found.unconstrained or [machine.parameters[name] for name in names]),
+            _with_constants(
+                found.unconstrained or [machine.parameters[name] for name in names], found
+            ),
             np.array(found.covariance_random),
             np.array([names.index(name) for name in OF_A_BODY.values()], dtype=np.intp),
         )
@@ -122,11 +126,13 @@ class EarlierEstimate:
         return cls(unloaded.values, _precision(kept), *systematic, unloaded)
 
     def mean_beside(self, held: NDArray[np.bool_], values: Array) -> Array:
-        """Return its mean, (m,), when it is known that those held have these values.
+        """Return its mean, (m + c,), when it is known that those held, of m, have these values.
 
         The conditional mean of a normal distribution, by its precision P of the others (f) and of
         those held (d): m_f − P_ff⁻¹ P_fd (v_d − m_d). P_ff is their precision.
         """
+        constants = len(self.values) - len(held)
+        held, values = np.pad(held, (0, constants)), np.pad(values, (0, constants))
         std = np.sqrt(np.diag(self.precision))
         others = np.flatnonzero(~held & (std > 0))
         scale = std[others]
@@ -135,6 +141,11 @@ class EarlierEstimate:
         mean = np.where(held, values, self.values)
         mean[others] -= np.linalg.solve(own, pull / scale) / scale
         return mean
+
+
+def _with_constants(parameters: Sequence[float] | Array, found: Identification) -> Array:
+    """Return parameters, and zeros for the constants that were estimated with them."""
+    return np.pad(np.array(parameters), (0, len(found.constants)))
 
 
 def _precision(covariance: Array) -> Array:
@@ -150,8 +161,18 @@ def _precision(covariance: Array) -> Array:
 def _systematic(
     found: Identification, robot: Robot, key: str
 ) -> tuple[tuple[Deviation, ...], Array]:
-    """Return the deviations of an identification and what each does to its parameters, (m, t)."""
+    """Return the deviations of an identification and what each does to it, (m + c, t)."""
     known = {one.name: one for one in deviations(robot)}
+    estimated = tuple(one.name for one in estimated_constants(robot))
+    if found.constants != estimated:
+        raise InputError(
+            f"the identification of the robot {robot.name} has the covariance of its parameters "
+            f"with {', '.join(found.constants) or 'no constant of a term'}, and estimated are "
+            f"{', '.join(estimated) or 'none'} now: errors of both go together",
+            key=key,
+            allowed="estimate: true for the constants that it has (identification.constants), and "
+            "for no others. One without them may be of an earlier version: estimate again",
+        )
     if unknown := [one.name for one in found.deviations if one.name not in known]:
         raise InputError(
             f"the identification names deviations that the robot {robot.name} does not have: "
@@ -161,5 +182,5 @@ def _systematic(
         )
     return (
         tuple(replace(known[one.name], std=one.tolerance) for one in found.deviations),
-        np.array(found.response).reshape(len(found.parameters), len(found.deviations)),
+        np.array(found.response).reshape(len(found.covariance_random), len(found.deviations)),
     )

@@ -12,13 +12,12 @@ from estimation.diagnostics.diagnosis import diagnose
 from estimation.estimators.knowledge import UnidentifiableError
 from estimation.identification import estimate
 from estimation.identification.record import EstimateRecord
-from estimation.identification.saved import read_estimate
 from expdesign.configuration import InputError, load_run
 from expdesign.configuration.robot import load_robot_description
 from expdesign.mechanism.catalogue import DEFAULT
 from expdesign.robot import load_robot, robot_from
 from expdesign.robot.deviation import estimated_constants, tolerated
-from tests.estimation.cases import ROBOT, measured, trajectory
+from tests.estimation.cases import ROBOT, measured, read_estimate, trajectory
 
 STEP = 0.01
 MOTION = trajectory(100, STEP)

@@ -10,13 +10,12 @@ from estimation.estimators.knowledge import Knowledge
 from estimation.identification import estimate
 from estimation.identification.identified_robot import FILE
 from estimation.identification.record import EstimateRecord
-from estimation.identification.saved import read_estimate
 from expdesign.configuration import InputError, load_run
 from expdesign.configuration.identification import identified_name
 from expdesign.configuration.sections.data import EstimateSection
 from expdesign.robot import load_robot
 from expdesign.robot.deviation import tolerated
-from tests.estimation.cases import measured, run, trajectory
+from tests.estimation.cases import measured, read_estimate, run, trajectory
 
 MOTION = trajectory(100, 0.01)
 TOLERANCES = {"base_joints": "0.5 mm", "gravity": "0.5 deg", "delay": "1 ms"}

@@ -8,12 +8,11 @@ from scipy.signal import lfilter
 
 from estimation.identification import estimate, prepare_experiment
 from estimation.identification.record import EstimateRecord
-from estimation.identification.saved import read_estimate
 from estimation.validation.prediction_error import Kept, prediction_errors
 from estimation.validation.validate import validate
 from expdesign.configuration import ForceTolerance, InputError, load_run
 from expdesign.stages.record import sections_text
-from tests.estimation.cases import ROBOT, STEP, measured, run, trajectory
+from tests.estimation.cases import ROBOT, STEP, measured, read_estimate, run, trajectory
 
 MOTION = trajectory()
 CONFIG = run()
