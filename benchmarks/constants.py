@@ -80,9 +80,10 @@ def _run(
         term, constant = name.split(".")
         terms.append({term: {constant: {"value": value, "estimate": True}}})
     robot = palida | {"terms": terms}
-    estimate = {"spectrum": "white"} if memory else {}
-    own = {"experiment": experiment, "estimate": estimate}
-    return equivalent_run("constants", _SAMPLES, robot=robot, **own)
+    section = {"spectrum": "white"} if memory else {}
+    return equivalent_run(
+        "constants", _SAMPLES, robot=robot, experiment=experiment, estimate=section
+    )
 
 
 def _found(run: RunConfiguration, seed: int, wanted: Sequence[str]) -> dict[str, ParameterEstimate]:
