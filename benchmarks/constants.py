@@ -1,8 +1,10 @@
 """PaLiDA, the design of n = 5: constants of terms that are estimated, a pitch and a velocity.
 
 Spread: the standard deviation that is stated against the errors of repeated experiments, with the
-twin's cogging and its noise, ten periods of few samples that tell as much as those at 1 kHz. Basin:
-from which starting values Gauss–Markov finds the constant, of one such experiment.
+twin's cogging and its noise, ten periods of few samples that tell as much as those at 1 kHz.
+Coloured: the same of maximum likelihood with weights for white noise, where the forces' noise
+remembers, or changes its sign from sample to sample; beside it what would be stated of white noise.
+Basin: from which starting values Gauss–Markov finds the constant, of one such experiment.
 """
 
 from __future__ import annotations
@@ -32,13 +34,17 @@ _SAMPLES = 250
 _FRICTION, _AMPLITUDE = 20.0, 10.0
 _TRUE = {"cogging.pitch": 0.024, "stribeck.velocity": 0.05}
 _OTHER_PITCH = 0.006
-SECTIONS = ("spread", "basin")
+_MEMORIES = (0.95, -0.95)
+SECTIONS = ("spread", "coloured", "basin")
 
 
 def rows(section: str, repetitions: int | None = None) -> Iterator[Row]:
     """Yield a row per estimator and constant, or per constant."""
     if section == "spread":
         yield from _spread(repetitions or 100)
+    elif section == "coloured":
+        for memory in _MEMORIES:
+            yield from _spread(repetitions or 100, memory)
     else:
         for name, true in (*_TRUE.items(), ("cogging.pitch", _OTHER_PITCH)):
             yield _basin(name, true)
@@ -47,12 +53,17 @@ def rows(section: str, repetitions: int | None = None) -> Iterator[Row]:
 __all__ = ["SECTIONS", "TITLE", "rows", "summary"]
 
 
-def _run(constants: dict[str, float], truth: dict[str, float], seed: int) -> RunConfiguration:
+def _run(
+    constants: dict[str, float], truth: dict[str, float], seed: int, memory: float = 0.0
+) -> RunConfiguration:
     """Return a run that estimates constants from these values on, of a machine with the true ones.
 
-    The cogging is the twin's own, the friction that of a term.
+    The cogging is the twin's own, the friction that of a term. Noise with a memory is weighted as
+    if it had none.
     """
     palida = load_robot_description("palida").description.model_dump(mode="json", by_alias=True)
+    if memory:
+        palida["noise"] |= {"force_spectrum": {"ar": memory}}
     experiment: dict[str, Any] = {"seed": seed, "periods": 10}
     experiment["sampling"] = _SAMPLES / palida_design().period
     if (pitch := truth.get("cogging.pitch")) is not None:
@@ -69,7 +80,10 @@ def _run(constants: dict[str, float], truth: dict[str, float], seed: int) -> Run
         term, constant = name.split(".")
         terms.append({term: {constant: {"value": value, "estimate": True}}})
     robot = palida | {"terms": terms}
-    return equivalent_run("constants", _SAMPLES, robot=robot, experiment=experiment)
+    section = {"spectrum": "white"} if memory else {}
+    return equivalent_run(
+        "constants", _SAMPLES, robot=robot, experiment=experiment, estimate=section
+    )
 
 
 def _found(run: RunConfiguration, seed: int, wanted: Sequence[str]) -> dict[str, ParameterEstimate]:
@@ -86,27 +100,40 @@ def _values(run: RunConfiguration, found: ParameterEstimate) -> tuple[Array, Arr
     return np.array(run.robot.constants) + known.values, known.std
 
 
-def _repetition(number: int) -> dict[str, tuple[Array, Array]]:
+def _std_if_white(found: ParameterEstimate) -> Array:
+    """Return the standard deviations of the constants if the noise had no colour."""
+    shares = [
+        share
+        for influence in found.influences
+        for share in (influence.force_share(), influence.length_share())
+        if share is not None
+    ]
+    return np.sqrt(np.diag(sum(share.white for share in shares)))[-len(_TRUE) :]
+
+
+def _repetition(number: int, memory: float) -> dict[str, tuple[Array, Array, Array]]:
     begun = {name: 1.05 * value for name, value in _TRUE.items()}
-    run = _run(begun, _TRUE, number)
-    found = _found(run, number, ("ls", "gm", "ml"))
-    return {name: _values(run, one) for name, one in found.items()}
+    run = _run(begun, _TRUE, number, memory)
+    found = _found(run, number, ("ml",) if memory else ("ls", "gm", "ml"))
+    return {name: (*_values(run, one), _std_if_white(one)) for name, one in found.items()}
 
 
-def _spread(count: int) -> Iterator[Row]:
-    found = Parallel(n_jobs=2)(delayed(_repetition)(number) for number in range(count))
+def _spread(count: int, memory: float = 0.0) -> Iterator[Row]:
+    found = Parallel(n_jobs=2)(delayed(_repetition)(number, memory) for number in range(count))
+    remembered = f", memory {memory:g}" if memory else ""
     for estimator in found[0]:
-        values, std = (np.array([each[estimator][k] for each in found]) for k in (0, 1))
+        values, std, white = (np.array([each[estimator][k] for each in found]) for k in range(3))
         for place, (name, true) in enumerate(_TRUE.items()):
             errors = values[:, place] - true
             squares = float(np.sum((errors / std[:, place]) ** 2))
             low, high = scipy.stats.chi2.ppf([0.005, 0.995], count)
             ratio = np.sqrt(np.mean(std[:, place] ** 2)) / np.sqrt(np.mean(errors**2))
             yield {
-                "claim": f"{estimator}: {name}",
+                "claim": f"{estimator}: {name}{remembered}",
                 "true": f"{true:g}",
                 "repetitions": count,
                 "stated std": f"{np.sqrt(np.mean(std[:, place] ** 2)):.3g}",
+                "of white noise": f"{np.sqrt(np.mean(white[:, place] ** 2)):.3g}",
                 "spread": f"{np.std(errors):.3g}",
                 "bias / its std error": f"{np.mean(errors) / np.std(errors) * np.sqrt(count):.2f}",
                 "stated / rms error": f"{ratio:.3f}",

@@ -1,13 +1,10 @@
-"""How uncertain the forces of a control model are: what the parameters' covariance makes of them.
+"""How uncertain the forces of a control model are: what the estimate's covariance makes of them.
 
 With Q = A p and the covariance C of p, the covariance of Q is A C Aᵀ at every instant. C has the
-random share, which another recording draws anew, and the systematic one of the tolerances. What a
-wrong geometry does to Q beside moving the parameters is not counted.
-
-Constants θ that were estimated with p (the pitch of cogging) are in A, and their errors go with
-those of p: the covariance of Q is then A C Aᵀ with what θ adds and the cross covariance of p and θ,
-which along the design as a rule takes off more than θ adds. A robot file does not have it: what is
-stated is A C Aᵀ.
+random share, which another recording draws anew, and the systematic one of the tolerances. Where
+constants θ of terms were estimated with p (the pitch of cogging), C is that of both together, and
+[A, ∂(A p)/∂θ] stands for A: their errors go with those of p, and cancel in part. What a wrong
+geometry does to Q beside moving these is not counted.
 """
 
 from __future__ import annotations
@@ -20,6 +17,8 @@ import numpy as np
 from constraints.arrays import Array
 from expdesign.configuration.identification import Identification
 from expdesign.robot import Robot
+from expdesign.robot.deviation import deviations
+from expdesign.robot.deviation_slope import deviating_forces
 from expdesign.runfolder import ArrayTable, described, strutwise
 from expdesign.runfolder.described import TIME
 from expdesign.trajectory import FourierTrajectory
@@ -69,18 +68,24 @@ class ActuatorUncertainty:
 def force_uncertainty(
     robot: Robot, known: Identification, trajectory: FourierTrajectory
 ) -> ForceUncertainty:
-    """Return forces and their standard deviations along one period of a trajectory.
-
-    They are those of A C Aᵀ: too wide where constants were estimated with the parameters, whose
-    errors go with theirs.
-    """
+    """Return forces and their standard deviations along one period of a trajectory."""
     time = np.linspace(0.0, trajectory.period, _SAMPLES, endpoint=False)
     motion = trajectory.sample(time)
-    regressors = robot.regressor(motion.pose, motion.rate, motion.acceleration)
+    entries = {one.name: one for one in deviations(robot)}
+    still = np.zeros_like(motion.pose)  # the rate of the acceleration, which moves no constant
+    found = deviating_forces(
+        robot,
+        np.concatenate([*motion, still], axis=1),
+        time,
+        None,
+        robot.parameters,
+        [entries[name] for name in known.constants],
+    )
+    columns = np.concatenate([found.regressors, found.columns], axis=2)
     random = np.array(known.covariance_random)
     total = random + np.array(known.covariance_systematic)
     return ForceUncertainty(
-        time, regressors @ robot.parameters, _std(regressors, total), _std(regressors, random)
+        time, found.regressors @ robot.parameters, _std(columns, total), _std(columns, random)
     )
 
 
@@ -92,6 +97,6 @@ def by_actuator(found: ForceUncertainty) -> tuple[ActuatorUncertainty, ...]:
     return tuple(ActuatorUncertainty(j, *row) for j, row in enumerate(rows, start=1))
 
 
-def _std(regressors: Array, covariance: Array) -> Array:
-    variances = np.einsum("nij,jk,nik->ni", regressors, covariance, regressors)
+def _std(columns: Array, covariance: Array) -> Array:
+    variances = np.einsum("nij,jk,nik->ni", columns, covariance, columns, optimize=True)
     return np.sqrt(np.maximum(variances, 0.0))  # what rounding leaves below zero

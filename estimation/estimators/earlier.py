@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from constraints.arrays import Array
 from expdesign.configuration import InputError
@@ -20,7 +21,7 @@ from expdesign.configuration.robot_description import RobotDescription
 from expdesign.information.identifiable import BaseParameters
 from expdesign.mechanism.terms.rigid_platform import OF_A_BODY
 from expdesign.robot import Robot
-from expdesign.robot.deviation import Deviation, deviations
+from expdesign.robot.deviation import Deviation, deviations, estimated_constants
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,22 +29,23 @@ class UnloadedMachine:
     """A machine as it was identified before it carried a payload."""
 
     values: Array
-    """(m,), p₀, SI."""
+    """(m + c,), p₀, SI; zeros for the constants of terms that were estimated with it."""
     covariance: Array
-    """(m, m), P: its random share."""
+    """(m + c, m + c), P: its random share."""
     platform: NDArray[np.intp]
     """(10,), places of `OF_A_BODY`'s parameters."""
 
     @property
     def known(self) -> NDArray[np.bool_]:
-        """(m,), false: it was held at its value."""
+        """(m + c,), false: it was held at its value."""
         return np.diag(self.covariance) > 0
 
     @property
     def transfer(self) -> Array:
-        """(10, m), T = [1, −G]: what p' − p₀ says of the payload (`estimation.estimators.payload`).
+        """(10, m + c), T = [1, −G]: what p' − p₀ says of the payload.
 
-        G = P_ab P_bb⁻¹ is what a change of the other parameters makes expect of the platform's.
+        G = P_ab P_bb⁻¹ is what a change of the others (parameters and constants) makes expect of
+        the platform's; see `estimation.estimators.payload`.
         """
         others = self.known.copy()
         others[self.platform] = False
@@ -61,12 +63,13 @@ class EarlierEstimate:
     """What the robot file says of the estimate that its parameters come from."""
 
     values: Array
-    """(m,), SI: the estimate itself, also where the robot's parameters are those of bodies."""
+    """(m + c,), SI: the estimate itself, also where the robot's parameters are those of bodies; and
+    zeros for the c constants of terms that were estimated with it, which the robot has in it."""
     precision: Array
-    """(m, m), inverse of its random covariance; zero for what it did not estimate."""
+    """(m + c, m + c), inverse of its random covariance; zero for what it did not estimate."""
     deviations: tuple[Deviation, ...]
     response: Array
-    """(m, t), what it moves by per unit of each deviation."""
+    """(m + c, t), what it moves by per unit of each deviation."""
     unloaded: UnloadedMachine | None = None
     """The machine that it was of, where that carries a payload now."""
 
@@ -77,7 +80,7 @@ class EarlierEstimate:
         Raises
         ------
         InputError
-            There is none, or it is of other parameters or another geometry.
+            There is none, or it is of other parameters, constants or another geometry.
         """
         about = robot.description
         found = about.description.identification
@@ -93,10 +96,9 @@ class EarlierEstimate:
                 key="estimate.prior_from",
                 allowed="none, or a robot such as the identified-robot.yaml of a run folder",
             )
-        covariance = np.array(found.covariance_random)
         return cls(
-            np.array(found.unconstrained or robot.parameters),
-            _inverse(covariance),
+            _with_constants(found.unconstrained or robot.parameters, found),
+            _inverse(np.array(found.covariance_random)),
             *_systematic(found, robot, "estimate.prior_from"),
         )
 
@@ -114,7 +116,9 @@ class EarlierEstimate:
         """
         found, names = identification_of(machine), robot.parameter_names
         unloaded = UnloadedMachine(
-            np.array(found.unconstrained or [machine.parameters[name] for name in names]),
+            _with_constants(
+                found.unconstrained or [machine.parameters[name] for name in names], found
+            ),
             np.array(found.covariance_random),
             np.array([names.index(name) for name in OF_A_BODY.values()], dtype=np.intp),
         )
@@ -128,7 +132,7 @@ class EarlierEstimate:
     ) -> EarlierEstimate:
         """Return what it knows of combinations β = T p, where all other parameters are held.
 
-        A normal distribution of p with the mean m and the covariance C is one of β with T m and
+        Constants of terms that were estimated stay beside them as they are. A normal distribution of p with the mean m and the covariance C is one of β with T m and
         T C Tᵀ, whatever is known of each parameter of it. It is told of the base parameters, where
         those that regroup into them are held; what the earlier estimate held is known to it.
 
@@ -146,12 +150,15 @@ class EarlierEstimate:
         InputError
             It knows less than there are combinations: some of them exactly.
         """
-        at = [names.index(name) for name in base.names]
-        own = [names.index(name) for name in base.base]
-        fixed = np.isin(np.arange(len(held)), at, invert=True)
+        constants = list(range(len(held), len(self.values)))
+        at = [*(names.index(name) for name in base.names), *constants]
+        own = [*(names.index(name) for name in base.base), *constants]
+        matrix = block_diag(base.matrix, np.eye(len(constants)))
+        fixed = np.isin(np.arange(len(self.values)), at, invert=True)
         inner = self.precision[np.ix_(at, at)]
         covariance = _inverse(inner)
-        told = base.matrix[:, np.diag(inner) > 0] * base.units[np.diag(inner) > 0]
+        estimated = np.diag(inner)[: len(base.names)] > 0
+        told = base.matrix[:, estimated] * base.units[estimated]
         told = told[np.any(told != 0, axis=1)]
         told /= np.linalg.norm(told, axis=1)[:, None]
         if len(told) and np.linalg.matrix_rank(told) < len(told):
@@ -161,21 +168,23 @@ class EarlierEstimate:
                 key="estimate.prior_from",
                 allowed="none, or estimate.parameters: all",
             )
-        values, precision = held.copy(), np.zeros_like(self.precision)
-        values[own] += base.matrix @ (self.mean_beside(fixed, held) - held)[at]
-        precision[np.ix_(own, own)] = _inverse(base.matrix @ covariance @ base.matrix.T)
+        values, precision = np.pad(held, (0, len(constants))), np.zeros_like(self.precision)
+        values[own] += matrix @ (self.mean_beside(fixed[: len(held)], held) - values)[at]
+        precision[np.ix_(own, own)] = _inverse(matrix @ covariance @ matrix.T)
         # Beside what is fixed now, they move with what the earlier estimate made of that, too.
         moved = self.response[at] + covariance @ self.precision[at][:, fixed] @ self.response[fixed]
         response = np.zeros_like(self.response)
-        response[own] = base.matrix @ moved
+        response[own] = matrix @ moved
         return replace(self, values=values, precision=precision, response=response)
 
     def mean_beside(self, held: NDArray[np.bool_], values: Array) -> Array:
-        """Return its mean, (m,), when it is known that those held have these values.
+        """Return its mean, (m + c,), when it is known that those held, of m, have these values.
 
         The conditional mean of a normal distribution, by its precision P of the others (f) and of
         those held (d): m_f − P_ff⁻¹ P_fd (v_d − m_d). P_ff is their precision.
         """
+        constants = len(self.values) - len(held)
+        held, values = np.pad(held, (0, constants)), np.pad(values, (0, constants))
         std = np.sqrt(np.diag(self.precision))
         others = np.flatnonzero(~held & (std > 0))
         scale = std[others]
@@ -184,6 +193,11 @@ class EarlierEstimate:
         mean = np.where(held, values, self.values)
         mean[others] -= np.linalg.solve(own, pull / scale) / scale
         return mean
+
+
+def _with_constants(parameters: Sequence[float] | Array, found: Identification) -> Array:
+    """Return parameters, and zeros for the constants that were estimated with them."""
+    return np.pad(np.array(parameters), (0, len(found.constants)))
 
 
 def _inverse(covariance: Array) -> Array:
@@ -199,8 +213,18 @@ def _inverse(covariance: Array) -> Array:
 def _systematic(
     found: Identification, robot: Robot, key: str
 ) -> tuple[tuple[Deviation, ...], Array]:
-    """Return the deviations of an identification and what each does to its parameters, (m, t)."""
+    """Return the deviations of an identification and what each does to it, (m + c, t)."""
     known = {one.name: one for one in deviations(robot)}
+    estimated = tuple(one.name for one in estimated_constants(robot))
+    if found.constants != estimated:
+        raise InputError(
+            f"the identification of the robot {robot.name} has the covariance of its parameters "
+            f"with {', '.join(found.constants) or 'no constant of a term'}, and estimated are "
+            f"{', '.join(estimated) or 'none'} now: errors of both go together",
+            key=key,
+            allowed="estimate: true for the constants that it has (identification.constants), and "
+            "for no others. One without them may be of an earlier version: estimate again",
+        )
     if unknown := [one.name for one in found.deviations if one.name not in known]:
         raise InputError(
             f"the identification names deviations that the robot {robot.name} does not have: "
@@ -210,5 +234,5 @@ def _systematic(
         )
     return (
         tuple(replace(known[one.name], std=one.tolerance) for one in found.deviations),
-        np.array(found.response).reshape(len(found.parameters), len(found.deviations)),
+        np.array(found.response).reshape(len(found.covariance_random), len(found.deviations)),
     )

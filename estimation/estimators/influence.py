@@ -9,7 +9,7 @@ anything that the model does not know (`Influence.response`).
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,7 +53,11 @@ class Covariance:
 
 @dataclass(frozen=True, eq=False)
 class Influence:
-    """What the errors of one experiment do to the k free parameters."""
+    """What the errors of one experiment do to an estimate.
+
+    Rows of the gains are the k free parameters, and behind them the e entries of θ that were
+    estimated with them: r = k + e.
+    """
 
     robot: Robot
     experiment: Experiment
@@ -67,9 +71,9 @@ class Influence:
     weighted_by_noise: bool
     """That is the noise's covariance: its filter was used, too, and its errors count."""
     force_gain: Array
-    """(k, k), on the columns of the parameters; (k, k + x) with those of the motion."""
+    """(r, k), on the columns of the parameters; (r, k + x) with those of the motion."""
     length_gain: Array | None
-    """(k, x), on the motion's columns in the lengths; None after pointwise kinematics."""
+    """(r, x), on the motion's columns in the lengths; None after pointwise kinematics."""
     machine: DeviatingMachine | None = None
     """Whose deviations θ were estimated, too: their columns stand before those of the motion in
     both gains."""
@@ -96,7 +100,7 @@ class Influence:
     def response(
         self, forces: Callable[[slice], Array], lengths: Callable[[slice], Array]
     ) -> Array:
-        """Return what p̂ moves by per unit of t unknowns that the estimator does not know, (k, t).
+        """Return what (p̂, θ̂) moves by per unit of t unknowns that it does not know, (r, t).
 
         Both give the change of the measured forces or lengths per unit, (S, 6, t), at a part of the
         samples.
@@ -106,6 +110,15 @@ class Influence:
             for part, weights in parts:
                 total = total + np.einsum("sik,sit->kt", weights, columns(part))
         return np.asarray(total)
+
+    def of(self, rows: Array) -> Influence:
+        """Return the influence on combinations of the first ones, (c, ≤ r), alone."""
+        count, gain = rows.shape[1], self.length_gain
+        return replace(
+            self,
+            force_gain=rows @ self.force_gain[:count],
+            length_gain=None if gain is None else rows @ gain[:count],
+        )
 
     def _length_columns(self, motion: HarmonicMotion, part: slice) -> Array:
         """Return the columns of the unknowns in the lengths."""
@@ -155,8 +168,9 @@ def difference_covariance(first: Sequence[Influence], second: Sequence[Influence
     weights take it for: many parameters are judged together, for which the contrasts of single
     lines have too little freedom.
     """
-    total = np.zeros(())
-    for one, other in zip(first, second, strict=True):
+    total, own_rows = np.zeros(()), np.eye(int(np.count_nonzero(first[0].free)))
+    for pair in zip(first, second, strict=True):
+        one, other = (each.of(own_rows) for each in pair)
         record, noise = one.experiment.record, one.experiment.noise
         for parts, own, counts in (
             (zip(one.forces(), other.forces(), strict=True), noise.forces, record.forces.counts),

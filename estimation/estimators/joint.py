@@ -24,7 +24,6 @@ from estimation.measurement_model import HarmonicMotion, predict_forces
 from estimation.measurement_model.normal_equations import Filter, NormalEquations, Rows
 from estimation.measurement_model.prediction import chunks
 from expdesign.robot import Robot
-from expdesign.robot.deviation import estimated_constants
 
 
 def force_equations(
@@ -95,7 +94,7 @@ def cramer_rao_covariance(
     have no spread of their rates (`Experiment.spread` zero), else the expected ones.
     """
     pairs = tuple(zip(experiments, motions, strict=True))
-    constants = estimated_constants(robot)
+    constants = knowledge.constants(robot)
     if not constants:
         equations = [joint_equations(robot, *each, values, knowledge.free) for each in pairs]
         return knowledge.full(knowledge.inverse(reduced_information(equations, knowledge)))

@@ -26,7 +26,7 @@ from expdesign.information.identifiable import BaseParameters, listed, root_of_i
 from expdesign.mechanism.catalogue import known_parameters
 from expdesign.recheck.excitable import structural_base
 from expdesign.robot import Robot
-from expdesign.robot.deviation import Deviation
+from expdesign.robot.deviation import Deviation, estimated_constants
 
 
 class UnidentifiableError(ComputationError):
@@ -120,7 +120,7 @@ class Knowledge:
             start=start,
             prior_mean=values({name: prior.value for name, prior in priors.items()})
             if earlier is None
-            else earlier.mean_beside(~free, start),
+            else earlier.mean_beside(~free, start)[: len(known)],
             prior_precision=np.array([priors[n].std ** -2 if n in priors else 0.0 for n in known]),
             lower=lower,
             upper=upper,
@@ -137,20 +137,28 @@ class Knowledge:
 
         What the identification held at a value stays there.
         """
-        start = unloaded.values.copy()
+        count = len(self.names)
+        start = unloaded.values[:count].copy()
         start[unloaded.platform] = self.start[unloaded.platform]
-        return replace(self, free=unloaded.known, start=start, prior_mean=start, earlier=earlier)
+        free = unloaded.known[:count]
+        return replace(self, free=free, start=start, prior_mean=start, earlier=earlier)
 
     def with_deviations(self, deviations: Sequence[Deviation]) -> Knowledge:
-        """Return it with entries of θ behind the parameters: their tolerances are priors."""
+        """Return it with entries of θ behind the parameters: their tolerances are priors.
+
+        What an earlier estimate knows of the first of them stands in place of a tolerance.
+        """
         count = len(deviations)
-        zero, endless = np.zeros(count), np.full(count, np.inf)
+        zero, endless, mean = np.zeros(count), np.full(count, np.inf), np.zeros(count)
+        if self.earlier is not None:
+            known = self.earlier.mean_beside(~self.free, self.start)[len(self.free) :]
+            mean[: len(known)] = known
         std = np.array([each.std for each in deviations])
         behind = {
             "nominal": zero,
             "free": np.ones(count, dtype=bool),
             "start": zero,
-            "prior_mean": zero,
+            "prior_mean": mean,
             "prior_precision": std**-2,
             "lower": np.array([each.lower for each in deviations]),
             "upper": endless,
@@ -159,6 +167,25 @@ class Knowledge:
             key: np.concatenate([getattr(self, key), own]) for key, own in behind.items()
         }
         return replace(self, names=(*self.names, *(one.name for one in deviations)), **wider)
+
+    def constants(self, robot: Robot) -> tuple[Deviation, ...]:
+        """Return the constants of terms that are estimated, with their tolerances.
+
+        Without these where an earlier estimate is the prior: it knows more, and what is left of it
+        stands in the robot file as a tolerance, which is not to count twice.
+        """
+        found = estimated_constants(robot)
+        if self.earlier is None:
+            return found
+        return tuple(replace(one, std=np.inf) for one in found)
+
+    def prior_share(self, inverse: Array, parameters: int) -> Array:
+        """Return the covariance that errors of the priors make, (k, k), by F⁻¹, (k, k).
+
+        Tolerances of what stands behind the m parameters have no part: they are systematic.
+        """
+        own = np.where(np.arange(len(self.names)) < parameters, self.prior_precision, 0.0)
+        return inverse @ replace(self, prior_precision=own).precision @ inverse
 
     @property
     def bounded(self) -> bool:
@@ -171,8 +198,9 @@ class Knowledge:
         """(k, k) prior information of the free parameters."""
         own = np.diag(self.prior_precision)
         if self.earlier is not None:
-            count = len(self.earlier.precision)
-            own[:count, :count] += self.earlier.precision
+            # Without θ behind the parameters: what it says where the constants are held.
+            count = min(len(own), len(self.earlier.precision))
+            own[:count, :count] += self.earlier.precision[:count, :count]
         return own[np.ix_(self.free, self.free)]
 
     @property

@@ -30,7 +30,7 @@ from estimation.estimators.result import ParameterEstimate, precision
 from estimation.estimators.systematic import systematic_share
 from estimation.measurement_model.normal_equations import Filter, NormalEquations
 from expdesign.robot import Robot
-from expdesign.robot.deviation import Deviation, estimated_constants
+from expdesign.robot.deviation import Deviation
 
 _STEPS = 30
 _HALVINGS = 8
@@ -60,19 +60,18 @@ def linear_estimate(
         Constants are to be estimated along pointwise kinematics.
     """
     began = time.perf_counter()
-    constants = estimated_constants(robot)
+    constants = knowledge.constants(robot)
     if constants and any(experiment.fit is None for experiment in experiments):
         raise ValueError("constants of terms are estimated along fitted motions only")
     problem = _Problem(robot, tuple(experiments), knowledge, estimator, constants)
     fit, iterations, status = _converged(problem)
-    inverse = fit.inverse
-    count = int(np.count_nonzero(knowledge.free))
-    influences = _influences(problem, fit, inverse[:count])
-    own = inverse[:count, :count]
+    pairs = enumerate(zip(fit.experiments, problem.weightings, strict=True))
+    influences = [_influence(problem, fit, *pair, number) for number, pair in pairs]
+    prior_share = problem.known.prior_share(fit.inverse, len(knowledge.free))
     found = ParameterEstimate(
         estimator=estimator,
         values=fit.values,
-        **precision(influences, knowledge, own @ knowledge.precision @ own),
+        **precision(influences, problem.known, prior_share),
         motions=tuple(e.fit.motion for e in experiments if e.fit is not None),
         cost=fit.cost,
         iterations=iterations,
@@ -82,10 +81,7 @@ def linear_estimate(
     )
     if not constants:
         return found
-    gain = inverse[count:]
-    prior_share = gain @ problem.known.precision @ gain.T
-    std = np.sqrt(_variance(_influences(problem, fit, gain), prior_share))
-    systematic = systematic_share(influences, constants, knowledge.free, fit.theta, std)
+    systematic = systematic_share(influences, constants, knowledge.free, fit.theta)
     return replace(found.with_systematic(systematic), seconds=time.perf_counter() - began)
 
 
@@ -121,9 +117,9 @@ class _Problem:
         if np.any(theta != 0):
             present = tuple(experiment.of_robot(machine.robot) for experiment in present)
         free, start, prior = self.knowledge.free, self.knowledge.start, self.knowledge.precision
-        information = prior
-        gradient = prior @ (self.knowledge.prior_mean - start)[free]
-        cost = 0.0
+        off = (self.known.prior_mean - np.concatenate([start, theta]))[self.known.free]
+        pull = (self.known.precision @ off)[: len(prior)]
+        information, gradient, cost = prior, pull, 0.0
         for experiment, weighting, noise_filter in zip(
             present, self.weightings, self.filters, strict=True
         ):
@@ -140,8 +136,7 @@ class _Problem:
         move = self.knowledge.best_step(information, gradient, start)
         values[free] += move
         # Σ c (q − A p)ᵀ W (q − A p), the prior's part left out.
-        data_gradient = gradient - prior @ (self.knowledge.prior_mean - start)[free]
-        cost += float(move @ (information - prior) @ move - 2 * data_gradient @ move)
+        cost += float(move @ (information - prior) @ move - 2 * (gradient - pull) @ move)
         return _Fit(self, machine, present, theta, values, cost, information)
 
 
@@ -229,32 +224,19 @@ def _converged(problem: _Problem) -> tuple[_Fit, int, str]:
     return fit, _STEPS, "stopped at the most iterations allowed"
 
 
-def _influences(problem: _Problem, fit: _Fit, gain: Array) -> list[Influence]:
-    """Return how the errors of every experiment move what `gain`, (r, k + t), has a row for."""
-    pairs = zip(fit.experiments, problem.weightings, strict=True)
-    return [_influence(problem, fit, *pair, gain, number) for number, pair in enumerate(pairs)]
-
-
-def _variance(influences: Sequence[Influence], prior_share: Array) -> Array:
-    """Return the variances that the noise makes of forces and lengths, and the priors', (r,)."""
-    shares = [share for one in influences for share in (one.force_share(), one.length_share())]
-    noise = sum(np.diag(share.matrix) for share in shares if share is not None)
-    return np.diag(prior_share) + noise
-
-
 def _influence(
     problem: _Problem,
     fit: _Fit,
     experiment: Experiment,
     weighting: Array,
-    gain: Array,
     number: int,
 ) -> Influence:
-    """Return how the errors of one experiment move parameters or θ: as many as `gain` has rows.
+    """Return how the errors of one experiment move the parameters and θ.
 
-    `gain`, (r, k + t), is that of the columns of the parameters and of θ. The lengths move them by
-    −B Cov(ξ̂), B = −∂p̂/∂ξ = F⁻¹ Σ c Uᵀ W ∂(A p)/∂ξ; not known after pointwise kinematics.
+    The lengths move them by −B Cov(ξ̂), B = −∂p̂/∂ξ = F⁻¹ Σ c Uᵀ W ∂(A p)/∂ξ; not known after
+    pointwise kinematics.
     """
+    gain = fit.inverse
     motion, length_gain, force_gain = None, None, gain
     machine = fit.machine if problem.constants else None
     if experiment.fit is not None:

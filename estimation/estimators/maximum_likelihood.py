@@ -26,7 +26,7 @@ from estimation.measurement_model import HarmonicMotion
 from estimation.measurement_model.normal_equations import Elimination, NormalEquations
 from expdesign.progress import tell
 from expdesign.robot import Robot
-from expdesign.robot.deviation import Deviation, estimated_constants
+from expdesign.robot.deviation import Deviation
 
 _STEPS = 40
 _CONVERGED = 1e-2
@@ -66,7 +66,7 @@ def maximum_likelihood(
         An experiment has pointwise kinematics.
     """
     began = time.perf_counter()
-    constants = estimated_constants(robot)
+    constants = knowledge.constants(robot)
     named = {one.name for one in constants}
     deviations = (*constants, *(one for one in deviations if one.name not in named))
     if any(experiment.fit is None for experiment in experiments):
@@ -117,12 +117,10 @@ def maximum_likelihood(
         _influence(problem, experiment, motion, values, each.eliminated(len(inverse)), inverse)
         for experiment, motion, each in zip(experiments, motions, equations, strict=True)
     ]
-    count = int(np.count_nonzero(knowledge.free))
-    own = inverse[:count, :count]
     found = ParameterEstimate(
         estimator="ml",
-        values=values[: len(knowledge.free)],
-        **precision(influences, knowledge, own @ knowledge.precision @ own),
+        values=values[: problem.parameters],
+        **precision(influences, known, known.prior_share(inverse, problem.parameters)),
         motions=tuple(motions),
         cost=cost,
         iterations=iterations,
@@ -132,8 +130,8 @@ def maximum_likelihood(
     )
     if not deviations:
         return found
-    theta, std = values[len(knowledge.free) :], np.sqrt(np.diag(inverse)[count:])
-    systematic = systematic_share(influences, deviations, knowledge.free, theta, std)
+    theta = values[problem.parameters :]
+    systematic = systematic_share(influences, deviations, knowledge.free, theta)
     return replace(found.with_systematic(systematic), seconds=time.perf_counter() - began)
 
 
@@ -145,11 +143,11 @@ def _influence(
     eliminated: Elimination,
     inverse: Array,
 ) -> Influence:
-    """Return how the errors of one experiment move the parameters, its motion eliminated."""
+    """Return how the errors of one experiment move parameters and θ, its motion eliminated."""
     machine = problem.machine(values)
     free = problem.knowledge.free[: problem.parameters]
     count = int(np.count_nonzero(free))
-    own, through_motion = inverse[:count], -inverse[:count] @ eliminated.slope.T
+    through_motion = -inverse @ eliminated.slope.T
     return Influence(
         robot=problem.robot,
         experiment=experiment,
@@ -158,8 +156,8 @@ def _influence(
         free=free,
         weighting=experiment.noise.forces.covariance,
         weighted_by_noise=True,
-        force_gain=np.concatenate([own, through_motion], axis=1),
-        length_gain=np.concatenate([own[:, count:], through_motion], axis=1),
+        force_gain=np.concatenate([inverse, through_motion], axis=1),
+        length_gain=np.concatenate([inverse[:, count:], through_motion], axis=1),
         machine=machine,
     )
 

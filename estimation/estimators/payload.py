@@ -14,11 +14,13 @@ by the gain H = F⁻¹ P_bb⁻¹ of its part b, which T e is not correlated with
 
 Deviations θ of the machine from its description (its tolerances) are the same in both recordings:
 what they do to the payload, T (D' − D₀) per unit, is a difference, whose equal parts cancel.
+
+Constants of terms that were estimated with p count among the others (b) in all of this.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -59,7 +61,8 @@ def payload_estimate(estimate: ParameterEstimate, before: EarlierEstimate) -> Pa
     if before.unloaded is None:
         raise ValueError("the prior is that of the machine as it is")
     transfer = before.unloaded.transfer
-    own = transfer @ estimate.covariance_random @ transfer.T
+    count = transfer.shape[1]
+    own = transfer @ estimate.joint_random[:count, :count] @ transfer.T
     random = own + transfer @ before.unloaded.covariance @ transfer.T
     response = _shared_response(estimate, before)
     systematic = transfer @ response @ response.T @ transfer.T
@@ -68,7 +71,7 @@ def payload_estimate(estimate: ParameterEstimate, before: EarlierEstimate) -> Pa
     unknown = _variance_of_the_noise(estimate, transfer)
     with np.errstate(divide="ignore"):
         freedom = 2 * np.diag(total) ** 2 / unknown
-    values = transfer @ (estimate.values - before.unloaded.values)
+    values = transfer @ (estimate.joint_values[:count] - before.unloaded.values)
     return PayloadEstimate(values, total, systematic, freedom)
 
 
@@ -79,12 +82,8 @@ def _variance_of_the_noise(estimate: ParameterEstimate, transfer: Array) -> Arra
     """
     found = np.zeros(len(transfer))
     for influence in estimate.influences:
-        rows, gain = transfer[:, influence.free], influence.length_gain
-        moved = replace(
-            influence,
-            force_gain=rows @ influence.force_gain,
-            length_gain=None if gain is None else rows @ gain,
-        )
+        constants = np.ones(transfer.shape[1] - len(influence.free), dtype=bool)
+        moved = influence.of(transfer[:, np.concatenate([influence.free, constants])])
         lengths = moved.length_share()
         found += moved.force_share().variance
         found += 0.0 if lengths is None else lengths.variance
@@ -92,18 +91,13 @@ def _variance_of_the_noise(estimate: ParameterEstimate, transfer: Array) -> Arra
 
 
 def _shared_response(estimate: ParameterEstimate, before: EarlierEstimate) -> Array:
-    """Return D' − D₀, (m, t), each times its tolerance: an equal tolerance is the same number."""
-    count = len(estimate.values)
-    found = (
-        {}
-        if estimate.systematic is None
-        else {
-            (one.name, one.std): column
-            for one, column in zip(
-                estimate.systematic.deviations, estimate.systematic.scaled.T, strict=True
-            )
-        }
-    )
+    """Return D' − D₀, (m + c, t), each times its tolerance: an equal one is the same number."""
+    count = len(before.values)
+    found = {}
+    if (own := estimate.systematic) is not None:
+        moved = own.scaled if count == len(estimate.values) else own.joint_scaled[:count]
+        keys = ((one.name, one.std) for one in own.deviations)
+        found = dict(zip(keys, moved.T, strict=True))
     for one, column in zip(before.deviations, before.response.T, strict=True):
         key = one.name, one.std
         found[key] = found.get(key, np.zeros(count)) - column * one.std

@@ -39,7 +39,7 @@ class ParameterEstimate:
     colour: Array
     """(m,), variance over the one that white noise of the same covariance would make."""
     influences: tuple[Influence, ...]
-    """How the errors of every experiment move the free parameters."""
+    """How the errors of every experiment move the free parameters, and θ where it is estimated."""
     motions: tuple[HarmonicMotion, ...]
     """The motion of every experiment; estimated anew by ML. Empty for pointwise kinematics."""
     cost: float
@@ -48,6 +48,9 @@ class ParameterEstimate:
     converged: bool
     status: str
     seconds: float
+    covariance_joint: Array | None = None
+    """(m + e, m + e), random share, of the parameters and of the e entries of θ that were estimated
+    with them, the first of `systematic`; None: none was, or an earlier version did not save it."""
 
     def most_coloured(self) -> tuple[int, float, float]:
         """Return the parameter whose variance colour raises most, its ratio, and its p."""
@@ -71,7 +74,33 @@ class ParameterEstimate:
     @property
     def covariance_random(self) -> Array:
         """(m, m), the part that another recording of the same machine draws anew."""
-        return self.covariance - self.covariance_systematic
+        if self.covariance_joint is None:
+            return self.covariance - self.covariance_systematic
+        return self.covariance_joint[: len(self.values), : len(self.values)]
+
+    @property
+    def joint_random(self) -> Array:
+        """(m + e, m + e), the same with what was estimated together with the parameters."""
+        return self.covariance_random if self.covariance_joint is None else self.covariance_joint
+
+    @property
+    def joint_values(self) -> Array:
+        """(m + t,), the parameters and θ behind them."""
+        theta = np.zeros(0) if self.systematic is None else self.systematic.values
+        return np.concatenate([self.values, theta])
+
+    @property
+    def joint(self) -> Array | None:
+        """(m + t, m + t), of the errors of (p̂, θ̂), all shares together.
+
+        None where an earlier version saved the estimate without it.
+        """
+        if self.systematic is None:
+            return self.covariance
+        if self.systematic.left is None:
+            return None
+        scaled, random = self.systematic.joint_scaled, self.joint_random
+        return np.pad(random, (0, len(scaled) - len(random))) + scaled @ scaled.T
 
     def with_systematic(self, systematic: Systematic | None) -> ParameterEstimate:
         """Return the estimate with the share of what is not known exactly.
@@ -84,7 +113,13 @@ class ParameterEstimate:
         with np.errstate(divide="ignore", invalid="ignore"):
             grown = np.diag(total) / np.diag(self.covariance)
         freedom = self.freedom * np.nan_to_num(grown, nan=1.0, posinf=np.inf) ** 2
-        return replace(self, covariance=total, freedom=freedom, systematic=systematic)
+        found = replace(self, covariance=total, freedom=freedom, systematic=systematic)
+        joint, count, own = found.joint, len(self.values), len(self.joint_random)
+        if joint is None or own == count:
+            return found
+        estimated = np.sqrt(np.diag(joint)[count:own])
+        std = np.concatenate([estimated, systematic.std[own - count :]])
+        return replace(found, systematic=replace(systematic, std=std))
 
 
 def precision(
@@ -92,7 +127,8 @@ def precision(
 ) -> dict[str, Any]:
     """Return the covariances of `ParameterEstimate`, their freedom and colour.
 
-    `prior_share`, (k, k), is what the error of the priors makes.
+    `knowledge` is of the parameters and of what is estimated with them, and `prior_share`, (r, r),
+    what the error of the priors makes of these.
     """
     forces = Covariance.known(prior_share)
     kinematics: Covariance | None = Covariance.known(np.zeros_like(prior_share))
@@ -110,12 +146,17 @@ def precision(
     known[knowledge.free] = freedom
     ratio = np.ones(len(knowledge.free))
     ratio[knowledge.free] = colour
+    count, joint = len(influences[0].free), knowledge.full(total.matrix)
+    own = slice(count), slice(count)
     return {
-        "covariance": knowledge.full(total.matrix),
-        "covariance_forces": knowledge.full(forces.matrix),
-        "covariance_kinematics": None if kinematics is None else knowledge.full(kinematics.matrix),
-        "freedom": known,
-        "colour": ratio,
+        "covariance": joint[own],
+        "covariance_joint": joint if len(joint) > count else None,
+        "covariance_forces": knowledge.full(forces.matrix)[own],
+        "covariance_kinematics": None
+        if kinematics is None
+        else knowledge.full(kinematics.matrix)[own],
+        "freedom": known[:count],
+        "colour": ratio[:count],
         "influences": tuple(influences),
     }
 

@@ -35,6 +35,11 @@ class Systematic:
     """(t,), its standard deviation: the tolerance where it is not estimated."""
     estimated: bool = False
     """θ was estimated together with the parameters."""
+    left: Array | None = None
+    """(t, t), what θ̂ − θ moves by per unit of every entry: −1 on the diagonal of one that was not
+    estimated, and what the data leave to the prior of one that was. No row of its own has an entry
+    that repeats another's name: the error of an earlier prior. None in an estimate that was saved
+    by an earlier version."""
 
     @property
     def scaled(self) -> Array:
@@ -42,8 +47,19 @@ class Systematic:
 
         Zero of an entry that was estimated without a prior: nothing of it is left but noise.
         """
+        return self.response * self._tolerances
+
+    @property
+    def joint_scaled(self) -> Array:
+        """(m + t, t), the same of (p̂ − p, θ̂ − θ)."""
+        if self.left is None:
+            raise ValueError("an earlier version did not save what is left of θ")
+        return np.concatenate([self.response, self.left]) * self._tolerances
+
+    @property
+    def _tolerances(self) -> Array:
         std = np.array([each.std for each in self.deviations])
-        return self.response * np.where(np.isfinite(std), std, 0.0)
+        return np.where(np.isfinite(std), std, 0.0)
 
     @property
     def with_priors(self) -> bool:
@@ -69,7 +85,6 @@ def systematic_share(
     chosen: Sequence[Deviation],
     free: NDArray[np.bool_],
     values: Array | None = None,
-    std: Array | None = None,
 ) -> Systematic | None:
     """Return what the entries chosen do to an estimate.
 
@@ -80,18 +95,19 @@ def systematic_share(
     influences : sequence of Influence
         Of every experiment of the estimate.
     chosen : sequence of Deviation
-        At least one; all that were estimated together with the parameters are among them.
+        At least one; all that were estimated together with the parameters are the first of them.
     free : (m,) of bool
         Parameters that were estimated.
-    values, std : (t,), optional
-        Estimate of θ and its standard deviation, where it was estimated.
+    values : (t,), optional
+        Estimate of θ, where it was estimated.
 
     Notes
     -----
     Where θ is estimated with its tolerances as priors, D = −(F⁻¹)_pθ Θ⁻¹: what the data leave to
     the prior. It follows from the same sum, as K then holds the columns of θ.
     """
-    response = np.zeros((len(free), len(chosen)))
+    count = int(np.count_nonzero(free))
+    moved = np.zeros((len(influences[0].force_gain), len(chosen)))
     for influence in influences:
         motion = influence.motion
         if motion is None or influence.length_gain is None:
@@ -101,17 +117,20 @@ def systematic_share(
         at = np.array([theta.get(one.name, 0.0) for one in chosen])
         machine = DeviatingMachine.of(influence.robot, chosen, at)
         known, jumps = (influence.experiment, motion), "delay" not in theta
-        response[free] += influence.response(
+        moved += influence.response(
             _moved(partial(machine.forces, *known, influence.values, jumps=jumps)),
             _moved(partial(machine.lengths, *known)),
         )
-    tolerances = np.array([each.std for each in chosen])
+    response = np.zeros((len(free), len(chosen)))
+    response[free], left = moved[:count], -np.eye(len(chosen))
+    left[: len(moved) - count] += moved[count:]
     return Systematic(
         tuple(chosen),
         response,
         np.zeros(len(chosen)) if values is None else values,
-        tolerances if std is None else std,
+        np.array([each.std for each in chosen]),
         estimated=values is not None,
+        left=left,
     )
 
 
@@ -123,33 +142,45 @@ def with_prior(
 ) -> Systematic | None:
     """Return what tolerances do to an estimate whose prior is an earlier one of the machine.
 
-    The prior enters with the gain F⁻¹ P, (k, m): its errors of parameters that are held now move
-    what it says of the others. An entry with the same tolerance is the same number in both.
+    The prior enters with the gain F⁻¹ P, (r, m + c): its errors of parameters that are held now
+    move what it says of the others. An entry with the same tolerance is the same number in both.
     """
     if any(each.motion is None or each.length_gain is None for each in influences):
         return systematic
     count = int(np.count_nonzero(free))
-    # The forces' gain on the parameters' columns is F⁻¹, in every experiment.
-    gain = influences[0].force_gain[:, :count] @ earlier.precision[free]
-    inherited = np.zeros_like(earlier.response)
-    inherited[free] = gain @ earlier.response
+    known = np.concatenate([free, np.ones(len(earlier.precision) - len(free), dtype=bool)])
+    # The forces' gain on the columns of what is estimated is F⁻¹, in every experiment.
+    gain = influences[0].force_gain[:, : np.count_nonzero(known)] @ earlier.precision[known]
+    moved = gain @ earlier.response
     if systematic is None:
         if not any(one.std > 0 for one in earlier.deviations):
             return None
-        systematic = Systematic((), np.zeros((len(free), 0)), np.zeros(0), np.zeros(0))
-    places = {(one.name, one.std): place for place, one in enumerate(systematic.deviations)}
-    response, more = systematic.response.copy(), []
-    for place, one in enumerate(earlier.deviations):
+        nothing = np.zeros(0)
+        systematic = Systematic(
+            (), np.zeros((len(free), 0)), nothing, nothing, left=np.zeros((0, 0))
+        )
+    own, names = systematic.deviations, {one.name for one in systematic.deviations}
+    places = {(one.name, one.std): place for place, one in enumerate(own)}
+    others = [
+        one for one in earlier.deviations if one.std > 0 and (one.name, one.std) not in places
+    ]
+    more = len(others)
+    response = np.pad(systematic.response, ((0, 0), (0, more)))
+    left = np.pad(np.asarray(systematic.left), (0, more))
+    for place, one in enumerate(others, start=len(own)):
+        places[one.name, one.std] = place
+        left[place, place] = 0.0 if one.name in names else -1.0
+    for one, column in zip(earlier.deviations, moved.T, strict=True):
         if (one.name, one.std) in places:
-            response[:, places[one.name, one.std]] += inherited[:, place]
-        elif one.std > 0:
-            more.append(place)
-    others = tuple(earlier.deviations[place] for place in more)
+            place = places[one.name, one.std]
+            response[free, place] += column[:count]
+            left[: len(moved) - count, place] += column[count:]
     return replace(
         systematic,
-        deviations=(*systematic.deviations, *others),
-        response=np.concatenate([response, inherited[:, more]], axis=1),
-        values=np.concatenate([systematic.values, np.zeros(len(more))]),
+        deviations=(*own, *others),
+        response=response,
+        left=left,
+        values=np.concatenate([systematic.values, np.zeros(more)]),
         std=np.concatenate([systematic.std, [one.std for one in others]]),
     )
 

@@ -140,6 +140,7 @@ def compare_feedforward(
         seconds=time.perf_counter() - began,
         warnings=(
             *configuration.warnings,
+            *([truth.warning] if truth.warning else []),
             *broken_limits(nominal, motion, name),
             *_of_the_estimate(saved),
         ),

@@ -17,6 +17,7 @@ from expdesign.configuration.sections.disturbances import Cogging
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.term import parameters_of
 from expdesign.robot import robot_from
+from expdesign.robot.deviation import Deviation
 
 _MOST_DRAWS = 10_000
 
@@ -33,6 +34,8 @@ class TrueMachine:
     cogging: Cogging | None
     gains: Array
     """(T, 6), measured over true force."""
+    warning: str = ""
+    """What was not drawn, in words."""
 
 
 def true_machine(
@@ -44,10 +47,9 @@ def true_machine(
     distribution, and again until none is beyond its bound: what is simulated then shows what the
     estimate's uncertainty costs, and nothing of what the model does not know.
 
-    Only p is drawn, by its whole covariance: geometry, gains and constants of terms stay as the
-    estimate has them. The part of the covariance that comes from their being estimated with p, or
-    from their tolerances, belongs to errors of p that errors of θ make up for in the forces. With θ
-    held nothing does, and the errors come out too large.
+    Parameters and what is not known exactly, θ (constants of terms, geometry, gains), are drawn
+    together: errors of the one make up for those of the other in the forces. An estimate that an
+    earlier version saved does not say how they go together: of it p is drawn alone.
 
     Parameters
     ----------
@@ -69,14 +71,25 @@ def true_machine(
             gains = force_factors(section.force_constant, times, float(times[-1]))
         return TrueMachine("twin", Model(robot, robot.parameters), section.cogging, gains)
     estimate, bounds = saved.estimate, parameters_of(machine.robot.terms)
-    lower = np.array([one.lower for one in bounds])
-    upper = np.array([one.upper for one in bounds])
+    values, covariance = estimate.values, estimate.joint
+    chosen: tuple[Deviation, ...] = ()
+    if covariance is None:
+        covariance = estimate.covariance
+    elif estimate.systematic is not None:
+        values, chosen = estimate.joint_values, estimate.systematic.deviations
+    endless = np.full(len(chosen), np.inf)
+    lower = np.array([one.lower for one in bounds] + [one.lower for one in chosen])
+    upper = np.concatenate([[one.upper for one in bounds], endless])
     # A parameter that the estimate itself has beyond its bound stays where it is.
-    within = (estimate.values >= lower) & (estimate.values <= upper)
+    within = (values >= lower) & (values <= upper)
     rng = np.random.default_rng(np.random.SeedSequence(section.seed, spawn_key=(FIRST_DRAW,)))
-    # A covariance with zeros for fixed parameters is semidefinite, and rounding makes it less.
-    drawn = rng.multivariate_normal(
-        estimate.values, estimate.covariance, _MOST_DRAWS, check_valid="ignore", method="eigh"
+    # In standard deviations: units differ by orders, and rounding must not. A covariance with zeros
+    # for what is exact is semidefinite, and rounding makes it less.
+    std = np.sqrt(np.diag(covariance))
+    scale = np.where(std > 0, std, 1.0)
+    unit = covariance / np.multiply.outer(scale, scale)
+    drawn = values + scale * rng.multivariate_normal(
+        np.zeros(len(values)), unit, _MOST_DRAWS, check_valid="ignore", method="eigh"
     )
     kept = np.all(~within | ((drawn >= lower) & (drawn <= upper)), axis=1)
     if not np.any(kept):
@@ -84,6 +97,15 @@ def true_machine(
             f"none of {_MOST_DRAWS} machines drawn from the estimate's covariance has all its "
             "parameters within their bounds: the estimate is too uncertain to be simulated"
         )
-    values = drawn[int(np.argmax(kept))]
+    values, theta = np.split(drawn[int(np.argmax(kept))], [len(bounds)])
+    warning = ""
+    if chosen:
+        machine = DeviatingMachine.of(robot_from(configuration.robot), chosen, theta)
+    elif estimate.joint is None:
+        warning = (
+            f"{saved.path}: `systematic.left` is missing, an earlier version wrote it. Parameters "
+            "of the machine that moves are drawn alone, without what was estimated with them or "
+            "has tolerances, and the errors with the identified model are too large. Estimate again"
+        )
     gains = np.tile(machine.gains, (len(times), 1))
-    return TrueMachine("drawn", Model(machine.robot, values), None, gains)
+    return TrueMachine("drawn", Model(machine.robot, values), None, gains, warning)

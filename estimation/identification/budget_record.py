@@ -40,6 +40,10 @@ class SystematicKeys:
     response: Annotated[
         Numbers, described("SI", "what each parameter moves by per unit of each deviation, m × t")
     ]
+    left: Annotated[
+        Numbers | None,
+        described("SI", "what each estimate of a deviation is off by per unit of each, t × t"),
+    ] = None
 
     @classmethod
     def of(cls, systematic: Systematic | None) -> Self | None:

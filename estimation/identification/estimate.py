@@ -197,11 +197,10 @@ def with_budget(
     known = {one.name for one in own}
     others = [one for one in tolerances if one.name not in known]
     if others:
-        chosen, values, std = (*own, *others), None, None
+        chosen, values = (*own, *others), None
         if found is not None:
             values = np.concatenate([found.values, np.zeros(len(others))])
-            std = np.concatenate([found.std, [one.std for one in others]])
-        found = systematic_share(estimate.influences, chosen, knowledge.free, values, std)
+        found = systematic_share(estimate.influences, chosen, knowledge.free, values)
     if knowledge.earlier is not None:
         found = with_prior(found, estimate.influences, knowledge.earlier, knowledge.free)
     return estimate.with_systematic(found)

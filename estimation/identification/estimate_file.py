@@ -132,6 +132,14 @@ class EstimatorKeys:
         Numbers | None,
         described("SI", "its share that the lengths' noise makes; null where it is not known"),
     ]
+    covariance_joint: Annotated[
+        Numbers | None,
+        described(
+            "SI",
+            "(m + e) × (m + e): random share, of the parameters and of the deviations that were "
+            "estimated with them, the first e of `systematic`; null: none was",
+        ),
+    ] = None
     freedom: Annotated[
         OpenNumbers,
         described("1", "(m,) degrees of freedom behind the standard deviations; null: endless"),
@@ -264,13 +272,16 @@ class EstimateFile(RunFile):
                 for key in ("moved", "spread", "low", "high"):
                     numbers = getattr(found.consistent, key)
                     yield from other_shape(f"{place}.consistent.{key}", numbers, (count,), of)
+            others = 0
             if found.systematic is not None:
-                yield from other_shape(
-                    f"{place}.systematic.response",
-                    found.systematic.response,
-                    (count, len(found.systematic.deviations)),
-                    f"{of} and deviations",
-                )
+                others = len(found.systematic.deviations)
+                for key, shape in (("response", (count, others)), ("left", (others, others))):
+                    matrix, path = getattr(found.systematic, key), f"{place}.systematic.{key}"
+                    yield from other_shape(path, matrix, shape, f"{of} and deviations")
+            if (joint := found.covariance_joint) is not None:
+                size = min(max(len(joint), count), count + others)
+                key = f"{place}.covariance_joint"
+                yield from no_covariance(key, joint, size, f"{of} and deviations")
         if self.diagnostics is not None:
             tested, recordings = self.diagnostics.experiments, len(self.recordings)
             yield from other_count("diagnostics.experiments", tested, recordings, "recordings")

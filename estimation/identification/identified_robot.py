@@ -68,25 +68,31 @@ def _identification(result: EstimationResult, diagnosis: Diagnosis | None) -> Id
     verdict = None if diagnosis is None else diagnosis.verdict
     # What was estimated without a tolerance is random: its errors are in that covariance.
     inexact = np.zeros(0, dtype=bool)
+    response = shared = np.zeros((len(best.values), 0))
+    constants = [one.name for one in estimated_constants(robot_from(result.configuration.robot))]
+    joint = slice(len(best.values) + len(constants))
     entries: list[tuple[Deviation, float, float]] = []
     if found is not None:
         inexact = np.isfinite([one.std for one in found.deviations])
         whole = zip(found.deviations, found.values.tolist(), found.std.tolist(), strict=True)
         entries = [entry for entry in whole if np.isfinite(entry[0].std)]
+        response = np.concatenate([found.response, np.asarray(found.left)])[joint, inexact]
+        shared = found.joint_scaled[joint]
     return Identification(
         run=result.configuration.run.name,
         estimator=best.estimator,
         verdict="not judged" if verdict is None else verdict.status.value,
         summary="" if verdict is None else verdict.summary,
         parameters=result.knowledge.names,
+        constants=tuple(constants),
         unconstrained=() if _taken(result) is None else tuple(best.values.tolist()),
-        covariance_random=_rows(best.covariance_random),
-        covariance_systematic=_rows(best.covariance_systematic),
+        covariance_random=_rows(best.joint_random[joint, joint]),
+        covariance_systematic=_rows(shared @ shared.T),
         deviations=tuple(
             IdentifiedDeviation(name=one.name, tolerance=one.std, value=value, std=std)
             for one, value, std in entries
         ),
-        response=() if found is None or not entries else _rows(found.response[:, inexact]),
+        response=_rows(response) if entries else (),
     )
 
 
@@ -97,11 +103,10 @@ def _tolerances(description: RobotDescription, robot: Robot, best: ParameterEsti
     if found is None or (given is None and not constants):
         return given
     given = given or Tolerances()
-    left = {
-        one.name: std
-        for one, std in zip(found.deviations, found.std.tolist(), strict=True)
-        if one.of_the_machine
-    }
+    left: dict[str, float] = {}
+    for one, std in zip(found.deviations, found.std.tolist(), strict=True):
+        if one.of_the_machine:
+            left.setdefault(one.name, std)  # one that follows is the error of an earlier prior
     changes: dict[str, Any] = {}
     for group in ("base_joints", "platform_joints"):
         if getattr(given, group) is not None:

@@ -16,7 +16,7 @@ from expdesign.configuration import InputError
 from expdesign.configuration.identification import machine_name
 from expdesign.configuration.sections.data import EstimateSection
 from expdesign.robot import Robot
-from expdesign.robot.deviation import deviations
+from expdesign.robot.deviation import deviations, estimated_constants
 from expdesign.runfolder import copied
 
 
@@ -96,7 +96,7 @@ def _or(numbers: Array, missing: float, count: int) -> Array:
 
 def _systematic(keys: SystematicKeys | None, robot: Robot) -> Systematic | None:
     """Return what tolerances do to an estimate; None where the robot has not what deviates."""
-    known = {one.name: one for one in deviations(robot)}
+    known = {one.name: one for one in (*deviations(robot), *estimated_constants(robot))}
     if keys is None or any(one.name not in known for one in keys.deviations):
         return None
     return Systematic(
@@ -108,4 +108,5 @@ def _systematic(keys: SystematicKeys | None, robot: Robot) -> Systematic | None:
         np.array([one.value for one in keys.deviations]),
         np.array([one.std for one in keys.deviations]),
         estimated=keys.estimated,
+        left=keys.left,
     )

@@ -56,16 +56,19 @@ class Identification(Section):
     """The verdict in words."""
     parameters: Annotated[tuple[Text, ...], at_least(1, "parameters")]
     """Order of rows and columns."""
+    constants: tuple[Text, ...] = ()
+    """Constants of terms that were estimated with the parameters, ``cogging_pitch``: their rows and
+    columns follow those of the parameters. c of them."""
     unconstrained: tuple[Number, ...] = ()
     """The estimate itself, where the robot's parameters are the nearest that bodies have."""
     covariance_random: Matrix
-    """m × m: what another recording of the machine draws anew."""
+    """(m + c) × (m + c): what another recording of the machine draws anew."""
     covariance_systematic: Matrix
-    """m × m: what all recordings of the machine share."""
+    """(m + c) × (m + c): what all recordings of the machine share."""
     deviations: tuple[IdentifiedDeviation, ...] = ()
     """What the systematic share comes from."""
     response: Matrix = ()
-    """m × t: what the parameters move by per unit of each deviation."""
+    """(m + c) × t: what parameters and constants are off by per unit of each deviation."""
 
     @model_validator(mode="after")
     def _sizes_fit(self) -> Identification:
@@ -73,6 +76,7 @@ class Identification(Section):
         if len(self.unconstrained) not in (0, count):
             reason = "unconstrained does not fit the parameters"
             raise refusal(reason, f"{count} numbers", key="unconstrained")
+        count += len(self.constants)
         for key, rows, columns in (
             ("covariance_random", count, count),
             ("covariance_systematic", count, count),
@@ -80,7 +84,7 @@ class Identification(Section):
         ):
             matrix = getattr(self, key)
             if len(matrix) != rows or any(len(row) != columns for row in matrix):
-                reason = f"{key} does not fit the parameters and deviations"
+                reason = f"{key} does not fit the parameters, constants and deviations"
                 raise refusal(reason, f"{rows} rows of {columns} numbers", key=key)
         return self
 

@@ -137,7 +137,7 @@ def payload_problems(
         )
         return
     found = identification_of(machine)
-    variance = dict(zip(found.parameters, np.diag(found.covariance_random), strict=True))
+    variance = dict(zip(found.parameters, np.diag(found.covariance_random), strict=False))
     if fixed := [name for name in ten if not variance.get(name, 0.0) > 0]:
         yield document.problem(
             key,

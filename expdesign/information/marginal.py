@@ -52,8 +52,13 @@ class PriorMachine:
 
     @classmethod
     def of(cls, known: Identification, changed: NDArray[np.intp], samples: float) -> PriorMachine:
-        """Take the random share of an identification as P; what has no variance is exact."""
-        covariance, response = np.array(known.covariance_random), np.array(known.response)
+        """Take the random share of an identification as P; what has no variance is exact.
+
+        That of the parameters: of constants that were estimated with them the design knows nothing.
+        """
+        own = slice(len(known.parameters))
+        covariance = np.array(known.covariance_random)[own, own]
+        response = np.array(known.response)[own]
         std = np.sqrt(np.diag(covariance))
         scale = np.where(std > 0, std, 1.0)
         values, vectors = np.linalg.eigh(covariance / np.multiply.outer(scale, scale))

@@ -25,7 +25,7 @@ from expdesign.configuration.identification import Identification
 from expdesign.mechanism.hexapod import ACTUATORS, numbered
 from expdesign.progress import tell
 from expdesign.robot import Robot, load_robot
-from expdesign.robot.deviation import FORCE_CONSTANT
+from expdesign.robot.deviation import FORCE_CONSTANT, deviations, estimated_constants
 from expdesign.runfolder.atomic import written_beside
 from expdesign.runfolder.manifest import Manifest, file_hash, package_versions
 from expdesign.stages.folder import refuse_unwritable
@@ -76,6 +76,14 @@ def export_model(
     tell("uncertainty of the forces")
     motion, trajectory = ("", None) if folder is None else _motion(folder)
     uncertainty = _uncertainty(robot, known, trajectory, path)
+    lacking = () if known is None else _lacking(robot, known)
+    if uncertainty is not None and lacking:
+        progress.warn(
+            f"{short(path)} lacks the covariance of the parameters with {', '.join(lacking)} "
+            "(identification.constants): an earlier version wrote it, or they were not estimated "
+            "with them. The standard deviations of the forces count the parameters alone, and are "
+            "as a rule too large. Estimate again"
+        )
     model = ControlModel(robot, _origin(path, known, folder), width, uncertainty)
     _tell_doubts(model, progress)
     tell(f"writing and testing {name}")
@@ -153,7 +161,20 @@ def _uncertainty(
             key="identification.parameters",
             allowed=", ".join(robot.parameter_names),
         )
+    entries = [one.name for one in deviations(robot)]
+    if unknown := [name for name in known.constants if name not in entries]:
+        raise InputError(
+            f"the robot has no constant {', '.join(unknown)}, which the identification names",
+            path,
+            key="identification.constants",
+            allowed="constants of its terms, as the estimate has written them",
+        )
     return force_uncertainty(robot, known, trajectory)
+
+
+def _lacking(robot: Robot, known: Identification) -> tuple[str, ...]:
+    """Return the constants that are estimated, and whose covariance is not known."""
+    return tuple(one.name for one in estimated_constants(robot) if one.name not in known.constants)
 
 
 def _origin(path: Path, known: Identification | None, folder: Path | None) -> Origin:

@@ -18,6 +18,7 @@ from expdesign.cli.errors import run as command_line
 from expdesign.configuration import resolved_yaml
 from expdesign.robot import load_robot
 from expdesign.runfolder.manifest import Manifest, StageEntry, file_hash
+from tests.estimation import constants
 from tests.estimation.cases import measured, run, trajectory
 
 FILES = {
@@ -153,6 +154,28 @@ def test_a_robot_file_that_was_changed_since_is_told(expdesign, folder):
     status, _, err = expdesign("model", folder, "--format", "python")
     assert status == 0
     assert "changed" in err
+
+
+def test_an_earlier_estimate_of_constants_says_what_it_lacks(expdesign, tmp_path):
+    """Of the very same robot file, without the rows of the constants."""
+    result = estimate(constants.run(), constants.data(1), constants.MOTION)
+    EstimateRecord.of(result).write(tmp_path)
+    path, yaml, stated = tmp_path / "identified-robot.yaml", YAML(), []
+    for old in (False, True):
+        if old:
+            data = yaml.load(path)
+            known = data["identification"]
+            assert list(known.pop("constants")) == ["cogging_pitch", "stribeck_velocity"]
+            count = len(known["parameters"])
+            for key in ("covariance_random", "covariance_systematic"):
+                known[key] = [row[:count] for row in known[key][:count]]
+            yaml.dump(data, path)
+        status, _, err = expdesign("model", tmp_path, "--format", "python")
+        assert status == 0
+        assert ("identification.constants" in err) == old
+        stated.append(ControlModelFile.read(tmp_path / "model/python").uncertainty)
+    for now, before in zip(*stated, strict=True):
+        assert before.rms > 1.1 * now.rms
 
 
 @pytest.mark.parametrize(

@@ -108,6 +108,36 @@ def test_what_both_recordings_share_is_counted_as_a_difference():
     np.testing.assert_allclose(found.covariance_systematic, expected, atol=1e-9)
 
 
+def test_constants_estimated_with_the_parameters_count_like_these():
+    """The same problem, the last two of its unknowns called constants of terms."""
+    case, own = Linear(2), M - 2
+    before = case.rng.normal(size=M)
+    before[own:] = 0.0  # from where the robot file has them
+    found, expected = case.solved(case.rng.normal(size=120), before)
+    kept = np.zeros_like(case.covariance)
+    kept[np.ix_(OTHERS, OTHERS)] = np.linalg.inv(case.covariance[np.ix_(OTHERS, OTHERS)])
+    constants = tuple(replace(one, std=np.inf) for one in deviations(ROBOT)[2:4])
+    moved = np.pad(found.systematic.response, ((0, 0), (2, 0)))
+    left = -np.eye(4)
+    left[:2] = moved[own:]
+    chosen, values = (*constants, *case.deviations), np.append(found.values[own:], [0.0, 0.0])
+    systematic = Systematic(chosen, moved[:own], values, np.ones(4), estimated=True, left=left)
+    parted = replace(
+        found,
+        values=found.values[:own],
+        covariance=found.covariance[:own, :own],
+        covariance_joint=found.covariance_random,
+        systematic=systematic,
+    )
+    unloaded = UnloadedMachine(before, case.covariance, PLACES)
+    earlier = EarlierEstimate(before, kept, case.deviations, case.before_by, unloaded)
+    payload = payload_estimate(parted, earlier)
+    np.testing.assert_allclose(payload.values, expected.values, atol=1e-9)
+    np.testing.assert_allclose(payload.covariance, expected.covariance, atol=1e-9)
+    shares = payload.covariance_systematic, expected.covariance_systematic
+    np.testing.assert_allclose(*shares, atol=1e-9)
+
+
 def test_spread_over_many_machines_is_what_is_stated():
     """The prior's error, that of the tolerances and the noise are drawn anew in each."""
     case, count = Linear(4), 4000

@@ -61,8 +61,9 @@ def _machine(summary: FeedforwardFile) -> str:
     who = "The digital twin, with the noise of its lengths in the loop,"
     if summary.machine == "drawn":
         who = (
-            "A machine whose parameters are drawn from the estimate's covariance, because those of "
-            "the measured one are not known,"
+            "A machine that is drawn from the estimate's covariance (parameters together with "
+            "constants, geometry and force constants that are not exact), because the measured "
+            "one is not known,"
         )
     return (
         f"{who} follows the motion under the same controller in every case; what differs is the "
