@@ -132,9 +132,10 @@ class EarlierEstimate:
     ) -> EarlierEstimate:
         """Return what it knows of combinations β = T p, where all other parameters are held.
 
-        Constants of terms that were estimated stay beside them as they are. A normal distribution of p with the mean m and the covariance C is one of β with T m and
+        A normal distribution of p with the mean m and the covariance C is one of β with T m and
         T C Tᵀ, whatever is known of each parameter of it. It is told of the base parameters, where
         those that regroup into them are held; what the earlier estimate held is known to it.
+        Constants of terms that were estimated with p stay beside β as they are.
 
         Parameters
         ----------

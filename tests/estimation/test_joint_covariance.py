@@ -11,11 +11,13 @@ from ruamel.yaml import YAML
 
 from estimation.controlmodel.uncertainty import force_uncertainty
 from estimation.estimators import DeviatingMachine
+from estimation.estimators.earlier import EarlierEstimate
 from estimation.feedforward.true_machine import true_machine
 from estimation.identification import estimate
 from estimation.identification.identified_robot import FILE
 from estimation.identification.record import EstimateRecord
 from expdesign.configuration import InputError, load_run
+from expdesign.information.identifiable import BaseParameters
 from expdesign.robot import load_robot, robot_from
 from expdesign.robot.deviation import deviated, deviations
 from tests.estimation import constants as case
@@ -224,3 +226,34 @@ def test_constants_without_their_covariance_are_no_prior(earlier, tmp_path, how)
     with pytest.raises(InputError, match="stribeck_velocity") as caught:
         estimate(_after(changed), second, MOTION)
     assert caught.value.problems[0].key == "estimate.prior_from"
+
+
+def test_constants_stay_beside_combinations_of_an_earlier_estimate():
+    """By formulas for the normal distribution: conditional on what is fixed, then combined."""
+    rng = np.random.default_rng(3)
+    root, mean = rng.standard_normal((6, 6)), rng.standard_normal(6)
+    covariance, held = root @ root.T, rng.standard_normal(4)
+    response = rng.standard_normal((6, 1))
+    earlier = EarlierEstimate(mean, np.linalg.inv(covariance), (), response)
+    base = BaseParameters(
+        ("a", "b", "c"), ("a", "c"), np.array([[1.0, 2.0, 0.0], [0.0, -0.5, 1.0]]), np.ones(3)
+    )
+    found = earlier.of_combinations(base, ("a", "b", "c", "d"), held)
+
+    others, fixed = [0, 1, 2, 4, 5], 3
+    pull = covariance[others, fixed] / covariance[fixed, fixed]
+    conditional = mean[others] + pull * (held[3] - mean[fixed])
+    left = covariance[np.ix_(others, others)] - np.outer(pull, covariance[fixed, others])
+    combined = np.array(
+        [[1, 2, 0, 0, 0], [0, -0.5, 1, 0, 0], [0, 0, 0, 1, 0], [0, 0, 0, 0, 1]], dtype=float
+    )
+    own = [0, 2, 4, 5]
+    start = np.append(held[:3], [0.0, 0.0])
+    expected = np.append(held[[0, 2]], [0.0, 0.0]) + combined @ (conditional - start)
+    np.testing.assert_allclose(found.values[own], expected)
+    np.testing.assert_allclose(
+        np.linalg.inv(found.precision[np.ix_(own, own)]), combined @ left @ combined.T
+    )
+    assert not np.any(found.precision[[1, 3]])
+    moved = combined @ (response[others] - pull[:, None] * response[fixed])
+    np.testing.assert_allclose(found.response[own], moved)
