@@ -2,7 +2,8 @@
 
 Estimates are drawn with the covariance of an ML estimate of ten periods of the design of n = 5:
 normal about a truth that some bodies have. What comes out is judged by the bodies that come with
-it. `…-significance` tests the distance of each draw, which takes 400 projections. `…-experiments`
+it. `…-significance` tests the distance of each draw, which takes up to 1200
+projections. `…-experiments`
 draws nothing: it measures the machine with that truth on the twin, estimates by ML and tests that.
 """
 

@@ -31,7 +31,7 @@ class UnloadedMachine:
     values: Array
     """(m + c,), p₀, SI; zeros for the constants of terms that were estimated with it."""
     covariance: Array
-    """(m + c, m + c), P: its random share."""
+    """(m + c, m + c), P: its random share, with that of the constants' own tolerances."""
     platform: NDArray[np.intp]
     """(10,), places of `OF_A_BODY`'s parameters."""
 
@@ -66,7 +66,8 @@ class EarlierEstimate:
     """(m + c,), SI: the estimate itself, also where the robot's parameters are those of bodies; and
     zeros for the c constants of terms that were estimated with it, which the robot has in it."""
     precision: Array
-    """(m + c, m + c), inverse of its random covariance; zero for what it did not estimate."""
+    """(m + c, m + c), inverse of its random covariance, with that of the constants' own
+    tolerances; zero for what it did not estimate."""
     deviations: tuple[Deviation, ...]
     response: Array
     """(m + c, t), what it moves by per unit of each deviation."""
@@ -96,11 +97,9 @@ class EarlierEstimate:
                 key="estimate.prior_from",
                 allowed="none, or a robot such as the identified-robot.yaml of a run folder",
             )
-        return cls(
-            _with_constants(found.unconstrained or robot.parameters, found),
-            _inverse(np.array(found.covariance_random)),
-            *_systematic(found, robot, "estimate.prior_from"),
-        )
+        values = _with_constants(found.unconstrained or robot.parameters, found)
+        covariance, deviating, response = _known(found, robot, "estimate.prior_from")
+        return cls(values, _inverse(covariance), deviating, response)
 
     @classmethod
     def without_payload(cls, robot: Robot, machine: RobotDescription) -> EarlierEstimate:
@@ -115,17 +114,17 @@ class EarlierEstimate:
             The identification names deviations that the robot does not have.
         """
         found, names = identification_of(machine), robot.parameter_names
+        covariance, deviating, response = _known(found, robot, "estimate.prior")
         unloaded = UnloadedMachine(
             _with_constants(
                 found.unconstrained or [machine.parameters[name] for name in names], found
             ),
-            np.array(found.covariance_random),
+            covariance,
             np.array([names.index(name) for name in OF_A_BODY.values()], dtype=np.intp),
         )
-        kept = unloaded.covariance.copy()
+        kept = covariance.copy()
         kept[unloaded.platform] = kept[:, unloaded.platform] = 0.0
-        systematic = _systematic(found, robot, "estimate.prior")
-        return cls(unloaded.values, _inverse(kept), *systematic, unloaded)
+        return cls(unloaded.values, _inverse(kept), deviating, response, unloaded)
 
     def of_combinations(
         self, base: BaseParameters, names: Sequence[str], held: Array
@@ -211,10 +210,16 @@ def _inverse(covariance: Array) -> Array:
     return (precision + precision.T) / 2
 
 
-def _systematic(
+def _known(
     found: Identification, robot: Robot, key: str
-) -> tuple[tuple[Deviation, ...], Array]:
-    """Return the deviations of an identification and what each does to it, (m + c, t)."""
+) -> tuple[Array, tuple[Deviation, ...], Array]:
+    """Return the covariance of an identification and what tolerances do to it beside.
+
+    The covariance, (m + c, m + c), is the random share with that of the constants' own tolerances:
+    they were priors, and without what they say of the constants the random share alone would be
+    taken for the more precise, the less the data said. The other deviations, and what each does to
+    parameters and constants, (m + c, t), are the same in later estimates.
+    """
     known = {one.name: one for one in deviations(robot)}
     estimated = tuple(one.name for one in estimated_constants(robot))
     if found.constants != estimated:
@@ -233,7 +238,14 @@ def _systematic(
             key=key,
             allowed=", ".join(known),
         )
+    covariance = np.array(found.covariance_random)
+    response = np.array(found.response).reshape(len(covariance), len(found.deviations))
+    own = np.array([one.name in found.constants for one in found.deviations], dtype=bool)
+    tolerances = np.array([one.tolerance for one in found.deviations])
+    moved = response[:, own] * tolerances[own]
+    others = [one for one in found.deviations if one.name not in found.constants]
     return (
-        tuple(replace(known[one.name], std=one.tolerance) for one in found.deviations),
-        np.array(found.response).reshape(len(found.covariance_random), len(found.deviations)),
+        covariance + moved @ moved.T,
+        tuple(replace(known[one.name], std=one.tolerance) for one in others),
+        response[:, ~own],
     )

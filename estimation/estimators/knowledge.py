@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -27,6 +27,9 @@ from expdesign.mechanism.catalogue import known_parameters
 from expdesign.recheck.excitable import structural_base
 from expdesign.robot import Robot
 from expdesign.robot.deviation import Deviation, estimated_constants
+
+_SAME = 1e-9
+"""Share of its scale by which a value may differ and is the same."""
 
 
 class UnidentifiableError(ComputationError):
@@ -107,6 +110,8 @@ class Knowledge:
             return np.array([n if c is None else c for n, c in zip(nominal, chosen, strict=True)])
 
         own, start = tuple(name for name in known if name not in fixed), values(fixed)
+        if earlier is not None:
+            _refuse_held_elsewhere(earlier, robot, section.fixed, start)
         base = structural_base(robot, own) if section.parameters == "base" and own else None
         if base is not None:
             _refuse_of_combinations(section, base)
@@ -306,6 +311,26 @@ class Knowledge:
         result = np.zeros((len(self.names), len(self.names)))
         result[np.ix_(self.free, self.free)] = block
         return result
+
+
+def _refuse_held_elsewhere(
+    earlier: EarlierEstimate, robot: Robot, fixed: Iterable[str], start: Array
+) -> None:
+    """Refuse a prior that held a parameter at another value than that it is fixed at now.
+
+    What it says of the others is beside its own value, and it does not say how they go together.
+    """
+    held = np.diag(earlier.precision)[: len(start)] == 0
+    apart = np.abs(start - earlier.values[: len(start)]) > _SAME * robot.scales
+    for name in fixed:
+        at = robot.parameter_names.index(name)
+        if held[at] and apart[at]:
+            raise InputError(
+                f"{name} is {start[at]:g}, and the estimate that is the prior held it at "
+                f"{earlier.values[at]:g}: what it found of the others is beside that value",
+                key=f"estimate.fixed.{name}",
+                allowed=f"{earlier.values[at]:g}, or estimate.prior_from: none",
+            )
 
 
 def _refuse_of_combinations(section: EstimateSection, base: BaseParameters) -> None:

@@ -170,6 +170,7 @@ def with_prior(
     for place, one in enumerate(others, start=len(own)):
         places[one.name, one.std] = place
         left[place, place] = 0.0 if one.name in names else -1.0
+        names.add(one.name)
     for one, column in zip(earlier.deviations, moved.T, strict=True):
         if (one.name, one.std) in places:
             place = places[one.name, one.std]

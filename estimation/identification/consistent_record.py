@@ -15,6 +15,8 @@ from expdesign.mechanism.catalogue import parameter_unit
 from expdesign.robot import Robot
 from expdesign.runfolder import Numbers, OpenNumber, OpenNumbers, copied, described
 
+_RARE = 0.01
+"""p value below which none is told: the test ends before it knows it."""
 _FLOOR = 1e-3
 """Distance in σ below which none is told."""
 
@@ -95,7 +97,8 @@ def consistency_in_words(found: ConsistentEstimate, *, known: bool) -> str:
         f"not physically consistent: the nearest {told} that some set of bodies has{others} are "
         f"{near:.2g} σ away, at the limit of {', '.join(found.active)}; "
     )
-    chance = f"noise alone makes such a distance in {100 * found.p:.3g} % of the cases at most"
+    share = f"{100 * found.p:.3g} % at most" if found.p > _RARE else f"less than {100 * _RARE:g} %"
+    chance = f"noise alone makes such a distance in {share} of the cases"
     if found.significant:
         doubt = "a reason to look for what the model lacks, or for a larger tolerance or noise"
         if not known:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, Self
+from typing import Annotated, Any, Self
 
 import numpy as np
 from numpy.linalg import LinAlgError
@@ -48,6 +48,10 @@ def without_bounds(names: Sequence[str]) -> str:
     )
 
 
+_ROUNDS = 3
+"""How often terms are chosen at most, each time at the constants found with those chosen before."""
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Selection:
     """Which of the candidates were added to the robot's terms, and why."""
@@ -55,6 +59,12 @@ class Selection:
     by: Annotated[SelectionCriterion, described("", "criterion: bic, f or holdout")]
     level: Annotated[float | None, described("1", "of the F tests; null with other criteria")]
     candidates: Annotated[FurtherTerms, described("", "terms that were tried, as in a robot file")]
+    judged: Annotated[
+        FurtherTerms, described("", "the same, with the constants that they were judged at")
+    ] = ()
+    settled: Annotated[
+        bool, described("", "false: other terms were chosen each time that constants were found")
+    ] = True
     chosen: Annotated[tuple[str, ...], described("", "those that were added, in order of entry")]
     dispersion: Annotated[
         float,
@@ -81,6 +91,12 @@ class Selection:
         found = []
         if self.chosen:
             found.append(f"estimate.select added {', '.join(self.chosen)}: {CAVEAT}")
+        if not self.settled:
+            found.append(
+                "estimate.select: the constants of the terms that were chosen make others be "
+                "chosen, and so on; the last choice counts. Write the constants without estimate: "
+                "true to choose at them"
+            )
         if self.held_out == "periods":
             found.append(f"estimate.select: {SAME_MOTION}")
         if self.bounded:
@@ -95,6 +111,10 @@ class Selection:
         experiments: Sequence[Experiment],
     ) -> Self | None:
         """Choose among the candidates of the run; None without any.
+
+        Where a term that is chosen has constants to be estimated, these are found with the terms
+        chosen, and the choice is made again at them: what a wrong constant leaves of a term others
+        imitate.
 
         Parameters
         ----------
@@ -112,7 +132,30 @@ class Selection:
         section = configuration.run.estimate.select
         if section is None:
             return None
-        wide = robot_from(with_added_terms(configuration, held(section.candidates)).robot)
+        last = cls._at(configuration, robot, experiments, held(section.candidates))
+        for _ in range(1, _ROUNDS):
+            if not any(c.estimate for term in last.added for c in term.constants.values()):
+                return last
+            machine = _found(with_added_terms(configuration, last.added), experiments)
+            judged = held(_with_constants_of(machine, section.candidates))
+            before, last = last, cls._at(configuration, robot, experiments, judged)
+            if set(last.chosen) == set(before.chosen):
+                return last
+        return replace(last, settled=False)
+
+    @classmethod
+    def _at(
+        cls,
+        configuration: RunConfiguration,
+        robot: Robot,
+        experiments: Sequence[Experiment],
+        judged: FurtherTerms,
+    ) -> Self:
+        """Choose among candidates with these constants."""
+        section = configuration.run.estimate.select
+        if section is None:
+            raise ValueError("the run has no candidates")
+        wide = robot_from(with_added_terms(configuration, judged).robot)
         terms = {term.name: term for term in wide.terms}
         knowledge = Knowledge.of(wide, configuration.run.estimate)
         estimated = {n for n, free in zip(knowledge.names, knowledge.free, strict=True) if free}
@@ -156,6 +199,7 @@ class Selection:
             by=section.by,
             level=level,
             candidates=section.candidates,
+            judged=judged,
             chosen=chosen,
             dispersion=judge.dispersion,
             held_out=held_out if section.by == "holdout" else "",
@@ -164,19 +208,48 @@ class Selection:
         )
 
 
+def _found(configuration: RunConfiguration, experiments: Sequence[Experiment]) -> Robot:
+    """Return the robot of a run with its constants as GM finds them together with parameters."""
+    robot = robot_from(configuration.robot)
+    knowledge = Knowledge.of(robot, configuration.run.estimate)
+    present = with_residual_noise(
+        robot, [experiment.with_terms_of(robot) for experiment in experiments], knowledge
+    )
+    robot, loaded = at_estimated_load(robot, present, knowledge)
+    return estimated_machine(
+        robot, linear_estimate(robot, loaded, knowledge, "gm").systematic
+    ).robot
+
+
+def _with_constants_of(
+    robot: Robot, candidates: Sequence[TermDescription]
+) -> tuple[TermDescription, ...]:
+    """Return candidates with the constants of those that a robot has."""
+    values = iter(robot.description.constants)
+    known = {
+        term.name: {key: next(values) for key in term.constants}
+        for term in robot.description.description.terms
+    }
+    return tuple(
+        _with(term, {key: {"value": value} for key, value in known.get(term.name, {}).items()})
+        for term in candidates
+    )
+
+
 def held(candidates: Sequence[TermDescription]) -> tuple[TermDescription, ...]:
     """Return terms whose constants are taken as written, where the run would estimate them.
 
     A constant of a force that is not there yet moves nothing.
     """
     return tuple(
-        term.model_copy(
-            update={
-                "constants": {
-                    name: constant.model_copy(update={"estimate": False})
-                    for name, constant in term.constants.items()
-                }
-            }
-        )
-        for term in candidates
+        _with(term, {key: {"estimate": False} for key in term.constants}) for term in candidates
     )
+
+
+def _with(term: TermDescription, changes: Mapping[str, Mapping[str, Any]]) -> TermDescription:
+    """Return a term with its constants changed."""
+    constants = {
+        key: constant.model_copy(update=dict(changes.get(key, {})))
+        for key, constant in term.constants.items()
+    }
+    return term.model_copy(update={"constants": constants})

@@ -15,7 +15,7 @@ import numpy as np
 
 from constraints.arrays import Array
 from estimation.estimators import Knowledge, ParameterEstimate
-from estimation.uncertainty.intervals import LEVEL, interval_widths
+from estimation.uncertainty.intervals import interval_widths
 from expdesign.mechanism.bodies import MachineBodies
 from expdesign.mechanism.nearest import NoBodiesError, Projection
 from expdesign.robot import Robot
@@ -26,6 +26,7 @@ MOST_DRAWS = 999
 """Of the test: with 199 that are the same in every run it has a level of 5 ± 1.5 %."""
 ENOUGH = 50
 """Draws as far as the estimate after which the test needs no more: p is above its level."""
+SIGNIFICANT = 0.05
 SEED = 0
 TOLD = 0.01
 """Share of its scale from which the change of a parameter that no force shows is told."""
@@ -67,7 +68,7 @@ class ConsistentEstimate:
     @property
     def significant(self) -> bool:
         """Whether noise alone hardly makes the distance."""
-        return self.p < 1 - LEVEL
+        return self.p <= SIGNIFICANT
 
 
 def consistent_estimate(

@@ -48,12 +48,12 @@ def roundings(document: Document, key: Key, values: Mapping[str, float]) -> dict
     """Return half a unit of the last digit of every parameter that stands at a key, SI.
 
     Nothing of those of which it is not known: that a program handed over, or that follow from
-    bodies.
+    bodies. What is written without decimal places is taken as meant so, and a zero, too.
     """
     found = {}
     for name, value in values.items():
         match = _MANTISSA.fullmatch(document.texts.get((*key, name), ""))
-        if match is None:
+        if match is None or not value or "." not in match[1]:
             continue
         last = Decimal(1).scaleb(-len(match[1].partition(".")[2]))
         try:
@@ -136,7 +136,9 @@ def _nearest_bodies(
         except NoBodiesError:
             return "", ""  # too large to be judged, which is told of the bodies themselves
     share = (near - values) / scales
-    least = _TOLD_CHANGE if within is None else _TOLD_ROUNDING * reach / scales
+    least = _TOLD_ROUNDING * reach / scales
+    if within is None:
+        least = np.maximum(least, _TOLD_CHANGE)
     moved = [k for k in np.argsort(-np.abs(share)) if (abs(share) > least)[k]]
     told = []
     for k in moved[:_TOLD]:

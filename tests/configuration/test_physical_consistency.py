@@ -48,6 +48,9 @@ def test_half_a_unit_of_the_last_digit(number, places, unit):
     key = ("parameters", "p2")
     document = Document({}, texts={key: text})
     half = roundings(document, ("parameters",), {"p2": float(f"{written:f}") * size})
+    if not places or not written:  # written as a whole number, or as nothing: meant so
+        assert not half
+        return
     if not half:  # the product is another number in the last bit
         assert size not in (1.0,)
         return
@@ -64,13 +67,9 @@ def test_digits_are_those_of_the_file(tmp_path):
     )
     values = {"p1": 2.5e-3, "p2": 0.94, "p3": 0.094, "p4": 0.1, "p6": 7.0}
     found = roundings(read_yaml(path), ("parameters",), values)
-    assert found == pytest.approx({"p1": 5e-5, "p2": 5e-4, "p3": 5e-5, "p6": 0.5})
+    assert found == pytest.approx({"p1": 5e-5, "p2": 5e-4, "p3": 5e-5})
     # A value that is not what stands there, as of bodies, has no digits.
-    assert set(roundings(read_yaml(path), ("parameters",), values | {"p2": 0.9})) == {
-        "p1",
-        "p3",
-        "p6",
-    }
+    assert set(roundings(read_yaml(path), ("parameters",), values | {"p2": 0.9})) == {"p1", "p3"}
 
 
 @settings(max_examples=12, deadline=None)

@@ -348,3 +348,17 @@ def test_an_earlier_estimate_that_knows_some_combination_exactly_is_refused(esti
         return
     found = np.diag(Knowledge.of(machine, section).precision)
     assert list(found[found > 0]) == pytest.approx([0.25] * len(estimated))
+
+
+def test_a_prior_that_held_a_parameter_elsewhere_is_refused(data, tmp_path):
+    """It found r1 beside the s1 that it held, and says nothing of r1 beside another one."""
+    EstimateRecord.of(estimate(_run(parameters="base"), data, MOTION)).write(tmp_path)
+    robot = load_robot(tmp_path / FILE)
+    for value, refused in ((0.0, False), (10.0, True)):
+        section = EstimateSection(prior_from="robot", parameters="base", fixed={"s1": value})
+        if not refused:
+            assert not Knowledge.of(robot, section).free[robot.parameter_names.index("s1")]
+            continue
+        with pytest.raises(InputError, match="s1") as caught:
+            Knowledge.of(robot, section)
+        assert caught.value.problems[0].key == "estimate.fixed.s1"

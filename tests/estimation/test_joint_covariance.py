@@ -191,6 +191,18 @@ def test_one_recording_after_the_other_is_both_at_once(earlier):
         assert not np.any(one.covariance_systematic)
 
 
+def test_a_tolerance_of_a_constant_counts_once_in_later_estimates(tmp_path):
+    """It is part of what the earlier estimate knows, and neither the whole of it nor nothing."""
+    tolerances = {"terms": {"stribeck": {"velocity": "0.2 mm/s"}, "cogging": {"pitch": "1 mm"}}}
+    run = case.run(tolerances=tolerances)
+    first, second = case.data(1), case.data(2)
+    EstimateRecord.of(estimate(run, first, MOTION)).write(tmp_path)
+    found = estimate(_after(tmp_path / FILE, estimators=["gm"]), second, MOTION)["gm"]
+    whole = estimate(run, [first, second], MOTION)["gm"]
+    ratio = np.sqrt(np.diag(found.joint) / np.diag(whole.joint))
+    np.testing.assert_allclose(ratio, 1, atol=0.1)
+
+
 def test_what_is_fixed_moves_what_the_prior_says_of_constants(earlier):
     path, second, _ = earlier
     robot = load_robot(path)

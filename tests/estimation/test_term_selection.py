@@ -21,6 +21,7 @@ from expdesign.configuration.added_terms import with_added_terms
 from expdesign.configuration.robot import load_robot_description
 from expdesign.mechanism.term import parameters_of
 from expdesign.robot import robot_from
+from tests.estimation import constants
 from tests.estimation.cases import ROBOT, measured, run, trajectory
 
 CANDIDATES = [{"stribeck": {"velocity": 0.05}}, "drive_inertia", "force_offset", "payload"]
@@ -218,6 +219,34 @@ def test_bounds_have_no_part_in_the_choice_and_hold_after_it(parameters):
     assert any("estimate.select" in text and "m_drive" in text for text in told)
     assert any("m_drive stands at its bound" in text for text in told)
     assert not any("bound" in text for text in free.warnings)
+
+
+def test_terms_are_chosen_at_the_constants_that_are_found():
+    """What a wrong pitch and velocity leave of their terms others imitate."""
+    off = {"pitch": 1.01 * constants.PITCH, "velocity": 0.6 * constants.VELOCITY}
+
+    def chosen(*, estimated):
+        guess = {key: {"value": value, "estimate": estimated} for key, value in off.items()}
+        candidates = [
+            {"stribeck": {"velocity": guess["velocity"]}},
+            {"cogging": {"pitch": guess["pitch"]}},
+            "quadratic_friction",
+            "cubic_friction",
+            "force_offset",
+        ]
+        section = {"noise": "given", "harmonics": 2, "estimators": ["gm"]}
+        section |= {"select": {"candidates": candidates}}
+        given = {"noise": constants.noise(), "estimate": section}
+        configuration = load_run({"name": "n", "robot": "palida", **given})
+        return estimate(configuration, constants.data(1), constants.MOTION).selection
+
+    found, written = chosen(estimated=True), chosen(estimated=False)
+    assert set(found.chosen) == {"stribeck", "cogging"} < set(written.chosen)
+    assert found.settled
+    at = {term.name: term.constants for term in found.judged}
+    assert at["cogging"]["pitch"].value == pytest.approx(constants.PITCH, rel=1e-3)
+    assert at["stribeck"]["velocity"].value == pytest.approx(constants.VELOCITY, rel=0.05)
+    assert {c.value for term in found.added for c in term.constants.values()} == set(off.values())
 
 
 def test_a_candidate_of_which_nothing_is_estimated_is_refused():
