@@ -21,6 +21,7 @@ from expdesign.stages.outcome import Outcome, short
 
 if TYPE_CHECKING:
     from estimation.identification.record import EstimateRecord
+    from estimation.identification.term_selection import Selection
 
 
 def design(outcome: Outcome) -> None:
@@ -170,6 +171,8 @@ def estimate(outcome: Outcome) -> None:
             f"{data.periods:.6g} periods of {data.period:.6g} s (from the {data.source.value}), "
             f"{harmonics}, noise {record.experiment.noise.source}"
         )
+    if result.selection is not None:
+        _chosen(result.selection)
     by_place = {(row.estimator, row.parameter): row for row in result.rows}
     rows = []
     for parameter in result.knowledge.names:
@@ -197,6 +200,18 @@ def estimate(outcome: Outcome) -> None:
     if diagnosis is not None:
         printed_verdict(diagnosis.verdict)
     printed_place(outcome)
+
+
+def _chosen(selection: Selection) -> None:
+    done = {"add": "added", "drop": "dropped"}
+    for row in selection.steps:
+        if row.chosen:
+            say(
+                f"{done[row.direction]}: {row.term}, chi-square {row.statistic:.4g} of "
+                f"{row.parameters}, {selection.by} in favour by {row.worth:.4g}"
+            )
+    nothing = "" if selection.chosen else "no term was added; "
+    say(f"{nothing}what was tried in every step: tables/selection.csv")
 
 
 def _payload(record: EstimateRecord) -> Table:

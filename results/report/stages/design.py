@@ -193,13 +193,11 @@ def _facts(record: DesignRecord) -> tuple[Fact, ...]:
         )
     ]
     if relative.size:
-        facts.append(
-            Fact(
-                "parameters identifiable",
-                f"{int(np.sum(relative < 100 * IDENTIFIABLE))} of {relative.size}",
-                f"predicted σ below half of the value; median {readable(np.median(relative), 3)} %",
-            )
-        )
+        note = f"predicted σ below half of the value; median {readable(np.median(relative), 3)} %"
+        if zeros := int(np.sum(np.isnan(percents))):
+            note += f"; {zeros} others have the value zero in the robot file"
+        known = int(np.sum(relative < 100 * IDENTIFIABLE))
+        facts.append(Fact("parameters identifiable", f"{known} of {relative.size}", note))
     if record.checks:
         tightest = max(record.checks, key=lambda check: check.used)
         used = percent(tightest.used, 4)
