@@ -113,10 +113,16 @@ def _constant(key: str, given: object) -> tuple[object, bool]:
     """Return what stands for the value, and whether the constant shall be estimated."""
     if not isinstance(given, Mapping):
         return given, False
+    parts = ("value", "estimate")
+    for part in given:
+        if part not in parts:
+            reason = f"a constant has no {shown(part)}"
+            raise refusal(reason, ", ".join(parts), partial(nearest, part, parts), key=key)
+    if "value" not in given:
+        raise refusal("the value is missing", "{value: …, estimate: true}", key=key)
     estimate = given.get("estimate", False)
-    if set(given) != {"value", "estimate"} or not isinstance(estimate, bool):
-        allowed = "a value, or {value: …, estimate: true}"
-        raise refusal(f"{shown(given)} is no constant", allowed, key=key)
+    if not isinstance(estimate, bool):
+        raise refusal(f"{shown(estimate)} is no choice", "true, false", key=f"{key}.estimate")
     return given["value"], estimate
 
 
