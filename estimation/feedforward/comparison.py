@@ -118,6 +118,7 @@ def compare_feedforward(
         )
         for (case, one), added, limited in zip(made.items(), feedback, found.limited, strict=True)
     ]
+    broken = broken_limits(nominal, motion, name)
     summary = FeedforwardFile(
         name=configuration.run.name,
         robot=nominal.name,
@@ -141,9 +142,10 @@ def compare_feedforward(
         warnings=(
             *configuration.warnings,
             *([truth.warning] if truth.warning else []),
-            *broken_limits(nominal, motion, name),
+            *broken,
             *_of_the_estimate(saved),
         ),
+        within_limits=not broken,
     )
     return FeedforwardRecord(summary, tuple(rows), tuple(made.values()))
 

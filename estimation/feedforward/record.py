@@ -116,6 +116,9 @@ class FeedforwardFile(RunFile):
     cases: Annotated[tuple[CaseKeys, ...], described("", "feed-forward by feed-forward")]
     seconds: Annotated[float, described("s", "how long it took")]
     warnings: Annotated[tuple[str, ...], described("", "in words")]
+    within_limits: Annotated[
+        bool, described("", "the motion keeps every limit of the robot, which could make it")
+    ] = True
 
     def contradictions(self) -> Iterator[Problem]:
         """Yield cases without which nothing can be compared."""

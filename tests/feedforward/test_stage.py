@@ -1,6 +1,7 @@
 """The stage from the command line to the report, and its figure."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,7 +9,11 @@ import pytest
 from estimation.feedforward.record import MEANINGS, FeedforwardRecord
 from expdesign.cli.app import app
 from expdesign.cli.errors import run
+from expdesign.configuration import load_run
 from results.figures.feedforward import feedforward_figure
+from results.report.content import Level
+from results.report.folder import RunFolder
+from results.report.stages.feedforward import feedforward_report
 from results.style import house_style
 from tests.blank_figures import blank_figures
 from tests.stages.test_table import agrees_with_the_table
@@ -40,6 +45,18 @@ def test_a_run_compares_and_reports(folder):
         assert f'id="table-{name}"' in page
     for each in record.summary.cases:
         assert MEANINGS[each.case] in page
+
+
+def test_a_motion_that_the_robot_cannot_make_is_no_good_news(folder):
+    """What a model buys there no machine will see."""
+    record, configuration = FeedforwardRecord.read(folder), load_run(folder / "run.yaml")
+    levels = []
+    for kept in (True, False):
+        made = replace(record, summary=replace(record.summary, within_limits=kept))
+        with blank_figures():
+            place = RunFolder(folder, {}, configuration, None, {FeedforwardRecord: made})
+            levels.append(feedforward_report(place).verdict.level)
+    assert levels == [Level.GOOD, Level.CAUTION]
 
 
 def test_what_is_done_is_kept_until_its_section_changes(folder, capsys):

@@ -43,6 +43,8 @@ def feedforward_report(folder: RunFolder) -> StageReport:
         )
         blocks.insert(3, TextBlock(text, Level.CAUTION))
     level, word = (Level.GOOD, "smaller error") if good else (Level.BAD, "no smaller error")
+    if good and not summary.within_limits:
+        level, word = Level.CAUTION, "smaller error, in a motion beyond the limits"
     fact = Fact(
         "tracking error",
         f"÷ {readable(best.reduction, 3)}",
