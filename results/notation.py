@@ -156,7 +156,7 @@ GREEK = {
 }
 """Letters by their names: in LaTeX, and as they are."""
 
-_INDEXED = re.compile(r"([A-Za-z])_?([A-Za-z]+|\d+)")
+_INDEXED = re.compile(r"([A-Za-z])_?([A-Za-z]+|[A-Za-z]?\d+)")
 
 
 def symbol(name: str) -> str:

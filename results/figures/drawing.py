@@ -74,6 +74,8 @@ _METADATA: dict[str, dict[str, None]] = {
 
 FORMATS = ("png", "svg")
 """What is written when nothing else is asked for."""
+_MANY_NAMES, _NAME, _SMALLEST_NAME = 32, 7.5, 4.0
+"""Names that fit side by side; their size in points, and that of ever so many."""
 
 
 def save_figures(
@@ -167,7 +169,16 @@ def named_places(axes: Axes, names: Sequence[str]) -> None:
     """Name the places 0, 1, … of the horizontal axis."""
     axes.set_xticks(np.arange(len(names)), names)
     axes.tick_params(axis="x", which="both", length=0)
+    _uncrowded(axes, len(names))
     axes.grid(visible=False, axis="x")
+
+
+def _uncrowded(axes: Axes, count: int, *, both: bool = False) -> None:
+    """Keep many names from running over each other: upright and smaller."""
+    if count > _MANY_NAMES:
+        axes.tick_params(axis="x", labelrotation=90)
+        size = max(_SMALLEST_NAME, _MANY_NAMES / count * _NAME)
+        axes.tick_params(axis="both" if both else "x", labelsize=size)
 
 
 def parameter_axis(
@@ -236,6 +247,7 @@ def correlation_image(axes: Axes, matrix: Array, names: Sequence[str], colours: 
     axes.set_xticks(range(len(names)), names)
     axes.set_yticks(range(len(names)), names)
     axes.tick_params(length=0)
+    _uncrowded(axes, len(names), both=True)
     axes.grid(visible=False)
     axes.spines[:].set_visible(False)
     bar = axes.figure.colorbar(image, ax=axes, shrink=0.85, ticks=[-1, -0.5, 0, 0.5, 1])
