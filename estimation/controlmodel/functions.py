@@ -16,8 +16,6 @@ from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.mechanism.term import Term
 
 POSE, RATE, ACCELERATION = "pose", "rate", "acceleration"
-_OF_FORCES = 3
-"""Outputs, where no load comes before."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +51,7 @@ def model_functions(terms: tuple[Term, ...]) -> Mapping[str, ModelFunction]:
     machine = [graph.geometry.vector, graph.constants, graph.parameters]
 
     def of(does: str, inputs: tuple[str, ...], outputs: list[ca.SX]) -> ModelFunction:
-        loaded = len(outputs) > _OF_FORCES
+        loaded = any(ca.depends_on(part, graph.load) for part in outputs)
         given = [*(states[key] for key in inputs), *machine, *([graph.load] if loaded else [])]
         dense = [ca.densify(value) for value in outputs]
         function = ca.Function("model", given, dense, {"cse": True})

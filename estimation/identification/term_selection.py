@@ -39,6 +39,12 @@ SAME_MOTION = (
 )
 
 
+UNSETTLED = (
+    "at the constants that were found with the terms chosen others are chosen, and so on: the last "
+    "choice counts. Write the constants without estimate: true to choose at them"
+)
+
+
 def without_bounds(names: Sequence[str]) -> str:
     """Say what is to be known of terms that were chosen beside bounds of these parameters."""
     return (
@@ -92,11 +98,7 @@ class Selection:
         if self.chosen:
             found.append(f"estimate.select added {', '.join(self.chosen)}: {CAVEAT}")
         if not self.settled:
-            found.append(
-                "estimate.select: the constants of the terms that were chosen make others be "
-                "chosen, and so on; the last choice counts. Write the constants without estimate: "
-                "true to choose at them"
-            )
+            found.append(f"estimate.select: {UNSETTLED}")
         if self.held_out == "periods":
             found.append(f"estimate.select: {SAME_MOTION}")
         if self.bounded:

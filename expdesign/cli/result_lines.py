@@ -13,6 +13,7 @@ from expdesign.stages.outcome import Outcome, short
 
 if TYPE_CHECKING:
     from estimation.diagnostics.finding import Finding, Verdict
+    from estimation.identification.term_selection import Selection
 
 
 def printed_place(outcome: Outcome) -> None:
@@ -68,3 +69,16 @@ def concise(value: float, std: float) -> str:
     if digits <= 0:
         return f"{value:.0f}({std:.0f})"
     return f"{value:.{digits}f}({std * 10**digits:.0f})"
+
+
+def printed_choice(selection: Selection) -> None:
+    """Print which terms were added or dropped, and what spoke for it."""
+    done = {"add": "added", "drop": "dropped"}
+    for row in selection.steps:
+        if row.chosen:
+            say(
+                f"{done[row.direction]}: {row.term}, chi-square {row.statistic:.4g} of "
+                f"{row.parameters}, {selection.by} in favour by {row.worth:.4g}"
+            )
+    nothing = "" if selection.chosen else "no term was added; "
+    say(f"{nothing}what was tried in every step: tables/selection.csv")

@@ -12,6 +12,7 @@ from rich.table import Table
 from expdesign.cli.output import note, results, say
 from expdesign.cli.result_lines import (
     concise,
+    printed_choice,
     printed_findings,
     printed_place,
     printed_verdict,
@@ -21,7 +22,6 @@ from expdesign.stages.outcome import Outcome, short
 
 if TYPE_CHECKING:
     from estimation.identification.record import EstimateRecord
-    from estimation.identification.term_selection import Selection
 
 
 def design(outcome: Outcome) -> None:
@@ -172,7 +172,7 @@ def estimate(outcome: Outcome) -> None:
             f"{harmonics}, noise {record.experiment.noise.source}"
         )
     if result.selection is not None:
-        _chosen(result.selection)
+        printed_choice(result.selection)
     by_place = {(row.estimator, row.parameter): row for row in result.rows}
     rows = []
     for parameter in result.knowledge.names:
@@ -200,18 +200,6 @@ def estimate(outcome: Outcome) -> None:
     if diagnosis is not None:
         printed_verdict(diagnosis.verdict)
     printed_place(outcome)
-
-
-def _chosen(selection: Selection) -> None:
-    done = {"add": "added", "drop": "dropped"}
-    for row in selection.steps:
-        if row.chosen:
-            say(
-                f"{done[row.direction]}: {row.term}, chi-square {row.statistic:.4g} of "
-                f"{row.parameters}, {selection.by} in favour by {row.worth:.4g}"
-            )
-    nothing = "" if selection.chosen else "no term was added; "
-    say(f"{nothing}what was tried in every step: tables/selection.csv")
 
 
 def _payload(record: EstimateRecord) -> Table:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from estimation.identification.record import EstimateRecord
-from estimation.identification.term_selection import SAME_MOTION, without_bounds
+from estimation.identification.term_selection import SAME_MOTION, UNSETTLED, without_bounds
 from results.figures.selection import WORTH, selection_figure
 from results.notation import readable
 from results.report.content import Block, Level, TextBlock
@@ -52,6 +52,7 @@ def selection_blocks(folder: RunFolder, record: EstimateRecord) -> Iterator[Bloc
     caption = f"Every term that was tried; judged by: {WORTH[found.by]}"
     yield ReportTable.of("selection", caption, columns, found.steps, folded=True)
     told = [SAME_MOTION] if found.held_out == "periods" else []
+    told += [] if found.settled else [UNSETTLED]
     told += [without_bounds(found.bounded)] if found.bounded else []
     for text in told:
         yield TextBlock(f"{text[0].upper()}{text[1:]}.", Level.CAUTION)

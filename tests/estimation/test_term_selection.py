@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 from functools import cache
+from itertools import cycle
 
 import numpy as np
 import pytest
@@ -10,9 +11,9 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from estimation.estimators import Knowledge, linear_estimate
-from estimation.identification import estimate, prepare_experiment
+from estimation.identification import estimate, prepare_experiment, term_selection
 from estimation.identification.identified_robot import identified_robot
-from estimation.identification.term_selection import Selection
+from estimation.identification.term_selection import UNSETTLED, Selection
 from estimation.selection.criteria import Judge, splits
 from estimation.selection.evidence import Evidence, Share
 from estimation.selection.path import select
@@ -247,6 +248,32 @@ def test_terms_are_chosen_at_the_constants_that_are_found():
     assert at["cogging"]["pitch"].value == pytest.approx(constants.PITCH, rel=1e-3)
     assert at["stribeck"]["velocity"].value == pytest.approx(constants.VELOCITY, rel=0.05)
     assert {c.value for term in found.added for c in term.constants.values()} == set(off.values())
+
+
+def test_a_choice_that_does_not_settle_says_so(monkeypatch):
+    """Two terms that take turns, each chosen at the constants found with the other."""
+    turns = cycle([("stribeck",), ("cogging",)])
+
+    def chosen(_, configuration, *__):
+        candidates = configuration.run.estimate.select.candidates
+        return Selection(
+            by="bic",
+            level=None,
+            candidates=candidates,
+            chosen=next(turns),
+            dispersion=1.0,
+            held_out="",
+            steps=(),
+        )
+
+    monkeypatch.setattr(Selection, "_at", classmethod(chosen))
+    monkeypatch.setattr(term_selection, "_found", lambda *_: ROBOT)
+    guess = {"value": 0.03, "estimate": True}
+    candidates = [{"stribeck": {"velocity": guess}}, {"cogging": {"pitch": guess}}]
+    found = Selection.of(selecting(candidates=candidates), ROBOT, [])
+    assert not found.settled
+    assert found.chosen == ("stribeck",)
+    assert any(UNSETTLED in text for text in found.warnings)
 
 
 def test_a_candidate_of_which_nothing_is_estimated_is_refused():

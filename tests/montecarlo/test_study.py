@@ -1,5 +1,7 @@
 """The study as a whole: against its own promises, resumed, in parallel, with failures."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -13,6 +15,7 @@ from estimation.montecarlo.record import MonteCarloRecord
 from estimation.montecarlo.study import study_inputs
 from estimation.twin import Twin
 from expdesign.configuration import InputError
+from tests.estimation.cases import made_up
 from tests.montecarlo.examples import DESIGN, Watcher, repetition_rows, small
 from tests.twin.examples import motion
 
@@ -214,24 +217,8 @@ def test_what_is_not_converged_counts(study, monkeypatch):
 
 
 def study_estimate(outcome):
-    from estimation.estimators import ParameterEstimate
-
-    return ParameterEstimate(
-        estimator="ml",
-        values=outcome.values,
-        covariance=np.diag(outcome.std**2),
-        covariance_forces=np.eye(24),
-        covariance_kinematics=None,
-        freedom=np.full(24, np.inf),
-        colour=np.ones(24),
-        influences=(),
-        motions=(),
-        cost=0.0,
-        iterations=40,
-        converged=False,
-        status="stopped",
-        seconds=0.0,
-    )
+    made = made_up(outcome.values, outcome.std)
+    return replace(made, estimator="ml", iterations=40, converged=False, status="stopped")
 
 
 def test_ml_without_a_fitted_motion_is_refused():
