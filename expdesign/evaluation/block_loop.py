@@ -1,92 +1,192 @@
-"""Samples in blocks of `LANES`, in LLVM's language: into lanes, through the functions, and out."""
+"""Samples in blocks, one to a lane, in LLVM's language: into lanes, through the functions, and out.
+
+Outside, a sample's elements stand side by side; in lanes, an element of all samples does. What
+lies between is the transposition of small square matrices, in the processor's registers.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import struct
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from itertools import accumulate
 
-LANES = 8
-"""Samples that are evaluated side by side."""
-VECTOR = f"<{LANES} x double>"
 ENTRY = "evaluate"
 """The function that is called from outside: see `vector_code`."""
 
 
-def _copying(name: str, parameters: str, samples: str, element: str) -> str:
-    """Return a function that goes through all lanes and the elements of each.
+@dataclass(frozen=True)
+class Lanes:
+    """Samples that are evaluated side by side; as text, the type of their vector."""
 
-    Parameters
-    ----------
-    samples : str
-        Sets ``%lanes``, how many there are.
-    element : str
-        Copies from or to ``%in_lane``, of element ``%j``; the lane's sample has number ``%sample``.
+    count: int
+    """A power of two."""
+
+    def __str__(self) -> str:
+        return f"<{self.count} x double>"
+
+    @property
+    def mask(self) -> str:
+        """The type of a condition of each."""
+        return f"<{self.count} x i1>"
+
+    @property
+    def bytes(self) -> int:
+        """Size of the vector."""
+        return 8 * self.count
+
+    def constant(self, value: float) -> str:
+        """Return a vector of equal numbers."""
+        bits = struct.unpack("<Q", struct.pack("<d", value))[0]
+        return f"<{', '.join([f'double 0x{bits:016X}'] * self.count)}>"
+
+    def transposed(self, rows: Sequence[str]) -> tuple[list[str], list[str]]:
+        """Return instructions that transpose as many vectors as there are lanes, and their names.
+
+        Blocks off the diagonal change places: those of half the size, of a quarter, and so on.
+        """
+        lines: list[str] = []
+        now, step = list(rows), self.count // 2
+        while step:
+            for low in (k for k in range(self.count) if not k & step):
+                pair = f"{self} {now[low]}, {self} {now[low + step]}"
+                for side in (0, 1):
+                    places = [
+                        (j & ~step) + step * side + (self.count if j & step else 0)
+                        for j in range(self.count)
+                    ]
+                    listed = ", ".join(f"i32 {place}" for place in places)
+                    name = f"%t{step}_{low + side * step}"
+                    now[low + side * step] = name
+                    lines.append(
+                        f"  {name} = shufflevector {pair}, <{self.count} x i32> <{listed}>"
+                    )
+            step //= 2
+        return lines, now
+
+
+def _copying(name: str, parameters: str, body: Sequence[str], lanes: Lanes) -> list[str]:
+    """Return a function that copies groups of as many elements as there are lanes.
+
+    The last sample stands for those that are missing. `body` is what is done for a group of number
+    ``%g``, with the address of each lane's sample, ``%at0``, ….
     """
-    return f"""define private void @{name}(
-  ptr %rows, ptr %array, i64 %first, i64 %count, i64 %elements, {parameters}
+    lines = [
+        f"define private void @{name}(",
+        f"  ptr %rows, ptr %array, i64 %first, i64 %count, i64 %size, i64 %groups, {parameters}",
+        ") {",
+        "entry:",
+        "  %last = sub i64 %count, 1",
+    ]
+    for k in range(lanes.count):
+        lines += [
+            f"  %wanted{k} = add i64 %first, {k}",
+            f"  %sample{k} = call i64 @llvm.umin.i64(i64 %wanted{k}, i64 %last)",
+            f"  %start{k} = mul i64 %sample{k}, %size",
+            f"  %at{k} = getelementptr double, ptr %array, i64 %start{k}",
+        ]
+    return [
+        *lines,
+        "  br label %group",
+        "group:",
+        "  %g = phi i64 [0, %entry], [%next, %group]",
+        *body,
+        "  %next = add i64 %g, 1",
+        "  %all = icmp eq i64 %next, %groups",
+        "  br i1 %all, label %out, label %group",
+        "out:",
+        "  ret void",
+        "}",
+    ]
+
+
+def _gather(lanes: Lanes) -> list[str]:
+    """Return the function that brings elements of an input into lanes.
+
+    The last group overlaps the one before; that of an input with fewer elements than lanes goes
+    into rows that what comes next is written to.
+    """
+    every = range(lanes.count)
+    body = [
+        f"  %next_first = mul i64 %g, {lanes.count}",
+        "  %element = call i64 @llvm.umin.i64(i64 %next_first, i64 %highest)",
+    ]
+    for k in every:
+        body += [
+            f"  %from{k} = getelementptr double, ptr %at{k}, i64 %element",
+            f"  %of_lane{k} = load {lanes}, ptr %from{k}, align 8",
+        ]
+    turned, found = lanes.transposed([f"%of_lane{k}" for k in every])
+    body += turned
+    for j in every:
+        body += [
+            f"  %row{j} = add i64 %element, {j}",
+            f"  %to{j} = getelementptr {lanes}, ptr %rows, i64 %row{j}",
+            f"  store {lanes} {found[j]}, ptr %to{j}, align {lanes.bytes}",
+        ]
+    return _copying("gather", "i64 %highest", body, lanes)
+
+
+def _scatter(lanes: Lanes) -> list[str]:
+    """Return the function that brings rows of lanes to elements of an output.
+
+    A group's row of the table has the row of each of its elements, and the first element.
+    """
+    every, width = range(lanes.count), lanes.count + 1
+    body = [
+        f"  %in_table = mul i64 %g, {width}",
+        "  %listed = getelementptr i64, ptr %table, i64 %in_table",
+    ]
+    for j in every:
+        body += [
+            f"  %row_at{j} = getelementptr i64, ptr %listed, i64 {j}",
+            f"  %row{j} = load i64, ptr %row_at{j}",
+            f"  %from{j} = getelementptr {lanes}, ptr %rows, i64 %row{j}",
+            f"  %of_element{j} = load {lanes}, ptr %from{j}, align {lanes.bytes}",
+        ]
+    turned, found = lanes.transposed([f"%of_element{j}" for j in every])
+    body += [
+        *turned,
+        f"  %element_at = getelementptr i64, ptr %listed, i64 {lanes.count}",
+        "  %element = load i64, ptr %element_at",
+    ]
+    for k in every:
+        body += [
+            f"  %to{k} = getelementptr double, ptr %at{k}, i64 %element",
+            f"  store {lanes} {found[k]}, ptr %to{k}, align 8",
+        ]
+    return _copying("scatter", "ptr %table", body, lanes)
+
+
+def _groups(
+    places: Sequence[int], size: int, start: int, zero: int, lanes: Lanes
+) -> Iterator[list[int]]:
+    """Yield the rows of an output's table: see `_scatter`. Groups of zeros alone are left out.
+
+    The last group overlaps the one before; that of an output with fewer elements than lanes goes
+    into the next sample, which is written after it.
+    """
+    rows = {place: start + k for k, place in enumerate(places)}
+    last = max(0, size - lanes.count)
+    firsts = [*range(0, last, lanes.count), last]
+    for first in firsts:
+        row = [rows.get(first + j, zero) for j in range(lanes.count)]
+        if row != [zero] * lanes.count:
+            yield [*row, first]
+
+
+_HEAD = """define void @{entry}(
+  ptr %varying, ptr %fixed, ptr %results, i64 %count, ptr %scratch
 ) {{
 entry:
-{samples}
-  br label %lane
-lane:
-  %k = phi i64 [0, %entry], [%next_k, %done]
-  %wanted = add i64 %first, %k
-  %last = sub i64 %count, 1
-  %sample = call i64 @llvm.umin.i64(i64 %wanted, i64 %last)
-  %start = mul i64 %sample, %size
-  br label %element
-element:
-  %j = phi i64 [0, %lane], [%next_j, %element]
-  %row = mul i64 %j, {LANES}
-  %place_in_lanes = add i64 %row, %k
-  %in_lane = getelementptr double, ptr %rows, i64 %place_in_lanes
-{element}
-  %next_j = add i64 %j, 1
-  %all = icmp eq i64 %next_j, %elements
-  br i1 %all, label %done, label %element
-done:
-  %next_k = add i64 %k, 1
-  %end = icmp eq i64 %next_k, %lanes
-  br i1 %end, label %out, label %lane
-out:
-  ret void
-}}"""
-
-
-# Into lanes: the last sample stands for those that are missing.
-_GATHER = _copying(
-    "gather",
-    "i64 %size",
-    f"  %lanes = add i64 0, {LANES}",
-    """  %from = add i64 %start, %j
-  %source = getelementptr double, ptr %array, i64 %from
-  %value = load double, ptr %source
-  store double %value, ptr %in_lane""",
-)
-_SCATTER = _copying(
-    "scatter",
-    "i64 %size, ptr %places",
-    f"""  %left = sub i64 %count, %first
-  %lanes = call i64 @llvm.umin.i64(i64 %left, i64 {LANES})""",
-    """  %place_at = getelementptr i64, ptr %places, i64 %j
-  %place = load i64, ptr %place_at
-  %to = add i64 %start, %place
-  %target = getelementptr double, ptr %array, i64 %to
-  %value = load double, ptr %in_lane
-  store double %value, ptr %target""",
-)
-_LEAST = "declare i64 @llvm.umin.i64(i64, i64)"
-
-_HEAD = f"""define void @{ENTRY}(
-  ptr %varying, ptr %fixed, ptr %results, i64 %count, ptr %scratch
-) {{{{
-entry:
-  %outputs = getelementptr {VECTOR}, ptr %scratch, i64 {{outputs}}
-  %work = getelementptr {VECTOR}, ptr %scratch, i64 {{work}}
+  %outputs = getelementptr {lanes}, ptr %scratch, i64 {outputs}
+  %work = getelementptr {lanes}, ptr %scratch, i64 {work}
+  %nothing = getelementptr {lanes}, ptr %scratch, i64 {zero}
+  store {lanes} zeroinitializer, ptr %nothing, align {bytes}
   br label %block
 block:
   %first = phi i64 [0, %entry], [%next, %block]"""
-_TAIL = f"""  %next = add i64 %first, {LANES}
+_TAIL = """  %next = add i64 %first, {count}
   %end = icmp uge i64 %next, %count
   br i1 %end, label %out, label %block
 out:
@@ -95,7 +195,12 @@ out:
 
 
 def block_loop(
-    inputs: Sequence[int], parts: int, places: Sequence[Sequence[int]], sizes: Sequence[int]
+    inputs: Sequence[int],
+    parts: int,
+    places: Sequence[Sequence[int]],
+    sizes: Sequence[int],
+    work: int,
+    lanes: Lanes,
 ) -> list[str]:
     """Return the text of `ENTRY`, which calls functions ``@part0``, … for block after block.
 
@@ -105,36 +210,55 @@ def block_loop(
         Elements of each of the inputs that differ from sample to sample.
     parts : int
         How many functions are called, one after the other.
-    places, sizes
+    places, sizes, lanes
         See `vector_code`.
+    work : int
+        Rows that the functions work with.
     """
     starts = list(accumulate(inputs, initial=0))
-    ends = list(accumulate((len(row) for row in places), initial=0))
-    lines = [
-        f"@places{k} = private constant [{len(row)} x i64] [{', '.join(f'i64 {j}' for j in row)}]"
-        for k, row in enumerate(places)
-        if len(row)
+    ends = list(accumulate((len(row) for row in places), initial=starts[-1]))
+    zero = ends[-1] + work
+    tables = [
+        list(_groups(row, size, start, zero, lanes))
+        for start, row, size in zip(ends, places, sizes, strict=False)
     ]
-    lines += [_LEAST, _GATHER, _SCATTER]
-    lines.append(_HEAD.format(outputs=starts[-1], work=starts[-1] + ends[-1]))
-    for k, (start, count) in enumerate(zip(starts, inputs, strict=False)):
-        if count:
-            lines += [
-                f"  %from{k} = getelementptr ptr, ptr %varying, i64 {k}",
-                f"  %array{k} = load ptr, ptr %from{k}",
-                f"  %rows{k} = getelementptr {VECTOR}, ptr %scratch, i64 {start}",
-                f"  call void @gather(ptr %rows{k}, ptr %array{k}, "
-                f"i64 %first, i64 %count, i64 {count}, i64 {count})",
-            ]
+    lines = []
+    for k, table in enumerate(tables):
+        numbers = [f"i64 {number}" for row in table for number in row]
+        if numbers:
+            listed = ", ".join(numbers)
+            lines.append(f"@table{k} = private constant [{len(numbers)} x i64] [{listed}]")
+    lines += ["declare i64 @llvm.umin.i64(i64, i64)", *_gather(lanes), *_scatter(lanes)]
+    lines.append(
+        _HEAD.format(
+            entry=ENTRY,
+            lanes=lanes,
+            bytes=lanes.bytes,
+            outputs=starts[-1],
+            work=ends[-1],
+            zero=zero,
+        )
+    )
+    for k, (start, size) in enumerate(zip(starts, inputs, strict=False)):
+        if not size:
+            continue
+        lines += [
+            f"  %from{k} = getelementptr ptr, ptr %varying, i64 {k}",
+            f"  %array{k} = load ptr, ptr %from{k}",
+            f"  %rows{k} = getelementptr {lanes}, ptr %scratch, i64 {start}",
+        ]
+        lines.append(
+            f"  call void @gather(ptr %rows{k}, ptr %array{k}, i64 %first, i64 %count, "
+            f"i64 {size}, i64 {-(-size // lanes.count)}, i64 {max(0, size - lanes.count)})"
+        )
     given = "ptr %scratch, ptr %fixed, ptr %outputs, ptr %work"
     lines += [f"  call void @part{k}({given})" for k in range(parts)]
-    for k, (start, row, size) in enumerate(zip(ends, places, sizes, strict=False)):
-        if len(row):
+    for k, (table, size) in enumerate(zip(tables, sizes, strict=True)):
+        if table:
             lines += [
                 f"  %to{k} = getelementptr ptr, ptr %results, i64 {k}",
                 f"  %result{k} = load ptr, ptr %to{k}",
-                f"  %found{k} = getelementptr {VECTOR}, ptr %outputs, i64 {start}",
-                f"  call void @scatter(ptr %found{k}, ptr %result{k}, "
-                f"i64 %first, i64 %count, i64 {len(row)}, i64 {size}, ptr @places{k})",
+                f"  call void @scatter(ptr %scratch, ptr %result{k}, i64 %first, i64 %count, "
+                f"i64 {size}, i64 {len(table)}, ptr @table{k})",
             ]
-    return [*lines, _TAIL]
+    return [*lines, _TAIL.format(count=lanes.count)]

@@ -19,7 +19,7 @@ import platformdirs
 from numpy.typing import NDArray
 
 from constraints.arrays import Array
-from expdesign.evaluation.block_loop import ENTRY
+from expdesign.evaluation.block_loop import ENTRY, Lanes
 from expdesign.evaluation.vector_code import (
     UnknownInstructionError,
     scratch_size,
@@ -53,13 +53,15 @@ class MachineCode:
         Numbers that it needs to work with.
     sizes : sequence of int
         Elements of every output.
+    spare : int
+        Numbers that it may read and write behind each array.
     """
 
-    def __init__(self, address: int, scratch: int, sizes: Sequence[int]) -> None:
+    def __init__(self, address: int, scratch: int, sizes: Sequence[int], spare: int) -> None:
         pointer, table = ctypes.c_void_p, ctypes.POINTER(ctypes.c_void_p)
         kinds = (table, pointer, table, ctypes.c_int64, pointer)
         self._evaluate = ctypes.CFUNCTYPE(None, *kinds)(address)
-        self._scratch, self._sizes = scratch, sizes
+        self._scratch, self._sizes, self._spare = scratch, sizes, spare
 
     def __call__(self, varying: Sequence[Array], fixed: Sequence[Array]) -> list[Array]:
         """Evaluate: varying inputs as (N, rows), fixed ones as (rows,); (N, elements) come back.
@@ -67,16 +69,24 @@ class MachineCode:
         The sizes are not checked.
         """
         count = len(varying[0])
-        inputs = [np.ascontiguousarray(value, dtype=np.float64) for value in varying]
+        inputs = [
+            np.ascontiguousarray(value, dtype=np.float64)
+            if value.shape[1] >= self._spare
+            else np.append(value, np.zeros(self._spare))
+            for value in varying
+        ]
         shared = np.concatenate([np.ravel(value) for value in fixed] or [np.empty(0)])
-        outputs = [np.zeros((count, size)) for size in self._sizes]
+        outputs = [np.zeros(count * size + self._spare) for size in self._sizes]
         scratch = np.empty(self._scratch + _ALIGNED // 8)
         aligned = -(-scratch.ctypes.data // _ALIGNED) * _ALIGNED
         if count:
             self._evaluate(
                 _addresses(inputs), shared.ctypes.data, _addresses(outputs), count, aligned
             )
-        return outputs
+        return [
+            output[: count * size].reshape(count, size)
+            for output, size in zip(outputs, self._sizes, strict=True)
+        ]
 
 
 def _addresses(arrays: Sequence[Array]) -> Any:
@@ -122,11 +132,12 @@ def machine_code(
                 return None
             tell(f"compiling {function.name()}")
             try:
-                code = _compiled(vector_code(function, varying, rows, sizes))
+                code = _compiled(vector_code(function, varying, rows, sizes, _lanes()))
             except (UnknownInstructionError, RuntimeError):
                 return None  # RuntimeError: LLVM's own
             _keep(key, code)
-        return MachineCode(_loaded(code), scratch_size(function, varying), sizes)
+        scratch = scratch_size(function, varying, _lanes())
+        return MachineCode(_loaded(code), scratch, sizes, _lanes().count)
 
 
 def _usable() -> bool:
@@ -164,6 +175,12 @@ def _host() -> tuple[str, str, str]:
     llvm = _llvm()
     features = llvm.get_host_cpu_features().flatten()
     return llvm.get_process_triple(), llvm.get_host_cpu_name(), features
+
+
+@cache
+def _lanes() -> Lanes:
+    """Return as many as a register holds: with more, a value takes two of the few there are."""
+    return Lanes(8 if "+avx512f" in _host()[2].split(",") else 4)
 
 
 @cache

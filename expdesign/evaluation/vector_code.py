@@ -1,4 +1,4 @@
-"""From a CasADi function's instructions to LLVM's language, eight samples to an instruction.
+"""From a CasADi function's instructions to LLVM's language, several samples to an instruction.
 
 The instructions are done in their order by operations that IEEE 754 rounds correctly, and by the C
 library's functions for all else, sample by sample, as CasADi's virtual machine does them: the
@@ -10,18 +10,16 @@ many short functions than for a long one, and what it makes of them is no slower
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from itertools import accumulate, pairwise
 
 import casadi as ca
 
-from expdesign.evaluation.block_loop import LANES, VECTOR, block_loop
+from expdesign.evaluation.block_loop import Lanes, block_loop
 
 _PART = 1000
 """Instructions of one function."""
-_MASK = f"<{LANES} x i1>"
 _READ = "%read"
 """How names of values begin that stand in memory."""
 
@@ -88,13 +86,18 @@ class UnknownInstructionError(ValueError):
 
 
 def vector_code(
-    function: ca.Function, varying: int, places: Sequence[Sequence[int]], sizes: Sequence[int]
+    function: ca.Function,
+    varying: int,
+    places: Sequence[Sequence[int]],
+    sizes: Sequence[int],
+    lanes: Lanes,
 ) -> str:
     """Return LLVM's text of `ENTRY`, which evaluates a function for many samples.
 
     Its arguments are a table of the varying inputs, of each one sample's rows after the other's;
     the fixed inputs one after the other; a table of the outputs, like the varying inputs; the
-    number of samples, at least one; and `scratch_size` numbers at a multiple of 64 bytes.
+    number of samples, at least one; and `scratch_size` numbers at a multiple of 64 bytes. Of arrays
+    with fewer rows than `lanes.count` so many numbers more are read and written behind the last.
 
     Parameters
     ----------
@@ -106,22 +109,25 @@ def vector_code(
         Where the nonzeros of every output stand among its elements; nothing else is written.
     sizes : sequence of int
         Elements of every output.
+    lanes : Lanes
+        As many as a vector of the processor holds.
 
     Raises
     ------
     UnknownInstructionError
         An instruction is not known.
     """
-    program = _Program(function, varying)
+    program = _Program(function, varying, lanes)
     inputs, _ = _counts(function)
-    entry = block_loop(inputs[:varying], program.parts, places, sizes)
+    entry = block_loop(inputs[:varying], program.parts, places, sizes, int(function.sz_w()), lanes)
     return "\n".join([*program.text(), *entry, _ATTRIBUTES])
 
 
-def scratch_size(function: ca.Function, varying: int) -> int:
+def scratch_size(function: ca.Function, varying: int, lanes: Lanes) -> int:
     """Return how many numbers `ENTRY` needs to work with."""
     inputs = sum(_counts(function)[0][:varying])
-    return LANES * (inputs + sum(_counts(function)[1]) + int(function.sz_w()) + 1)
+    rows = inputs + sum(_counts(function)[1]) + int(function.sz_w()) + 1
+    return lanes.count * (rows + lanes.count)
 
 
 def _counts(function: ca.Function) -> tuple[list[int], list[int]]:
@@ -140,9 +146,9 @@ _Step = tuple[int, Sequence[int], Sequence[int], float]
 class _Program:
     """The instructions as functions of at most `_PART` of them: see the module."""
 
-    def __init__(self, function: ca.Function, varying: int) -> None:
+    def __init__(self, function: ca.Function, varying: int, lanes: Lanes) -> None:
         inputs, outputs = _counts(function)
-        self._varying = varying
+        self._varying, self._lanes = varying, lanes
         self._inputs = _starts(inputs[:varying])[:-1] + _starts(inputs[varying:])
         self._outputs = _starts(outputs)
         self._used: dict[str, list[str]] = {}
@@ -159,7 +165,7 @@ class _Program:
         return [line for _, lines in sorted(self._used.items()) for line in lines] + self._lines
 
     def _part(self, number: int, steps: Sequence[_Step], kept: set[int]) -> list[str]:
-        part = _Part()
+        part = _Part(self._lanes)
         for operation, result, operands, number_of_constant in steps:
             if operation == ca.OP_OUTPUT:
                 row = self._outputs[result[0]] + result[1]
@@ -168,7 +174,7 @@ class _Program:
                 row = self._inputs[operands[0]] + operands[1]
                 part.values[result[0]] = part.given(row, varies=operands[0] < self._varying)
             elif operation == ca.OP_CONST:
-                part.values[result[0]] = _constant(number_of_constant)
+                part.values[result[0]] = self._lanes.constant(number_of_constant)
             else:
                 found = self._result(part, operation, [part.value(place) for place in operands])
                 part.values[result[0]] = found
@@ -181,29 +187,31 @@ class _Program:
 
     def _result(self, part: _Part, operation: int, operands: list[str]) -> str:
         x, y = operands[0], operands[-1]
-        names = {"v": VECTOR, "x": x, "y": y, "one": _constant(1), "zero": _constant(0)}
+        lanes = self._lanes
+        names = {"v": lanes, "x": x, "y": y, "one": lanes.constant(1), "zero": lanes.constant(0)}
         if operation in _EXACT:
             return part.does(_EXACT[operation].format(**names))
         if operation in _COMPARISON:
             return part.number(part.does("fcmp " + _COMPARISON[operation].format(**names)))
         if operation in _LOGICAL:
             return _LOGICAL[operation](part, x, y)
-        given = ", ".join(f"{VECTOR} {each}" for each in operands)
+        given = ", ".join(f"{lanes} {each}" for each in operands)
         if operation in _INTRINSIC:
-            name = f"@llvm.{_INTRINSIC[operation]}.v{LANES}f64"
-            kinds = ", ".join([VECTOR] * len(operands))
-            self._used[name] = [f"declare {VECTOR} {name}({kinds})"]
+            name = f"@llvm.{_INTRINSIC[operation]}.v{lanes.count}f64"
+            kinds = ", ".join([str(lanes)] * len(operands))
+            self._used[name] = [f"declare {lanes} {name}({kinds})"]
         else:
             called = LIBRARY[operation]
             name = f"@lanes_{called}"
-            self._used[name] = _lane_by_lane(called, len(operands))
-        return part.does(f"call {VECTOR} {name}({given})")
+            self._used[name] = _lane_by_lane(called, len(operands), lanes)
+        return part.does(f"call {lanes} {name}({given})")
 
 
 @dataclass
 class _Part:
     """The lines of one function, and what stands where in memory as long as it is done."""
 
+    lanes: Lanes
     lines: list[str] = field(default_factory=list)
     values: dict[int, str] = field(default_factory=dict)
     """Names of what the places of CasADi's work hold now."""
@@ -216,15 +224,17 @@ class _Part:
 
     def chosen(self, holds: str, value: str, other: str) -> str:
         """Return one of two values, depending on a condition."""
-        return self.does(f"select {_MASK} {holds}, {VECTOR} {value}, {VECTOR} {other}")
+        return self.does(
+            f"select {self.lanes.mask} {holds}, {self.lanes} {value}, {self.lanes} {other}"
+        )
 
     def number(self, holds: str) -> str:
         """Return 1 where a condition holds and 0 elsewhere."""
-        return self.does(f"uitofp {_MASK} {holds} to {VECTOR}")
+        return self.does(f"uitofp {self.lanes.mask} {holds} to {self.lanes}")
 
     def not_zero(self, value: str) -> str:
         """Return where a value is another number than 0, or none."""
-        return self.does(f"fcmp une {VECTOR} {value}, {_constant(0)}")
+        return self.does(f"fcmp une {self.lanes} {value}, {self.lanes.constant(0)}")
 
     def value(self, place: int) -> str:
         """Return the value at a place of CasADi's work."""
@@ -238,36 +248,38 @@ class _Part:
             return self._loaded("%inputs", row, "%v")
         at = self.does(f"getelementptr double, ptr %fixed, i64 {row}")
         number = self.does(f"load double, ptr {at}")
-        alone = self.does(f"insertelement {VECTOR} poison, double {number}, i32 0")
-        zeros = f"<{LANES} x i32> zeroinitializer"
-        return self.does(f"shufflevector {VECTOR} {alone}, {VECTOR} poison, {zeros}")
+        lanes = self.lanes
+        alone = self.does(f"insertelement {lanes} poison, double {number}, i32 0")
+        zeros = f"<{lanes.count} x i32> zeroinitializer"
+        return self.does(f"shufflevector {lanes} {alone}, {lanes} poison, {zeros}")
 
     def store(self, value: str, base: str, row: int) -> None:
         """Store a value in a row of memory."""
-        at = self.does(f"getelementptr {VECTOR}, ptr {base}, i64 {row}")
-        self.lines.append(f"  store {VECTOR} {value}, ptr {at}, align {8 * LANES}")
+        at = self.does(f"getelementptr {self.lanes}, ptr {base}, i64 {row}")
+        self.lines.append(f"  store {self.lanes} {value}, ptr {at}, align {self.lanes.bytes}")
 
     def _loaded(self, base: str, row: int, name: str) -> str:
-        at = self.does(f"getelementptr {VECTOR}, ptr {base}, i64 {row}")
-        return self.does(f"load {VECTOR}, ptr {at}, align {8 * LANES}", name)
+        at = self.does(f"getelementptr {self.lanes}, ptr {base}, i64 {row}")
+        return self.does(f"load {self.lanes}, ptr {at}, align {self.lanes.bytes}", name)
 
 
 def _sign(part: _Part, x: str, _: str) -> str:
-    above = part.does(f"fcmp ogt {VECTOR} {x}, {_constant(0)}")
-    below = part.does(f"fcmp olt {VECTOR} {x}, {_constant(0)}")
-    return part.chosen(below, _constant(-1), part.chosen(above, _constant(1), x))
+    lanes = part.lanes
+    above = part.does(f"fcmp ogt {lanes} {x}, {lanes.constant(0)}")
+    below = part.does(f"fcmp olt {lanes} {x}, {lanes.constant(0)}")
+    return part.chosen(below, lanes.constant(-1), part.chosen(above, lanes.constant(1), x))
 
 
 def _joint(joint: str) -> Callable[[_Part, str, str], str]:
     def both(part: _Part, x: str, y: str) -> str:
         first, second = part.not_zero(x), part.not_zero(y)
-        return part.number(part.does(f"{joint} {_MASK} {first}, {second}"))
+        return part.number(part.does(f"{joint} {part.lanes.mask} {first}, {second}"))
 
     return both
 
 
 def _if_not_zero(part: _Part, x: str, y: str) -> str:
-    return part.chosen(part.not_zero(x), y, _constant(0))
+    return part.chosen(part.not_zero(x), y, part.lanes.constant(0))
 
 
 _LOGICAL = {
@@ -307,22 +319,17 @@ def _kept(steps: Sequence[_Step], cuts: Sequence[int]) -> list[set[int]]:
     return found[::-1]
 
 
-def _constant(value: float) -> str:
-    bits = struct.unpack("<Q", struct.pack("<d", value))[0]
-    return f"<{', '.join([f'double 0x{bits:016X}'] * LANES)}>"
-
-
-def _lane_by_lane(name: str, operands: int) -> list[str]:
+def _lane_by_lane(name: str, operands: int, lanes: Lanes) -> list[str]:
     """Return a function that calls one of the C library's for sample after sample."""
     kinds = ", ".join(["double"] * operands)
-    parameters = ", ".join(f"{VECTOR} %x{j}" for j in range(operands))
+    parameters = ", ".join(f"{lanes} %x{j}" for j in range(operands))
     lines = [f"declare double @{name}({kinds})"]
-    lines.append(f"define private {VECTOR} @lanes_{name}({parameters}) noinline #0 {{")
+    lines.append(f"define private {lanes} @lanes_{name}({parameters}) noinline #0 {{")
     whole = "poison"
-    for k in range(LANES):
-        lines += [f"  %x{j}_{k} = extractelement {VECTOR} %x{j}, i32 {k}" for j in range(operands)]
+    for k in range(lanes.count):
+        lines += [f"  %x{j}_{k} = extractelement {lanes} %x{j}, i32 {k}" for j in range(operands)]
         given = ", ".join(f"double %x{j}_{k}" for j in range(operands))
         lines.append(f"  %y{k} = call double @{name}({given})")
-        lines.append(f"  %whole{k} = insertelement {VECTOR} {whole}, double %y{k}, i32 {k}")
+        lines.append(f"  %whole{k} = insertelement {lanes} {whole}, double %y{k}, i32 {k}")
         whole = f"%whole{k}"
-    return [*lines, f"  ret {VECTOR} {whole}", "}"]
+    return [*lines, f"  ret {lanes} {whole}", "}"]

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from constraints import limit_definitions
-from expdesign.evaluation import BatchFunction
+from expdesign.evaluation import BatchFunction, machine_code
+from expdesign.evaluation.block_loop import Lanes
 from expdesign.evaluation.machine_code import CACHE, SWITCH, VIRTUAL_MACHINE, evaluator
 from expdesign.mechanism.graph import Friction
 from expdesign.robot import LimitModel, load_robot
@@ -61,8 +62,11 @@ def everything():
     return BatchFunction("all", [ca.vertcat(x, y)], [p], outputs)
 
 
+@pytest.mark.parametrize("lanes", [2, 4, 8])
 @pytest.mark.parametrize("count", [0, 1, 7, 8, 9, 1500])
-def test_every_operation_of_every_value(count):
+def test_every_operation_of_every_value(count, lanes, monkeypatch):
+    # Processors differ in how many numbers a register holds.
+    monkeypatch.setattr(machine_code, "_lanes", lambda: Lanes(lanes))
     special = np.stack(np.meshgrid(SPECIAL, SPECIAL), axis=-1).reshape(-1, 2)
     drawn = np.random.default_rng(0).normal(size=(1500, 2))
     varying = np.concatenate([special, drawn, special])[-count or len(drawn) * 2 :]
