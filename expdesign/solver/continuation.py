@@ -20,6 +20,11 @@ _SETTLED = 1e-3
 """At the beginning of a stage near its optimum: from 0.01 it goes far away and comes back."""
 _FINISH_NEAR = 0.1
 _FINISH_RADIUS = 0.2
+_LAST_NEAR, _LAST_RADIUS = 0.03, 0.05
+"""Of Ipopt's round. In a larger box it wanders off, to where rows that were left out are broken;
+with three times the rows its linear algebra takes three times as long (measured)."""
+_FINISHED = 1e-4
+"""First barrier of the finish, which sets out from an optimum: as `_SETTLED`."""
 
 
 def coarse_points(harmonics: int) -> int:
@@ -160,5 +165,10 @@ def finish_stage(
         near=_FINISH_NEAR,
         radius=_FINISH_RADIUS,
         iterations=max(10, iterations // 4),
-        barrier=_SETTLED,
+        barrier=_FINISHED,
     )
+
+
+def last_stage(stage: Stage) -> Stage:
+    """Return the settings of Ipopt's round, which sets out from what the rounds before found."""
+    return replace(stage, solver="ipopt", near=_LAST_NEAR, radius=_LAST_RADIUS)

@@ -21,6 +21,8 @@ from expdesign.recheck.certificate import recheck
 from expdesign.recheck.fine_grid import grid_points, local_worst, states_at, worst_sampled
 from expdesign.recheck.information import Evaluator
 from expdesign.recheck.limit_check import TOLERANCE, Recheck
+from expdesign.robot import LimitModel
+from expdesign.solver.continuation import last_stage
 from expdesign.solver.hum_distance import KnownHum
 from expdesign.solver.stage import Report, Stage, StageRecord, TracePoint, solve_rows
 from expdesign.trajectory import FourierTrajectory
@@ -29,6 +31,8 @@ _CHECKS = 4
 _WORTHWHILE = 2e-3
 _LARGEST_MARGIN = 0.2
 SMALLEST_FACTOR = 0.8
+_LITTLE = 0.98
+"""Tried first: most motions need less, and few of their moments are near a bound."""
 _RESOLUTION = 1e-6
 
 GRID_MARGIN = 5e-5
@@ -94,7 +98,9 @@ def finish(
     """
     x = start.copy()
     x[-1] = problem.variables.bounds()[0][-1]
-    best = candidate = _checked(problem, x, proving=proving)
+    # What is settled is proved only where Ipopt's round does not lead to something better.
+    proved = proving and not settled
+    best = candidate = _checked(problem, x, proving=proved)
     kept = x
     best_merit = evaluator.merit(best.trajectory, problem.cost.samples)
     record, last_merit = StageRecord.of(stage), best_merit
@@ -107,11 +113,12 @@ def finish(
         # Each round has all of the stage's iterations: the rows and their margins are new. Ipopt,
         # from the optimum of a program that is not quite the same, needs twice as many at times.
         ipopt = proving and last
+        present = last_stage(stage) if ipopt else stage
         x, status = solve_rows(
             problem,
-            replace(stage, solver="ipopt") if ipopt else stage,
-            _critical_rows(problem, x, stage, candidate.check, seen),
-            (x, stage.radius),
+            present,
+            _critical_rows(problem, x, present, candidate.check, seen),
+            (x, present.radius),
             record,
             report,
             most=(1 + ipopt) * stage.iterations,
@@ -119,6 +126,10 @@ def finish(
         candidate = _checked(problem, x, proving=proving)
         merit = evaluator.merit(candidate.trajectory, problem.cost.samples)
         gain = evaluator.gain(merit, best_merit)
+        if gain <= 0 and proving and not proved:
+            best, proved = _checked(problem, kept, proving=True), True
+            best_merit = evaluator.merit(best.trajectory, problem.cost.samples)
+            gain = evaluator.gain(merit, best_merit)
         standing, before = (
             (check.certified, check.passed) for check in (candidate.check, best.check)
         )
@@ -240,29 +251,32 @@ def shrink_to_limits(
     rows = problem.limits.violations(states_at(trajectory, times))
     if np.all(rows <= -margin):
         return Shrunk(trajectory, 1.0, kept=True)
-    # The moments that decide are the worst ones of each row; shrinking moves them little.
-    decisive = _decisive(rows)
-    near, limits = times[np.any(decisive, axis=1)], problem.limits.among(decisive)
+    for smallest in (_LITTLE, SMALLEST_FACTOR):
+        # The moments that decide are the worst ones of each row; shrinking moves them little.
+        decisive = _decisive(rows, smallest)
+        near, limits = times[np.any(decisive, axis=1)], problem.limits.among(decisive)
 
-    def excess(factor: float) -> float:
-        states = states_at(_scaled(trajectory, factor), near)
-        worst = np.max(limits.violations(states), initial=-1.0)
-        # What is not a number is not kept either.
-        return float(np.nan_to_num(np.clip(worst, -1.0, 1.0), nan=1.0)) + margin
+        def excess(factor: float, near: Array = near, limits: LimitModel = limits) -> float:
+            states = states_at(_scaled(trajectory, factor), near)
+            worst = np.max(limits.violations(states), initial=-1.0)
+            # What is not a number is not kept either.
+            return float(np.nan_to_num(np.clip(worst, -1.0, 1.0), nan=1.0)) + margin
 
-    if excess(SMALLEST_FACTOR) > 0:
-        return Shrunk(_scaled(trajectory, SMALLEST_FACTOR), SMALLEST_FACTOR, kept=False)
-    factor = brentq(excess, SMALLEST_FACTOR, 1.0, xtol=_RESOLUTION) if excess(1.0) > 0 else 1.0
-    while excess(factor) > 0:
-        factor -= _RESOLUTION
-    return Shrunk(_scaled(trajectory, factor), factor, kept=True)
+        if excess(smallest) > 0:
+            continue
+        factor = brentq(excess, smallest, 1.0, xtol=_RESOLUTION) if excess(1.0) > 0 else 1.0
+        while excess(factor) > 0:
+            factor -= _RESOLUTION
+        return Shrunk(_scaled(trajectory, factor), factor, kept=True)
+    return Shrunk(_scaled(trajectory, SMALLEST_FACTOR), SMALLEST_FACTOR, kept=False)
 
 
-def _decisive(rows: Array) -> NDArray[np.bool_]:
-    """Mark the moments at which a row has a local worst that is near its bound, (N, R)."""
-    peaks = (
-        local_worst(rows, periodic=True) & np.isfinite(rows) & (rows > -2 * (1 - SMALLEST_FACTOR))
-    )
+def _decisive(rows: Array, smallest: float) -> NDArray[np.bool_]:
+    """Mark the moments at which a row has a local worst that is near its bound, (N, R).
+
+    Near enough for a motion that is not shrunk by more than a factor.
+    """
+    peaks = local_worst(rows, periodic=True) & np.isfinite(rows) & (rows > -2 * (1 - smallest))
     return peaks | np.roll(peaks, 1, axis=0) | np.roll(peaks, -1, axis=0) | (rows > 0)
 
 

@@ -34,6 +34,8 @@ _SUFFICIENT = 1e-4
 _HALVINGS = 12
 _TOLERANCE = 1e-4
 """Of the conditions of optimality, scaled as Ipopt does."""
+_REUSED = 2
+"""Iterations that share a Hessian of the cost, the dearest part of them: it changes little."""
 _STILL, _ROUNDS = 2e-4, 5
 """Change of the objective, in how many iterations one after the other, that counts as none."""
 
@@ -139,7 +141,7 @@ class _InteriorPoint:
         """Iterate until it converges, stands still, is stopped, or has no iterations left."""
         began = time.perf_counter()
         bounded = self._bounds.variables
-        point = self._at(np.clip(start, self._program.lower, self._program.upper))
+        point = self._at(np.clip(start, self._program.lower, self._program.upper), None)
         slacks = self._bounds.inside(point.values)
         lower, upper = (np.where(side, 1.0, 0.0) for side in self._bounds.sides)
         duals = _Duals(np.zeros(len(slacks)), lower, upper)
@@ -174,7 +176,8 @@ class _InteriorPoint:
             if moved is None:
                 status = "Search_Direction_Becomes_Too_Small"
                 break
-            point, slacks, duals = moved
+            x, slacks, duals = moved
+            point = self._at(x, point.hessian if (done + 1) % _REUSED else None)
             stood = abs(point.cost - before) <= _STILL * max(1.0, abs(before))
             still = still + 1 if stood and violation < self._feasible else 0
             done += 1
@@ -199,23 +202,24 @@ class _InteriorPoint:
         except LinAlgError:  # the information of such a motion is not finite
             return np.nan
 
-    def _at(self, x: Array) -> _Point:
+    def _at(self, x: Array, hessian: Array | None) -> _Point:
+        """Return what there is to know at a point, with a Hessian of before if one is given."""
         self._counts["grad_f"] += 1
         self._counts["jac_g"] += 1
         try:
-            cost, gradient, hessian = self._program.cost_derivatives(x)
+            if hessian is None:
+                cost, gradient, hessian = self._program.cost_derivatives(x)
+                hessian = WEIGHT * hessian
+            else:
+                cost, gradient = self._program.cost_gradient(x)
         except LinAlgError:
-            cost, gradient, hessian = (
-                np.nan,
-                np.full(x.size, np.nan),
-                np.full((x.size,) * 2, np.nan),
-            )
+            cost, gradient, hessian = np.nan, np.full(x.size, np.nan), np.eye(x.size)
         rows = self._program.linear_rows(x)
         return _Point(
             x,
             WEIGHT * cost,
             WEIGHT * gradient,
-            WEIGHT * hessian,
+            hessian,
             self._with_rows(x, rows.values),
             self._bounds.variables,
             rows,
@@ -266,7 +270,7 @@ class _InteriorPoint:
         gaps: Pair,
         step: _Step,
         barrier: float,
-    ) -> tuple[_Point, Array, _Duals] | None:
+    ) -> tuple[Array, Array, _Duals] | None:
         """Go as far along the step as the merit function falls; return where that leads.
 
         Where it falls nowhere, a short step is taken all the same; None where there is no number.
@@ -315,7 +319,7 @@ class _InteriorPoint:
             )
         )
         values = duals.values + share * step.duals.values
-        return self._at(x), moved, _Duals(values, lower, upper)
+        return x, moved, _Duals(values, lower, upper)
 
     def _merit(self, cost: float, slacks: Array, apart: float, barrier: float) -> float:
         found = cost - barrier * self._bounds.logarithms(slacks) + self._penalty * apart

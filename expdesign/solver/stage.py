@@ -13,17 +13,9 @@ from constraints.arrays import Array, Mask
 from expdesign.information.spectral import Criterion
 from expdesign.problem.design_problem import DesignProblem
 from expdesign.solver.interior_point import solve_by_interior_point
-from expdesign.solver.ipopt import COMMON_OPTIONS, solve_with_ipopt
-from expdesign.solver.solution import FEASIBLE, WEIGHT, Solution
+from expdesign.solver.ipopt import IPOPT_OPTIONS, solve_with_ipopt
+from expdesign.solver.solution import FEASIBLE, Solution
 from expdesign.workers import Monitor
-
-IPOPT_OPTIONS = {
-    **COMMON_OPTIONS,
-    "obj_scaling_factor": WEIGHT,
-    "tol": 1e-4,
-    "acceptable_constr_viol_tol": 1e-3,
-}
-
 
 _ROUNDS = 5
 _FAR = 0.05

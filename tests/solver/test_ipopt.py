@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from expdesign.solver.ipopt import solve_with_ipopt
-from expdesign.solver.stage import IPOPT_OPTIONS
+from expdesign.solver.ipopt import IPOPT_OPTIONS, solve_with_ipopt
 from tests.solver.programs import INF, Fit, Quadratic, Rosenbrock, quadratic, rosenbrock
 
 CURVATURES = ("gauss-newton", "limited-memory")
