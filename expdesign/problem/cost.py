@@ -16,6 +16,7 @@ from expdesign.information.marginal import PriorMachine
 from expdesign.information.periodic_noise import PeriodicNoise
 from expdesign.information.spectral import Criterion, SpectralCost, spectral_cost
 from expdesign.mechanism.graph import Friction, hexapod_graph
+from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.mechanism.term import Term
 from expdesign.problem.variables import DesignVariables
 from expdesign.trajectory import PhaseBasis
@@ -25,25 +26,27 @@ _AT_ONCE = 64
 
 
 @cache
-def _kernel(terms: tuple[Term, ...], *, slopes: bool) -> BatchFunction:
-    """Return the smoothed regressor of one instant (, and its derivatives, (18, 6 m))."""
+def _kernels(terms: tuple[Term, ...]) -> tuple[BatchFunction, BatchFunction, BatchFunction]:
+    """Return the smoothed regressor A of one instant, and two derivatives to the state.
+
+    That is S⁻¹A, (6, m), with a lower triangular S⁻¹; ∂A/∂state, (18, 6 m); and what a weighted sum
+    of the elements of S⁻¹A changes by, (18,).
+    """
     graph = hexapod_graph(terms)
     regressor = graph.regressor_with(Friction.SMOOTH)
-    outputs = [regressor]
-    if slopes:
-        outputs.append(ca.jacobian(ca.vec(regressor.T), graph.state).T)
-    return BatchFunction("regressor", [graph.state], [graph.machine, graph.width], outputs)
-
-
-@cache
-def _pulled_kernel(terms: tuple[Term, ...]) -> BatchFunction:
-    """Return what a weighted sum of the smoothed regressor's elements changes with the state."""
-    graph = hexapod_graph(terms)
-    regressor = graph.regressor_with(Friction.SMOOTH)
-    weights = ca.SX.sym("weight", regressor.numel())
-    slope = ca.jtimes(ca.vec(regressor.T), graph.state, weights, True)
+    triangle = ca.Sparsity.lower(COORDINATES)
+    white = ca.SX.sym("white", triangle.nnz())
+    factor = ca.mtimes(ca.SX(triangle, white), regressor)
+    weights = ca.SX.sym("weight", factor.numel())
+    pulled = ca.jtimes(ca.vec(factor.T), graph.state, weights, True)
+    slopes = ca.jacobian(ca.vec(regressor.T), graph.state).T
     fixed = [graph.machine, graph.width]
-    return BatchFunction("regressor_pulled", [graph.state, weights], fixed, [slope])
+    whitened = [*fixed, white]
+    return (
+        BatchFunction("regressor", [graph.state], whitened, [factor]),
+        BatchFunction("regressor_slopes", [graph.state], fixed, [slopes]),
+        BatchFunction("regressor_pulled", [graph.state, weights], whitened, [pulled]),
+    )
 
 
 @dataclass(frozen=True)
@@ -76,8 +79,7 @@ class InformationCost:
     def information(self, variables: Array, width: float) -> Array:
         """Return the scaled, smoothed F per sample, (k, k)."""
         states = self.variables.states(variables, self.basis)
-        (regressors,) = _kernel(self.terms, slopes=False)(states, self.machine, np.array([width]))
-        return self._information(regressors, self._omega(variables))
+        return self._information(self._factor(states, width), self._omega(variables))
 
     def value(self, variables: Array, width: float, level: float) -> float:
         """Return the cost alone."""
@@ -92,33 +94,27 @@ class InformationCost:
         self, variables: Array, width: float, level: float
     ) -> tuple[float, Array, Array]:
         """Return cost, gradient (z,) and positive semidefinite Gauss–Newton Hessian (z, z)."""
-        basis = self.basis
-        states = self.variables.states(variables, basis)
-        fixed = self.machine, np.array([width])
-        (regressors,) = _kernel(self.terms, slopes=False)(states, *fixed)
-        weighted, cost = self._judged(regressors, variables, level)
-        count, actuators, k = weighted.shape
-        every = np.array_equal(self.columns, np.arange(regressors.shape[2]))
+        states = self.variables.states(variables, self.basis)
+        factor = self._factor(states, width)
+        cost, directions = self._judged(factor, variables, level)
+        weighted = self._weighted(factor, self._omega(variables))
+        count, actuators, m = weighted.shape
         # In the eigenbasis: one factor rotated here, the other after the sum over the samples.
-        rotated = (weighted @ cost.basis).transpose(0, 2, 1)
-        directions = cost.basis.shape[1]
-        summed = np.zeros((variables.size, directions * k))
-        slope = self.variables.slope(variables, basis)
+        rotated = (weighted @ directions).transpose(0, 2, 1)
+        k = directions.shape[1]
+        summed = np.zeros((variables.size, k * m))
+        slope = self.variables.slope(variables, self.basis)
         for first in range(0, count, _AT_ONCE):
             block = slice(first, first + _AT_ONCE)
-            _, flat = _kernel(self.terms, slopes=True)(states[block], *fixed)
+            (flat,) = _kernels(self.terms)[1](states[block], *self._fixed(width))
             # ∂A/∂state, (samples, 18, 6, m)
-            by_state = flat.reshape(len(flat), -1, actuators, regressors.shape[2])
-            chosen = by_state if every else by_state[..., self.columns]
-            products = np.matmul(rotated[block, None], chosen).reshape(
-                len(flat), -1, directions * k
-            )
+            by_state = flat.reshape(len(flat), -1, actuators, m)
+            products = np.matmul(rotated[block, None], by_state).reshape(len(flat), -1, k * m)
             summed += slope.part(block).accumulated(products)
-        columns = self.scaling[:, None] * cost.basis / count
-        half = np.matmul(columns.T, summed.reshape(-1, directions, k).transpose(0, 2, 1))
+        half = np.matmul(directions.T / count, summed.reshape(-1, k, m).transpose(0, 2, 1))
         change = half + half.transpose(0, 2, 1)
         if self.memory is not None:
-            change[-1] += cost.basis.T @ self._spectrum_slope(weighted, variables) @ cost.basis
+            change[-1] += directions.T @ self._spectrum_slope(weighted, variables) @ directions
         own = np.einsum("zii->zi", change)
         gradient = own @ cost.slope
         # A product with itself takes half the work of one of two matrices.
@@ -128,48 +124,41 @@ class InformationCost:
 
     def gradient(self, variables: Array, width: float, level: float) -> tuple[float, Array]:
         """Return cost and gradient (z,) alone, by one sweep in reverse in place of a Jacobian."""
-        basis = self.basis
-        states = self.variables.states(variables, basis)
-        fixed = self.machine, np.array([width])
-        (regressors,) = _kernel(self.terms, slopes=False)(states, *fixed)
-        weighted, cost = self._judged(regressors, variables, level)
-        # tr(∂cost/∂F dF) = Σ 2 (Σ⁻¹ A ∂cost/∂F) : dA, back through the column scales.
-        by_information = (cost.basis * cost.slope) @ cost.basis.T
-        by_regressor = np.zeros_like(regressors)
-        by_factor = weighted @ by_information
-        by_regressor[..., self.columns] = by_factor * self.scaling * (2 / len(weighted))
-        flat = by_regressor.reshape(len(weighted), -1)
-        (by_state,) = _pulled_kernel(self.terms)(states, flat, *fixed)
-        slope = self.variables.slope(variables, basis)
+        states = self.variables.states(variables, self.basis)
+        factor = self._factor(states, width)
+        cost, directions = self._judged(factor, variables, level)
+        # tr(∂cost/∂F dF) = Σ 2 (S⁻¹A ∂cost/∂F) : d(S⁻¹A), and so with the noise's own weights.
+        by_information = (directions * cost.slope) @ directions.T
+        omega = self._omega(variables)
+        weighted = factor if self.memory is None else self.memory.weighted(factor, omega)
+        by_factor = weighted.reshape(-1, len(directions)) @ (by_information * (2 / len(factor)))
+        flat = by_factor.reshape(len(factor), -1)
+        (by_state,) = _kernels(self.terms)[2](states, flat, *self._fixed(width), self._white_rows)
+        slope = self.variables.slope(variables, self.basis)
         summed = slope.accumulated(by_state[:, :, None])[:, 0]
         if self.memory is not None:
             summed[-1] += np.sum(by_information * self._spectrum_slope(weighted, variables))
         return cost.value, summed
 
-    def _judged(
-        self, regressors: Array, variables: Array, level: float
-    ) -> tuple[Array, SpectralCost]:
-        """Return scaled A, weighted by the noise (N, 6, k), and the criterion's derivatives.
+    def _judged(self, factor: Array, variables: Array, level: float) -> tuple[SpectralCost, Array]:
+        """Return the criterion's derivatives, and the eigenbasis of what it judges.
 
-        White noise weights every sample by Σ⁻¹. dF is twice the symmetric part of the sum over
-        (weighted A)ᵀ dA, its columns scaled.
+        The latter, (m, k), is that of the scaled columns which are judged, so that of all columns
+        as they are.
         """
-        omega = self._omega(variables)
-        factor = self._factor(regressors)
-        information = self._of_factor(factor, omega)
+        information = self._information(factor, self._omega(variables))
         if self._scaled_prior is None:
             cost = spectral_cost(information, self.criterion, level)
         else:
             cost = self._scaled_prior.cost(information, 1, self.criterion, level)
-        if self.memory is not None:
-            return self.memory.weighted(factor, omega), cost
-        return np.matmul(self._white.T, factor), cost
+        directions = np.zeros((factor.shape[2], cost.basis.shape[1]))
+        directions[self.columns] = self.scaling[:, None] * cost.basis
+        return cost, directions
 
     def compile(self) -> None:
         """Make the machine code of what the search evaluates, where it can be made."""
-        for slopes in (False, True):
-            _kernel(self.terms, slopes=slopes).compile()
-        _pulled_kernel(self.terms).compile()
+        for kernel in _kernels(self.terms):
+            kernel.compile()
 
     def readable(self, cost: float) -> float:
         """Return the criterion that a cost stands for: F over all samples, SI for ``d``."""
@@ -183,29 +172,43 @@ class InformationCost:
 
     @cached_property
     def _white(self) -> Array:
-        return whitening(self.covariance)
+        """S⁻¹ of the white noise; noise with a memory is not whitened sample by sample."""
+        return np.eye(COORDINATES) if self.memory is not None else whitening(self.covariance)
+
+    @cached_property
+    def _white_rows(self) -> Array:
+        """Its lower triangle, column after column."""
+        return self._white.T[np.triu_indices(COORDINATES)]
+
+    def _fixed(self, width: float) -> tuple[Array, Array]:
+        return self.machine, np.array([width])
 
     def _omega(self, variables: Array) -> float:
         return float(variables[-1] * self.variables.omega_scale)
 
-    def _information(self, regressors: Array, omega: float) -> Array:
-        """Return the scaled F per sample, (k, k), of A at every sample, (N, 6, m)."""
-        return self._of_factor(self._factor(regressors), omega)
+    def _factor(self, states: Array, width: float) -> Array:
+        """Return A at every state, (N, 6, m), whitened if the noise has no memory."""
+        (factor,) = _kernels(self.terms)[0](states, *self._fixed(width), self._white_rows)
+        return factor
 
-    def _of_factor(self, factor: Array, omega: float) -> Array:
-        """Return the same of what `_factor` returns."""
+    def _information(self, factor: Array, omega: float) -> Array:
+        """Return the scaled F per sample, (k, k), of what `_factor` returns."""
         if self.memory is not None:
-            return self.memory.information(factor, omega) / len(factor)
-        stacked = factor.reshape(-1, factor.shape[2])
-        return stacked.T @ stacked / self.samples
+            information = self.memory.information(factor, omega) / len(factor)
+        else:
+            stacked = factor.reshape(-1, factor.shape[2])
+            information = stacked.T @ stacked / len(factor)
+        judged = information[np.ix_(self.columns, self.columns)]
+        return np.asarray(judged * np.multiply.outer(self.scaling, self.scaling))
 
-    def _factor(self, regressors: Array) -> Array:
-        """Return the scaled columns that are judged, whitened if the noise has no memory."""
-        chosen = regressors[..., self.columns] * self.scaling
-        return np.matmul(self._white, chosen) if self.memory is None else chosen
+    def _weighted(self, factor: Array, omega: float) -> Array:
+        """Return A weighted by the noise: dF is twice the symmetric part of Σ (weighted A)ᵀ dA."""
+        if self.memory is not None:
+            return self.memory.weighted(factor, omega)
+        return np.matmul(self._white.T, factor)
 
     def _spectrum_slope(self, weighted: Array, variables: Array) -> Array:
-        """Return what the scaled ω changes F per sample by through the spectrum alone, (k, k)."""
+        """Return what the scaled ω changes F per sample by through the spectrum alone, (m, m)."""
         if self.memory is None:
             return np.zeros((weighted.shape[2],) * 2)
         slope = self.memory.slope(weighted, self._omega(variables))

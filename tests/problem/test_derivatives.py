@@ -217,7 +217,7 @@ def test_gradient_of_the_cost(criterion, problem, points):
         for x in points[:1] if level else points[:2]:
             value, gradient, _ = problem.cost.derivatives(x, WIDTH, level)
             assert value == pytest.approx(problem.cost.value(x, WIDTH, level), rel=1e-7)
-            expected = _central(lambda y, p=problem, k=level: p.cost.value(y, WIDTH, k), x, h=1e-4)
+            expected = _central(lambda y, p=problem, k=level: p.cost.value(y, WIDTH, k), x, h=2e-4)
             _assert_close(gradient, expected, 1e-6)
 
 
