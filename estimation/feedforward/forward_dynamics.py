@@ -8,14 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
 
 import casadi as ca
 import numpy as np
 
 from constraints.arrays import Array
 from expdesign.configuration.sections.disturbances import Cogging
-from expdesign.evaluation.batch import BatchFunction
+from expdesign.evaluation.batch import Graph
+from expdesign.evaluation.kernel import kernel
 from expdesign.mechanism.graph import Friction, HexapodGraph, hexapod_graph
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
 from expdesign.mechanism.term import Term
@@ -56,8 +56,8 @@ class _Symbols:
         self.lengths = lengths
 
 
-@cache
-def _step_kernel(terms: tuple[Term, ...]) -> BatchFunction:
+@kernel
+def _step_kernel(terms: tuple[Term, ...]) -> Graph:
     """State (12) and forces (6) → the state a step later, and the lengths there."""
     graph = hexapod_graph(terms)
     own = _Symbols(graph)
@@ -76,17 +76,17 @@ def _step_kernel(terms: tuple[Term, ...]) -> BatchFunction:
     after = own.state + step / 6 * (one + 2 * two + 2 * three + four)
     fixed = [*own.fixed, step]
     outputs = [after, at(lengths, after)]
-    return BatchFunction("forward_step", [own.state, own.forces], fixed, outputs)
+    return Graph("forward_step", [own.state, own.forces], fixed, outputs)
 
 
-@cache
-def _acceleration_kernel(terms: tuple[Term, ...]) -> BatchFunction:
+@kernel
+def _acceleration_kernel(terms: tuple[Term, ...]) -> Graph:
     """State (12) and forces (6) → λ̈ (6) and its slopes to the rate and to the forces (6, 6)."""
     graph = hexapod_graph(terms)
     own = _Symbols(graph)
     outputs = [own.acceleration]
     outputs += [ca.jacobian(own.acceleration, by) for by in (graph.rate, own.forces)]
-    return BatchFunction("forward", [own.state, own.forces], own.fixed, outputs)
+    return Graph("forward", [own.state, own.forces], own.fixed, outputs)
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from functools import cache
 from typing import NamedTuple
 
 import casadi as ca
 
 from constraints.arrays import Array
 from estimation.measurement_model.motion import HarmonicMotion
-from expdesign.evaluation.batch import BatchFunction
+from expdesign.evaluation.batch import Graph
+from expdesign.evaluation.kernel import kernel
 from expdesign.mechanism.graph import Friction, hexapod_graph
 from expdesign.mechanism.term import Term
 from expdesign.robot import Robot
@@ -22,13 +22,13 @@ def chunks(count: int) -> list[slice]:
     return [slice(first, first + _CHUNK) for first in range(0, count, _CHUNK)]
 
 
-@cache
-def force_kernel(terms: tuple[Term, ...]) -> BatchFunction:
+@kernel
+def force_kernel(terms: tuple[Term, ...]) -> Graph:
     """State (18), signs (s) → regressor A (6, m) and ∂(A p)/∂state (6, 18), signs held."""
     graph = hexapod_graph(terms)
     regressor = graph.regressor_with(Friction.HELD)
     slope = graph.force_slope(Friction.HELD, graph.state)
-    return BatchFunction(
+    return Graph(
         "force_sensitivity",
         [graph.state, graph.signs],
         [graph.machine, graph.parameters],
@@ -36,28 +36,28 @@ def force_kernel(terms: tuple[Term, ...]) -> BatchFunction:
     )
 
 
-@cache
-def held_regressor_kernel(terms: tuple[Term, ...]) -> BatchFunction:
+@kernel
+def held_regressor_kernel(terms: tuple[Term, ...]) -> Graph:
     """State (18), signs (s) → regressor A (6, m) with the signs given."""
     graph = hexapod_graph(terms)
     regressor = graph.regressor_with(Friction.HELD)
-    return BatchFunction("held_regressor", [graph.state, graph.signs], [graph.machine], [regressor])
+    return Graph("held_regressor", [graph.state, graph.signs], [graph.machine], [regressor])
 
 
-@cache
-def sliding_kernel(terms: tuple[Term, ...]) -> BatchFunction:
+@kernel
+def sliding_kernel(terms: tuple[Term, ...]) -> Graph:
     """State (18) → the rates (s) of dry friction and their slope to λ, λ̇ (s, 12)."""
     graph = hexapod_graph(terms)
     moving = ca.vertcat(graph.pose, graph.rate)
     slope = ca.jacobian(graph.sliding, moving)
-    return BatchFunction("sliding", [graph.state], [graph.geometry.vector], [graph.sliding, slope])
+    return Graph("sliding", [graph.state], [graph.geometry.vector], [graph.sliding, slope])
 
 
-@cache
-def sliding_rate_kernel(terms: tuple[Term, ...]) -> BatchFunction:
+@kernel
+def sliding_rate_kernel(terms: tuple[Term, ...]) -> Graph:
     """State (18) → the rates (s) of dry friction."""
     graph = hexapod_graph(terms)
-    return BatchFunction("sliding_rate", [graph.state], [graph.geometry.vector], [graph.sliding])
+    return Graph("sliding_rate", [graph.state], [graph.geometry.vector], [graph.sliding])
 
 
 def predict_lengths(robot: Robot, motion: HarmonicMotion, times: Array) -> tuple[Array, Array]:

@@ -6,14 +6,15 @@ memory that stays bound where there is one at a time: always the same numbers. T
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from constraints.arrays import Array
-from expdesign.evaluation.machine_code import MachineCode, machine_code
+from expdesign.evaluation.machine_code import Form, MachineCode, kept_code, machine_code
 from expdesign.evaluation.one_instant import OneInstant
 
 _LOADING = 64
@@ -25,6 +26,38 @@ _MOST_MAPS = 16
 """Bound on memory."""
 _PIECE = 512
 """Samples that the virtual machine takes at a time."""
+
+
+@dataclass(frozen=True)
+class Graph:
+    """Expressions of one instant: see `BatchFunction`."""
+
+    name: str
+    varying: Sequence[ca.SX]
+    fixed: Sequence[ca.SX]
+    outputs: Sequence[ca.SX]
+
+    def function(self) -> tuple[ca.Function, Form]:
+        """Return the function of the outputs' nonzeros, row by row, and what it is like."""
+        # CasADi stores by columns, NumPy by rows.
+        transposed = [output.T for output in self.outputs]
+        nonzeros = [t.nz[:] for t in transposed]
+        function = ca.Function(self.name, [*self.varying, *self.fixed], nonzeros, {"cse": True})
+        form = Form(
+            tuple(int(function.nnz_in(k)) for k in range(function.n_in())),
+            len(self.varying),
+            tuple((int(rows), int(columns)) for rows, columns in (o.shape for o in self.outputs)),
+            tuple(_places(t) for t in transposed),
+        )
+        return function, form
+
+
+def _places(transposed: ca.SX) -> tuple[int, ...]:
+    rows, columns = transposed.sparsity().get_triplet()
+    return tuple(
+        int(column) * transposed.shape[0] + int(row)
+        for column, row in zip(columns, rows, strict=True)
+    )
 
 
 class BatchFunction:
@@ -49,23 +82,28 @@ class BatchFunction:
         fixed: Sequence[ca.SX],
         outputs: Sequence[ca.SX],
     ) -> None:
-        # Row-major nonzeros: CasADi stores by columns, NumPy by rows.
-        transposed = [output.T for output in outputs]
-        nonzeros = [t.nz[:] for t in transposed]
-        self._function = ca.Function(name, [*varying, *fixed], nonzeros, {"cse": True})
-        self._varying = len(varying)
-        self._shapes = [output.shape for output in outputs]
-        self._places = [_places(t) for t in transposed]
+        self._set(partial(Graph, name, varying, fixed, outputs), None)
+
+    def _set(self, graph: Callable[[], Graph], name: str | None) -> None:
+        self._make, self._name = graph, name
         self._maps: dict[int, ca.Function] = {}
         self._code: MachineCode | None = None
         self._asked = 0
         """Samples so far."""
         self._one: OneInstant | None = None
 
+    @cached_property
+    def _graph(self) -> tuple[ca.Function, Form]:
+        return self._make().function()
+
+    @property
+    def _form(self) -> Form:
+        return self._code.form if self._code else self._graph[1]
+
     @property
     def instructions(self) -> int:
         """Number of scalar instructions per sample."""
-        return int(self._function.n_instructions())
+        return int(self._graph[0].n_instructions())
 
     def __call__(self, *inputs: Array) -> list[Array]:
         """Evaluate: varying inputs as (N, rows), fixed ones as (rows,).
@@ -75,21 +113,21 @@ class BatchFunction:
         ValueError
             There are other inputs than the function has, or one has another size.
         """
+        count = len(np.atleast_2d(inputs[0])) if inputs else 0
+        code, form = self._compiled(count), self._form
         # Machine code reads what it is given an address of, whatever is there.
-        if len(inputs) != self._function.n_in():
-            raise ValueError(f"{len(inputs)} inputs, not {self._function.n_in()}")
-        varying = [np.atleast_2d(value) for value in inputs[: self._varying]]
-        fixed = [np.asarray(value, dtype=np.float64) for value in inputs[self._varying :]]
-        count = varying[0].shape[0]
-        for k, value in enumerate([*varying, *fixed]):
-            size = self._function.nnz_in(k) * (count if k < self._varying else 1)
-            if value.size != size or (k < self._varying and len(value) != count):
+        if len(inputs) != len(form.inputs):
+            raise ValueError(f"{len(inputs)} inputs, not {len(form.inputs)}")
+        varying = [np.atleast_2d(value) for value in inputs[: form.varying]]
+        fixed = [np.asarray(value, dtype=np.float64) for value in inputs[form.varying :]]
+        for k, (value, rows) in enumerate(zip([*varying, *fixed], form.inputs, strict=True)):
+            size = rows * (count if k < form.varying else 1)
+            if value.size != size or (k < form.varying and len(value) != count):
                 raise ValueError(f"input {k}: {value.size} values, not {size}")
-        code = self._compiled(count)
         flat = code(varying, fixed) if code else self._mapped(varying, fixed, count)
         return [
             values if columns == 1 else values.reshape(count, rows, columns)
-            for values, (rows, columns) in zip(flat, self._shapes, strict=True)
+            for values, (rows, columns) in zip(flat, form.shapes, strict=True)
         ]
 
     @property
@@ -107,31 +145,31 @@ class BatchFunction:
         The same numbers as a call with one sample gives, in a fraction of the time.
         """
         if self._one is None:
-            self._one = OneInstant(self._function, self._shapes, self._places)
+            function, form = self._graph
+            places = [np.array(place, dtype=np.intp) for place in form.places]
+            self._one = OneInstant(function, form.shapes, places)
         return self._one(*inputs)
 
     def _compiled(self, count: int) -> MachineCode | None:
         before, self._asked = self._asked, self._asked + count
+        if self._code is None and self._name is not None and before == 0:
+            self._code = kept_code(self._name)
         for enough in (_LOADING, _COMPILING):
             if self._code is None and before < enough <= self._asked:
-                sizes = [rows * columns for rows, columns in self._shapes]
-                self._code = machine_code(
-                    self._function,
-                    self._varying,
-                    self._places,
-                    sizes,
-                    compiling=enough == _COMPILING,
-                )
+                function, form = self._graph
+                compiling = enough == _COMPILING
+                self._code = machine_code(function, form, self._name, compiling=compiling)
         return self._code
 
     def _mapped(self, varying: list[Array], fixed: list[Array], count: int) -> list[Array]:
         """Evaluate by the virtual machine: (N, elements) of every output."""
-        results = [np.zeros((count, rows * columns)) for rows, columns in self._shapes]
+        places = [list(place) for place in self._form.places]
+        results = [np.zeros((count, size)) for size in self._form.sizes]
         for start in range(0, count, _PIECE):
             piece = slice(start, start + _PIECE)
             found = self._piece([value[piece] for value in varying], fixed)
-            for whole, places, values in zip(results, self._places, found, strict=True):
-                whole[piece, places] = values
+            for whole, at, values in zip(results, places, found, strict=True):
+                whole[piece, at] = values
         return results
 
     def _piece(self, varying: list[Array], fixed: list[Array]) -> list[Array]:
@@ -140,13 +178,13 @@ class BatchFunction:
         if mapped is None:
             if len(self._maps) > _MOST_MAPS:
                 self._maps.clear()
-            mapped = self._maps[count] = self._function.map(count)
+            mapped = self._maps[count] = self._graph[0].map(count)
         # CasADi stores by columns and a map puts samples side by side: one sample after the
         # other in memory, as in a NumPy array with a row per sample. Nothing is converted.
         buffer, evaluate = mapped.buffer()
         inputs = [np.ascontiguousarray(value, dtype=np.float64) for value in varying]
         inputs += [np.tile(np.ravel(value), (count, 1)).astype(np.float64) for value in fixed]
-        outputs = [np.empty((count, len(places))) for places in self._places]
+        outputs = [np.empty((count, len(places))) for places in self._form.places]
         for k, value in enumerate(inputs):
             # The stubs ask for a size that the functions do not take.
             buffer.set_arg(k, value.data)  # type: ignore[call-arg]
@@ -156,8 +194,12 @@ class BatchFunction:
         return outputs
 
 
-def _places(transposed: ca.SX) -> NDArray[np.intp]:
-    rows, columns = transposed.sparsity().get_triplet()
-    return np.asarray(columns, dtype=np.intp) * transposed.shape[0] + np.asarray(
-        rows, dtype=np.intp
-    )
+class NamedFunction(BatchFunction):
+    """A function whose graph is made only where it is needed.
+
+    Where machine code is kept under its name, which stands for all that the graph is made of, it
+    is not. None: it has no such name.
+    """
+
+    def __init__(self, make: Callable[[], Graph], name: str | None) -> None:
+        self._set(make, name)

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import ctypes
 import hashlib
+import json
 import os
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import asdict, dataclass
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
@@ -16,7 +18,6 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import platformdirs
-from numpy.typing import NDArray
 
 from constraints.arrays import Array
 from expdesign.evaluation.block_loop import ENTRY, Lanes
@@ -36,10 +37,32 @@ CACHE = "EXPDESIGN_CACHE"
 
 _MOST = 256 * 2**20
 """Bytes that the cache takes; what was not used for the longest time is removed."""
+_END = b"\n"
+"""Between what a function is like and its code."""
 _ALIGNED = 64
 """Bytes, as LLVM's vectors are."""
 
 _lock = Lock()
+
+
+@dataclass(frozen=True)
+class Form:
+    """What goes into a function and what comes out."""
+
+    inputs: tuple[int, ...]
+    """Elements of each."""
+    varying: int
+    """How many of the inputs, the first ones, differ from sample to sample."""
+    shapes: tuple[tuple[int, int], ...]
+    """Rows and columns of every output."""
+    places: tuple[tuple[int, ...], ...]
+    """Where the nonzeros of every output stand among its elements, row after row; nothing else is
+    written."""
+
+    @property
+    def sizes(self) -> list[int]:
+        """Elements of every output."""
+        return [rows * columns for rows, columns in self.shapes]
 
 
 class MachineCode:
@@ -49,19 +72,20 @@ class MachineCode:
     ----------
     address : int
         Of `vector_code`'s function.
+    form : Form
+        Of the function.
     scratch : int
         Numbers that it needs to work with.
-    sizes : sequence of int
-        Elements of every output.
     spare : int
         Numbers that it may read and write behind each array.
     """
 
-    def __init__(self, address: int, scratch: int, sizes: Sequence[int], spare: int) -> None:
+    def __init__(self, address: int, form: Form, scratch: int, spare: int) -> None:
         pointer, table = ctypes.c_void_p, ctypes.POINTER(ctypes.c_void_p)
         kinds = (table, pointer, table, ctypes.c_int64, pointer)
         self._evaluate = ctypes.CFUNCTYPE(None, *kinds)(address)
-        self._scratch, self._sizes, self._spare = scratch, sizes, spare
+        self.form = form
+        self._scratch, self._sizes, self._spare = scratch, form.sizes, spare
 
     def __call__(self, varying: Sequence[Array], fixed: Sequence[Array]) -> list[Array]:
         """Evaluate: varying inputs as (N, rows), fixed ones as (rows,); (N, elements) come back.
@@ -100,44 +124,55 @@ def evaluator() -> str:
     return f"machine code for {_host()[1]} by llvmlite {version('llvmlite')}"
 
 
-def machine_code(
-    function: ca.Function,
-    varying: int,
-    places: Sequence[NDArray[np.intp]],
-    sizes: Sequence[int],
-    *,
-    compiling: bool,
-) -> MachineCode | None:
-    """Return a function's machine code, from the cache or, if asked, newly compiled.
+def kept_code(name: str) -> MachineCode | None:
+    """Return the machine code that was kept under a name; None where there is none.
 
-    None where it is not in the cache, where it is not wanted or where it cannot be.
-
-    Parameters
-    ----------
-    function, varying, places, sizes
-        See `vector_code`.
-    compiling : bool
-        Whether to make it where the cache does not have it.
+    The name stands for all that the function is made of.
     """
     if not _usable():
         return None
-    rows = [place.tolist() for place in places]
-    described = f"{_emitter()} {_host()} {version('llvmlite')} {varying} {rows} {list(sizes)}"
-    digest = hashlib.sha256(described.encode() + function.serialize().encode())
-    key = digest.hexdigest()
     with _lock:
-        code = _read(key)
-        if code is None:
+        key = _read(_digest(name))
+        content = None if key is None else _read(key.decode())
+        return None if content is None else _loaded(content)
+
+
+def machine_code(
+    function: ca.Function, form: Form, name: str | None, *, compiling: bool
+) -> MachineCode | None:
+    """Return a function's machine code, from the cache or, if asked, newly compiled.
+
+    In the cache it is known by its instructions, and then by its name as well, if it has one. None
+    where it is not in the cache, where it is not wanted or where it cannot be.
+    """
+    if not _usable():
+        return None
+    key = _digest(f"{form} {function.serialize()}")
+    with _lock:
+        content = _read(key)
+        if content is None:
             if not compiling:
                 return None
             tell(f"compiling {function.name()}")
+            lanes = _lanes()
             try:
-                code = _compiled(vector_code(function, varying, rows, sizes, _lanes()))
+                text = vector_code(function, form.varying, form.places, form.sizes, lanes)
+                code = _compiled(text)
             except (UnknownInstructionError, RuntimeError):
                 return None  # RuntimeError: LLVM's own
-            _keep(key, code)
-        scratch = scratch_size(function, varying, _lanes())
-        return MachineCode(_loaded(code), scratch, sizes, _lanes().count)
+            scratch = scratch_size(function, form.varying, lanes)
+            described = json.dumps({"form": asdict(form), "scratch": scratch, "spare": lanes.count})
+            content = described.encode() + _END + code
+            _keep(key, content)
+        if name is not None:
+            _keep(_digest(name), key.encode())
+        return _loaded(content)
+
+
+def _digest(what: str) -> str:
+    """Return what stands for it on this processor, with this writer of code: a file's name."""
+    described = f"{_emitter()} {_host()} {version('llvmlite')} {what}"
+    return hashlib.sha256(described.encode()).hexdigest()
 
 
 def _usable() -> bool:
@@ -201,14 +236,22 @@ _engines: list[Any] = []
 """Machine code lives as long as what it was loaded with, and may be called until the end."""
 
 
-def _loaded(code: bytes) -> int:
-    """Load machine code; return the address of `ENTRY`."""
+def _loaded(content: bytes) -> MachineCode:
+    """Load what is kept: what the function is like, as JSON, and its machine code."""
+    described, _, code = content.partition(_END)
+    known = json.loads(described)
+    form = {key: _tuples(value) for key, value in known["form"].items()}
     llvm = _llvm()
     engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), _target())
     engine.add_object_file(llvm.ObjectFileRef.from_data(code))
     engine.finalize_object()
     _engines.append(engine)
-    return int(engine.get_function_address(ENTRY))
+    address = int(engine.get_function_address(ENTRY))
+    return MachineCode(address, Form(**form), known["scratch"], known["spare"])
+
+
+def _tuples(value: Any) -> Any:
+    return tuple(_tuples(one) for one in value) if isinstance(value, list) else value
 
 
 def _folder() -> Path:

@@ -6,6 +6,7 @@ Here the function is bound once to memory of its own; a call copies in, evaluate
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from threading import Lock
 
 import casadi as ca
@@ -31,7 +32,7 @@ class OneInstant:
     def __init__(
         self,
         function: ca.Function,
-        shapes: list[tuple[int, int]],
+        shapes: Sequence[tuple[int, int]],
         places: list[NDArray[np.intp]],
     ) -> None:
         self._lock = Lock()

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copyreg
 from collections.abc import Iterable
+from typing import Any
 
 from expdesign.mechanism.term import Parameter, Term, parameters_of
 from expdesign.mechanism.terms import (
@@ -46,6 +48,27 @@ TERMS: dict[str, Term] = {
     )
 }
 """By their keys in the robot file's `terms`; the platform in its general form."""
+
+_FORMS = {
+    **TERMS,
+    "rigid_platform, symmetric": rigid_platform.SYMMETRIC,
+    "drive_inertia, on a thread": drive_inertia.ON_A_THREAD,
+}
+
+
+def _form(name: str) -> Term:
+    return _FORMS[name]
+
+
+def _reduced(term: Term) -> str | tuple[Any, ...]:
+    for name, form in _FORMS.items():
+        if form is term:
+            return _form, (name,)
+    return term.__reduce_ex__(2)
+
+
+# Other processes have the same files: what is there goes by its name, and stays the same object.
+copyreg.pickle(Term, _reduced)
 
 DEFAULT = ("struts", "rigid_platform", "passive_friction", "actuator_friction")
 """Where a robot file lists none."""

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
 from constraints.arrays import Array
-from expdesign.evaluation.batch import BatchFunction
+from expdesign.evaluation.batch import Graph
+from expdesign.evaluation.kernel import kernel
 from expdesign.information.fisher import whitening
 from expdesign.information.marginal import PriorMachine
 from expdesign.information.periodic_noise import PeriodicNoise
 from expdesign.information.spectral import Criterion, SpectralCost, spectral_cost
-from expdesign.mechanism.graph import Friction, hexapod_graph
+from expdesign.mechanism.graph import Friction, HexapodGraph, hexapod_graph
 from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.mechanism.term import Term
 from expdesign.problem.variables import DesignVariables
@@ -25,28 +26,44 @@ _AT_ONCE = 64
 """Samples whose derivatives are in memory together: 0.1 MB each, of 20 000 samples 2 GB."""
 
 
-@cache
-def _kernels(terms: tuple[Term, ...]) -> tuple[BatchFunction, BatchFunction, BatchFunction]:
-    """Return the smoothed regressor A of one instant, and two derivatives to the state.
+_TRIANGLE = ca.Sparsity.lower(COORDINATES)
 
-    That is S⁻¹A, (6, m), with a lower triangular S⁻¹; ∂A/∂state, (18, 6 m); and what a weighted sum
-    of the elements of S⁻¹A changes by, (18,).
+
+def _factor(graph: HexapodGraph) -> tuple[ca.SX, list[ca.SX]]:
+    """Return S⁻¹A, (6, m), smoothed, and what it depends on beside the state.
+
+    S⁻¹ is a lower triangle, given column after column.
     """
+    white = ca.SX.sym("white", _TRIANGLE.nnz())
+    factor = ca.mtimes(ca.SX(_TRIANGLE, white), graph.regressor_with(Friction.SMOOTH))
+    return factor, [graph.machine, graph.width, white]
+
+
+@kernel
+def _factor_kernel(terms: tuple[Term, ...]) -> Graph:
+    """State (18) → S⁻¹A (6, m)."""
+    graph = hexapod_graph(terms)
+    factor, fixed = _factor(graph)
+    return Graph("regressor", [graph.state], fixed, [factor])
+
+
+@kernel
+def _slope_kernel(terms: tuple[Term, ...]) -> Graph:
+    """State (18) → ∂A/∂state (18, 6 m)."""
     graph = hexapod_graph(terms)
     regressor = graph.regressor_with(Friction.SMOOTH)
-    triangle = ca.Sparsity.lower(COORDINATES)
-    white = ca.SX.sym("white", triangle.nnz())
-    factor = ca.mtimes(ca.SX(triangle, white), regressor)
+    slopes = ca.jacobian(ca.vec(regressor.T), graph.state).T
+    return Graph("regressor_slopes", [graph.state], [graph.machine, graph.width], [slopes])
+
+
+@kernel
+def _pulled_kernel(terms: tuple[Term, ...]) -> Graph:
+    """State (18), weights (6 m) → what the weighted sum of S⁻¹A's elements changes by (18)."""
+    graph = hexapod_graph(terms)
+    factor, fixed = _factor(graph)
     weights = ca.SX.sym("weight", factor.numel())
     pulled = ca.jtimes(ca.vec(factor.T), graph.state, weights, True)
-    slopes = ca.jacobian(ca.vec(regressor.T), graph.state).T
-    fixed = [graph.machine, graph.width]
-    whitened = [*fixed, white]
-    return (
-        BatchFunction("regressor", [graph.state], whitened, [factor]),
-        BatchFunction("regressor_slopes", [graph.state], fixed, [slopes]),
-        BatchFunction("regressor_pulled", [graph.state, weights], whitened, [pulled]),
-    )
+    return Graph("regressor_pulled", [graph.state, weights], fixed, [pulled])
 
 
 @dataclass(frozen=True)
@@ -106,7 +123,7 @@ class InformationCost:
         slope = self.variables.slope(variables, self.basis)
         for first in range(0, count, _AT_ONCE):
             block = slice(first, first + _AT_ONCE)
-            (flat,) = _kernels(self.terms)[1](states[block], *self._fixed(width))
+            (flat,) = _slope_kernel(self.terms)(states[block], *self._fixed(width))
             # ∂A/∂state, (samples, 18, 6, m)
             by_state = flat.reshape(len(flat), -1, actuators, m)
             products = np.matmul(rotated[block, None], by_state).reshape(len(flat), -1, k * m)
@@ -133,7 +150,9 @@ class InformationCost:
         weighted = factor if self.memory is None else self.memory.weighted(factor, omega)
         by_factor = weighted.reshape(-1, len(directions)) @ (by_information * (2 / len(factor)))
         flat = by_factor.reshape(len(factor), -1)
-        (by_state,) = _kernels(self.terms)[2](states, flat, *self._fixed(width), self._white_rows)
+        (by_state,) = _pulled_kernel(self.terms)(
+            states, flat, *self._fixed(width), self._white_rows
+        )
         slope = self.variables.slope(variables, self.basis)
         summed = slope.accumulated(by_state[:, :, None])[:, 0]
         if self.memory is not None:
@@ -157,8 +176,8 @@ class InformationCost:
 
     def compile(self) -> None:
         """Make the machine code of what the search evaluates, where it can be made."""
-        for kernel in _kernels(self.terms):
-            kernel.compile()
+        for made in (_factor_kernel, _slope_kernel, _pulled_kernel):
+            made(self.terms).compile()
 
     def readable(self, cost: float) -> float:
         """Return the criterion that a cost stands for: F over all samples, SI for ``d``."""
@@ -188,7 +207,7 @@ class InformationCost:
 
     def _factor(self, states: Array, width: float) -> Array:
         """Return A at every state, (N, 6, m), whitened if the noise has no memory."""
-        (factor,) = _kernels(self.terms)[0](states, *self._fixed(width), self._white_rows)
+        (factor,) = _factor_kernel(self.terms)(states, *self._fixed(width), self._white_rows)
         return factor
 
     def _information(self, factor: Array, omega: float) -> Array:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cache
 from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
 
 from constraints.arrays import Array
-from expdesign.evaluation.batch import BatchFunction
+from expdesign.evaluation.batch import Graph
+from expdesign.evaluation.kernel import kernel
 from expdesign.mechanism.graph import Friction, hexapod_graph
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
 from expdesign.mechanism.term import Term, kinematic_terms
@@ -20,8 +20,8 @@ from expdesign.robot.robot import Robot
 _STATE = 3 * COORDINATES
 
 
-@cache
-def _force_kernel(terms: tuple[Term, ...], friction: Friction) -> BatchFunction:
+@kernel
+def _force_kernel(terms: tuple[Term, ...], friction: Friction) -> Graph:
     """State (18), signs (s) if held → A (6, m), ∂(A p)/∂state (6, 18), ∂/∂machine (6, 39 + c)."""
     graph = hexapod_graph(terms)
     regressor, geometry = graph.regressor_with(friction), graph.geometry
@@ -30,11 +30,11 @@ def _force_kernel(terms: tuple[Term, ...], friction: Friction) -> BatchFunction:
     slopes = [graph.force_slope(friction, by) for by in (graph.state, machine)]
     inputs = [graph.machine, graph.parameters]
     varying = [graph.state, graph.signs] if friction is Friction.HELD else [graph.state]
-    return BatchFunction("deviating_force", varying, inputs, [regressor, *slopes])
+    return Graph("deviating_force", varying, inputs, [regressor, *slopes])
 
 
-@cache
-def _length_kernel(terms: tuple[Term, ...]) -> BatchFunction:
+@kernel
+def _length_kernel(terms: tuple[Term, ...]) -> Graph:
     """State (18) → length rates (6) and ∂l/∂(A, b), (6, 36)."""
     graph = hexapod_graph(terms)
     geometry = graph.geometry
@@ -43,11 +43,11 @@ def _length_kernel(terms: tuple[Term, ...]) -> BatchFunction:
         graph.kinematic["strut_speed"],
         ca.densify(ca.jacobian(graph.kinematic["strut_length"], joints)),
     ]
-    return BatchFunction("deviating_length", [graph.state], [geometry.vector], outputs)
+    return Graph("deviating_length", [graph.state], [geometry.vector], outputs)
 
 
-@cache
-def _jump_kernel(terms: tuple[Term, ...]) -> BatchFunction:
+@kernel
+def _jump_kernel(terms: tuple[Term, ...]) -> Graph:
     """State (18) → ∂(A p)/∂signs (6, s), the rates of dry friction (s) and their rates (s)."""
     graph = hexapod_graph(terms)
     force = graph.regressor_with(Friction.HELD) @ graph.parameters
@@ -61,7 +61,7 @@ def _jump_kernel(terms: tuple[Term, ...]) -> BatchFunction:
         ca.densify(ca.jacobian(graph.sliding, moving) @ changing),
     ]
     inputs = [graph.machine, graph.parameters]
-    return BatchFunction("jumping_force", [graph.state, graph.signs], inputs, outputs)
+    return Graph("jumping_force", [graph.state, graph.signs], inputs, outputs)
 
 
 def exact_signs(robot: Robot, state: Array) -> Array:

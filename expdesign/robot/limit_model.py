@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cached_property
 from itertools import pairwise
 
 import casadi as ca
@@ -18,7 +18,8 @@ import numpy as np
 from constraints import Limit, LimitDefinition, limit_definitions
 from constraints.arrays import Array, Mask
 from expdesign.configuration.limits import row_labels
-from expdesign.evaluation.batch import BatchFunction
+from expdesign.evaluation.batch import BatchFunction, Graph
+from expdesign.evaluation.kernel import kernel
 from expdesign.mechanism.graph import Friction, HexapodGraph, hexapod_graph
 from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.mechanism.term import Term
@@ -57,14 +58,14 @@ def limited_quantities(
     return state, quantities
 
 
-@cache
+@kernel
 def _kernel(
     definitions: tuple[LimitDefinition, ...],
     terms: tuple[Term, ...],
     friction: Friction,
     *,
     slopes: bool,
-) -> BatchFunction:
+) -> Graph:
     """State, machine, parameters, characteristic length (, friction's width) → rows (, slopes).
 
     With exact friction every limit's natural expression by itself, and no slopes; with the smooth
@@ -75,7 +76,7 @@ def _kernel(
     state, quantities = limited_quantities(graph, definitions, friction)
     if friction is Friction.EXACT:
         natural = [ca.densify(one.natural(quantities)) for one in definitions]
-        return BatchFunction("limits", [state], fixed[:-1], natural)
+        return Graph("limits", [state], fixed[:-1], natural)
     rows = [ca.cse(one.rows(quantities)) for one in definitions]
     outputs = [ca.vertcat(ca.SX(0, 1), *rows)]
     if slopes:
@@ -83,7 +84,7 @@ def _kernel(
         # half as many instructions are left as with the one that serves all.
         own = [ca.jacobian(part, state) for part in rows]
         outputs.append(ca.vertcat(ca.SX(0, state.numel()), *own))
-    return BatchFunction("limits", [state], fixed, outputs)
+    return Graph("limits", [state], fixed, outputs)
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike
 from constraints import Limit
 from constraints.arrays import Array
 from expdesign.configuration import ResolvedRobot
-from expdesign.evaluation.batch import BatchFunction
+from expdesign.evaluation.batch import BatchFunction, Graph
+from expdesign.evaluation.kernel import kernel
 from expdesign.mechanism.geometry import cardan_frames
 from expdesign.mechanism.graph import Friction, HexapodGraph, hexapod_graph
 from expdesign.mechanism.hexapod import ACTUATORS
@@ -35,39 +36,39 @@ class StrutMotion:
     beta_rate: Array
 
 
-@cache
-def _length_kernel(terms: tuple[Term, ...]) -> BatchFunction:
+@kernel
+def _length_kernel(terms: tuple[Term, ...]) -> Graph:
     """Pose (6) → strut lengths (6) and their Jacobian to the pose (6, 6)."""
     graph = hexapod_graph(terms)
     lengths = graph.kinematic["strut_length"]
     slope = ca.jacobian(lengths, graph.pose)
-    return BatchFunction("lengths", [graph.pose], [graph.geometry.vector], [lengths, slope])
+    return Graph("lengths", [graph.pose], [graph.geometry.vector], [lengths, slope])
 
 
-@cache
-def _motion_kernel(terms: tuple[Term, ...]) -> BatchFunction:
+@kernel
+def _motion_kernel(terms: tuple[Term, ...]) -> Graph:
     """State (18) → the fields of `StrutMotion` (6 each)."""
     graph = hexapod_graph(terms)
     lengths = ("strut_length", "strut_speed", "strut_acceleration")
     names = (*lengths, "alpha", "alpha_rate", "beta", "beta_rate")
     outputs = [graph.kinematic[name] for name in names]
-    return BatchFunction("strut_motion", [graph.state], [graph.geometry.vector], outputs)
+    return Graph("strut_motion", [graph.state], [graph.geometry.vector], outputs)
 
 
-@cache
-def _regressor_kernel(terms: tuple[Term, ...]) -> BatchFunction:
+@kernel
+def _regressor_kernel(terms: tuple[Term, ...]) -> Graph:
     """State (18) → regressor (6, m) with the exact signs of dry friction."""
     graph = hexapod_graph(terms)
     regressor = graph.regressor_with(Friction.EXACT)
-    return BatchFunction("regressor", [graph.state], [graph.machine], [regressor])
+    return Graph("regressor", [graph.state], [graph.machine], [regressor])
 
 
-@cache
-def _force_kernel(terms: tuple[Term, ...]) -> BatchFunction:
+@kernel
+def _force_kernel(terms: tuple[Term, ...]) -> Graph:
     """State (18) → forces (6) with the exact signs of dry friction."""
     graph = hexapod_graph(terms)
     forces = graph.force_with(Friction.EXACT)
-    return BatchFunction("forces", [graph.state], [graph.machine, graph.parameters], [forces])
+    return Graph("forces", [graph.state], [graph.machine, graph.parameters], [forces])
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from functools import partial
 
 import casadi as ca
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 
 from constraints import limit_definitions
 from expdesign.evaluation import BatchFunction, machine_code
+from expdesign.evaluation.batch import NamedFunction
 from expdesign.evaluation.block_loop import Lanes
 from expdesign.evaluation.machine_code import CACHE, SWITCH, VIRTUAL_MACHINE, evaluator
 from expdesign.mechanism.graph import Friction
@@ -98,7 +100,9 @@ def test_limits_of_a_robot(friction):
     fixed = limits._fixed() if friction is Friction.EXACT else limits._fixed(0.02)
 
     def kernel():
-        return _kernel.__wrapped__(definitions, robot.terms, friction, slopes=False)
+        return NamedFunction(
+            partial(_kernel.__wrapped__, definitions, robot.terms, friction, slopes=False), None
+        )
 
     same(*both(kernel, states, *fixed))
 
