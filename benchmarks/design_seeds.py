@@ -41,6 +41,7 @@ def rows(seeds: range = range(10)) -> Iterator[dict[str, Any]]:
             "worst violation": f"{worst:.1e}",
             "converged starts": f"{sum(s.converged for s in starts)}/{len(starts)}",
             "seconds": round(seconds),
+            "CPU seconds": round(result.search.cpu_seconds),
             "all processes GiB": round(memory[-1], 2),
         }
 

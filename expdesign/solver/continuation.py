@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 from expdesign.information.criteria import CRITERIA
 from expdesign.problem.design_problem import DesignProblem
+from expdesign.solver.interior_point import Standstill
 from expdesign.solver.stage import Stage
 
 MOST_BLUNT_HARMONICS = 5
@@ -18,6 +19,8 @@ _RADIUS = 0.6
 _HOP_RADIUS = 1.0
 _SETTLED = 1e-3
 """At the beginning of a stage near its optimum: from 0.01 it goes far away and comes back."""
+_ROUGH = Standstill(1e-3, 3)
+"""A third of the iterations less, and refinements end where they did (47 starts)."""
 _FINISH_NEAR = 0.1
 _FINISH_RADIUS = 0.2
 _LAST_NEAR, _LAST_RADIUS = 0.03, 0.05
@@ -70,6 +73,7 @@ def continuation_stages(
             near=_EVERYTHING,
             radius=None,
             iterations=iterations,
+            standstill=_ROUGH,
             criterion=CRITERIA["d"] if flat else None,
             harmonics=few if few < n else None,
         )
@@ -142,6 +146,7 @@ def hop_stages(
         width=last.width,
         level=last.level,
         radius=_HOP_RADIUS,
+        standstill=last.standstill,
         criterion=None,
     )
     return [sharp, last]

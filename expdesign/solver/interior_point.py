@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,8 +37,18 @@ _TOLERANCE = 1e-4
 """Of the conditions of optimality, scaled as Ipopt does."""
 _REUSED = 2
 """Iterations that share a Hessian of the cost, the dearest part of them: it changes little."""
-_STILL, _ROUNDS = 2e-4, 5
-"""Change of the objective, in how many iterations one after the other, that counts as none."""
+
+
+class Standstill(NamedTuple):
+    """When the objective stands still."""
+
+    change: float = 2e-4
+    """Of the objective, relative, that counts as none."""
+    iterations: int = 5
+    """One after the other without any."""
+
+
+STANDSTILL = Standstill()
 
 
 @dataclass(frozen=True)
@@ -98,6 +109,7 @@ def solve_by_interior_point(
     barrier: float = 0.1,
     feasible: float = FEASIBLE,
     curvature: float = 1e-8,
+    standstill: Standstill = STANDSTILL,
     report: Report | None = None,
 ) -> Solution:
     """Minimise, with the cost's own curvature; return the last iterate whatever the status.
@@ -114,10 +126,13 @@ def solve_by_interior_point(
         Excess of a row that counts as none, where the objective stands still.
     curvature : float
         Added to the Hessian in every direction: in place of that of the rows, which is left out.
+    standstill : Standstill
+        Where it ends, within its rows, although the conditions of optimality do not hold yet.
     report : callable, optional
         Called once per iteration; False stops the solver.
     """
-    return _InteriorPoint(program, most, feasible, curvature, report).solve(start, barrier)
+    solver = _InteriorPoint(program, most, feasible, curvature, standstill, report)
+    return solver.solve(start, barrier)
 
 
 class _InteriorPoint:
@@ -129,10 +144,11 @@ class _InteriorPoint:
         most: int,
         feasible: float,
         curvature: float,
+        standstill: Standstill,
         report: Report | None,
     ) -> None:
         self._program, self._most, self._report = program, most, report
-        self._feasible, self._curvature = feasible, curvature
+        self._feasible, self._curvature, self._still = feasible, curvature, standstill
         self._bounds = Bounds.of(program)
         self._counts = {"f": 0, "grad_f": 0, "g": 0, "jac_g": 0}
         self._penalty = 1.0
@@ -162,7 +178,7 @@ class _InteriorPoint:
             if self._error(point, slacks, duals, products) < _TOLERANCE:
                 status = "Solve_Succeeded"
                 break
-            if still >= _ROUNDS and violation < self._feasible:
+            if still >= self._still.iterations and violation < self._feasible:
                 status = "Solved_To_Acceptable_Level"
                 break
             if done == self._most:
@@ -178,7 +194,7 @@ class _InteriorPoint:
                 break
             x, slacks, duals = moved
             point = self._at(x, point.hessian if (done + 1) % _REUSED else None)
-            stood = abs(point.cost - before) <= _STILL * max(1.0, abs(before))
+            stood = abs(point.cost - before) <= self._still.change * max(1.0, abs(before))
             still = still + 1 if stood and violation < self._feasible else 0
             done += 1
         return Solution(

@@ -12,7 +12,7 @@ import numpy as np
 from constraints.arrays import Array, Mask
 from expdesign.information.spectral import Criterion
 from expdesign.problem.design_problem import DesignProblem
-from expdesign.solver.interior_point import solve_by_interior_point
+from expdesign.solver.interior_point import STANDSTILL, Standstill, solve_by_interior_point
 from expdesign.solver.ipopt import IPOPT_OPTIONS, solve_with_ipopt
 from expdesign.solver.solution import FEASIBLE, Solution
 from expdesign.workers import Monitor
@@ -68,6 +68,8 @@ class Stage:
     solver: Literal["interior point", "ipopt"] = "interior point"
     barrier: float = 0.1
     """Of the interior point method, at its beginning."""
+    standstill: Standstill = STANDSTILL
+    """Where the interior point method ends."""
     criterion: Criterion | None = None
     """Where it is not the problem's own."""
     harmonics: int | None = None
@@ -314,6 +316,13 @@ def solve_rows(
             program, x, options=options, curvature="limited-memory", report=watch
         )
     else:
-        result = solve_by_interior_point(program, x, most=most, barrier=stage.barrier, report=watch)
+        result = solve_by_interior_point(
+            program,
+            x,
+            most=most,
+            barrier=stage.barrier,
+            standstill=stage.standstill,
+            report=watch,
+        )
     record.add(result, int(np.count_nonzero(mask)))
     return (result.x if result.converged else best.x), result.status

@@ -20,11 +20,10 @@ LARGEST = np.radians(12)
 
 
 @pytest.fixture(scope="module")
-def result(tiny, few_limits, cheaper):
-    """Return a design of a machine with few limits, some of them with a reserve."""
+def result(tiny, cheaper):
+    """Return a design of a machine some of whose limits have a reserve."""
     limits = {"reserve": RESERVE, "attitude": LARGEST}
     run = tiny(
-        robot=few_limits,
         limits=limits,
         trajectory={"controller_period": 0.001},
         design={"max_iterations": 160},
