@@ -20,9 +20,9 @@ from estimation.estimators.deviating import DeviatingMachine
 from estimation.estimators.experiment import Experiment
 from estimation.estimators.knowledge import Knowledge
 from estimation.kinematics.fourier_fit import length_equations
-from estimation.measurement_model import HarmonicMotion, predict_forces
+from estimation.measurement_model import HarmonicMotion
 from estimation.measurement_model.normal_equations import Filter, NormalEquations, Rows
-from estimation.measurement_model.prediction import chunks
+from estimation.measurement_model.prediction import chunks, force_columns
 from expdesign.robot import Robot
 
 
@@ -50,9 +50,9 @@ def force_equations(
     signs = experiment.signs(robot, motion)
 
     def rows(part: slice) -> Rows:
-        forces = predict_forces(robot, motion, record.forces.times[part], signs[part], values)
-        columns = np.concatenate([forces.regressors[:, :, free], forces.slope], axis=2)
-        residuals = record.forces.values[part] - forces.regressors @ values
+        sampled = motion.at(record.forces.times[part])
+        regressors, columns = force_columns(robot, sampled, signs[part], values, free)
+        residuals = record.forces.values[part] - regressors @ values
         return residuals, columns, record.forces.counts[part]
 
     return NormalEquations.of(map(rows, chunks(record.samples)), covariance, noise_filter)
