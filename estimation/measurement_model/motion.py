@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -98,22 +99,25 @@ class SampledMotion:
 
     def pose(self) -> Array:
         """Return λ, (S, 6)."""
-        return self._derivatives(0, 1)
+        return self._derivatives(self.motion.table, 0, 1)
 
     def state(self, first: int = 0) -> Array:
         """Return λ, λ̇, λ̈, or from another derivative on, (S, 18)."""
-        return self._derivatives(first, 3)
+        return self._derivatives(self.motion.table, first, 3) if first else self._state
 
-    def _derivatives(self, first: int, count: int) -> Array:
-        h, table = self.motion.harmonics, self.motion.table
-        # a sin kφ + b cos kφ is the real part of (b − i a) e^{ikφ}.
-        series = table[:, [0, *range(h + 1, 2 * h + 1)]].astype(np.complex128)
-        series[:, 1:] -= 1j * table[:, 1 : h + 1]
-        wanted = self.rates(first + count)[first:, None, :] * series
-        return np.asarray(
-            self.waves.view(np.float64)
-            @ np.ascontiguousarray(wanted.conj().reshape(-1, h + 1)).view(np.float64).T
-        )
+    @cached_property
+    def _state(self) -> Array:
+        return self._derivatives(self.motion.table, 0, 3)
+
+    def _derivatives(self, rows: Array, first: int, count: int) -> Array:
+        """Return derivatives of series with rows of a table, (R, 2 H + 1): (S, count R)."""
+        h = self.motion.harmonics
+        # a sin kφ + b cos kφ is the real part of (b − i a) e^{ikφ}: here of its conjugate.
+        series = np.empty((len(rows), h + 1), dtype=np.complex128)
+        series.real, series.imag[:, 0] = rows[:, [0, *range(h + 1, 2 * h + 1)]], 0.0
+        series.imag[:, 1:] = rows[:, 1 : h + 1]
+        wanted = self.rates(first + count)[first:, None].conj() * series
+        return self.waves.view(np.float64) @ wanted.reshape(-1, h + 1).view(np.float64).T
 
     def chain(self, slope: Array) -> Array:
         """Carry slopes to the pose and its n − 1 first derivatives, (S, r, 6 n), over to ξ."""
@@ -126,6 +130,18 @@ class SampledMotion:
         if not self.motion.free_frequency:
             return result
         return np.concatenate([result, self.frequency_column(slope)], axis=2)
+
+    def moved(self, slope: Array, steps: Array) -> Array:
+        """Return what steps of ξ, (x, t), do to what has the same slopes: (S, r, t)."""
+        table, depth, count = self.motion.table, slope.shape[2], steps.shape[1]
+        rows = steps[: table.size].reshape(*table.shape, count).transpose(0, 2, 1)
+        states = self._derivatives(
+            rows.reshape(-1, table.shape[1]), 0, depth // COORDINATES
+        ).reshape(len(slope), depth, count)
+        result = np.matmul(slope, states)
+        if self.motion.free_frequency:
+            result += self.frequency_column(slope) * steps[table.size]
+        return result
 
     def frequency_column(self, slope: Array) -> Array:
         """Carry the same slopes over to ω, (S, r, 1)."""

@@ -35,70 +35,68 @@ class MotionColumns:
         """Return U, (S, 6, k + x)."""
         return np.concatenate([self.others, self.sampled.chain(self.slope)], axis=2)
 
+    def times(self, steps: Array) -> Array:
+        """Return U s, (S, 6, t), of steps of the unknowns, (k + x, t)."""
+        own = self.others.shape[2]
+        return self.others @ steps[:own] + self.sampled.moved(self.slope, steps[own:])
+
     def products(self, residuals: Array, weights: Array) -> Array:
         """Return (r, U)ᵀ W (r, U), (1 + k + x, 1 + k + x), with residuals r, (S, 6).
 
         `weights` are D with W = DᵀD, (6, 6) or (S, 6, 6).
         """
-        sampled, own = self.sampled, 1 + self.others.shape[2]
-        frequency = [sampled.frequency_column(self.slope)] if sampled.motion.free_frequency else []
-        beside = [residuals[:, :, None], self.others, *frequency]
+        sampled, width = self.sampled, 1 + self.others.shape[2]
+        beside = [residuals[:, :, None], self.others]
+        if sampled.motion.free_frequency:
+            beside.append(sampled.frequency_column(self.slope))
         white = np.matmul(weights, np.concatenate([*beside, self.slope], axis=2))
-        depth, width = self.slope.shape[2], white.shape[2] - self.slope.shape[2]
-        rows = white[:, :, :width].reshape(-1, width)
-        each = np.matmul(white[:, :, width:].transpose(0, 2, 1), white)
-        crossed = _sums(each[:, :, :width], sampled.waves)
-        orders = depth // COORDINATES
-        carried = np.einsum(
-            "dk,dcqk->cqk",
-            sampled.rates(orders),
-            crossed.reshape(orders, COORDINATES, width, -1),
-        )
-        motion = _table_products(each[:, :, width:], sampled)
-        cross = of_table(carried).transpose(0, 2, 1).reshape(len(motion), width)
-        outer = rows.T @ rows
-        return np.block(
-            [
-                [outer[:own, :own], cross[:, :own].T, outer[:own, own:]],
-                [cross[:, :own], motion, cross[:, own:]],
-                [outer[own:, :own], cross[:, own:].T, outer[own:, own:]],
-            ]
-        )
+        dense, slope = np.split(white, [white.shape[2] - self.slope.shape[2]], axis=2)
+        turned = slope.transpose(0, 2, 1)
+        rows = dense.reshape(-1, dense.shape[2])
+        inner, outer = _table_products(np.matmul(turned, slope), sampled), rows.T @ rows
+        crossed = _sums(np.matmul(turned, dense), sampled.waves)
+        orders = len(crossed) // COORDINATES
+        by_order = crossed.reshape(orders, COORDINATES, *crossed.shape[1:])
+        carried = np.sum(by_order * sampled.rates(orders)[:, None, None], axis=0)
+        cross = of_table(carried).transpose(1, 0, 2).reshape(len(outer), len(inner))
+        # Residuals and other unknowns, the table, ω.
+        size = len(outer) + len(inner)
+        table = slice(width, width + len(inner))
+        others = np.r_[0:width, table.stop : size]
+        result = np.empty((size, size))
+        result[table, table] = inner
+        result[others[:, None], others] = outer
+        result[others, table] = cross
+        result[table, others] = cross.T
+        return result
 
 
 def _table_products(each: Array, sampled: SampledMotion) -> Array:
     """Return the products of the columns of the table, from those of the slopes, (S, 6 n, 6 n)."""
     h, waves = sampled.motion.harmonics, sampled.waves
     orders = each.shape[1] // COORDINATES
-    further = np.concatenate([waves, waves[:, 1:] * waves[:, -1:]], axis=1)
-    by_order = each.reshape(-1, orders, COORDINATES, orders, COORDINATES)
-    rates, harmonics = sampled.rates(orders), np.arange(h + 1)
+    sums = _sums(each, np.concatenate([waves, waves[:, 1:] * waves[:, -1:]], axis=1))
+    sums = np.concatenate([sums[:, :, :0:-1].conj(), sums], axis=2)
+    sums = sums.reshape(orders, COORDINATES, orders, COORDINATES, -1)
+    harmonics = np.arange(h + 1)
     difference = 2 * h + harmonics - harmonics[:, None]
     total = 2 * h + harmonics + harmonics[:, None]
+    rates = sampled.rates(orders)
     size = (COORDINATES, COORDINATES, h + 1, h + 1)
     along, against = np.zeros(size, np.complex128), np.zeros(size, np.complex128)
-    for first in range(orders):
-        for second in range(first, orders):
-            sums = _sums(by_order[:, first, :, second], further)
-            sums = np.concatenate([sums[:, :, :0:-1].conj(), sums], axis=2)
-            left, right = rates[first][:, None], rates[second]
-            one, other = (
-                left.conj() * right * sums[:, :, difference],
-                left * right * sums[:, :, total],
-            )
-            along += one
-            against += other
-            if first != second:
-                along += one.conj().transpose(1, 0, 3, 2)
-                against += other.transpose(1, 0, 3, 2)
+    for left, of_order in zip(rates, sums, strict=True):
+        weights = left[:, None] * rates[:, None]
+        opposite = left.conj()[:, None] * rates[:, None]
+        along += np.einsum("abckl,bkl->ackl", of_order[..., difference], opposite)
+        against += np.einsum("abckl,bkl->ackl", of_order[..., total], weights)
     plus, minus = (along + against) / 2, (along - against) / 2
     result = np.empty((COORDINATES, 2 * h + 1, COORDINATES, 2 * h + 1))
     cos, sin = np.r_[0, h + 1 : 2 * h + 1], slice(1, h + 1)
-    whole = result.transpose(0, 2, 1, 3)
-    whole[:, :, cos[:, None], cos] = plus.real
-    whole[:, :, sin, sin] = minus[:, :, 1:, 1:].real
-    whole[:, :, sin, cos] = -minus[:, :, 1:].imag
-    whole[:, :, cos, sin] = plus[:, :, :, 1:].imag
+    tables = result.transpose(0, 2, 1, 3)
+    tables[:, :, cos[:, None], cos] = plus.real
+    tables[:, :, sin, sin] = minus[:, :, 1:, 1:].real
+    tables[:, :, sin, cos] = -minus[:, :, 1:].imag
+    tables[:, :, cos, sin] = plus[:, :, :, 1:].imag
     return result.reshape(2 * (COORDINATES * (2 * h + 1),))
 
 

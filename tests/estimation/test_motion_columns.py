@@ -27,6 +27,9 @@ def test_products_are_those_of_the_columns(seed, harmonics, orders, others, free
         rng.normal(size=(50, 6, 6 * orders)),
         motion.at(rng.uniform(0, 20, 50)),
     )
+    steps = rng.normal(size=(others + motion.unknowns, 3))
+    moved = columns.dense() @ steps
+    np.testing.assert_allclose(columns.times(steps), moved, atol=1e-12 * np.abs(moved).max())
     residuals, weights = rng.normal(size=(50, 6)), rng.normal(size=(6, 6))
     both = np.concatenate([residuals[:, :, None], columns.dense()], axis=2)
     rows = np.matmul(weights, both).reshape(300, -1)
