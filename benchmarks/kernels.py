@@ -15,9 +15,9 @@ from expdesign.experiment.design import design_task
 from expdesign.solver.continuation import coarse_points
 from expdesign.solver.initial import random_start
 
-SAMPLES = 2000
+_SAMPLES = 2000
 _LONG_ENOUGH = 0.5
-"""Seconds of CPU time for each figure."""
+"""Seconds for each figure."""
 
 
 def main(repetitions: int) -> None:
@@ -28,10 +28,10 @@ def main(repetitions: int) -> None:
     width, level = task.plan.widths[-1], problem.criterion.levels[-1]
     points = coarse_points(problem.variables.harmonics)
     x = random_start(problem, np.random.default_rng(0), points, width)
-    phases = 2 * np.pi * np.arange(SAMPLES) / SAMPLES
+    phases = 2 * np.pi * np.arange(_SAMPLES) / _SAMPLES
     states = problem.states(x, phases)
     poses = states[:, :6], states[:, 6:12], states[:, 12:18]
-    cost = replace(problem.cost, samples=SAMPLES)
+    cost = replace(problem.cost, samples=_SAMPLES)
     functions: dict[str, Callable[[], object]] = {
         "regressor": lambda: task.evaluator.robot.regressor(*poses),
         "limits": lambda: limits.smooth_values(states, width),
@@ -41,19 +41,18 @@ def main(repetitions: int) -> None:
         "cost with gradient and Hessian": lambda: cost.derivatives(x, width, level),
     }
     found = {
-        name: [microseconds(one) for _ in range(repetitions)] for name, one in functions.items()
+        name: [_microseconds(one) for _ in range(repetitions)] for name, one in functions.items()
     }
     json.dump(found, sys.stdout)
 
 
-def microseconds(function: Callable[[], object]) -> float:
-    """Return what a sample takes of a function of so many, µs."""
+def _microseconds(function: Callable[[], object]) -> float:
     function()
-    calls, began = 0, time.process_time()
-    while time.process_time() - began < _LONG_ENOUGH:
+    calls, began = 0, time.perf_counter()
+    while time.perf_counter() - began < _LONG_ENOUGH:
         function()
         calls += 1
-    return (time.process_time() - began) / calls / SAMPLES * 1e6
+    return (time.perf_counter() - began) / calls / _SAMPLES * 1e6
 
 
 if __name__ == "__main__":

@@ -3,14 +3,7 @@
 The earlier one stands in a work tree of its own with an environment of its own, in
 `build/before`. Every figure is of a whole process, with what its children took.
 
-The section `pinocchio` is beside another program: Pinocchio's regressor of the same mechanism, in
-a process of its own (`pinocchio_regressor.py`). EXPDESIGN_PINOCCHIO names a Python that has the
-package, which is none of this project's:
-
-    python -m venv /tmp/pinocchio && /tmp/pinocchio/bin/pip install pin
-    EXPDESIGN_PINOCCHIO=/tmp/pinocchio/bin/python make bench ARGS="speed pinocchio"
-
-Wheels of it are for any x86-64 processor, machine code here is for the one that it runs on.
+The section `pinocchio` is beside another program (`benchmarks/beside_pinocchio.py` says how).
 """
 
 from __future__ import annotations
@@ -19,11 +12,10 @@ import json
 import os
 import shutil
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -32,21 +24,13 @@ import numpy as np
 import pandas as pd
 import yaml  # type: ignore[import-untyped]
 
+from benchmarks.beside_pinocchio import STATES, beside_pinocchio
 from benchmarks.design_seeds import BEST_KNOWN
-from benchmarks.kernels import SAMPLES, microseconds
 from expdesign.export.formats import table_formats
-from expdesign.mechanism.hexapod import ACTUATORS
-from expdesign.robot import load_robot
-from tests.multibody.driven import motion
-from tests.multibody.machine import Bodies, Geometry
 
 TITLE = "Speed"
 BEFORE = "b64af2b5a"
 """The commit before."""
-PINOCCHIO = "EXPDESIGN_PINOCCHIO"
-"""Variable of the environment: a Python that has Pinocchio; by default the present one."""
-_ALIKE = 1e-9
-"""Of the largest force, below which two forces are the same."""
 
 Row = dict[str, Any]
 _HERE = Path(__file__).resolve().parents[1]
@@ -296,69 +280,23 @@ def _growth(repetitions: int) -> Iterator[Row]:
 
 
 def _pinocchio(repetitions: int) -> Iterator[Row]:
-    """Compare the regressor with Pinocchio's, of the same bodies in the same states, in turns."""
-    python = os.environ.get(PINOCCHIO, sys.executable)
-    probe = subprocess.run([python, "-c", "import pinocchio"], capture_output=True, check=False)
-    if probe.returncode:
-        print(
-            f"{python} has no Pinocchio: nothing is compared. `python -m venv DIR` and "
-            f"`DIR/bin/pip install pin` make one that has it, {PINOCCHIO}=DIR/bin/python names it"
-        )
+    """Compare the regressor with Pinocchio's."""
+    found = beside_pinocchio(repetitions)
+    if found is None:
         return
-    robot = load_robot("palida")
-    geometry = Geometry.of(robot)
-    none = (0.0,) * ACTUATORS
-    bodies = Bodies(cardan_friction=none[:2], dry_friction=none, viscous_friction=none)
-    design = json.loads((_HERE / "benchmarks" / "designs" / "palida.json").read_text())
-    pose, rate, acceleration = motion(
-        design, 2 * np.pi / design["omega"] * np.arange(SAMPLES) / SAMPLES
-    )
-    states = pose, rate, acceleration
-    moved = robot.strut_motion(*states)
-    struts = np.stack([moved.alpha, moved.beta, moved.length], axis=2)
-    parts = ("platform", "ring", "stator", "slider")
-    places = np.concatenate([robot.cardan_frames, geometry.base_joints[:, :, None]], axis=2)
-    given = {
-        "machine": {
-            "gravity": geometry.gravity.tolist(),
-            "platform_joints": geometry.platform_joints.tolist(),
-            "frames": places.tolist(),
-            "bodies": {part: astuple(getattr(bodies, part)) for part in parts},
-        },
-        "states": [each.tolist() for each in (*states, struts)],
-    }
-    parameters = bodies.parameters(geometry.platform_joints)
-    forces = robot.actuator_forces(*states, parameters=parameters)
-    taken: dict[str, list[float]] = {"own": [], "tree": [], "actuators": []}
-    version, apart = "", 0.0
-    for _ in range(repetitions):
-        taken["own"].append(microseconds(partial(robot.regressor, *states)))
-        done = subprocess.run(
-            [python, Path(__file__).with_name("pinocchio_regressor.py")],
-            env={**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
-            input=json.dumps(given),
-            capture_output=True,
-            text=True,
-            check=True,
-        )
-        found = json.loads(done.stdout)
-        version = found["version"]
-        apart = np.abs(np.array(found["forces"]) - forces).max() / np.abs(forces).max()
-        if not apart < _ALIKE:
-            raise RuntimeError(f"the forces differ by {apart:.1g} of the largest one")
-        for name in ("tree", "actuators"):
-            taken[name].append(found[name])
     yield {
-        "what": f"forces in {SAMPLES} states, of {np.abs(forces).max():.0f} N: apart at most by",
-        "Pinocchio": version,
-        "expdesign": f"{apart:.0e} of the largest",
+        "what": f"forces in {STATES} states, of {found.largest:.0f} N: apart at most by",
+        "Pinocchio": found.version,
+        "expdesign": f"{found.apart:.0e} of the largest",
         "times faster": np.nan,
     }
-    for name, what in (
-        ("tree", "computeJointTorqueRegressor, (24, 190), µs a sample"),
-        ("actuators", "the same, and closed loops by NumPy, (6, 190), µs a sample"),
+    tree = "computeJointTorqueRegressor, (24, 190)"
+    for what, name, ours in (
+        (f"{tree}, and A of the bodies, (6, 10): µs a sample", "tree", "rigid"),
+        (f"{tree}, and A with friction, (6, 24)", "tree", "friction"),
+        ("the former with closed loops by NumPy, (6, 190), and A (6, 10)", "actuators", "rigid"),
     ):
-        row = _compared(what, taken[name], taken["own"], "µs")
+        row = _compared(what, found.taken[name], found.taken[ours], "µs")
         yield {
             "what": what,
             "Pinocchio": row["before"],
