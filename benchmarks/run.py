@@ -105,6 +105,8 @@ def measure(name: str, section: str | None = None, repetitions: int | None = Non
         done.append(row)
         print(f"{called}: {row}", flush=True)
         write(called, title, command, pd.DataFrame(done), "")
+    if not done:  # It has said why; what was measured before stays.
+        return
     table = pd.DataFrame(done)
     text = module.summary(table)
     print(f"{called}: {text}", flush=True)

@@ -2,6 +2,8 @@
 
 The earlier one stands in a work tree of its own with an environment of its own, in
 `build/before`. Every figure is of a whole process, with what its children took.
+
+The section `pinocchio` is beside another program (`benchmarks/beside_pinocchio.py` says how).
 """
 
 from __future__ import annotations
@@ -22,6 +24,7 @@ import numpy as np
 import pandas as pd
 import yaml  # type: ignore[import-untyped]
 
+from benchmarks.beside_pinocchio import STATES, beside_pinocchio
 from benchmarks.design_seeds import BEST_KNOWN
 from expdesign.export.formats import table_formats
 
@@ -276,11 +279,38 @@ def _growth(repetitions: int) -> Iterator[Row]:
             }
 
 
+def _pinocchio(repetitions: int) -> Iterator[Row]:
+    """Compare the regressor with Pinocchio's."""
+    found = beside_pinocchio(repetitions)
+    if found is None:
+        return
+    yield {
+        "what": f"forces in {STATES} states, of {found.largest:.0f} N: apart at most by",
+        "Pinocchio": found.version,
+        "expdesign": f"{found.apart:.0e} of the largest",
+        "times faster": np.nan,
+    }
+    tree = "computeJointTorqueRegressor, (24, 190)"
+    for what, name, ours in (
+        (f"{tree}, and A of the bodies, (6, 10): µs a sample", "tree", "rigid"),
+        (f"{tree}, and A with friction, (6, 24)", "tree", "friction"),
+        ("the former with closed loops by NumPy, (6, 190), and A (6, 10)", "actuators", "rigid"),
+    ):
+        row = _compared(what, found.taken[name], found.taken[ours], "µs")
+        yield {
+            "what": what,
+            "Pinocchio": row["before"],
+            "expdesign": row["now"],
+            "times faster": row["times faster"],
+        }
+
+
 SECTIONS: dict[str, tuple[Callable[[int], Iterator[Row]], int]] = {
     "start": (_starts, 20),
     "main": (_main, 5),
     "commands": (_commands, 3),
     "kernels": (_kernels, 5),
     "growth": (_growth, 1),
+    "pinocchio": (_pinocchio, 5),
 }
 """How each section is measured, and how often."""

@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 from constraints.arrays import Array
 from estimation.estimators.deviating import DeviatingMachine
 from estimation.estimators.experiment import Experiment
-from estimation.measurement_model import HarmonicMotion, predict_forces, predict_lengths
+from estimation.kinematics.friction_signs import signs_along
+from estimation.measurement_model import HarmonicMotion
 from estimation.measurement_model.normal_equations import Filter
-from estimation.measurement_model.prediction import chunks
+from estimation.measurement_model.prediction import chunks, force_columns, length_columns
 from estimation.processing.noise import NoiseEstimate
 from expdesign.noise.fourier_lines import lines_of
 from expdesign.robot import Robot
@@ -82,8 +83,9 @@ class Influence:
         """Yield K of the forces, part by part; all at once behind a filter."""
         noise = self.experiment.noise.forces
         noise_filter = noise.filter if self.weighted_by_noise else None
-        moved = ((part, columns @ self.force_gain.T) for part, columns in self._force_columns())
-        yield from _weighted(moved, self.experiment.counts, self.weighting, noise_filter)
+        yield from _weighted(
+            self._moved_forces(), self.experiment.counts, self.weighting, noise_filter
+        )
 
     def lengths(self) -> Iterator[Part]:
         """Yield K of the lengths; nothing after pointwise kinematics, where it is not known."""
@@ -92,8 +94,7 @@ class Influence:
         gain, noise = self.length_gain.T, self.experiment.noise.lengths
         channels, motion = self.experiment.record.lengths, self.motion
         moved = (
-            (part, self._length_columns(motion, part) @ gain)
-            for part in chunks(len(channels.times))
+            (part, self._moved_lengths(motion, part, gain)) for part in chunks(len(channels.times))
         )
         yield from _weighted(moved, channels.counts, noise.covariance, noise.filter)
 
@@ -120,32 +121,33 @@ class Influence:
             length_gain=None if gain is None else rows @ gain[:count],
         )
 
-    def _length_columns(self, motion: HarmonicMotion, part: slice) -> Array:
-        """Return the columns of the unknowns in the lengths."""
+    def _moved_lengths(self, motion: HarmonicMotion, part: slice, gain: Array) -> Array:
+        """Return the columns of the unknowns in the lengths times the gain, (x, r)."""
         if self.machine is not None:
             lengths = self.machine.lengths(self.experiment, motion, part)
-            return np.concatenate([lengths.deviations, lengths.slope], axis=2)
+            return np.concatenate([lengths.deviations, lengths.slope], axis=2) @ gain
         times = self.experiment.record.lengths.times[part]
-        return predict_lengths(self.robot, motion, times)[1]
+        return length_columns(self.robot, motion.at(times))[1].times(gain)
 
-    def _force_columns(self) -> Iterator[Part]:
-        """Yield the columns of the unknowns in the forces."""
-        experiment, motion = self.experiment, self.motion
+    def _moved_forces(self) -> Iterator[Part]:
+        """Yield the columns of the unknowns in the forces times the gain."""
+        experiment, motion, gain = self.experiment, self.motion, self.force_gain.T
         count = int(np.count_nonzero(self.free))
         if motion is None or self.force_gain.shape[1] == count:
             for part in chunks(len(experiment.counts)):
-                yield part, experiment.fitted_regressors[part][:, :, self.free]
+                yield part, experiment.fitted_regressors[part][:, :, self.free] @ gain
             return
-        times, signs = experiment.record.forces.times, experiment.signs(self.robot, motion)
+        times, spread = experiment.record.forces.times, experiment.spread_along(motion)
         for part in chunks(len(times)):
             if self.machine is not None:
                 seen = self.machine.forces(experiment, motion, self.values, part)
                 of_both = (seen.regressors[:, :, self.free], seen.deviations, seen.slope)
-                yield part, np.concatenate(of_both, axis=2)
+                yield part, np.concatenate(of_both, axis=2) @ gain
                 continue
-            found = predict_forces(self.robot, motion, times[part], signs[part], self.values)
-            columns = (found.regressors[:, :, self.free], found.slope)
-            yield part, np.concatenate(columns, axis=2)
+            sampled = motion.at(times[part])
+            signs = signs_along(self.robot, sampled, spread[part])
+            _, columns = force_columns(self.robot, sampled, signs, self.values, self.free)
+            yield part, columns.times(gain)
 
     def force_share(self) -> Covariance:
         """Return the covariance that the noise of the forces makes."""
@@ -217,6 +219,5 @@ def _covariance(
     if lines is None:
         return Covariance(white, 2 * np.diag(white) ** 2 / noise.freedom, white)
     spectral = lines_of(np.concatenate(whole)) / np.sqrt(counts[0])
-    return Covariance(
-        loss * lines.spread(spectral), loss**2 * lines.variance_of(lines.shares(spectral)), white
-    )
+    spread, shares = lines.spread(spectral)
+    return Covariance(loss * spread, loss**2 * lines.variance_of(shares), white)

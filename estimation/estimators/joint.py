@@ -20,9 +20,10 @@ from estimation.estimators.deviating import DeviatingMachine
 from estimation.estimators.experiment import Experiment
 from estimation.estimators.knowledge import Knowledge
 from estimation.kinematics.fourier_fit import length_equations
-from estimation.measurement_model import HarmonicMotion, predict_forces
+from estimation.kinematics.friction_signs import signs_along
+from estimation.measurement_model import HarmonicMotion
 from estimation.measurement_model.normal_equations import Filter, NormalEquations, Rows
-from estimation.measurement_model.prediction import chunks
+from estimation.measurement_model.prediction import chunks, force_columns
 from expdesign.robot import Robot
 
 
@@ -47,12 +48,13 @@ def force_equations(
         Whose inverse the rows are weighted with, behind the filter.
     """
     record = experiment.record
-    signs = experiment.signs(robot, motion)
+    spread = experiment.spread_along(motion)
 
     def rows(part: slice) -> Rows:
-        forces = predict_forces(robot, motion, record.forces.times[part], signs[part], values)
-        columns = np.concatenate([forces.regressors[:, :, free], forces.slope], axis=2)
-        residuals = record.forces.values[part] - forces.regressors @ values
+        sampled = motion.at(record.forces.times[part])
+        signs = signs_along(robot, sampled, spread[part])
+        regressors, columns = force_columns(robot, sampled, signs, values, free)
+        residuals = record.forces.values[part] - regressors @ values
         return residuals, columns, record.forces.counts[part]
 
     return NormalEquations.of(map(rows, chunks(record.samples)), covariance, noise_filter)
@@ -64,14 +66,20 @@ def joint_equations(
     motion: HarmonicMotion,
     values: Array,
     free: NDArray[np.bool_],
+    forces: NormalEquations | None = None,
 ) -> NormalEquations:
-    """Return what forces and lengths of one experiment say of the free parameters and ξ."""
+    """Return what forces and lengths of one experiment say of the free parameters and ξ.
+
+    Where it is known already what the forces say, there, it is taken.
+    """
     noise = experiment.noise
     lengths = length_equations(
         robot, experiment.record, noise.lengths.covariance, motion, noise.lengths.filter
     )
-    own = noise.forces.covariance, noise.forces.filter
-    return force_equations(robot, experiment, motion, values, free, *own).with_motion(lengths)
+    if forces is None:
+        own = noise.forces.covariance, noise.forces.filter
+        forces = force_equations(robot, experiment, motion, values, free, *own)
+    return forces.with_motion(lengths)
 
 
 def reduced_information(equations: Sequence[NormalEquations], knowledge: Knowledge) -> Array:

@@ -61,7 +61,8 @@ def linear_estimate(
     """
     began = time.perf_counter()
     constants = knowledge.constants(robot)
-    if constants and any(experiment.fit is None for experiment in experiments):
+    fitted = all(experiment.fit is not None for experiment in experiments)
+    if constants and not fitted:
         raise ValueError("constants of terms are estimated along fitted motions only")
     problem = _Problem(robot, tuple(experiments), knowledge, estimator, constants)
     fit, iterations, status = _converged(problem)
@@ -78,6 +79,7 @@ def linear_estimate(
         converged=status == "",
         status=status or ("solved" if constants else "solved (linear)"),
         seconds=time.perf_counter() - began,
+        equations=() if constants or not fitted else tuple(fit.equations),
     )
     if not constants:
         return found

@@ -18,7 +18,7 @@ from constraints.arrays import Array
 from estimation.estimators.deviating import DeviatingMachine
 from estimation.estimators.experiment import Experiment
 from estimation.estimators.influence import Influence
-from estimation.estimators.joint import joint_equations, reduced_information
+from estimation.estimators.joint import joint_equations
 from estimation.estimators.knowledge import Knowledge
 from estimation.estimators.result import ParameterEstimate, precision
 from estimation.estimators.systematic import systematic_share
@@ -79,11 +79,12 @@ def maximum_likelihood(
         theta[: len(constants)] = start.systematic.values[: len(constants)]
     values = np.concatenate([start.values, theta])
     motions = [experiment.motion for experiment in experiments]
-    equations = problem.equations(values, motions)
+    equations = problem.equations(values, motions, _already_known(problem, start, motions))
     cost = problem.cost(equations, values)
     damping, iterations, status = 0.0, 0, "stopped at the most iterations allowed"
     converged = False
     move = problem.step(equations, values, motions, damping)
+    eliminated = move.eliminated
     for _ in range(_STEPS):
         iterations += 1
         tell(f"maximum likelihood, step {iterations}")
@@ -97,6 +98,7 @@ def maximum_likelihood(
         shorter = close and following.decrement <= _CONTRACTION**2 * move.decrement
         if trial_cost <= cost or shorter:
             values, motions, equations, cost = move.values, move.motions, trial, trial_cost
+            eliminated = following.eliminated
             damping = damping / 10 if damping > _SMALLEST_DAMPING else 0.0
             move = following
             if damping:
@@ -112,10 +114,10 @@ def maximum_likelihood(
                 status = "no step improves the fit any more"
                 break
             move = problem.step(equations, values, motions, damping)
-    inverse = known.inverse(reduced_information(equations, known))
+    inverse = known.inverse(known.precision + sum(each.information for each in eliminated))
     influences = [
-        _influence(problem, experiment, motion, values, each.eliminated(len(inverse)), inverse)
-        for experiment, motion, each in zip(experiments, motions, equations, strict=True)
+        _influence(problem, experiment, motion, values, each, inverse)
+        for experiment, motion, each in zip(experiments, motions, eliminated, strict=True)
     ]
     found = ParameterEstimate(
         estimator="ml",
@@ -133,6 +135,19 @@ def maximum_likelihood(
     theta = values[problem.parameters :]
     systematic = systematic_share(influences, deviations, knowledge.free, theta)
     return replace(found.with_systematic(systematic), seconds=time.perf_counter() - began)
+
+
+def _already_known(
+    problem: _Problem, start: ParameterEstimate, motions: Sequence[HarmonicMotion]
+) -> Sequence[NormalEquations | None]:
+    """Return what the forces say at the start, where Gauss–Markov has ended at the same motion."""
+    if problem.deviations or not start.equations:
+        return [None] * len(motions)
+    wanted = zip(problem.experiments, motions, strict=True)
+    return [
+        each if (used.experiment, used.motion) == at and used.weighted_by_noise else None
+        for each, used, at in zip(start.equations, start.influences, wanted, strict=True)
+    ]
 
 
 def _influence(
@@ -169,6 +184,8 @@ class _Move:
     values: Array
     motions: list[HarmonicMotion]
     decrement: float
+    eliminated: list[Elimination]
+    """Where it begins, the equations without the motions."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,12 +206,22 @@ class _Problem:
         theta = values[self.parameters :]
         return DeviatingMachine.of(self.robot, self.deviations, theta) if len(theta) else None
 
-    def equations(self, values: Array, motions: Sequence[HarmonicMotion]) -> list[NormalEquations]:
+    def equations(
+        self,
+        values: Array,
+        motions: Sequence[HarmonicMotion],
+        forces: Sequence[NormalEquations | None] = (),
+    ) -> list[NormalEquations]:
+        """Return them at values and motions; those of the forces where they are known there."""
         machine = self.machine(values)
         own, free = values[: self.parameters], self.knowledge.free[: self.parameters]
         pairs = zip(self.experiments, motions, strict=True)
         if machine is None:
-            return [joint_equations(self.robot, each, motion, own, free) for each, motion in pairs]
+            known = forces or [None] * len(motions)
+            return [
+                joint_equations(self.robot, each, motion, own, free, already)
+                for (each, motion), already in zip(pairs, known, strict=True)
+            ]
         return [machine.joint_equations(each, motion, own, free) for each, motion in pairs]
 
     def cost(self, equations: Sequence[NormalEquations], values: Array) -> float:
@@ -229,4 +256,4 @@ class _Problem:
             decrement += float(each.offset @ whole.gradient[count:])
             step = each.offset - each.slope @ move
             moved.append(motion.moved(step))
-        return _Move(new, moved, decrement)
+        return _Move(new, moved, decrement, eliminated)

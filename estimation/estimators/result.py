@@ -14,6 +14,7 @@ from estimation.estimators.influence import Covariance, Influence, difference_co
 from estimation.estimators.knowledge import Knowledge
 from estimation.estimators.systematic import Systematic
 from estimation.measurement_model import HarmonicMotion
+from estimation.measurement_model.normal_equations import NormalEquations
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -48,6 +49,9 @@ class ParameterEstimate:
     converged: bool
     status: str
     seconds: float
+    equations: tuple[NormalEquations, ...] = ()
+    """What the forces of every experiment say of (p, ξ) where LS and GM found them along fitted
+    motions, constants of terms as described; empty elsewhere."""
     covariance_joint: Array | None = None
     """(m + e, m + e), random share, of the parameters and of the e entries of θ that were estimated
     with them, the first of `systematic`; None: none was, or an earlier version did not save it."""

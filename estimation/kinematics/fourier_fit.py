@@ -23,9 +23,9 @@ import scipy
 import scipy.linalg as sla
 
 from constraints.arrays import Array, ComplexArray
-from estimation.measurement_model import HarmonicMotion, predict_lengths
+from estimation.measurement_model import HarmonicMotion
 from estimation.measurement_model.normal_equations import NormalEquations, Rows, whitened
-from estimation.measurement_model.prediction import chunks
+from estimation.measurement_model.prediction import chunks, length_columns
 from estimation.processing import Record
 from estimation.processing.whitening_filter import WhiteningFilter
 from expdesign.configuration import ComputationError
@@ -157,8 +157,8 @@ def length_equations(
     """Return the normal equations of ξ from the lengths, whose covariance is Δ, (6, 6)."""
 
     def rows(part: slice) -> Rows:
-        lengths, slope = predict_lengths(robot, motion, record.lengths.times[part])
-        return record.lengths.values[part] - lengths, slope, record.lengths.counts[part]
+        lengths, columns = length_columns(robot, motion.at(record.lengths.times[part]))
+        return record.lengths.values[part] - lengths, columns, record.lengths.counts[part]
 
     return NormalEquations.of(map(rows, chunks(record.samples)), covariance, noise_filter)
 

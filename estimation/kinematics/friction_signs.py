@@ -14,6 +14,7 @@ from scipy.special import erf
 
 from constraints.arrays import Array
 from estimation.measurement_model import HarmonicMotion
+from estimation.measurement_model.motion import SampledMotion
 from estimation.measurement_model.prediction import chunks, sliding_kernel, sliding_rate_kernel
 from expdesign.robot import Robot
 
@@ -23,8 +24,13 @@ def expected_signs(robot: Robot, motion: HarmonicMotion, times: Array, spread: A
 
     `spread` is their standard deviation, (S, s), as of `rate_spread`; 0 gives the plain signs.
     """
+    return signs_along(robot, motion.at(times), spread)
+
+
+def signs_along(robot: Robot, sampled: SampledMotion, spread: Array) -> Array:
+    """Return the same signs along a motion that is sampled already."""
     kernel = sliding_rate_kernel(robot.terms)
-    (rates,) = kernel(motion.at(times).state(), robot.geometry_vector)
+    (rates,) = kernel(sampled.state(), robot.geometry_vector)
     doubtful = spread > 0
     scaled = np.divide(rates, np.sqrt(2) * spread, out=np.zeros_like(rates), where=doubtful)
     return np.where(doubtful, erf(scaled), np.sign(rates))
@@ -32,10 +38,10 @@ def expected_signs(robot: Robot, motion: HarmonicMotion, times: Array, spread: A
 
 def rate_spread(robot: Robot, motion: HarmonicMotion, times: Array, covariance: Array) -> Array:
     """Return the standard deviations of the same rates, (S, s), from Cov(ξ), (x, x)."""
-    factor = np.linalg.cholesky(covariance + 0.0)
+    factor = np.asarray(np.linalg.cholesky(covariance + 0.0), dtype=np.float64)
     parts = []
     for part in chunks(len(times)):
         sampled = motion.at(times[part])
         _, slope = sliding_kernel(robot.terms)(sampled.state(), robot.geometry_vector)
-        parts.append(np.linalg.norm(sampled.chain(slope) @ factor, axis=2))
+        parts.append(np.linalg.norm(sampled.moved(slope, factor), axis=2))
     return np.concatenate(parts)

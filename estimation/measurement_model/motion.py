@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
-from constraints.arrays import Array
+from constraints.arrays import Array, ComplexArray
 from expdesign.mechanism.hexapod import COORDINATES
-from expdesign.trajectory import FourierTrajectory, PhaseBasis
+from expdesign.trajectory import FourierTrajectory
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,13 +77,10 @@ class HarmonicMotion:
 
     def at(self, times: Array) -> SampledMotion:
         """Return the motion at the times given, s."""
-        phases = PhaseBasis.at(self.omega * times, self.harmonics)
-        orders = np.arange(1, self.harmonics + 1)
-        third = -(np.concatenate([[0.0], orders, orders]) ** 2) * phases.first
-        derivatives = (phases.value, phases.first, phases.second, third)
-        return SampledMotion(
-            self, times, tuple(self.omega**n * basis for n, basis in enumerate(derivatives))
-        )
+        angle = np.multiply.outer(self.omega * times, np.arange(self.harmonics + 1))
+        waves = np.empty(angle.shape, dtype=np.complex128)
+        waves.real, waves.imag = np.cos(angle), np.sin(angle)
+        return SampledMotion(self, times, waves)
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,30 +89,76 @@ class SampledMotion:
 
     motion: HarmonicMotion
     times: Array
-    basis: tuple[Array, ...]
-    """(S, 2 H + 1), derivatives 0 … 3 of 1, sin kωt, cos kωt with respect to time."""
+    waves: ComplexArray
+    """(S, H + 1), e^{ikωt}, k = 0 … H."""
+
+    def rates(self, orders: int) -> ComplexArray:
+        """Return (ikω)^d, what derivatives d < `orders` make of the waves, (orders, H + 1)."""
+        rate = 1j * self.motion.omega * np.arange(self.motion.harmonics + 1)
+        return np.asarray(np.vander(rate, orders, increasing=True).T, dtype=np.complex128)
+
+    def pose(self) -> Array:
+        """Return λ, (S, 6)."""
+        return self._derivatives(self.motion.table, 0, 1)
 
     def state(self, first: int = 0) -> Array:
         """Return λ, λ̇, λ̈, or from another derivative on, (S, 18)."""
-        return np.concatenate([b @ self.motion.table.T for b in self.basis[first : first + 3]], 1)
+        return self._derivatives(self.motion.table, first, 3) if first else self._state
+
+    @cached_property
+    def _state(self) -> Array:
+        return self._derivatives(self.motion.table, 0, 3)
+
+    def _derivatives(self, rows: Array, first: int, count: int) -> Array:
+        """Return derivatives of series with rows of a table, (R, 2 H + 1): (S, count R)."""
+        h = self.motion.harmonics
+        # a sin kφ + b cos kφ is the real part of (b − i a) e^{ikφ}: here of its conjugate.
+        series = np.empty((len(rows), h + 1), dtype=np.complex128)
+        series.real, series.imag[:, 0] = rows[:, [0, *range(h + 1, 2 * h + 1)]], 0.0
+        series.imag[:, 1:] = rows[:, 1 : h + 1]
+        wanted = self.rates(first + count)[first:, None].conj() * series
+        return self.waves.view(np.float64) @ wanted.reshape(-1, h + 1).view(np.float64).T
 
     def chain(self, slope: Array) -> Array:
         """Carry slopes to the pose and its n − 1 first derivatives, (S, r, 6 n), over to ξ."""
         count, rows, depth = slope.shape
         table, orders = self.motion.table, depth // COORDINATES
         by_order = slope.reshape(count, rows, orders, COORDINATES).transpose(0, 1, 3, 2)
-        basis = np.stack(self.basis[:orders], axis=1)
+        basis = of_table(self.waves[:, None, :] * self.rates(orders))
         carried = np.matmul(by_order.reshape(count, rows * COORDINATES, orders), basis)
         result = carried.reshape(count, rows, table.size)
         if not self.motion.free_frequency:
             return result
+        return np.concatenate([result, self.frequency_column(slope)], axis=2)
+
+    def moved(self, slope: Array, steps: Array) -> Array:
+        """Return what steps of ξ, (x, t), do to what has the same slopes: (S, r, t)."""
+        table, depth, count = self.motion.table, slope.shape[2], steps.shape[1]
+        rows = steps[: table.size].reshape(*table.shape, count).transpose(0, 2, 1)
+        states = self._derivatives(
+            rows.reshape(-1, table.shape[1]), 0, depth // COORDINATES
+        ).reshape(len(slope), depth, count)
+        result = np.matmul(slope, states)
+        if self.motion.free_frequency:
+            result += self.frequency_column(slope) * steps[table.size]
+        return result
+
+    def frequency_column(self, slope: Array) -> Array:
+        """Carry the same slopes over to ω, (S, r, 1)."""
         # A higher frequency runs through the same phases sooner.
-        omega, (rate, acceleration, jerk) = self.motion.omega, (b @ table.T for b in self.basis[1:])
+        omega, derivatives = self.motion.omega, self.state(first=1)
+        rate, acceleration, jerk = np.split(derivatives, 3, axis=1)
         stretch = self.times[:, None] / omega
         change = [
             stretch * rate,
             rate / omega + stretch * acceleration,
             2 * acceleration / omega + stretch * jerk,
         ]
-        column = np.einsum("sri,si->sr", slope, np.concatenate(change, axis=1)[:, :depth])
-        return np.concatenate([result, column[:, :, None]], axis=2)
+        moved = np.concatenate(change, axis=1)[:, : slope.shape[2]]
+        return np.matmul(slope, moved[:, :, None])
+
+
+def of_table(waves: ComplexArray) -> Array:
+    """Return what belongs to 1, sin kφ, cos kφ, (…, 2 H + 1), of that of e^{ikφ}, (…, H + 1)."""
+    one, others = waves[..., :1].real, waves[..., 1:]
+    return np.concatenate([one, others.imag, others.real], axis=-1)

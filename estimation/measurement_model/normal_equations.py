@@ -16,10 +16,11 @@ import numpy as np
 import scipy.linalg as sla
 
 from constraints.arrays import Array
+from estimation.measurement_model.motion_columns import MotionColumns
 from expdesign.information.fisher import whitening
 
-Rows = tuple[Array, Array, Array]
-"""Residuals (S, 6), columns (S, 6, u) and counts (S,)."""
+Rows = tuple[Array, Array | MotionColumns, Array]
+"""Residuals (S, 6), columns (S, 6, u), written down or not, and counts (S,)."""
 
 
 class Filter(Protocol):
@@ -34,9 +35,14 @@ class Filter(Protocol):
 
 def filtered(parts: Iterable[Rows], whitening_filter: Filter) -> Rows:
     """Put parts together and filter them; every sample is the mean of as many."""
-    residuals, columns, counts = (np.concatenate(each) for each in zip(*parts, strict=True))
+    written = ((rest, _written(columns), counts) for rest, columns, counts in parts)
+    residuals, columns, counts = (np.concatenate(each) for each in zip(*written, strict=True))
     rest, rows = whitening_filter.rows(residuals), whitening_filter.rows(columns)
     return rest, rows, np.full(len(rest), counts[0])
+
+
+def _written(columns: Array | MotionColumns) -> Array:
+    return columns.dense() if isinstance(columns, MotionColumns) else columns
 
 
 def whitened(values: Array, white: Array, counts: Array) -> Array:
@@ -67,16 +73,18 @@ class NormalEquations:
         A filter makes their noise white first; it takes all samples of a period.
         """
         white = whitening(covariance)
-        cost, matrix, gradient = 0.0, np.zeros(()), np.zeros(())
+        products = np.zeros(())
         if whitening_filter is not None:
             parts = [filtered(parts, whitening_filter)]
         for residuals, columns, counts in parts:
-            rest = whitened(residuals, white, counts).ravel()
-            rows = whitened(columns, white, counts).reshape(len(rest), columns.shape[2])
-            cost += float(rest @ rest)
-            matrix = matrix + rows.T @ rows
-            gradient = gradient + rows.T @ rest
-        return cls(cost, matrix, gradient)
+            if isinstance(columns, MotionColumns):
+                weights = white * np.sqrt(counts)[:, None, None]
+                products = products + columns.products(residuals, weights)
+                continue
+            both = np.concatenate([residuals[:, :, None], columns], axis=2)
+            rows = whitened(both, white, counts).reshape(-1, both.shape[2])
+            products = products + rows.T @ rows
+        return cls(float(products[0, 0]), products[1:, 1:], products[1:, 0])
 
     def with_motion(self, motion: NormalEquations) -> NormalEquations:
         """Add what the lengths say of ξ, the last of the unknowns."""

@@ -5,9 +5,12 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
 
 from constraints.arrays import Array
-from estimation.measurement_model.motion import HarmonicMotion
+from estimation.measurement_model.motion import HarmonicMotion, SampledMotion
+from estimation.measurement_model.motion_columns import MotionColumns
 from expdesign.evaluation.batch import Graph
 from expdesign.evaluation.kernel import kernel
 from expdesign.mechanism.graph import Friction, hexapod_graph
@@ -62,9 +65,14 @@ def sliding_rate_kernel(terms: tuple[Term, ...]) -> Graph:
 
 def predict_lengths(robot: Robot, motion: HarmonicMotion, times: Array) -> tuple[Array, Array]:
     """Return strut lengths at the times given, (S, 6), m, and their slope to ξ, (S, 6, x)."""
-    sampled = motion.at(times)
-    lengths, jacobian = robot.lengths_and_jacobian(sampled.basis[0] @ motion.table.T)
-    return lengths, sampled.chain(jacobian)
+    lengths, columns = length_columns(robot, motion.at(times))
+    return lengths, columns.dense()
+
+
+def length_columns(robot: Robot, sampled: SampledMotion) -> tuple[Array, MotionColumns]:
+    """Return strut lengths, (S, 6), m, and the columns of ξ in them."""
+    lengths, jacobian = robot.lengths_and_jacobian(sampled.pose())
+    return lengths, MotionColumns(jacobian[:, :, :0], jacobian, sampled)
 
 
 class ForcePrediction(NamedTuple):
@@ -89,7 +97,19 @@ def predict_forces(
 
     `signs` are those of the rates that the terms use, (S, s); parameters, (m,), are in SI.
     """
-    sampled = motion.at(times)
+    regressors, columns = force_columns(robot, motion.at(times), signs, parameters)
+    return ForcePrediction(regressors, columns.sampled.chain(columns.slope))
+
+
+def force_columns(
+    robot: Robot,
+    sampled: SampledMotion,
+    signs: Array,
+    parameters: Array,
+    free: NDArray[np.bool_] | None = None,
+) -> tuple[Array, MotionColumns]:
+    """Return A, (S, 6, m), and the columns of the free parameters, all by default, and of ξ."""
     kernel = force_kernel(robot.terms)
     regressors, slope = kernel(sampled.state(), signs, robot.machine, parameters)
-    return ForcePrediction(regressors, sampled.chain(slope))
+    others = regressors if free is None or np.all(free) else regressors[:, :, free]
+    return regressors, MotionColumns(others, slope, sampled)

@@ -53,17 +53,15 @@ class NoiseLines:
         times = multiplicity(self.samples) / self.samples
         return np.asarray(np.einsum("l,lij->ij", times, self.matrices.real))
 
-    def shares(self, columns: ComplexArray) -> Array:
-        """Return vᴴ C v of every line for columns v, (L, 6, k): (L, k), times the multiplicity."""
-        mixed = np.matmul(self.matrices, columns)
-        squares = np.einsum("lik,lik->lk", columns.conj(), mixed).real
-        return squares * multiplicity(self.samples)[:, None]
+    def spread(self, columns: ComplexArray) -> tuple[Array, Array]:
+        """Return Σ Re vᴴ C v over all N lines for columns v, (L, 6, k): (k, k); its shares.
 
-    def spread(self, columns: ComplexArray) -> Array:
-        """Return Σ Re vᴴ C v over all N lines for columns v, (L, 6, k): (k, k)."""
+        These are those of every line in the diagonal, (L, k).
+        """
         mixed = np.matmul(self.matrices, columns) * multiplicity(self.samples)[:, None, None]
-        flat = columns.reshape(-1, columns.shape[2])
-        return (flat.conj().T @ mixed.reshape(flat.shape)).real
+        flat, other = (each.reshape(-1, columns.shape[2]) for each in (columns, mixed))
+        spread = flat.real.T @ other.real + flat.imag.T @ other.imag
+        return spread, np.einsum("lik,lik->lk", columns.conj(), mixed).real
 
     def variance_of(self, shares: Array) -> Array:
         """Return the variance of the sum over the lines of `shares`, (L, k): (k,)."""

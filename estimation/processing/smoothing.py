@@ -12,11 +12,11 @@ Bloomfield, J. Time Series Analysis 8, 1987).
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy
 import scipy.linalg as sla
+from scipy.special import fdtrc
 
 from constraints.arrays import Array, ComplexArray, Mask
 from estimation.processing.noise_lines import NoiseLines
@@ -88,8 +88,27 @@ def smoothed_spectrum(
 
 @dataclass(frozen=True, eq=False)
 class _Candidate:
-    spectrum: SmoothedSpectrum
+    smooth: ComplexArray
+    """(L, 6, 6) or, all alike, (6, 6), of what is flat already."""
+    own: Array
+    """(L, 6), size of lines that stand out: 1 for all others."""
+    standing_out: Mask
+    filters: ComplexArray
+    """(L, 6), what made it flat."""
+    freedom: float
+    order: int
+    half_width: int | None
     likelihood: float
+
+    @property
+    def spectrum(self) -> SmoothedSpectrum:
+        return SmoothedSpectrum(
+            _coloured(self.smooth, self.own / self.filters),
+            self.freedom,
+            self.order,
+            self.half_width,
+            self.standing_out,
+        )
 
 
 def _candidates(lines: NoiseLines, covariance: Array) -> Iterator[_Candidate]:
@@ -99,7 +118,7 @@ def _candidates(lines: NoiseLines, covariance: Array) -> Iterator[_Candidate]:
         filters = _prewhitening(lines, order)
         flat = NoiseLines(_coloured(lines.matrices, filters), lines.samples, lines.freedom)
         mean = flat.covariance if order else covariance
-        constant = np.broadcast_to(mean, flat.matrices.shape).astype(np.complex128)
+        constant = mean.astype(np.complex128)
         everyone = np.ones(len(flat.matrices))
         all_lines = everyone * lines.freedom * lines.samples / 2
         reference, freedom = constant, all_lines
@@ -114,16 +133,11 @@ def _candidates(lines: NoiseLines, covariance: Array) -> Iterator[_Candidate]:
                 smooth, freedom = _neighbours(flat, width, np.where(standing_out, 0.0, 1.0))
             own = size * np.sqrt(_diagonal(reference) / _diagonal(smooth))
             own = np.where(standing_out[:, None], own, 1.0)
-            smooth = smooth * own[:, :, None] * own[:, None, :]
-            spectrum = SmoothedSpectrum(
-                _coloured(smooth, 1 / filters),
-                float(np.median(freedom)),
-                order,
-                width,
-                standing_out,
-            )
             parameters = order * flat.matrices.shape[1]
-            yield _Candidate(spectrum, _likelihood(lines, spectrum.matrices) - parameters)
+            likelihood = _likelihood(flat, smooth, own, filters) - parameters
+            middle = float(np.median(freedom))
+            found = filters, middle, order, width, likelihood
+            yield _Candidate(smooth, own, standing_out, *found)
 
 
 def _usable(lines: NoiseLines, width: int) -> bool:
@@ -131,7 +145,12 @@ def _usable(lines: NoiseLines, width: int) -> bool:
 
 
 def _diagonal(matrices: ComplexArray) -> Array:
-    return np.asarray(np.einsum("lii->li", matrices).real)
+    return np.asarray(np.einsum("...ii->...i", matrices).real)
+
+
+def _ratio(lines: NoiseLines, spectrum: ComplexArray) -> Array:
+    """Return tr S⁻¹ C of every line, (L,), for a spectrum (L, 6, 6) or (6, 6)."""
+    return np.asarray(np.einsum("...ij,...ji->...", np.linalg.inv(spectrum), lines.matrices).real)
 
 
 def _prewhitening(lines: NoiseLines, order: int) -> ComplexArray:
@@ -140,11 +159,10 @@ def _prewhitening(lines: NoiseLines, order: int) -> ComplexArray:
     if order == 0 or lines.samples <= 2 * order:
         return np.ones((count, channels), dtype=np.complex128)
     correlation = np.fft.irfft(_diagonal(lines.matrices), lines.samples, axis=0)[: order + 1]
-    angle = 2j * np.pi * np.multiply.outer(np.arange(count), np.arange(order + 1)) / lines.samples
     filters = [
         np.concatenate([[1.0], -sla.solve_toeplitz(own[:-1], own[1:])]) for own in correlation.T
     ]
-    return np.asarray(np.exp(-angle) @ np.transpose(filters))
+    return np.fft.rfft(np.transpose(filters), lines.samples, axis=0)
 
 
 def _coloured(matrices: ComplexArray, response: ComplexArray) -> ComplexArray:
@@ -181,18 +199,23 @@ def _own_size(lines: NoiseLines, spectrum: ComplexArray, freedom: Array) -> Arra
     doubled = multiplicity(lines.samples) * lines.freedom
     level = _STANDING_OUT / count / 2
     each = _diagonal(lines.matrices) / _diagonal(spectrum)
-    whole = np.einsum("lii->l", np.linalg.solve(spectrum, lines.matrices)).real / channels
-    line_out = scipy.stats.f.sf(whole, channels * doubled, 2 * freedom) < level
-    channel_out = scipy.stats.f.sf(each, doubled[:, None], 2 * freedom[:, None]) < level / channels
+    whole = _ratio(lines, spectrum) / channels
+    # Of the F distribution, beyond the ratio.
+    line_out = fdtrc(channels * doubled, 2 * freedom, whole) < level
+    channel_out = fdtrc(doubled[:, None], 2 * freedom[:, None], each) < level / channels
     size = np.where(line_out[:, None], whole[:, None], 1.0)
     if lines.freedom < _FEWEST_CONTRASTS:
         return np.sqrt(size)
     return np.sqrt(np.where(channel_out, each, size))
 
 
-def _likelihood(lines: NoiseLines, spectrum: ComplexArray) -> float:
-    """Return Whittle's log likelihood of the lines, each predicted by its smoothed neighbours."""
-    _, logarithm = np.linalg.slogdet(spectrum)
-    ratio = np.einsum("lii->l", np.linalg.solve(spectrum, lines.matrices)).real
-    weight = multiplicity(lines.samples) / 2 * lines.freedom
-    return float(-np.sum(weight * (logarithm + ratio)))
+def _likelihood(flat: NoiseLines, smooth: ComplexArray, own: Array, filters: ComplexArray) -> float:
+    """Return Whittle's log likelihood of the lines, each predicted by its smoothed neighbours.
+
+    These are lines that the filters have made flat, (L, 6); the likelihood is that of them before.
+    """
+    scaled = replace(flat, matrices=_coloured(flat.matrices, 1 / own.astype(np.complex128)))
+    _, logarithm = np.linalg.slogdet(smooth)
+    logarithm = logarithm + 2 * np.sum(np.log(own / np.abs(filters)), axis=1)
+    weight = multiplicity(flat.samples) / 2 * flat.freedom
+    return float(-np.sum(weight * (logarithm + _ratio(scaled, smooth))))
