@@ -40,6 +40,8 @@ class BatchFunction:
         Inputs that all samples share.
     outputs : sequence of SX
         Expressions; each comes back as (N, rows, columns), or (N, rows) if it is a column.
+    cse : bool
+        Whether to look for expressions that stand there twice.
     """
 
     def __init__(
@@ -48,11 +50,13 @@ class BatchFunction:
         varying: Sequence[ca.SX],
         fixed: Sequence[ca.SX],
         outputs: Sequence[ca.SX],
+        *,
+        cse: bool = True,
     ) -> None:
         # Row-major nonzeros: CasADi stores by columns, NumPy by rows.
         transposed = [output.T for output in outputs]
         nonzeros = [t.nz[:] for t in transposed]
-        self._function = ca.Function(name, [*varying, *fixed], nonzeros, {"cse": True})
+        self._function = ca.Function(name, [*varying, *fixed], nonzeros, {"cse": cse})
         self._varying = len(varying)
         self._shapes = [output.shape for output in outputs]
         self._places = [_places(t) for t in transposed]

@@ -7,7 +7,7 @@ from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-from scipy.interpolate import BSpline
+import scipy
 
 from constraints.arrays import Array
 from expdesign.mechanism.hexapod import COORDINATES
@@ -72,10 +72,11 @@ def _end_inverse(intervals: int) -> Array:
 
 
 @cache
-def _bases(intervals: int) -> tuple[BSpline, ...]:
+def _bases(intervals: int) -> tuple[scipy.interpolate.BSpline, ...]:
     """Return splines of degree 5, 4, 3 and 2 whose values are all their basis functions."""
+    make = scipy.interpolate.BSpline
     return tuple(
-        BSpline(knot_shares(intervals, degree), np.eye(intervals + degree), degree)
+        make(knot_shares(intervals, degree), np.eye(intervals + degree), degree)
         for degree in range(DEGREE, DEGREE - 4, -1)
     )
 

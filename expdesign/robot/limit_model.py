@@ -76,14 +76,15 @@ def _kernel(
     if friction is Friction.EXACT:
         natural = [ca.densify(one.natural(quantities)) for one in definitions]
         return BatchFunction("limits", [state], fixed[:-1], natural)
-    rows = [ca.cse(one.rows(quantities)) for one in definitions]
+    rows = ca.cse([one.rows(quantities) for one in definitions])
     outputs = [ca.vertcat(ca.SX(0, 1), *rows)]
     if slopes:
         # Each limit by itself: CasADi takes the cheaper direction of differentiation for each, and
         # half as many instructions are left as with the one that serves all.
         own = [ca.jacobian(part, state) for part in rows]
         outputs.append(ca.vertcat(ca.SX(0, state.numel()), *own))
-    return BatchFunction("limits", [state], fixed, outputs)
+    # Of the slopes one instruction in twenty is double then: looking for them takes longer.
+    return BatchFunction("limits", [state], fixed, outputs, cse=not slopes)
 
 
 @dataclass(frozen=True, eq=False)
