@@ -173,10 +173,10 @@ def _series(
 
 def _polynomial(a: TaylorModel, values: list[Array], more: list[float]) -> TaylorModel:
     """Return c₀ + c₁ a + c₂ a² + … of numbers c, (N,) each, that are rounded as `_rounded` says."""
-    cells = a.cells
-    numbers = np.stack([np.broadcast_to(value, cells) for value in values])
-    room = np.empty((4, TERMS + 1, cells))
-    count = arithmetic.horner(*a.packed(cells), numbers, np.array(more), room[0], room[1:])
+    numbers, room = np.empty((len(values), a.cells)), np.empty((4, TERMS + 1, a.cells))
+    for k, value in enumerate(values):
+        numbers[k] = value
+    count = arithmetic.horner(*a.packed(a.cells), numbers, np.array(more), room[0], room[1:])
     return TaylorModel.unpacked(room[0], count)
 
 

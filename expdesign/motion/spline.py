@@ -53,8 +53,8 @@ def scaled_derivatives(basis: Array, coefficients: Array, duration: float) -> Ar
 
 def end_coefficients(intervals: int, duration: float, state: MotionState) -> tuple[Array, Array]:
     """Return the first three coefficients (3, 6) of a start, and their slope to the duration."""
-    values = np.stack([state.pose, duration * state.rate, duration**2 * state.acceleration])
-    slopes = np.stack([np.zeros(COORDINATES), state.rate, 2 * duration * state.acceleration])
+    values = np.array([state.pose, duration * state.rate, duration**2 * state.acceleration])
+    slopes = np.array([np.zeros(COORDINATES), state.rate, 2 * duration * state.acceleration])
     inverse = _end_inverse(intervals)
     return inverse @ values, inverse @ slopes
 

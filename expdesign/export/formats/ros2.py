@@ -47,7 +47,6 @@ _FINER = 3
 _ROTATIONS = frozenset({"rotation", "angular"})
 
 # ruamel.yaml meets malformed input with these, too.
-_LOADING = {"typ": "safe", "pure": True}
 _YAML_FAILURES = (YAMLError, ValueError, LookupError, AttributeError, TypeError, AssertionError)
 
 TOPICS = {
@@ -122,7 +121,7 @@ def _read_yaml(path: Path) -> Mapping[str, Any]:
     """Return the message of a YAML file."""
     try:
         text = path.read_text(encoding="ascii")
-        data = _of_lines(text) or YAML(**_LOADING).load(text)
+        data = _of_lines(text) or _loaded(text)
     except RecursionError:
         raise TableError("no YAML of a message: it is nested too deeply") from None
     except _YAML_FAILURES as error:
@@ -135,6 +134,10 @@ def _read_yaml(path: Path) -> Mapping[str, Any]:
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
         raise TableError("joint_names is no list of names")
     return data
+
+
+def _loaded(text: str) -> Any:
+    return YAML(typ="safe", pure=True).load(text)
 
 
 def _of_lines(text: str) -> dict[str, Any] | None:
@@ -151,7 +154,7 @@ def _of_lines(text: str) -> dict[str, Any] | None:
         points = json.loads(f"[{''.join(lines)[3:]}}}]", object_pairs_hook=_unique)
     except ValueError:
         return None
-    data = YAML(**_LOADING).load(f"{head}{_POINTS} []\n")
+    data = _loaded(f"{head}{_POINTS} []\n")
     return (
         data | {"points": points} if isinstance(data, dict) and data.get("points") == [] else None
     )
