@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import matplotlib as mpl
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 PAGE_WIDTH = 7.0
 """Width of a figure over both columns of a paper, inches."""
@@ -105,6 +104,8 @@ STYLE: dict[str, Any] = {
 @contextmanager
 def house_style() -> Iterator[None]:
     """Draw and save in the project's style, whatever the user's own settings are."""
+    import matplotlib as mpl
+
     settings: dict[Any, Any] = {
         key: mpl.rcParamsDefault[key]
         for key in mpl.rcParamsDefault
@@ -116,6 +117,9 @@ def house_style() -> Iterator[None]:
 
 def new_figure(height: float, width: float = PAGE_WIDTH) -> Figure:
     """Return an empty figure on its own canvas; sizes in inches."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
     figure = Figure(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(figure)
     return figure

@@ -10,9 +10,6 @@ from estimation.controlmodel.model import Origin
 from estimation.controlmodel.uncertainty import WRITTEN_BY, ActuatorUncertainty
 from expdesign.runfolder import JsonFile, described
 
-FOLDER = "model"
-"""Of a run folder; in it a folder for each format."""
-
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ControlModelFile(JsonFile):

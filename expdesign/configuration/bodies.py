@@ -6,8 +6,8 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import Annotated, Any
 
 import numpy as np
+import scipy
 from pydantic import BeforeValidator, model_serializer, model_validator
-from scipy.spatial.transform import Rotation
 
 from constraints.arrays import Array
 from expdesign.configuration.geometry import VANISHING
@@ -92,7 +92,7 @@ class Body(Section):
     @property
     def in_its_part(self) -> RigidBody:
         """The body in the frame of its part."""
-        rotation = Rotation.from_euler(ANGLES, self.rotation).as_matrix()
+        rotation = scipy.spatial.transform.Rotation.from_euler(ANGLES, self.rotation).as_matrix()
         return self._own.placed(rotation, np.array(self.origin))
 
 

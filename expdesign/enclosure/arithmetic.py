@@ -25,6 +25,7 @@ TINY = 1e-300
 _UP = 1 + 2.0**-44
 _ROUNDED = 4 * TERMS * EPS
 _FUNCTION = 1 + 16 * EPS
+_BISECTIONS = 50
 
 _Function = TypeVar("_Function", bound=Callable[..., object])
 
@@ -127,6 +128,55 @@ def _product_radius(x: Array, kx: int, y: Array, ky: int, radius: Array, sizes: 
         apart = own[n] * y[TERMS, n] + _ROUNDED * (own[n] * whole)
         apart += x[TERMS, n] * (whole + y[TERMS, n]) + TINY
         radius[n] = outward(apart + radius[n])
+
+
+@compiled
+def horner(x: Array, kx: int, values: Array, more: Array, out: Array, room: Array) -> int:
+    """Write c₀ + c₁ x + … + cₙ xⁿ; return how many coefficients it has.
+
+    `values` (n + 1, N) are the c as they were computed: wrong by a few units of the last digit,
+    and by `more`, (n + 1,). `room` (3, TERMS + 1, N) is overwritten.
+    """
+    last, count = len(values) - 1, 1
+    _write_rounded(values[last], more[last], out)
+    for k in range(last - 1, -1, -1):
+        width = multiply(out, count, x, kx, room[0], room[1])
+        _write_rounded(values[k], more[k], room[2])
+        count = add(room[0], width, room[2], 1, 1.0, out)
+    return count
+
+
+@compiled
+def _write_rounded(values: Array, more: float, out: Array) -> None:
+    for n in range(len(values)):
+        out[0, n] = values[n]
+        out[TERMS, n] = 8 * EPS * abs(values[n]) + TINY + more
+
+
+@compiled
+def roots(x: Array, kx: int) -> Array:
+    """Return where polynomials change their sign, τ, (N,), by bisection; NaN where not sure."""
+    found = np.full(x.shape[1], np.nan)
+    for n in range(x.shape[1]):
+        low, high, start = -1.0, 1.0, _value(x, kx, n, -1.0)
+        if not start * _value(x, kx, n, 1.0) < 0:
+            continue
+        for _ in range(_BISECTIONS):
+            middle = (low + high) / 2
+            if _value(x, kx, n, middle) * start > 0:
+                low = middle
+            else:
+                high = middle
+        found[n] = (low + high) / 2
+    return found
+
+
+@compiled
+def _value(x: Array, kx: int, n: int, tau: float) -> float:
+    value = 0.0
+    for k in range(kx - 1, -1, -1):
+        value = value * tau + x[k, n]
+    return value
 
 
 @compiled
@@ -263,4 +313,35 @@ def take_root(x: Array, kx: int, out: Array, room: Array) -> int:
                 out[k, n] = 0.0
             out[0, n] = largest / 2
             out[TERMS, n] = outward(largest - largest / 2 + EPS * (largest / 2))
+    return count
+
+
+@compiled
+def larger(x: Array, kx: int, y: Array, ky: int, out: Array, room: Array) -> int:
+    """Write the larger of two; return how many coefficients it has.
+
+    Where it is open which, (x + y)/2 + |x − y|/2 with 0 ≤ |x − y| ≤ most. `room`
+    (4, TERMS + 1, N) is overwritten.
+    """
+    cells, either, ends = x.shape[1], room[1], room[3]
+    width = add(x, kx, y, ky, -1.0, room[0])
+    count = add(x, kx, y, ky, 1.0, either)
+    for n in range(cells):
+        out[0, n], out[TERMS, n] = 0.5, 0.0
+    multiply(out, 1, either, count, room[2], ends)
+    for n in range(cells):
+        low, high = cell_bounds(room[0], width, n)
+        most = max(-low, high)
+        out[0, n], out[TERMS, n] = most / 4, most / 4 * (1 + 4 * EPS)
+        ends[0, n], ends[1, n] = low, high
+    add(room[2], count, out, 1, 1.0, either)
+    for n in range(cells):
+        chosen, own = either, count
+        if ends[0, n] >= 0:
+            chosen, own = x, kx
+        elif ends[1, n] <= 0:
+            chosen, own = y, ky
+        for k in range(count):
+            out[k, n] = chosen[k, n] if k < own else 0.0
+        out[TERMS, n] = chosen[TERMS, n]
     return count

@@ -13,6 +13,7 @@ from collections.abc import Callable
 import numpy as np
 
 from constraints.arrays import Array, Mask
+from expdesign.enclosure import arithmetic
 from expdesign.enclosure.arithmetic import invert, take_root
 from expdesign.enclosure.taylor_model import EPS, TERMS, TINY, TaylorModel
 
@@ -73,10 +74,8 @@ def arc_tangent(y: TaylorModel, x: TaylorModel) -> TaylorModel:
     square = tangent.squared()
     # q (1 − q²/3 + q⁴/5 − …): alternating, so that the next term bounds the rest where |q| < 1.
     last = _POWERS // 2
-    total = _rounded(np.full(1, (-1.0) ** last / (2 * last + 1)))
-    for k in range(last - 1, -1, -1):
-        total = total * square + _rounded(np.full(1, (-1.0) ** k / (2 * k + 1)))
-    total = total * tangent
+    values = [np.full(1, (-1.0) ** k / (2 * k + 1)) for k in range(last + 1)]
+    total = _polynomial(square, values, [0.0] * (last + 1)) * tangent
     largest = tangent.size
     radius = total.radius + np.where(
         largest < 1, largest ** (2 * last + 3) / (2 * last + 3), np.inf
@@ -131,16 +130,10 @@ def absolute(a: TaylorModel) -> TaylorModel:
 
 def larger(a: TaylorModel, b: TaylorModel) -> TaylorModel:
     """Return the larger of two."""
-    difference = a - b
-    low, high = difference.bounds()
-    found = chosen(low >= 0, a, b)
-    known = (low >= 0) | (high <= 0)
-    if np.all(known):
-        return found
-    # (a + b)/2 + |a − b|/2, with 0 ≤ |a − b| ≤ most.
-    most = np.maximum(-low, high)
-    quarter = TaylorModel((most / 4)[None, :], most / 4 * (1 + 4 * EPS))
-    return chosen(known, found, (a + b).scaled(0.5) + quarter)
+    cells = max(a.cells, b.cells)
+    room = np.empty((5, TERMS + 1, cells))
+    count = arithmetic.larger(*a.packed(cells), *b.packed(cells), room[0], room[1:])
+    return TaylorModel.unpacked(room[0], count)
 
 
 def smaller(a: TaylorModel, b: TaylorModel) -> TaylorModel:
@@ -171,15 +164,20 @@ def _series(
     """
     distance = TaylorModel(a.coefficients.copy(), a.radius)
     distance.coefficients[0] = 0.0
-    count = len(derivatives)
-    total = _rounded(
-        derivatives[_POWERS % count] / math.factorial(_POWERS), rounding / math.factorial(_POWERS)
-    )
-    for k in range(_POWERS - 1, -1, -1):
-        share = math.factorial(k)
-        total = total * distance + _rounded(derivatives[k % count] / share, rounding / share)
+    count, shares = len(derivatives), [math.factorial(k) for k in range(_POWERS + 1)]
+    values = [derivatives[k % count] / share for k, share in enumerate(shares)]
+    total = _polynomial(distance, values, [rounding / share for share in shares])
     beyond = distance.size ** (_POWERS + 1) / math.factorial(_POWERS + 1)
     return _with_radius(total, total.radius + largest * beyond * (1 + 16 * EPS))
+
+
+def _polynomial(a: TaylorModel, values: list[Array], more: list[float]) -> TaylorModel:
+    """Return c₀ + c₁ a + c₂ a² + … of numbers c, (N,) each, that are rounded as `_rounded` says."""
+    numbers, room = np.empty((len(values), a.cells)), np.empty((4, TERMS + 1, a.cells))
+    for k, value in enumerate(values):
+        numbers[k] = value
+    count = arithmetic.horner(*a.packed(a.cells), numbers, np.array(more), room[0], room[1:])
+    return TaylorModel.unpacked(room[0], count)
 
 
 def _rounded(values: Array, more: Array | float = 0.0) -> TaylorModel:

@@ -24,6 +24,7 @@ _COMPILED = {
     ca.OP_ADD: program.ADD,
     ca.OP_SUB: program.SUBTRACT,
     ca.OP_MUL: program.MULTIPLY,
+    ca.OP_FMAX: program.LARGER,
 }
 _CALLED: dict[int, Callable[..., TaylorModel]] = {
     ca.OP_SIN: f.sine,
@@ -37,9 +38,11 @@ _CALLED: dict[int, Callable[..., TaylorModel]] = {
     ca.OP_FABS: f.absolute,
     ca.OP_ATAN2: f.arc_tangent,
     ca.OP_HYPOT: lambda a, b: f.root(a.squared() + b.squared()),
-    ca.OP_FMIN: f.smaller,
-    ca.OP_FMAX: f.larger,
 }
+
+
+_SPARE = 2
+"""Places that an instruction of several steps needs for what is between them."""
 
 
 class NoEnclosureError(NotImplementedError):
@@ -66,11 +69,11 @@ class EnclosedFunction:
         self.sizes = tuple(int(function.nnz_out(k)) for k in range(function.n_out()))
         # What is given, and what comes out, have places of their own behind those of the work.
         given = [int(function.nnz_in(k)) for k in range(function.n_in())]
-        work = int(function.sz_w()) + 1
+        work = int(function.sz_w()) + _SPARE
         ends = np.cumsum([work, *given, *self.sizes]).tolist()
         self._given, self._found = ends[: len(given)], ends[len(given) : -1]
         self._places = ends[-1]
-        spare = work - 1
+        spare = work - _SPARE
         steps = [s for k in range(function.n_instructions()) for s in _steps(function, k, spare)]
         self._steps = [self._placed(step) for step in steps]
         self._constants = np.array([step.constant for step in steps])
@@ -161,12 +164,17 @@ class _Step:
 
 
 def _steps(function: ca.Function, k: int, spare: int) -> tuple[_Step, ...]:
-    """Return what an instruction is done by; a place of the work that no other uses is spare."""
-    if function.instruction_id(k) != ca.OP_DIV:
+    """Return what an instruction is done by; places of the work from `spare` on no other uses."""
+    operation = function.instruction_id(k)
+    if operation not in (ca.OP_DIV, ca.OP_FMIN):
         return (_step(function, k),)
-    (target,), (above, below) = function.instruction_output(k), function.instruction_input(k)
-    inverse = _Step(spare, (below,), program.INVERT)
-    return inverse, _Step(target, (above, spare), program.MULTIPLY)
+    (target,), (a, b) = function.instruction_output(k), function.instruction_input(k)
+    if operation == ca.OP_DIV:
+        inverse = _Step(spare, (b,), program.INVERT)
+        return inverse, _Step(target, (a, spare), program.MULTIPLY)
+    flipped = [_Step(spare + i, (one,), program.NEGATE) for i, one in enumerate((a, b))]
+    most = _Step(spare, (spare, spare + 1), program.LARGER)
+    return *flipped, most, _Step(target, (spare,), program.NEGATE)
 
 
 def _step(function: ca.Function, k: int) -> _Step:

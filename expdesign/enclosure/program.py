@@ -6,14 +6,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from constraints.arrays import Array
-from expdesign.enclosure.arithmetic import TERMS, add, compiled, invert, multiply, take_root
+from expdesign.enclosure.arithmetic import (
+    TERMS,
+    add,
+    compiled,
+    invert,
+    larger,
+    multiply,
+    take_root,
+)
 
-ASSIGN, NUMBER, ADD, SUBTRACT, NEGATE, MULTIPLY, TWICE, INVERT, ROOT = range(9)
+ASSIGN, NUMBER, ADD, SUBTRACT, NEGATE, MULTIPLY, TWICE, INVERT, ROOT, LARGER = range(10)
 """Instructions: of a row (instruction, target, first, second) of a program.
 
 `NUMBER` writes the number whose place among the constants is the first.
 """
-ROOM = 4
+ROOM = 5
 """Packed models that `run` needs to work with."""
 
 
@@ -60,6 +68,8 @@ def run(
             count = multiply(work[a], counts[a], work[b], counts[b], out, room[1])
         elif do == INVERT:
             count = invert(work[a], counts[a], out, room[1:])
+        elif do == LARGER:
+            count = larger(work[a], counts[a], work[b], counts[b], out, room[1:])
         elif do == ROOT:
             count = take_root(work[a], counts[a], out, room[1:])
         for k in range(count):

@@ -22,7 +22,6 @@ from expdesign.enclosure.arithmetic import EPS, TERMS, TINY
 __all__ = ["EPS", "TERMS", "TINY", "TaylorModel"]
 
 _NEWTON_STEPS = 2
-_BISECTIONS = 50
 
 
 class TaylorModel:
@@ -36,11 +35,12 @@ class TaylorModel:
         Infinite where nothing is known.
     """
 
-    __slots__ = ("coefficients", "radius")
+    __slots__ = ("_packed", "coefficients", "radius")
 
-    def __init__(self, coefficients: Array, radius: Array) -> None:
+    def __init__(self, coefficients: Array, radius: Array, packed: Array | None = None) -> None:
         self.coefficients = coefficients
         self.radius = radius
+        self._packed = packed
 
     @classmethod
     def number(cls, value: float) -> TaylorModel:
@@ -62,7 +62,7 @@ class TaylorModel:
     @classmethod
     def unpacked(cls, packed: Array, count: int) -> TaylorModel:
         """Return the model of a packed one, (TERMS + 1, N), with so many coefficients: a view."""
-        return cls(packed[:count], packed[TERMS])
+        return cls(packed[:count], packed[TERMS], packed)
 
     def write(self, packed: Array) -> int:
         """Write it into a packed model, (TERMS + 1, N); return how many coefficients it has."""
@@ -77,7 +77,12 @@ class TaylorModel:
         return max(self.coefficients.shape[1], len(self.radius))
 
     def packed(self, cells: int) -> tuple[Array, int]:
-        """Return it packed, (TERMS + 1, cells), and how many coefficients it has."""
+        """Return it packed, (TERMS + 1, cells), only to be read, and how many coefficients it has.
+
+        A model that is a view of a packed one is not packed again.
+        """
+        if self._packed is not None and self._packed.shape[1] == cells:
+            return self._packed, len(self.coefficients)
         packed = np.empty((TERMS + 1, cells))
         return packed, self.write(packed)
 
@@ -119,20 +124,7 @@ class TaylorModel:
 
         Like `extremes` this is a good place, no proof.
         """
-        ends = np.full(self.coefficients.shape[1], -1.0), np.ones(self.coefficients.shape[1])
-        changes = self.at(ends[0]) * self.at(ends[1]) < 0
-        found = np.full(changes.shape, np.nan)
-        if not np.any(changes):
-            return found
-        there = TaylorModel(self.coefficients[:, changes], np.zeros(1))
-        low, high = (end[changes] for end in ends)
-        start = there.at(low)
-        for _ in range(_BISECTIONS):
-            middle = (low + high) / 2
-            same = there.at(middle) * start > 0
-            low, high = np.where(same, middle, low), np.where(same, high, middle)
-        found[changes] = (low + high) / 2
-        return found
+        return arithmetic.roots(*self.packed(self.cells))
 
     def at(self, instants: Array) -> Array:
         """Return the polynomial's values at τ, (N,); the function's are within the radius."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum
@@ -22,6 +23,9 @@ POSE_AXES = ("X", "Y", "Z", "U", "V", "W")
 
 ON_THE_EDGE = 1e-9
 """s; how close to the measurement window's edge a row still belongs to it."""
+
+
+_MINUS_ZERO = re.compile(r"-(?=0\.?0* )")
 
 
 class TableError(ValueError):
@@ -236,7 +240,10 @@ class Settings:
 
     def numbers(self, values: Array) -> list[str]:
         """Return the numbers of a row, (k,), each as `number`."""
-        return [self.number(value) for value in values]
+        if self.digits is None:
+            return [self.number(value) for value in values]
+        row = f"%.{self.digits}f " * len(values) % tuple(values)
+        return _MINUS_ZERO.sub("", row).split()
 
 
 def rounded(times: Array, digits: int) -> Array:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from scipy.interpolate import PPoly
@@ -282,20 +282,15 @@ def information_change(table: ExecutedTable, task: Task) -> InformationChange | 
     ForwardKinematicsError
         The struts' lengths belong to no pose.
     """
-    covariance = task.force_covariance
-    if covariance is None:
+    if task.force_covariance is None:
         return None
-    first, last = task.motion.window
-    count = max(1, int(np.floor((last - first) * task.sampling * (1 + 1e-12))))
-    times = first + np.arange(count) / task.sampling
-
-    names = task.parameters
+    names, count = task.parameters, len(_measured(task))
     try:
-        reference, before = _predicted(task, covariance, times, task.motion.sample)
+        reference, before = _predicted_by_design(task)
     except SingularInformationError:
         return None
     try:
-        found, after = _predicted(task, covariance, times, lambda at: table.smoothed(at).states)
+        found, after = _predicted(task, lambda at: table.smoothed(at).states)
     except SingularInformationError:
         return InformationChange(count, reference, -np.inf, np.inf, names[0])
     relative = after / before - 1
@@ -304,15 +299,30 @@ def information_change(table: ExecutedTable, task: Task) -> InformationChange | 
     return InformationChange(count, reference, change, largest, names[worst])
 
 
-def _predicted(
-    task: Task, covariance: Array, times: Array, sample: Callable[[Array], PoseSamples]
-) -> tuple[float, Array]:
+def _measured(task: Task) -> Array:
+    """Return the times of the samples, (N,), s."""
+    first, last = task.motion.window
+    count = max(1, int(np.floor((last - first) * task.sampling * (1 + 1e-12))))
+    return first + np.arange(count) / task.sampling
+
+
+@lru_cache(maxsize=1)
+def _predicted_by_design(task: Task) -> tuple[float, Array]:
+    """Return `_predicted` of the design itself, which several tables of it share."""
+    return _predicted(task, task.motion.sample)
+
+
+def _predicted(task: Task, sample: Callable[[Array], PoseSamples]) -> tuple[float, Array]:
     """Return log det F and the predicted standard deviations of a motion."""
+    if task.force_covariance is None:
+        raise ValueError("nothing is known of the noise")
     every = task.robot.parameter_names
     columns = [every.index(name) for name in task.parameters]
     total = np.zeros((len(columns), len(columns)))
-    for part in told("reading back: what it tells of the parameters", tuple(blocks(times))):
+    for part in told(
+        "reading back: what it tells of the parameters", tuple(blocks(_measured(task)))
+    ):
         regressors = task.robot.regressor(*sample(part))
-        total += information_matrix(regressors[:, :, columns], covariance)
+        total += information_matrix(regressors[:, :, columns], task.force_covariance)
     std = np.sqrt(np.diag(parameter_covariance(total, task.parameters)))
     return log_det(total, task.parameters), std

@@ -7,7 +7,7 @@ from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-from scipy.interpolate import BSpline
+import scipy
 
 from constraints.arrays import Array
 from expdesign.mechanism.hexapod import COORDINATES
@@ -53,8 +53,8 @@ def scaled_derivatives(basis: Array, coefficients: Array, duration: float) -> Ar
 
 def end_coefficients(intervals: int, duration: float, state: MotionState) -> tuple[Array, Array]:
     """Return the first three coefficients (3, 6) of a start, and their slope to the duration."""
-    values = np.stack([state.pose, duration * state.rate, duration**2 * state.acceleration])
-    slopes = np.stack([np.zeros(COORDINATES), state.rate, 2 * duration * state.acceleration])
+    values = np.array([state.pose, duration * state.rate, duration**2 * state.acceleration])
+    slopes = np.array([np.zeros(COORDINATES), state.rate, 2 * duration * state.acceleration])
     inverse = _end_inverse(intervals)
     return inverse @ values, inverse @ slopes
 
@@ -72,10 +72,11 @@ def _end_inverse(intervals: int) -> Array:
 
 
 @cache
-def _bases(intervals: int) -> tuple[BSpline, ...]:
+def _bases(intervals: int) -> tuple[scipy.interpolate.BSpline, ...]:
     """Return splines of degree 5, 4, 3 and 2 whose values are all their basis functions."""
+    make = scipy.interpolate.BSpline
     return tuple(
-        BSpline(knot_shares(intervals, degree), np.eye(intervals + degree), degree)
+        make(knot_shares(intervals, degree), np.eye(intervals + degree), degree)
         for degree in range(DEGREE, DEGREE - 4, -1)
     )
 

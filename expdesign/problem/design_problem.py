@@ -11,7 +11,7 @@ from functools import partial
 from typing import Any, Protocol, Self
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d
+import scipy
 
 from constraints.arrays import Array, Mask
 from expdesign.information.marginal import PriorMachine
@@ -231,7 +231,8 @@ def hidden_by_smoothing(
     comparable = limits.two_sided & np.isfinite(exact) & np.isfinite(smooth)
     excess = np.subtract(exact, smooth, out=np.zeros_like(exact), where=comparable)
     mode = "wrap" if periodic else "nearest"
-    hidden = maximum_filter1d(np.maximum(excess, 0.0), 2 * reach + 1, axis=0, mode=mode)
+    size = 2 * reach + 1
+    hidden = scipy.ndimage.maximum_filter1d(np.maximum(excess, 0.0), size, axis=0, mode=mode)
     return exact, hidden
 
 

@@ -122,9 +122,10 @@ def _divided(breaks: Array, cells: int) -> Array:
     """Return the edges of cells between the breaks, (N, 2), about equally long."""
     steps = np.diff(breaks)
     counts = np.maximum(1, np.ceil(cells * steps / np.sum(steps))).astype(int)
-    spans = zip(breaks[:-1], breaks[1:], counts, strict=True)
-    grids = [np.linspace(start, end, count + 1) for start, end, count in spans]
-    return np.concatenate([np.stack([grid[:-1], grid[1:]], axis=1) for grid in grids])
+    place = np.arange(np.sum(counts)) - np.repeat(np.cumsum(counts) - counts, counts)
+    start, end, parts = (np.repeat(one, counts) for one in (breaks[:-1], breaks[1:], counts))
+    first, last = (start + k * ((end - start) / parts) for k in (place, place + 1))
+    return np.stack([first, np.where(place + 1 == parts, end, last)], axis=1)
 
 
 def _parts(edges: Array, undecided: Mask, turns: Array, instant: float) -> tuple[Array, Mask]:

@@ -8,9 +8,10 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from constraints.arrays import Array
+from estimation.controlmodel import FOLDER
 from estimation.controlmodel.formats import FORMATS
 from estimation.controlmodel.model import ControlModel, Origin
-from estimation.controlmodel.record import FOLDER, ControlModelFile
+from estimation.controlmodel.record import ControlModelFile
 from estimation.controlmodel.uncertainty import (
     UNCERTAINTY,
     ForceUncertainty,

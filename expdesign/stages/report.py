@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,8 @@ from expdesign.stages.outcome import Outcome
 from expdesign.stages.record import keep_configuration
 from expdesign.stages.table import STAGES, loaded
 from expdesign.stages.workspace import Workspace
-from results.report.folder import ReportedStage
+from results.report.content import StageReport
+from results.report.folder import ReportedStage, RunFolder
 from results.report.run_report import write_report
 
 
@@ -56,5 +58,11 @@ def reported_stages() -> dict[str, ReportedStage]:
     for place in STAGES:
         for name, stage in STAGES.items():
             if stage.report is not None and (stage.reported_after or name) == place:
-                found[name] = ReportedStage(stage.record, loaded(stage.report))
+                found[name] = ReportedStage(stage.record, partial(_report_by, stage.report))
     return found
+
+
+def _report_by(place: str, folder: RunFolder) -> StageReport:
+    """Return what a function, as ``module:function``, says of a folder that holds its stage."""
+    report: StageReport = loaded(place)(folder)
+    return report

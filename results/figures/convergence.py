@@ -6,12 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from operator import attrgetter
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from constraints.arrays import Array
 from expdesign.experiment import DesignRecord
@@ -22,6 +19,11 @@ from expdesign.solver.stage import STAGE_TITLES
 from results.figures.drawing import centred_text, figure_definition
 from results.notation import counted, plain_number
 from results.style import EMPHASIS, GREY, INK, ORANGE
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
 
 FLOOR = TOLERANCE
 """Smaller violations are drawn here: the recheck counts such a limit as kept."""
@@ -75,6 +77,8 @@ def traces(iterations: Sequence[Iteration]) -> tuple[Trace, ...]:
 )
 def convergence_figure(figure: Figure, record: DesignRecord) -> None:
     """Draw all starts, the one that the design came from in front."""
+    from matplotlib.lines import Line2D
+
     found = traces(record.iterations)
     objective, violation = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
     roles = [_role(trace, record.summary.solver.best_start) for trace in found]

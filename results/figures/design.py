@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.container import Container
-from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 
 from constraints.arrays import Array
 from expdesign.experiment import DesignRecord
@@ -21,6 +17,11 @@ from results.figures.parameters import precision_figure
 from results.figures.path import path_figure
 from results.notation import handy_unit, symbol
 from results.style import ALERT, EMPHASIS, INK, MUTED, SECOND
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.container import Container
+    from matplotlib.figure import Figure
 
 _ACTIVE = 100 * REACHED
 """From this share on, %, a limit counts as one that holds the design back."""
@@ -126,6 +127,8 @@ def eigenvalues_figure(figure: Figure, record: DesignRecord) -> None:
 
 
 def _stems(axes: Axes, values: Array) -> None:
+    from matplotlib.ticker import MaxNLocator
+
     index = np.arange(1, values.size + 1)
     positive = values > 0
     axes.set_yscale("log")

@@ -5,16 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
-from matplotlib.artist import Artist
-from matplotlib.axes import Axes
-from matplotlib.axis import Axis
-from matplotlib.container import Container
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from constraints.arrays import Array
 from expdesign.progress import told
@@ -29,6 +22,14 @@ from results.style import (
     house_style,
     new_figure,
 )
+
+if TYPE_CHECKING:
+    from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
+    from matplotlib.container import Container
+    from matplotlib.figure import Figure
+    from matplotlib.ticker import FuncFormatter
 
 Record = TypeVar("Record", contravariant=True)  # noqa: PLC0105 - the word is the reader's
 
@@ -122,6 +123,8 @@ def _lay_out(figure: Figure) -> None:
 
 def strut_legend(figure: Figure) -> None:
     """Name the six strut colours above all panels."""
+    from matplotlib.lines import Line2D
+
     handles = [
         Line2D([], [], color=colour, linewidth=2.0, label=f"strut {j}")
         for j, colour in enumerate(STRUT_COLOURS, 1)
@@ -195,6 +198,8 @@ def parameter_axis(
 
 def plain_decades(axis: Axis) -> None:
     """Label a logarithmic axis with plain numbers: 0.5, 1, 2, 5, 10."""
+    from matplotlib.ticker import LogLocator, NullFormatter
+
     axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axis.set_major_formatter(plain_ticks())
     axis.set_minor_formatter(NullFormatter())
@@ -202,6 +207,8 @@ def plain_decades(axis: Axis) -> None:
 
 def plain_ticks() -> FuncFormatter:
     """Return what writes numbers without powers of ten, with a true minus sign."""
+    from matplotlib.ticker import FuncFormatter
+
     return FuncFormatter(lambda value, _: f"{value:g}".replace("-", "−"))
 
 

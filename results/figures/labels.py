@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.text import Text
-from matplotlib.transforms import Bbox
 
 from constraints.arrays import Array
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.text import Text
+    from matplotlib.transforms import Bbox
 
 _STEPS = (6.0, 15.0, 26.0, 38.0)
 _ALIGNED = {-1: ("right", "top"), 0: ("center", "center"), 1: ("left", "bottom")}
@@ -26,6 +28,9 @@ _INCH = 72.0
 
 def label_points(axes: Axes, points: Array, texts: Sequence[str], colours: Sequence[str]) -> None:
     """Name points, (K, 2) in units of the data, of axes that have their final limits."""
+    from matplotlib.figure import Figure
+    from matplotlib.transforms import Bbox
+
     figure = axes.figure
     if not isinstance(figure, Figure):
         raise TypeError("names are placed in a figure, not in a part of one")

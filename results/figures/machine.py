@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.ticker import MaxNLocator
 
 from constraints.arrays import Array
 from expdesign.robot import Robot
@@ -16,6 +12,10 @@ from results.figures.drawing import figure_definition
 from results.figures.space import View, bound_view, draw_robot, fill_view
 from results.notation import DisplayUnit, handy_unit
 from results.style import INK, MUTED
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 _SPACE: View = (0.01, 0.01, 0.54, 0.87)
 _LEFT, _WIDTH, _BOTTOM, _TOP, _BETWEEN = 0.66, 0.33, 0.11, 0.90, 0.11
@@ -36,6 +36,8 @@ _AIR = 0.06
 )
 def machine_figure(figure: Figure, robot: Robot) -> None:
     """Draw the robot at home in three views."""
+    from matplotlib.lines import Line2D
+
     # The layout engine does not know how far the labels of three-dimensional axes reach out.
     figure.set_layout_engine("none")
     about = robot.description
@@ -90,6 +92,8 @@ def _places(figure: Figure, points: Array) -> tuple[View, View]:
 
 
 def _bound_plane(axes: Axes, unit: DisplayUnit, points: Array, columns: tuple[int, int]) -> None:
+    from matplotlib.ticker import MaxNLocator
+
     across, up = columns
     low, high = _range(points)
     axes.set_xlim(low[across], high[across])

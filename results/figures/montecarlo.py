@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from constraints.arrays import Array
 from estimation.montecarlo.record import StatisticsRow
@@ -20,6 +18,10 @@ from results.figures.drawing import (
     plain_ticks,
 )
 from results.style import BLACK, ESTIMATOR_LOOKS, FAINT, MUTED
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 Rows = Sequence[StatisticsRow]
 

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from constraints.arrays import Array
 from expdesign.configuration import RunConfiguration
@@ -20,6 +18,10 @@ from expdesign.robot import Robot, robot_from
 from results.figures.drawing import figure_definition, legend_above, strut_legend
 from results.notation import DisplayUnit, handy_unit, symbol
 from results.style import AXIS_COLOURS, AXIS_DASHES, FAINT, FORBIDDEN, INK, MUTED, STRUT_COLOURS
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True, eq=False)

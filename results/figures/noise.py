@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 import scipy
-from matplotlib.colors import LinearSegmentedColormap
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from constraints.arrays import Array
@@ -20,6 +20,9 @@ from results.figures.drawing import (
 )
 from results.notation import handy_unit, plain_number
 from results.style import ALERT, BLUE, INK, STRUT_COLOURS, VERMILLION
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 @figure_definition(
@@ -81,7 +84,6 @@ def noise_quantiles_figure(figure: Figure, pictures: NoisePictures) -> None:
     figure.supylabel("Quantile of the noise (standard deviations)", fontsize="medium")
 
 
-_COLOURS = LinearSegmentedColormap.from_list("correlation", [BLUE, "#ffffff", VERMILLION])
 _DARK = 0.6
 """Correlation from which on text is white."""
 
@@ -112,10 +114,13 @@ def _pair(
     title: str,
     channel: str,
 ) -> None:
+    from matplotlib.colors import LinearSegmentedColormap
+
+    colours = LinearSegmentedColormap.from_list("correlation", [BLUE, "#ffffff", VERMILLION])
     std = np.sqrt(np.diag(covariance))
     correlation = correlation_of(covariance)
     names = [channel % j for j in range(1, len(std) + 1)]
-    correlation_image(panels[0], correlation, names, _COLOURS)
+    correlation_image(panels[0], correlation, names, colours)
     for (i, j), value in np.ndenumerate(correlation):
         panels[0].text(
             j,

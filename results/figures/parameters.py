@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.container import Container
-from matplotlib.figure import Figure
 
 from constraints.arrays import Array
-from estimation.identification.record import EstimateRecord
-from estimation.uncertainty.intervals import correlation
 from expdesign.experiment import DesignRecord
 from expdesign.information.identifiable import IDENTIFIABLE
 from results.figures.drawing import (
@@ -25,6 +21,13 @@ from results.figures.drawing import (
 )
 from results.notation import symbol
 from results.style import ALERT, EMPHASIS, ESTIMATOR_LOOKS, MUTED, PALETTE, SECOND
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.container import Container
+    from matplotlib.figure import Figure
+
+    from estimation.identification.record import EstimateRecord
 
 _IDENTIFIABLE = 100 * IDENTIFIABLE
 _WIDTH = 0.38
@@ -137,6 +140,8 @@ def estimates_figure(figure: Figure, record: EstimateRecord) -> None:
 )
 def correlation_figure(figure: Figure, record: EstimateRecord) -> None:
     """Draw the best estimator's correlation matrix."""
+    from estimation.uncertainty.intervals import correlation
+
     summary = record.summary
     free = [k for k, name in enumerate(summary.parameters) if name not in summary.fixed]
     matrix = correlation(summary.best_estimator.covariance)[np.ix_(free, free)]

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from itertools import combinations, product
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from constraints.arrays import Array
 from expdesign.experiment import DesignRecord
@@ -15,6 +13,9 @@ from results.figures.drawing import figure_definition
 from results.figures.space import bound_view, closed, draw_robot, fill_view
 from results.notation import handy_unit
 from results.style import EMPHASIS, FAINT, INK, MUTED
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _DOT = 0.15
 """A path smaller than this share of the workspace is drawn without it …"""
@@ -33,6 +34,8 @@ _VIEWS = ((0.01, 0.01, 0.47, 0.86), (0.52, 0.01, 0.47, 0.86))
 )
 def path_figure(figure: Figure, record: DesignRecord) -> None:
     """Draw both views, each with one scale for its three axes."""
+    from matplotlib.lines import Line2D
+
     # The layout engine does not know how far the labels of three-dimensional axes reach out.
     figure.set_layout_engine("none")
     # Matplotlib has no types for three dimensions.

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from constraints.arrays import Array
 from estimation.diagnostics.record import ExperimentRecord
@@ -20,6 +20,10 @@ from results.figures.drawing import (
 )
 from results.notation import handy_unit
 from results.style import ALERT, FAINT, MUTED, STRUT_COLOURS
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 _BAND = 1.96
 _REACH = 0.9995

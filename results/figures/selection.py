@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
 
 from estimation.identification.record import EstimateRecord
 from estimation.selection.path import SelectionRow
 from results.figures.drawing import figure_definition
 from results.notation import readable
 from results.style import EMPHASIS, FAINT, INK, MUTED, SECOND
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 WORTH = {
     "bic": "fall of Schwarz's criterion with the term",
@@ -63,6 +65,8 @@ def _direction(rows: Sequence[SelectionRow], number: int) -> str:
 
 
 def _draw_step(axes: Axes, place: int, rows: list[SelectionRow], names: list[str]) -> None:
+    from matplotlib.patches import Rectangle
+
     worth = {row.term: row for row in rows}
     inside = set(rows[0].beside.split()) if rows[0].direction == "add" else set()
     largest = max(1.0, *(abs(row.worth) for row in rows))

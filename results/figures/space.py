@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import product
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.ticker import MaxNLocator
-from matplotlib.transforms import Bbox
 
 from constraints.arrays import Array
 from results.notation import DisplayUnit
 from results.style import INK, STRUT_COLOURS
+
+if TYPE_CHECKING:
+    from matplotlib.transforms import Bbox
 
 View = tuple[float, float, float, float]
 """Left, bottom, width and height of a part of a figure, as shares of it."""
@@ -60,6 +61,8 @@ def draw_robot(
 
 def bound_view(axes: Any, unit: DisplayUnit, points: Array) -> float:
     """Put the axes around the points, with one scale for all three; return the floor."""
+    from matplotlib.ticker import MaxNLocator
+
     low, high = np.min(points, axis=0), np.max(points, axis=0)
     air = 0.03 * float(np.max(high - low))
     # A planar path still needs a box with some depth.
@@ -95,6 +98,8 @@ def fill_view(axes: Any, view: View) -> None:
 
 def view_extent(axes: Any) -> Bbox:
     """Return what box and labels cover, as shares of the figure."""
+    from matplotlib.transforms import Bbox
+
     axes.figure.draw_without_rendering()
     corners = np.array(list(product(axes.get_xlim(), axes.get_ylim(), axes.get_zlim())))
     projected = np.column_stack([corners, np.ones(len(corners))]) @ axes.get_proj().T

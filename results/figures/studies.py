@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from constraints.arrays import Array
 from estimation.studies.design_study import DesignStudy, rigid_body, shown_kinematics
@@ -32,6 +31,10 @@ from results.figures.drawing import (
 )
 from results.notation import symbol
 from results.style import ALERT, BLUE, ESTIMATOR_LOOKS, FAINT, GREEN, INK, MUTED, VERMILLION
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 _WIDTH = 0.5
 """Of the points of one parameter, side by side."""

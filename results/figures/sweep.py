@@ -4,12 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from itertools import product
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from constraints.arrays import Array
 from expdesign.configuration.grid import value_text
@@ -22,6 +19,11 @@ from results.figures.drawing import (
 )
 from results.figures.labels import label_points
 from results.style import BLUE, GREY, MUTED, PALETTE
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
 
 _MOST_WORDS, _LONGEST_WORDS = 12, 16
 """So many designs at most are named by their values, and where no name is longer; others by their
@@ -112,6 +114,8 @@ def _looks(record: SweepRecord) -> _Looks:
     Colours are the values of one key, where there are two or more with several values: of those
     with the fewest. Names are the values of the others.
     """
+    from matplotlib.lines import Line2D
+
     grid, others, legend = record.summary.grid, record.varied, []
     colours = [BLUE] * len(record.designs)
     path = min(others, key=lambda one: len(grid[one]))

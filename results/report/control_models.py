@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from estimation.controlmodel.record import FOLDER, ControlModelFile
+from estimation.controlmodel import FOLDER
+from estimation.controlmodel.record import ControlModelFile
 from estimation.identification.identified_robot import FILE as IDENTIFIED
 from expdesign.runfolder.manifest import file_hash
 from results.report.content import Block, Level, Section, TextBlock

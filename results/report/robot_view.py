@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from constraints.arrays import Array
-from estimation.identification.record import EstimateRecord
 from expdesign.experiment import DesignRecord
 from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.recheck.reached import REACHED, reached
@@ -69,6 +68,8 @@ def _motion(folder: RunFolder) -> _Motion | None:
         states = np.concatenate([one.pose, one.pose_rate, one.pose_acceleration], axis=1)
         what, model = "The designed trajectory", "at the nominal parameters"
         return _Motion(what, model, one.time, states, one.force)
+    from estimation.identification.record import EstimateRecord
+
     motions = folder.record(EstimateRecord).motions if folder.has("estimate") else {}
     if 1 not in motions or len(motions[1].time) < 2:  # noqa: PLR2004 - it begins and ends
         return None

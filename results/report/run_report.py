@@ -5,16 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any
 
-from estimation.feedforward.record import FeedforwardRecord
-from estimation.identification.record import EstimateRecord
-from estimation.montecarlo.record import MonteCarloRecord
-from estimation.validation.record import ValidationRecord
+from estimation.controlmodel import FOLDER
 from expdesign.configuration import RunConfiguration
-from expdesign.experiment import DesignRecord
-from expdesign.experiment.sweep_record import SweepRecord
-from expdesign.export.record import ExportsRecord
 from expdesign.progress import tell, told
 from expdesign.runfolder.atomic import write_text
 from results.notation import duration
@@ -31,12 +26,10 @@ from results.report.content import (
     TextBlock,
     Verdict,
 )
-from results.report.control_models import control_model_section
 from results.report.folder import ReportedStage, RunFolder
 from results.report.rendering import latex_table, rendered
 from results.report.robot_view import robot_view
 from results.report.table import Column, ReportTable, text_columns
-from results.saving import record_figures, whole_motion_figure
 
 NAME = "report.html"
 OWN_STAGE = "report"
@@ -54,13 +47,13 @@ LATEX_TABLES = (
 )
 """Tables that are written as LaTeX too."""
 
-_DRAWN: dict[str, tuple[type[Any], str]] = {
-    "design": (DesignRecord, "excitation"),
-    "montecarlo": (MonteCarloRecord, "montecarlo_bias"),
-    "estimate": (EstimateRecord, "estimates"),
-    "validate": (ValidationRecord, "prediction_1"),
-    "feedforward": (FeedforwardRecord, "feedforward"),
-    "sweep": (SweepRecord, "sweep"),
+_DRAWN = {
+    "design": ("expdesign.experiment:DesignRecord", "excitation"),
+    "montecarlo": ("estimation.montecarlo.record:MonteCarloRecord", "montecarlo_bias"),
+    "estimate": ("estimation.identification.record:EstimateRecord", "estimates"),
+    "validate": ("estimation.validation.record:ValidationRecord", "prediction_1"),
+    "feedforward": ("estimation.feedforward.record:FeedforwardRecord", "feedforward"),
+    "sweep": ("expdesign.experiment.sweep_record:SweepRecord", "sweep"),
 }
 """What a stage leaves, and a figure of it: where that is missing, all of them are drawn."""
 
@@ -116,9 +109,12 @@ def run_page(folder: RunFolder) -> Page:
     sections = [report.section for report in reports.values()]
     if view is not None:
         sections.insert(0, Section("motion", "Robot in motion", (view,)))
-    models = control_model_section(folder)
-    if models is not None:
-        sections.append(models)
+    if (folder.path / FOLDER).is_dir():
+        from results.report.control_models import control_model_section
+
+        models = control_model_section(folder)
+        if models is not None:
+            sections.append(models)
     blocks = (block for section in sections for block in section.blocks)
     further = folder.other_figures({b.key for b in blocks if isinstance(b, FigureBlock)})
     if further:
@@ -198,9 +194,16 @@ def _missing_figures(folder: RunFolder) -> list[Path]:
     tell("looking for figures")
     for stage, (kind, figure) in _DRAWN.items():
         if folder.has(stage) and missing(figure):
-            drawn += record_figures(folder.record(kind), folder.path, formats)
+            from results.saving import record_figures
+
+            record = folder.record(resolve_name(kind))
+            drawn += record_figures(record, folder.path, formats)
     if folder.has("design") and folder.has("export"):
         # Always: a table that was exported by hand may be of another motion than the figure.
-        record, exports = folder.record(DesignRecord), folder.record(ExportsRecord)
-        drawn += whole_motion_figure(record, exports, folder.path, formats)
+        from expdesign.experiment import DesignRecord
+        from expdesign.export.record import ExportsRecord
+        from results.saving import whole_motion_figure
+
+        design, exports = folder.record(DesignRecord), folder.record(ExportsRecord)
+        drawn += whole_motion_figure(design, exports, folder.path, formats)
     return drawn
