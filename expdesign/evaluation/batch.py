@@ -18,7 +18,7 @@ from expdesign.evaluation.machine_code import Form, MachineCode, kept_code, mach
 from expdesign.evaluation.one_instant import OneInstant
 
 _LOADING = 64
-"""Samples, all together, from which on the cache is asked: who evaluates few never loads LLVM."""
+"""Samples, all together, from which on the cache is asked for what has no name."""
 _COMPILING = 5000
 """Samples, all together, from which on machine code is made where the cache has none: the virtual
 machine has taken about a third of the time by then that LLVM takes."""

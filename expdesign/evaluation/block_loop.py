@@ -217,7 +217,8 @@ def block_loop(
     """
     starts = list(accumulate(inputs, initial=0))
     ends = list(accumulate((len(row) for row in places), initial=starts[-1]))
-    zero = ends[-1] + work
+    # Behind all that the gathering of few elements runs over.
+    zero = ends[-1] + work + lanes.count
     tables = [
         list(_groups(row, size, start, zero, lanes))
         for start, row, size in zip(ends, places, sizes, strict=False)

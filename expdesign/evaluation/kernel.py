@@ -10,7 +10,7 @@ from __future__ import annotations
 import copyreg
 import hashlib
 import time
-from collections.abc import Callable, Hashable, Iterable
+from collections.abc import Callable, Hashable
 from enum import Enum
 from functools import cache, partial, wraps
 from importlib.metadata import version
@@ -18,13 +18,12 @@ from pathlib import Path
 from typing import ParamSpec
 
 import constraints
+from constraints import limits
 from expdesign.evaluation.batch import BatchFunction, Graph, NamedFunction
 
 _Arguments = ParamSpec("_Arguments")
 _PROJECT = Path(constraints.__file__).parents[1]
 _PACKAGES = ("constraints", "expdesign", "estimation")
-_DROPPED_INTO = ("constraints", "expdesign/mechanism")
-"""Where a new file is a new limit or term: that may happen while a process runs."""
 _BEGAN = time.time_ns() - 60_000_000_000
 """What has changed since then, a minute before this was imported, may not be what is running."""
 
@@ -49,10 +48,8 @@ def kernel(state: Callable[_Arguments, Graph]) -> Callable[_Arguments, BatchFunc
 
 def _full(name: str, arguments: object) -> str | None:
     """Return a name for all that a graph is made of; None where that cannot be told."""
-    known, sources = _named(arguments), _sources()
-    if known is None or sources is None or _changed(_files(_DROPPED_INTO)):
-        return None
-    return f"{name} {known} {sources} {version('casadi')}"
+    known, sources = _named(arguments), _sources(tuple(limits.__path__))
+    return f"{name} {known} {sources} {version('casadi')}" if known and sources else None
 
 
 def _named(value: object) -> str | None:
@@ -75,21 +72,30 @@ def _named(value: object) -> str | None:
     return f"{type(value).__name__}{arguments}" if by_name else None
 
 
-def _files(folders: Iterable[str]) -> list[Path]:
-    return [path for name in folders for path in sorted((_PROJECT / name).rglob("*.py"))]
+def _sources(added: tuple[str, ...]) -> str | None:
+    """Return a hash of all that a graph may be made by; None where any of it has just changed.
 
-
-def _changed(files: Iterable[Path]) -> bool:
-    return any(path.stat().st_ctime_ns > _BEGAN for path in files)
+    A limit may be a file in another folder: these are `added`. A new file changes its folder.
+    """
+    try:
+        files = _files(added)
+        watched = {*files, *(path.parent for path in files)}
+        if not files or any(path.stat().st_ctime_ns > _BEGAN for path in watched):
+            return None
+        return _hashed(files)
+    except OSError:  # another program's: a link to nowhere, a file that has just gone
+        return None
 
 
 @cache
-def _sources() -> str | None:
-    """Return a hash of all that a graph may be made by; None where it has just changed."""
-    files = _files(_PACKAGES)
-    if _changed(files):
-        return None
+def _files(added: tuple[str, ...]) -> tuple[Path, ...]:
+    folders = [*(_PROJECT / name for name in _PACKAGES), *map(Path, added)]
+    return tuple(path for folder in folders for path in sorted(folder.rglob("*.py")))
+
+
+@cache
+def _hashed(files: tuple[Path, ...]) -> str:
     digest = hashlib.sha256()
     for path in files:
-        digest.update(f"{path.relative_to(_PROJECT)}\0".encode() + path.read_bytes() + b"\0")
+        digest.update(f"{path.name}\0".encode() + path.read_bytes() + b"\0")
     return digest.hexdigest()

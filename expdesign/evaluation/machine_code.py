@@ -188,9 +188,9 @@ def _usable() -> bool:
 
 @cache
 def _emitter() -> str:
-    """Return a hash of what writes the code: what another version wrote is another code."""
-    folder = Path(__file__).parent
-    sources = [(folder / name).read_bytes() for name in ("vector_code.py", "block_loop.py")]
+    """Return a hash of what writes the files: what another version wrote is another code."""
+    names = ("vector_code.py", "block_loop.py", "machine_code.py")
+    sources = [Path(__file__).with_name(name).read_bytes() for name in names]
     return hashlib.sha256(b"".join(sources)).hexdigest()
 
 

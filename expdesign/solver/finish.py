@@ -98,7 +98,7 @@ def finish(
     x = start.copy()
     x[-1] = problem.variables.bounds()[0][-1]
     # What is settled is proved only where Ipopt's round does not lead to something better.
-    proved = proving and not settled
+    proved = proving and not (settled and rounds)
     best = candidate = _checked(problem, x, proving=proved)
     kept = x
     best_merit = evaluator.merit(best.trajectory, problem.cost.samples)
@@ -125,7 +125,7 @@ def finish(
         candidate = _checked(problem, x, proving=proving)
         merit = evaluator.merit(candidate.trajectory, problem.cost.samples)
         gain = evaluator.gain(merit, best_merit)
-        if gain <= 0 and proving and not proved:
+        if proving and not proved and (gain <= 0 or not candidate.check.certified):
             best, proved = _checked(problem, kept, proving=True), True
             best_merit = evaluator.merit(best.trajectory, problem.cost.samples)
             gain = evaluator.gain(merit, best_merit)
@@ -133,7 +133,7 @@ def finish(
             (check.certified, check.passed) for check in (candidate.check, best.check)
         )
         if standing > before or (standing == before and candidate.check.passed and gain > 0):
-            best, best_merit, kept = candidate, merit, x
+            best, best_merit, kept, proved = candidate, merit, x, proving
         # A round that falls back shows rows and margins that the next one puts right (measured).
         good = best.check.certified if proving else best.check.passed
         if number == rounds or (last and good) or status == "User_Requested_Stop":
@@ -269,7 +269,12 @@ def shrink_to_limits(
         factor = brentq(excess, smallest, 1.0, xtol=_RESOLUTION) if excess(1.0) > 0 else 1.0
         while excess(factor) > 0:
             factor -= _RESOLUTION
-        return Shrunk(_scaled(trajectory, factor), factor, kept=True)
+        shrunk = _scaled(trajectory, factor)
+        # What was far from its bound may have come near.
+        if smallest == SMALLEST_FACTOR or not np.any(
+            problem.limits.violations(states_at(shrunk, times)) > 0
+        ):
+            return Shrunk(shrunk, factor, kept=True)
     return Shrunk(_scaled(trajectory, SMALLEST_FACTOR), SMALLEST_FACTOR, kept=False)
 
 

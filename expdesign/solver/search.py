@@ -36,7 +36,7 @@ PROVED = 3
 """Finished motions that are proved, the best first, until one is."""
 NEAR = 3
 """Hops near a motion, one after the other without a better one, before they lead far."""
-PATIENCE = 144
+PATIENCE = 80
 """Hops without a better motion after which no more are made."""
 _BETTER = 1e-3
 """Difference in cost that counts: 0.1 % of D-efficiency."""
