@@ -75,6 +75,24 @@ def test_every_operation_of_every_value(count, lanes, monkeypatch):
     same(*both(everything, varying, np.array([0.3, -2.0])))
 
 
+@pytest.mark.parametrize("lanes", [2, 4, 8])
+@pytest.mark.parametrize("sizes", [(1,), (3,), (9,), (1, 1), (3, 2), (5, 1), (1, 0, 1)])
+def test_small_functions_with_elements_that_are_zero(sizes, lanes, monkeypatch):
+    # Where there are fewer elements than lanes, more is read and written than there is.
+    monkeypatch.setattr(machine_code, "_lanes", lambda: Lanes(lanes))
+
+    def sparse():
+        inputs = [ca.SX.sym("x", size) for size in sizes]
+        first, last, zeros = inputs[0][0], inputs[-1], ca.SX(4, 1)
+        outputs = [ca.vertcat(2 * first, ca.SX(1, 1)), ca.vertcat(zeros, first, zeros), last]
+        outputs += [ca.SX(3, 3), ca.diag(ca.vertcat(first, first + 1, first**2)), ca.SX(0, 1)]
+        return BatchFunction("sparse", inputs, [], outputs)
+
+    rng = np.random.default_rng(0)
+    for count in (1, 3, 8, 17):
+        same(*both(sparse, *(rng.normal(size=(count, size)) for size in sizes)))
+
+
 def test_values_that_wait_for_thousands_of_instructions():
     # What is computed at the beginning is needed at the end, beside what needs it in between.
     def long():

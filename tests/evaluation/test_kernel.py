@@ -7,7 +7,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from constraints import limit_definitions
+from constraints import limit_definitions, limits
 from expdesign.evaluation import kernel as module
 from expdesign.evaluation.batch import Graph
 from expdesign.evaluation.kernel import kernel
@@ -24,9 +24,9 @@ def settled(tmp_path, monkeypatch):
     monkeypatch.delenv(SWITCH, raising=False)
     monkeypatch.setenv(CACHE, str(tmp_path))
     monkeypatch.setattr(module, "_BEGAN", np.inf)
-    module._sources.cache_clear()
     yield
-    module._sources.cache_clear()
+    module._files.cache_clear()
+    module._hashed.cache_clear()
 
 
 def stated(factor=2.0):
@@ -87,16 +87,26 @@ def test_what_is_in_no_catalogue_has_no_name(own):
     assert len(made) == len(more) == 1
 
 
-@pytest.mark.parametrize("changed", [0, "a file of limits"])
-def test_sources_that_have_changed_give_no_name(changed, monkeypatch, tmp_path):
+def test_sources_that_have_just_changed_give_no_name(monkeypatch):
     # What runs may be what was there before.
     evaluated(stated()[0], TERM)
-    if changed:
-        (tmp_path / "constraints").mkdir()
-        (tmp_path / "constraints" / "limit.py").write_text(changed)
-        monkeypatch.setattr(module, "_files", lambda _: [tmp_path / "constraints" / "limit.py"])
     monkeypatch.setattr(module, "_BEGAN", 0)
     np.testing.assert_array_equal(evaluated(stated(3.0)[0], TERM), [9, 36])
+
+
+def test_a_limit_in_a_folder_of_the_users(monkeypatch, tmp_path):
+    folder = tmp_path / "limits"
+    folder.mkdir()
+    monkeypatch.setattr(limits, "__path__", [*limits.__path__, str(folder)])
+    for factor in (2.0, 3.0):
+        (folder / "own.py").write_text(f"FACTOR = {factor}")
+        module._hashed.cache_clear()  # as in another process
+        module._files.cache_clear()
+        np.testing.assert_array_equal(evaluated(stated(factor)[0], LIMIT), factor * X.sum(axis=1))
+    # An editor's: a link to nowhere.
+    (folder / ".#own.py").symlink_to(folder / "nowhere")
+    module._files.cache_clear()
+    np.testing.assert_array_equal(evaluated(stated(4.0)[0], LIMIT), 4.0 * X.sum(axis=1))
 
 
 def test_terms_of_the_catalogue_stay_the_same_in_other_processes():

@@ -1,5 +1,6 @@
 import dataclasses
 import importlib
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -7,10 +8,12 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from expdesign.recheck.certificate import recheck
+from expdesign.recheck.limit_check import LimitCheck, Recheck
 from expdesign.solver.continuation import finish_stage
-from expdesign.solver.finish import controller_omega, finish
+from expdesign.solver.finish import Finished, controller_omega, finish
 from expdesign.solver.hum_distance import KnownHum
 from expdesign.solver.initial import random_start
+from expdesign.solver.stage import Stage
 
 # --- whole controller steps -----------------------------------------------------------------------
 
@@ -170,3 +173,74 @@ def test_the_finish_can_be_stopped(task, on_coarse_grid):
     assert calls == [1]
     assert finished.record.status == "User_Requested_Stop"
     assert finished.record.rounds == 1
+
+
+# --- what is proved, and kept ---------------------------------------------------------------------
+
+START, BETTER = 0.0, 0.01
+CERTIFIED, UNPROVED, BROKEN = (-1e-4, -1e-5), (-1e-4, 1e-3), (1e-2, 1e-2)
+"""Excess of a limit as it is found, and as it is proved."""
+
+
+class Scripted:
+    """Finishes without motions: what each solve leads to is given, and what proofs say of it."""
+
+    def __init__(self, monkeypatch, motions, status="Solve_Succeeded"):
+        self.motions, self.status, self.proved = motions, status, []
+        module = importlib.import_module("expdesign.solver.finish")
+        monkeypatch.setattr(module, "_checked", self.checked)
+        monkeypatch.setattr(module, "_critical_rows", lambda *_: None)
+        monkeypatch.setattr(module, "solve_rows", self.solved)
+
+    def checked(self, _problem, x, *, proving):
+        number = int(x[0])
+        merit, (found, proved) = self.motions[number]
+        if proving:
+            self.proved.append(number)
+        one = LimitCheck("k", "", "", "m", 0.0, 1.0, found, 0.0, "o")
+        one = dataclasses.replace(one, proved=proved if proving else np.nan)
+        return Finished({"merit": merit, "number": number}, Recheck((one,)), 1.0)
+
+    def solved(self, _problem, _stage, _rows, _start, record, _report, *, most):
+        assert most > 0
+        record.rounds += 1
+        return np.array([record.rounds, 0.0]), self.status
+
+    def finished(self, rounds):
+        """Return the number of the motion that is kept, and whether it is certified."""
+        variables = SimpleNamespace(bounds=lambda: (np.array([0.0, 1.0]),) * 2)
+        problem = SimpleNamespace(
+            variables=variables,
+            limits=SimpleNamespace(keys=["k"]),
+            cost=SimpleNamespace(samples=10),
+            cost_value=lambda *_: 0.0,
+        )
+        evaluator = SimpleNamespace(
+            merit=lambda trajectory, _: trajectory["merit"], gain=lambda one, other: one - other
+        )
+        stage = Stage("finish", 0.1, 0.0, 10, 10, 0.1, 0.2, 10)
+        done = finish(
+            problem, evaluator, np.zeros(2), stage, rounds=rounds, report=None, settled=True
+        )
+        return done.trajectory["number"], done.check.certified
+
+
+@pytest.mark.parametrize("status", ["Solve_Succeeded", "User_Requested_Stop"])
+@pytest.mark.parametrize("rounds", [0, 1, 4])
+@pytest.mark.parametrize("found", [(BETTER, UNPROVED), (BETTER, BROKEN), (-BETTER, CERTIFIED)])
+def test_a_motion_that_can_be_certified_is_kept(found, rounds, status, monkeypatch):
+    motions = {0: (START, CERTIFIED)} | dict.fromkeys(range(1, 5), found)
+    script = Scripted(monkeypatch, motions, status)
+    assert script.finished(rounds) == (0, True)
+    assert script.proved.count(0) == 1
+
+
+def test_what_a_better_motion_set_out_from_is_not_proved(monkeypatch):
+    script = Scripted(monkeypatch, {0: (START, CERTIFIED), 1: (BETTER, CERTIFIED)})
+    assert script.finished(4) == (1, True)
+    assert script.proved == [1]
+
+
+def test_nothing_is_certified_that_cannot_be(monkeypatch):
+    motions = {0: (START, UNPROVED)} | dict.fromkeys(range(1, 5), (BETTER, UNPROVED))
+    assert Scripted(monkeypatch, motions).finished(4) == (1, False)
