@@ -4,8 +4,9 @@
 `report` are the stages that are called most; `run` does all that a run file names.
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from expdesign.loading import names_loaded_when_used
 
 if TYPE_CHECKING:
     from estimation.data.measurement import Measurement
@@ -52,14 +53,8 @@ _HOMES = {
     ),
 }
 
-
-def __getattr__(name: str) -> Any:
-    """Load a public name when it is first used: `expdesign --help` needs no CasADi."""
-    if name not in _HOMES:
-        raise AttributeError(f"module 'expdesign' has no attribute '{name}'")
-    value = getattr(import_module(_HOMES[name]), name)
-    globals()[name] = value
-    return value
+# `expdesign --help` needs no CasADi.
+__getattr__ = names_loaded_when_used(__name__, _HOMES)
 
 
 def __dir__() -> list[str]:

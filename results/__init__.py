@@ -1,17 +1,13 @@
 """What is shown of a run: tables, figures and reports. Computes nothing that a run decides."""
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from expdesign.loading import names_loaded_when_used
 
 if TYPE_CHECKING:
     from results.saving import design_figures, record_figures
 
 __all__ = ["design_figures", "record_figures"]
 
-
-def __getattr__(name: str) -> Any:
-    """Load what draws when it is first used: a report whose figures are there needs none of it."""
-    if name not in __all__:
-        raise AttributeError(f"module 'results' has no attribute '{name}'")
-    from results import saving
-
-    return getattr(saving, name)
+# A report whose figures are there needs nothing of what draws.
+__getattr__ = names_loaded_when_used(__name__, dict.fromkeys(__all__, "results.saving"))

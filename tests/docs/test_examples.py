@@ -132,7 +132,7 @@ def test_the_python_page(tiny_result, tmp_path, monkeypatch):
     monkeypatch.setattr("expdesign.stages.design.design", lambda *_: tiny_result)
     monkeypatch.setattr("results.design_figures", lambda _, folder: asked.append(folder))
     monkeypatch.setattr("results.record_figures", lambda *_: ())
-    monkeypatch.setattr("results.report.run_report.record_figures", lambda *_: ())
+    monkeypatch.setattr("results.saving.record_figures", lambda *_: ())
     monkeypatch.chdir(tmp_path)
     names = {}
     for block in blocks("python"):
