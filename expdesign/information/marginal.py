@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 
 from constraints.arrays import Array
 from expdesign.configuration.identification import Identification
-from expdesign.information.spectral import Criterion, SpectralCost, spectral_cost
+from expdesign.information.spectral import Criterion, Curvature, SpectralCost, spectral_cost
 
 _NOTHING = 1e-14
 """Eigenvalue of a correlation matrix, over the largest, that is rounding."""
@@ -98,16 +98,20 @@ class PriorMachine:
         own = spectral_cost(solved.marginal, criterion, level)
         whitened = sla.solve_triangular(solved.root, solved.factor.T, lower=True).T
         count, others = len(own.slope), whitened.shape[1]
-        mixing = np.zeros((count + others,) * 2)
-        mixing[:count, :count] = own.mixing
-        mixing[:count, count:] = np.maximum(-own.slope, 0.0)[:, None]
-        mixing[count:, :count] = mixing[:count, count:].T
+
+        def curvature() -> Curvature:
+            diagonal, between = own.curvature()
+            mixing = np.zeros((count + others,) * 2)
+            mixing[:count, :count] = between
+            mixing[:count, count:] = np.maximum(-own.slope, 0.0)[:, None]
+            mixing[count:, :count] = mixing[:count, count:].T
+            return Curvature(np.pad(diagonal, (0, others)), mixing)
+
         return SpectralCost(
             own.value,
             np.concatenate([solved.reduced @ own.basis, whitened], axis=1),
             np.concatenate([own.slope, np.zeros(others)]),
-            np.pad(own.diagonal, (0, others)),
-            mixing,
+            curvature,
         )
 
     def _solved(self, information: Array, samples: float) -> _Solved:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import logsumexp, softmax
@@ -51,22 +53,35 @@ class SpectralCost:
     """(m, m), eigenvectors of F, columns."""
     slope: Array
     """(m,), derivatives with respect to the eigenvalues: dcost = Σ slope_i (Vᵀ dF V)_ii."""
+    curvature: Callable[[], Curvature]
+    """Computed when it is called."""
+
+
+class Curvature(NamedTuple):
+    """Second derivatives along dF without their negative parts, with E = Vᵀ dF V."""
+
     diagonal: Array
-    """(m, m), positive semidefinite curvature between the diagonal entries of Vᵀ dF V."""
+    """(m, m), positive semidefinite, between the diagonal entries of E."""
     mixing: Array
-    """(m, m), nonnegative curvature of its off-diagonal entries (Daleckii–Krein), zero diagonal."""
+    """(m, m), nonnegative, of its off-diagonal entries (Daleckii–Krein); zero diagonal."""
 
 
 def spectral_cost(information: Array, criterion: Criterion, level: float) -> SpectralCost:
-    """Evaluate a criterion on the scaled F, (m, m), for a Gauss–Newton method.
-
-    The second derivative of φ(λ(F)) along dF, with E = Vᵀ dF V, is
-    Σ φ''_ij E_ii E_jj + Σ_{i≠j} (φ'_i − φ'_j)/(λ_i − λ_j) E_ij²; its negative parts are cut.
-    """
+    """Evaluate a criterion on the scaled F, (m, m), for a Gauss–Newton method."""
     values, basis = np.linalg.eigh(information)
     # Rounding leaves eigenvalues of a nearly singular F at either sign: their logarithm is cut.
     values = np.maximum(values, np.finfo(float).eps ** 2 * values[-1])
     cost, gradient, hessian = criterion.cost(np.log(values), level)
+    slope = gradient / values
+    return SpectralCost(cost, basis, slope, partial(_curvature, values, gradient, hessian))
+
+
+def _curvature(values: Array, gradient: Array, hessian: Array) -> Curvature:
+    """Return the curvature of φ(log λ(F)), with the derivatives of φ.
+
+    The second derivative along dF is
+    Σ φ''_ij E_ii E_jj + Σ_{i≠j} (φ'_i − φ'_j)/(λ_i − λ_j) E_ij²; its negative parts are cut.
+    """
     slope = gradient / values
     curvature = (hessian - np.diag(gradient)) / np.multiply.outer(values, values)
     gap = np.subtract.outer(values, values)
@@ -79,7 +94,7 @@ def spectral_cost(information: Array, criterion: Criterion, level: float) -> Spe
     np.fill_diagonal(mixing, 0.0)
     spectrum, vectors = np.linalg.eigh((curvature + curvature.T) / 2)
     diagonal = (vectors * np.maximum(spectrum, 0.0)) @ vectors.T
-    return SpectralCost(cost, basis, slope, diagonal, np.maximum(mixing, 0.0))
+    return Curvature(diagonal, np.maximum(mixing, 0.0))
 
 
 def log_sum_exp(logs: Array, power: float) -> tuple[float, Array, Array]:

@@ -19,7 +19,7 @@ from expdesign.progress import tell
 from expdesign.recheck.certificate import certify
 from expdesign.recheck.fine_grid import local_worst, worst_sampled
 from expdesign.recheck.limit_check import TOLERANCE, LimitCheck
-from expdesign.solver.interior_point import solve_by_interior_point
+from expdesign.solver.interior_point import Standstill, solve_by_interior_point
 
 RESERVE = 2e-3
 """Share of every limit's range that a ramp leaves free, away from its ends: room for what a
@@ -42,7 +42,8 @@ _END_SHARE = 0.1
 _LARGEST_MARGIN = 0.2
 _TIME_SMOOTHNESS = 2e-4
 
-_solved = partial(solve_by_interior_point, most=40, barrier=0.03, curvature=1.0)
+_EXACT = Standstill(feasible=_FEASIBLE)
+_solved = partial(solve_by_interior_point, most=40, barrier=0.03, following=False)
 """More iterations, or a larger barrier, end in longer ramps (measured)."""
 
 
@@ -202,7 +203,7 @@ def _settled(
         # Rows of earlier rounds stay: without them their violations would come back.
         used |= critical
         program = RampProgram(problem, _fine_grid(), used, margins, width, 1.0)
-        result = _solved(program.smoothest(x), x, most=60, barrier=0.1, feasible=_FEASIBLE)
+        result = _solved(program.smoothest(x), x, most=60, barrier=0.1, standstill=_EXACT)
         excess = program.excess(result.x)
         if excess > _CLOSE_ENOUGH:
             break

@@ -135,8 +135,9 @@ class InformationCost:
         own = np.einsum("zii->zi", change)
         gradient = own @ cost.slope
         # A product with itself takes half the work of one of two matrices.
-        mixed = (change * np.sqrt(cost.mixing)).reshape(len(change), -1)
-        hessian = own @ cost.diagonal @ own.T + mixed @ mixed.T
+        diagonal, mixing = cost.curvature()
+        mixed = (change * np.sqrt(mixing)).reshape(len(change), -1)
+        hessian = own @ diagonal @ own.T + mixed @ mixed.T
         return cost.value, gradient, hessian
 
     def gradient(self, variables: Array, width: float, level: float) -> tuple[float, Array]:

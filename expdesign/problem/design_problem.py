@@ -172,8 +172,13 @@ class LimitedProgram:
         margins: Array | None = None,
     ) -> None:
         self._limits, self._path, self._points, self._mask = limits, path, points, mask
-        self._width, self._used = width, np.flatnonzero(np.any(mask, axis=0))
+        self._width = width
         self._scale = np.broadcast_to(limits.scale, mask.shape)[mask]
+        # The limits that hold at each point, as many as where there are most of them.
+        most = int(np.max(np.count_nonzero(mask, axis=1), initial=0))
+        self._held = np.argsort(~mask, axis=1, kind="stable")[:, :most]
+        self._packed = np.take_along_axis(mask, self._held, axis=1)
+        self._factor = (1.0 / limits.scale[self._held])[:, :, None]
         self.row_lower, self.row_upper = (
             np.broadcast_to(side, mask.shape)[mask] / self._scale
             for side in limits.smooth_bounds(margins)
@@ -196,15 +201,15 @@ class LimitedProgram:
         """Return the scaled limit rows with their derivatives."""
         states = self._path.states(x, self._points)
         values, slopes = self._limits.smooth_slopes(states, self._width)
-        # Nothing is computed of quantities without any row; where one of the others is no row, it
-        # need not even be a number.
-        mask = self._mask[:, self._used]
-        scaled = slopes[:, self._used] / self._limits.scale[self._used, None]
+        scaled = slopes[np.arange(len(slopes))[:, None], self._held]
+        scaled *= self._factor
+        # Where there is no row it need not even be a number.
+        scaled[~self._packed] = 0.0
         return LinearRows(
             values[self._mask] / self._scale,
             self._path.slope(x, self._points),
-            np.where(mask[:, :, None], scaled, 0.0),
-            mask,
+            scaled,
+            self._packed,
         )
 
     def excess(self, x: Array) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,44 +50,48 @@ class Bounds:
             np.where(upper, self.upper - slacks, _FAR),
         )
 
-    def within(self, slacks: Array) -> Array:
-        """Return slacks that rounding may have put on a bound."""
-        near = [1e-13 * size for size in self._sizes()]
+    def following(self, values: Array, slacks: Array, gaps: Pair, close: float) -> Array:
+        """Return slacks that are the values themselves where these stay inside.
+
+        There they use up no larger a share `close` of their distances (`gaps`) from the bounds.
+        """
+        stays = (values - self.lower >= (1 - close) * gaps[0]) | ~self.sides[0]
+        stays &= (self.upper - values >= (1 - close) * gaps[1]) | ~self.sides[1]
+        return np.where(stays, values, slacks)
+
+    def off(self, slacks: Array) -> Array:
+        """Return slacks that rounding may have put on a bound, taken off it."""
+        near = [1e-13 * size for size in self._sizes]
         return np.clip(slacks, self.lower + near[0], self.upper - near[1])
 
     def inside(self, values: Array) -> Array:
         """Return the values that are nearest to given ones, a little within the bounds."""
         width = np.where(np.isfinite(self.upper - self.lower), self.upper - self.lower, np.inf)
-        shift = [_INSIDE * np.minimum(size, width) for size in self._sizes()]
+        shift = [_INSIDE * np.minimum(size, width) for size in self._sizes]
         return np.clip(values, self.lower + shift[0], self.upper - shift[1])
-
-    def products(self, gaps: Pair, multipliers: Pair) -> Array:
-        """Return every bound's distance times its multiplier: all equal μ on the central path."""
-        every = zip(gaps, multipliers, self.sides, strict=True)
-        return np.concatenate([gap[side] * multiplier[side] for gap, multiplier, side in every])
 
     def pushes(self, gaps: Pair, barrier: float) -> Pair:
         """Return how the barrier pushes away from the bounds; 0 where there is none."""
-        lower, upper = (
-            np.where(side, barrier / gap, 0.0) for side, gap in zip(self.sides, gaps, strict=True)
-        )
-        return lower, upper
+        lower, upper = self.sides
+        return np.where(lower, barrier / gaps[0], 0.0), np.where(upper, barrier / gaps[1], 0.0)
 
     def logarithms(self, slacks: Array) -> float:
         """Return the sum of the logarithms of the distances: the barrier is −μ times this."""
         gaps = zip(self.gaps(slacks), self.sides, strict=True)
-        return sum(float(np.sum(np.log(gap[side]))) for gap, side in gaps)
+        return sum(float(np.sum(np.log(gap), where=side)) for gap, side in gaps)
 
     def longest(self, close: float, distances: Pair, ways: Pair) -> float:
         """Return how far one may go, 1 at most, until so large a share of a distance is used up."""
         share = 1.0
         for side, distance, way in zip(self.sides, distances, ways, strict=True):
             nearer = side & (way < 0)
-            share = float(np.min(-close * distance[nearer] / way[nearer], initial=share))
+            shares = np.divide(-close * distance, way, where=nearer, out=np.ones_like(way))
+            share = min(share, float(np.min(shares, initial=1.0)))
         return share
 
+    @cached_property
     def _sizes(self) -> Pair:
-        """Return what distances from the bounds are small compared to."""
+        """What distances from the bounds are small compared to."""
         lower, upper = (
             np.maximum(1.0, np.abs(np.where(there, bound, 0.0)))
             for there, bound in zip(self.sides, (self.lower, self.upper), strict=True)

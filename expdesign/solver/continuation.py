@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from expdesign.information.criteria import CRITERIA
 from expdesign.problem.design_problem import DesignProblem
-from expdesign.solver.interior_point import Standstill
+from expdesign.solver.interior_point import RENEWED, Standstill
 from expdesign.solver.stage import Stage
 
 MOST_BLUNT_HARMONICS = 5
@@ -16,7 +16,8 @@ MOST_BLUNT_HARMONICS = 5
 _EVERYTHING = 10.0
 _NEAR = 0.15
 _RADIUS = 0.6
-_HOP_RADIUS = 1.0
+_THROWN = 0.1
+"""First barrier of a hop: the larger, the farther from where it was thrown it may end."""
 _SETTLED = 1e-3
 """At the beginning of a stage near its optimum: from 0.01 it goes far away and comes back."""
 _ROUGH = Standstill(1e-3, 3)
@@ -73,6 +74,7 @@ def continuation_stages(
             near=_EVERYTHING,
             radius=None,
             iterations=iterations,
+            renewed=RENEWED,
             standstill=_ROUGH,
             criterion=CRITERIA["d"] if flat else None,
             harmonics=few if few < n else None,
@@ -101,28 +103,8 @@ def continuation_stages(
     return stages
 
 
-@dataclass(frozen=True)
-class Hop:
-    """A way out of a basin."""
-
-    size: float
-    """Of the noise, in scaled variables."""
-    blunt: bool
-    """Whether it goes through all stages of a start, from blunt friction to sharp."""
-    barrier: float
-    """At the beginning of its first stage: the larger, the farther from its start it may end."""
-
-
-NEAR_HOPS = (Hop(0.1, blunt=False, barrier=0.01), Hop(0.15, blunt=False, barrier=0.01))
-"""With sharp friction. From a barrier of 0.1 the same gain takes twice the time (measured)."""
-FAR_HOPS = (Hop(0.2, blunt=True, barrier=0.1),)
-"""Where near ones come to nothing any more these gain twice as much a second (measured)."""
-
-
-def hop_stages(
-    problem: DesignProblem, widths: Sequence[float], iterations: int, hop: Hop
-) -> list[Stage]:
-    """Return the stages of one hop: those of a start, with fewer iterations, or two sharp ones.
+def hop_stages(problem: DesignProblem, widths: Sequence[float], iterations: int) -> list[Stage]:
+    """Return the stages of one hop: those of a start, with fewer iterations.
 
     The first one holds every limit: thrown into its limits, a motion has none near its bound, and
     with few rows the solver runs out of all the others at once (measured).
@@ -134,22 +116,10 @@ def hop_stages(
         first,
         points=coarse,
         samples=min(samples, coarse),
-        barrier=hop.barrier,
+        barrier=_THROWN,
         harmonics=None,
     )
-    if hop.blunt:
-        return [thrown, *others]
-    last = others[-1]
-    sharp = replace(
-        thrown,
-        name="hop",
-        width=last.width,
-        level=last.level,
-        radius=_HOP_RADIUS,
-        standstill=last.standstill,
-        criterion=None,
-    )
-    return [sharp, last]
+    return [thrown, *others]
 
 
 def finish_stage(

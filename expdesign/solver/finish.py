@@ -243,13 +243,17 @@ class Shrunk:
 
 
 def shrink_to_limits(
-    problem: DesignProblem, trajectory: FourierTrajectory, margin: float = GRID_MARGIN
+    problem: DesignProblem,
+    trajectory: FourierTrajectory,
+    margin: float = GRID_MARGIN,
+    points: int | None = None,
 ) -> Shrunk:
-    """Return the largest multiple (≤ 1) of a motion that keeps all limits on the fine grid.
+    """Return the largest multiple (≤ 1) of a motion that keeps all limits on a grid.
 
-    The margin is the share of each limit's range that is kept free.
+    The margin is the share of each limit's range that is kept free; the grid has so many points of
+    a period, by default those of the fine grid.
     """
-    times = trajectory.sample_times(grid_points(problem.cost.samples))
+    times = trajectory.sample_times(points or grid_points(problem.cost.samples))
     rows = problem.limits.violations(states_at(trajectory, times))
     if np.all(rows <= -margin):
         return Shrunk(trajectory, 1.0, kept=True)

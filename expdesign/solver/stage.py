@@ -17,13 +17,14 @@ from expdesign.solver.ipopt import IPOPT_OPTIONS, solve_with_ipopt
 from expdesign.solver.solution import FEASIBLE, Solution
 from expdesign.workers import Monitor
 
+_OFTEN = 0.05
+"""Time between two reports of iterations, s: to take them in costs time."""
 _ROUNDS = 5
 _FAR = 0.05
 
 STAGE_TITLES = {
     "blunt": "rough search",
     "sharp": "refinement",
-    "hop": "hop",
     "finish": "finish",
 }
 """What people call a stage of a search, by its name in files."""
@@ -68,6 +69,8 @@ class Stage:
     solver: Literal["interior point", "ipopt"] = "interior point"
     barrier: float = 0.1
     """Of the interior point method, at its beginning."""
+    renewed: int | None = None
+    """Iterations that share the cost's own Hessian in the interior point method; None: all."""
     standstill: Standstill = STANDSTILL
     """Where the interior point method ends."""
     criterion: Criterion | None = None
@@ -133,8 +136,8 @@ class SearchEvent:
     start: int
     """Number of the start, from 1; hops go on counting."""
     phase: str
-    """``"blunt"``, then ``"waiting"`` for the other starts, ``"sharp"``; of hops ``"hop"``; then
-    ``"done"``; for some ``"finish"``, then ``"finished"``."""
+    """``"blunt"``, then ``"waiting"`` for the other starts, ``"sharp"``; then ``"done"``; for
+    some ``"finish"``, then ``"finished"``."""
     iteration: int
     objective: float
     """The criterion in the units in which it is reported (log det F for ``d``): smoothed, and that
@@ -162,6 +165,8 @@ class Watch:
     start: int
     trace: list[TracePoint] = field(default_factory=list)
     began: float = field(default_factory=time.perf_counter)
+    told: float = -np.inf
+    """When it reported an iteration for the last time."""
 
     @property
     def seconds(self) -> float:
@@ -193,6 +198,10 @@ class Watch:
             if stage.criterion is None:
                 # Another criterion's numbers are shown while it runs, and kept out of the trace.
                 self.trace.append(point)
+            now = time.perf_counter()
+            if now - self.told < _OFTEN:
+                return not self.monitor.stop_requested()
+            self.told = now
             number, count = place
             done = min(step.iteration / stage.iterations, 1.0)
             if stage.rounds:
@@ -321,6 +330,7 @@ def solve_rows(
             x,
             most=most,
             barrier=stage.barrier,
+            renewed=stage.renewed,
             standstill=stage.standstill,
             report=watch,
         )

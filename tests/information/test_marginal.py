@@ -106,7 +106,8 @@ def _slopes(prior, information, change, criterion, level):
     cost = prior.cost(information, 1, criterion, level)
     moved = cost.basis.T @ change @ cost.basis
     own = np.diag(moved)
-    return cost.value, own @ cost.slope, own @ cost.diagonal @ own + np.sum(cost.mixing * moved**2)
+    diagonal, mixing = cost.curvature()
+    return cost.value, own @ cost.slope, own @ diagonal @ own + np.sum(mixing * moved**2)
 
 
 @pytest.mark.parametrize("key", ["d", "a", "e", "condition"])
