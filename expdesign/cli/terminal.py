@@ -116,8 +116,8 @@ class SearchDisplay:
         self._starts, self._hops, self._total = starts, hops, starts + hops
         self._running: dict[int, SearchEvent] = {}
         self._best: SearchEvent | None = None
-        self._waited: set[int] = set()
-        self._ended = self._finished = 0
+        self._rough: set[int] = set()
+        self._ended = self._refined = self._finished = 0
         self._began = self._spoke = time.monotonic()
         self._searches = self._began
         self._before = Activity(console, "design")
@@ -132,8 +132,9 @@ class SearchDisplay:
             self._line(f"design: the search begins after {time_text(self._seconds)}")
         if event.phase in _TRUE:
             self._running.pop(event.start, None)
-            self._ended += event.phase == "done"
             self._finished += event.phase == "finished"
+            if event.phase == "done":
+                self._count(event)
             # What is done is shrunk into its limits; what is finished may break one by the recheck.
             kept = event.phase == "done" or event.violation <= TOLERANCE
             if kept and math.isfinite(event.objective):
@@ -143,7 +144,7 @@ class SearchDisplay:
             self._line(self._ended_text(event))
         elif event.phase == "waiting":
             self._running.pop(event.start, None)
-            self._waited.add(event.start)
+            self._rough.add(event.start)
         else:
             self._running[event.start] = event
             if not self._console.is_terminal and time.monotonic() - self._spoke > HEARTBEAT:
@@ -178,24 +179,31 @@ class SearchDisplay:
     def _seconds(self) -> float:
         return time.monotonic() - self._began
 
+    def _count(self, event: SearchEvent) -> None:
+        """Count a start or hop that has ended."""
+        from expdesign.solver.start import GIVEN_UP
+
+        self._ended += 1
+        hop = event.start > self._starts
+        self._refined += hop or event.status != GIVEN_UP
+        if not hop:
+            self._rough.add(event.start)
+
     def _left(self) -> str:
         """Return how long the search will take still; empty while that is not known.
 
         A rough search counts half of what refinements, a hop or a finish count.
         """
-        from expdesign.solver.search import FINISHED, REFINED
+        from expdesign.solver.search import FINISHED, REFINED, groups
 
-        refined = min(REFINED, self._starts)
         finishes = max(min(FINISHED, self._total), self._finished)
-        rough, others = float(len(self._waited)), float(self._finished)
-        hops = max(self._ended - self._starts, 0)
-        others += min(self._ended - hops, refined) + hops
+        refined = sum(min(REFINED, len(group)) for group in groups(self._starts))
+        rough, others = float(len(self._rough)), float(self._refined + self._finished)
         for number, event in self._running.items():
             if number <= self._starts and event.place[0] == 1 < event.place[1]:
                 rough += event.share * event.place[1]
             else:
                 others += event.share
-        rough = max(rough, min(self._ended, self._starts))
         share = (rough + 2 * others) / (self._starts + 2 * (refined + self._hops + finishes))
         return left_text(time.monotonic() - self._searches, share)
 

@@ -17,6 +17,7 @@ _DECAY = 0.7
 _BISECTIONS = 16
 _LARGEST_SHARE = 4.0
 _INSIDE = 0.95
+_HOP_NOISE = 0.3
 _HOP_BISECTIONS = 12
 _HOP_INSIDE = 0.98
 
@@ -85,17 +86,17 @@ def largest(kept: Callable[[float], bool], low: float, high: float, steps: int) 
 
 
 def perturbed(
-    problem: DesignProblem, origin: Array, rng: np.random.Generator, width: float, size: float
+    problem: DesignProblem, origin: Array, rng: np.random.Generator, width: float
 ) -> Array:
-    """Add normal noise of a size to the scaled variables, then shrink the motion into its limits.
+    """Add normal noise to the scaled variables, then shrink the motion into its limits.
 
     `origin` has scaled variables (z,); dry friction has a width in m/s.
     """
     variables = problem.variables
     noise = rng.normal(size=(COORDINATES, variables.per_coordinate))
-    table = origin[:-1].reshape(COORDINATES, -1) + size * noise
+    table = origin[:-1].reshape(COORDINATES, -1) + _HOP_NOISE * noise
     lower, upper = variables.bounds()
-    omega = np.clip(origin[-1] * np.exp(size * rng.normal()), lower[-1], upper[-1])
+    omega = np.clip(origin[-1] * np.exp(_HOP_NOISE * rng.normal()), lower[-1], upper[-1])
     points = coarse_points(variables.harmonics)
     phases = 2 * np.pi * np.arange(points) / points
 

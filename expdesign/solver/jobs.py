@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,7 +11,6 @@ from constraints.arrays import Array
 from expdesign.problem.design_problem import DesignProblem
 from expdesign.recheck.information import Evaluator
 from expdesign.solver.continuation import (
-    Hop,
     coarse_points,
     continuation_stages,
     finish_stage,
@@ -108,17 +107,14 @@ def refined_job(task: DesignTask, monitor: Monitor, begun: StartResult) -> Start
     return judged(problem, task.evaluator, reached, monitor)
 
 
-def hop_job(
-    task: DesignTask, monitor: Monitor, index: int, origin: StartResult, kinds: Sequence[Hop]
-) -> StartResult:
-    """Throw a motion out of its basin by one of the kinds of hops, and run its stages."""
+def hop_job(task: DesignTask, monitor: Monitor, index: int, origin: StartResult) -> StartResult:
+    """Throw a motion out of its basin, and run the stages of a start from there."""
     problem, plan = task.problem, task.plan
     rng = _rng(plan.seed, index)
-    hop = kinds[int(rng.integers(len(kinds)))]
-    thrown = perturbed(problem, origin.variables, rng, plan.widths[-1], hop.size)
+    thrown = perturbed(problem, origin.variables, rng, plan.widths[-1])
     reached = run_stages(
         problem,
-        hop_stages(problem, plan.widths, plan.iterations, hop),
+        hop_stages(problem, plan.widths, plan.iterations),
         StartResult(index, "hop", thrown),
         monitor,
         screening=Screening(origin.stages),

@@ -1,15 +1,15 @@
-"""The search: many rough searches, the best refined, hops from these, the finish and the proof."""
+"""The search: groups of starts, hops from the best of each; then the finish and the proof."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from operator import attrgetter
 
 from expdesign.configuration import ComputationError
 from expdesign.progress import tell
-from expdesign.solver.continuation import FAR_HOPS, NEAR_HOPS
 from expdesign.solver.crew import Crew
 from expdesign.solver.finish import Finished
 from expdesign.solver.jobs import (
@@ -25,19 +25,22 @@ from expdesign.solver.jobs import (
 from expdesign.solver.start import StartResult, given_up
 from expdesign.workers import Job, Monitor, StoppedError
 
-REFINED = 24
-"""Starts that go on after the rough search, the best of all."""
-BREADTHS = (12, 6, 4)
-"""From how many motions hops set out, the best, in the first part of all hops, the second, the
-third. Which of them hops bring farthest is not to be seen before some have been made (measured)."""
+GROUP = 48
+"""Starts of a group at most. Each group has hops of its own: the best of several short searches is
+better than what one that takes as long ends with (measured)."""
+REFINED = 12
+"""Starts of a group that go on after the rough search, the best."""
+TOGETHER = 8
+"""Hops that are made before it is looked where the next ones set out: workers share them."""
+FAILED = 0.003
+"""Cost by which a motion counts as worse for every hop from it that came to nothing: the best is
+often where its descent ends, and others, further up, are not (measured)."""
 FINISHED = 4
 """Motions that are finished, the best first; more only when none of them keeps the limits."""
 PROVED = 3
 """Finished motions that are proved, the best first, until one is."""
-NEAR = 3
-"""Hops near a motion, one after the other without a better one, before they lead far."""
 PATIENCE = 80
-"""Hops without a better motion after which no more are made."""
+"""Hops without a better motion of their group after which it gets no more."""
 _BETTER = 1e-3
 """Difference in cost that counts: 0.1 % of D-efficiency."""
 _CONFIDENCE = 0.95
@@ -83,8 +86,7 @@ def search(build: Build, plan: SearchPlan, monitor: Monitor) -> SearchResult:
 
     clock = Monitor(lambda: late() or monitor.stop_requested(), monitor.report)
     crew = Crew(build, plan)
-    starts = _starts(crew, plan, clock)
-    motions = [start for start in starts if start.usable]
+    starts, motions, hops = _groups(crew, plan, clock)
     if not motions:
         if monitor.stop_requested():
             raise StoppedError("the search was stopped before any start had a result")
@@ -96,7 +98,7 @@ def search(build: Build, plan: SearchPlan, monitor: Monitor) -> SearchResult:
             else "design.max_seconds were over before any start had a result",
             starts,
         )
-    motions, hops, ended = _hopped(crew, motions, plan, clock)
+    ended = _why_ended(motions, hops)
     if clock.stop_requested():
         ended = "stopped" if monitor.stop_requested() else "design.max_seconds were over"
     tried = _finished(crew, motions, monitor)
@@ -113,12 +115,43 @@ def search(build: Build, plan: SearchPlan, monitor: Monitor) -> SearchResult:
     )
 
 
-def _starts(crew: Crew, plan: SearchPlan, clock: Monitor) -> list[StartResult]:
-    """Return what all starts came to: the best of the rough searches are refined.
+def groups(starts: int) -> list[range]:
+    """Return the numbers of the starts, from 1, of every group: as evenly as may be."""
+    count = -(-starts // GROUP)
+    ends = [starts * k // count for k in range(count + 1)]
+    return [range(first + 1, last + 1) for first, last in pairwise(ends)]
+
+
+def _groups(
+    crew: Crew, plan: SearchPlan, clock: Monitor
+) -> tuple[list[StartResult], list[StartResult], list[StartResult]]:
+    """Return all starts, the best motion of every start's descent, and all hops.
+
+    What a group leaves of its hops the next ones have.
+    """
+    starts: list[StartResult] = []
+    motions: list[StartResult] = []
+    hops: list[StartResult] = []
+    numbered = groups(plan.starts)
+    for done, numbers in enumerate(numbered, start=1):
+        found = _starts(crew, numbers, clock)
+        starts += found
+        usable = [start for start in found if start.usable]
+        wanted = plan.hops * done // len(numbered) - len(hops)
+        reached, made = _hopped(crew, usable, plan.starts + len(hops) + 1, wanted, clock)
+        motions += reached
+        hops += made
+        if clock.stop_requested():
+            break
+    return starts, motions, hops
+
+
+def _starts(crew: Crew, numbers: Sequence[int], clock: Monitor) -> list[StartResult]:
+    """Return what starts came to: the best of the rough searches are refined.
 
     More of them only when none of the first reaches a motion that keeps the limits.
     """
-    jobs = [Job(rough_job, (index,)) for index in range(1, plan.starts + 1)]
+    jobs = [Job(rough_job, (index,)) for index in numbers]
     rough: list[StartResult] = list(crew.done(jobs, clock))
     left = sorted((start for start in rough if not start.status), key=_rank, reverse=True)
     ended = [start for start in rough if start.status]
@@ -137,44 +170,53 @@ class _Motion:
     failed: int = 0
 
     @property
-    def rank(self) -> tuple[bool, bool, float]:
-        return self.start.rank
+    def promise(self) -> tuple[bool, bool, float]:
+        """The larger, the sooner a hop sets out from it: its rank, less where hops have failed."""
+        usable, kept, value = self.start.rank
+        return usable, kept, value - FAILED * self.failed
 
     def after(self, hop: StartResult) -> _Motion:
         """Return what a hop leaves: the better of the two."""
-        return _Motion(hop) if hop.rank > self.rank else replace(self, failed=self.failed + 1)
+        better = hop.rank > self.start.rank
+        return _Motion(hop) if better else replace(self, failed=self.failed + 1)
 
 
 def _hopped(
-    crew: Crew, motions: Sequence[StartResult], plan: SearchPlan, clock: Monitor
-) -> tuple[list[StartResult], list[StartResult], str]:
-    """Return the best motion of every start's descent, all hops, and why there were no more."""
-    best = sorted((_Motion(start) for start in motions), key=_rank, reverse=True)
+    crew: Crew, motions: Sequence[StartResult], first: int, most: int, clock: Monitor
+) -> tuple[list[StartResult], list[StartResult]]:
+    """Return the best motion of every start's descent, and all hops, numbered from `first`."""
+    reached = [_Motion(start) for start in motions]
     made: list[StartResult] = []
     since = 0
-    while len(made) < plan.hops and not clock.stop_requested():
-        if since >= PATIENCE:
-            return [one.start for one in best], made, _nothing_better(since)
-        part = len(made) * len(BREADTHS) // plan.hops
-        origins = best[: min(BREADTHS[part], plan.hops - len(made))]
-        first = plan.starts + len(made) + 1
-        jobs = [
-            Job(
-                hop_job,
-                (first + k, origin.start, FAR_HOPS if origin.failed >= NEAR else NEAR_HOPS),
-            )
-            for k, origin in enumerate(origins)
-        ]
+    while reached and len(made) < most and since < PATIENCE and not clock.stop_requested():
+        reached.sort(key=attrgetter("promise"), reverse=True)
+        origins = reached[: min(TOGETHER, most - len(made))]
+        begin = first + len(made)
+        # A hop needs no more of its origin than where it is and what its stages reached.
+        bare = [replace(origin.start, trace=()) for origin in origins]
+        jobs = [Job(hop_job, (begin + k, start)) for k, start in enumerate(bare)]
+        known = max(one.start.rank for one in reached)
         results: list[StartResult] = list(crew.done(jobs, clock))
-        known = best[0].rank
         for hop in results:
-            best[hop.index - first] = origins[hop.index - first].after(hop)
-        best.sort(key=_rank, reverse=True)
-        *standing, cost = best[0].rank
-        *before, reached = known
-        since = 0 if standing > before or cost > reached + _BETTER else since + len(results)
+            reached[hop.index - begin] = reached[hop.index - begin].after(hop)
+        better = _gained(max(one.start.rank for one in reached), known)
+        since = 0 if better else since + len(results)
         made += results
-    return [one.start for one in best], made, "all starts and hops were made"
+    return [one.start for one in reached], made
+
+
+def _gained(rank: tuple[bool, bool, float], before: tuple[bool, bool, float]) -> bool:
+    """Tell whether a rank is better by more than what does not count."""
+    *standing, value = rank
+    *stood, was = before
+    return standing > stood or value > was + _BETTER
+
+
+def _why_ended(motions: Sequence[StartResult], hops: Sequence[StartResult]) -> str:
+    """Return why no more hops are made, by how many were since the best was found."""
+    best = max(motions, key=_rank)
+    since = sum(hop.index > best.index for hop in hops)
+    return _nothing_better(since) if since >= PATIENCE else "all starts and hops were made"
 
 
 def _nothing_better(hops: int) -> str:

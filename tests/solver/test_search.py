@@ -8,9 +8,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from expdesign.solver.continuation import FAR_HOPS, NEAR_HOPS
 from expdesign.solver.jobs import Candidate, hop_job, refined_job, rough_job
-from expdesign.solver.search import NoDesignError, search
+from expdesign.solver.search import GROUP, NoDesignError, groups, search
 from expdesign.solver.start import GIVEN_UP
 from expdesign.workers import Job, Monitor, run_jobs
 
@@ -75,7 +74,11 @@ def _events_tell_everything(events, result):
         mine = [event for event in events if event.start == start.index]
         ends = {"waiting", "done", "finish", "finished"}
         own = [event for event in mine if event.phase not in ends]
-        assert [event.iteration for event in own] == [point.iteration for point in start.trace]
+        # Not every iteration is told: some take less time than it does to show them.
+        told = [event.iteration for event in own]
+        assert told[0] == 1
+        assert told == sorted(told)
+        assert set(told) <= {point.iteration for point in start.trace}
         (waits,) = (event for event in mine if event.phase == "waiting")
         assert waits.iteration == start.stages[0].iterations
         (done,) = (event for event in mine if event.phase == "done")
@@ -185,10 +188,9 @@ class Hops:
     """Stands for hops: what they reach is given, and what they set out from kept."""
 
     def __init__(self, reached, objectives):
-        self.reached, self.objectives, self.origins, self.far = reached, objectives, [], []
+        self.reached, self.objectives, self.origins = reached, objectives, []
 
-    def __call__(self, _task, _monitor, index, origin, kinds):
-        self.far.append(kinds is FAR_HOPS)
+    def __call__(self, _task, _monitor, index, origin):
         self.origins.append((index, origin.index))
         return self.reached(index, self.objectives.get(index, 1e3))
 
@@ -219,24 +221,32 @@ def hopping(run, module, reached, monkeypatch):
     return searched
 
 
-def test_hops_set_out_from_the_best_and_from_fewer_and_fewer(hopping):
-    """A hop takes its origin's place only when it is better."""
-    objectives = {5: 2.5, 6: 4.5, 8: 2.4, 9: 4.9, 11: 1.0}
-    result, hops = hopping(objectives, 9, BREADTHS=(3, 2, 1))
-    origins = hops.origins
+def test_a_hop_takes_its_origins_place_only_when_it_is_better(hopping):
+    objectives = {5: 2.5, 6: 4.5, 8: 2.4, 9: 4.9}
+    result, hops = hopping(objectives, 9, TOGETHER=3)
     # The second start's hop reached 2.5: the best now. The third start's came from 5 to 4.5.
-    assert origins[:3] == [(4, 1), (5, 2), (6, 3)]
-    # 2.4 is better than the 3 of the first start, whose hop it is; 4.9 was not asked for any more.
-    assert origins[3:5] == [(7, 5), (8, 1)]
-    assert origins[5:7] == [(9, 8), (10, 5)]
-    assert origins[7:] == [(11, 8), (12, 11)]
-    assert result.best.index == 11
+    # 2.4 is better than the 3 of the first start, whose hop it is; 4.9 is no better than 4.5.
+    assert hops.origins == [
+        *((4, 1), (5, 2), (6, 3)),
+        *((7, 5), (8, 1), (9, 6)),
+        *((10, 8), (11, 5), (12, 6)),
+    ]
+    assert result.best.index == 8
     assert len(result.starts) == 12
     assert result.ended == "all starts and hops were made"
 
 
+def test_hops_set_out_from_others_where_they_come_to_nothing(hopping):
+    """Each hop that failed counts: 3, 4 and 5 are about equally promising in the end."""
+    _, hops = hopping({}, 12, TOGETHER=1, FAILED=0.35)
+    assert [origin for _, origin in hops.origins] == [1, 1, 1, 2, 1, 2, 1, 2, 1, 3, 2, 1]
+    # One that gets on has none against it any more: 7 reached 3.5 from 4.
+    _, hops = hopping({7: 3.5}, 7, TOGETHER=1, FAILED=0.35)
+    assert [origin for _, origin in hops.origins] == [1, 1, 1, 2, 7, 7, 1]
+
+
 def test_hops_end_when_none_finds_anything_better(hopping):
-    result, hops = hopping({5: 2.5}, 500, BREADTHS=(2,), PATIENCE=20)
+    result, hops = hopping({5: 2.5}, 500, TOGETHER=2, PATIENCE=20)
     # Two that count, and twenty since.
     assert len(hops.origins) == 22
     # 0.05 = (1 - p)^20
@@ -244,26 +254,39 @@ def test_hops_end_when_none_finds_anything_better(hopping):
     assert result.best.index == 5
 
 
-def test_hops_lead_far_when_what_is_near_is_exhausted(hopping):
-    # 7 is better than what it set out from: near it again.
-    _, hops = hopping({7: 2.5}, 9, BREADTHS=(1,), NEAR=2)
-    assert hops.far == [False, False, True, True, False, False, True, True, True]
-    assert hops.origins[4] == (8, 7)
+@pytest.mark.parametrize("starts", [1, 2, GROUP, GROUP + 1, 5 * GROUP, 5 * GROUP + 3])
+def test_every_start_is_in_one_group_and_groups_are_about_as_large(starts):
+    found = groups(starts)
+    assert [number for group in found for number in group] == list(range(1, starts + 1))
+    sizes = {len(group) for group in found}
+    assert max(sizes) <= GROUP
+    assert max(sizes) - min(sizes) <= 1
+    assert len(found) == -(-starts // GROUP)
+
+
+def test_every_group_has_its_share_of_the_hops_and_what_others_leave(hopping):
+    """Three groups of one start each; hops set out from motions of their own group alone."""
+    _, hops = hopping({}, 7, GROUP=1, TOGETHER=2)
+    assert [origin for _, origin in hops.origins] == [1, 1, 2, 2, 3, 3, 3]
+    assert [number for number, _ in hops.origins] == list(range(4, 11))
+    # The first gets no more after two that came to nothing: the third has what both leave.
+    result, hops = hopping({9: 4.5}, 9, GROUP=1, TOGETHER=1, PATIENCE=2)
+    assert [origin for _, origin in hops.origins] == [1, 1, 2, 2, 3, 3, 9, 9]
+    assert result.best.index == 1
+    assert len(result.starts) == 3 + 8
 
 
 def test_a_hop_knows_its_origin_and_is_given_up(task, one_start):
     quick = dataclasses.replace(task, plan=dataclasses.replace(task.plan, iterations=4))
     start = one_start.starts[0]
     lax = dataclasses.replace(start, stages=())
-    hop, far = (hop_job(quick, Monitor(), 6, lax, kinds) for kinds in (NEAR_HOPS, FAR_HOPS))
+    hop = hop_job(quick, Monitor(), 6, lax)
     assert (hop.kind, hop.index) == ("hop", 6)
     assert hop.usable
-    assert len(hop.stages) == 2
-    assert [stage.name for stage in far.stages] == [stage.name for stage in start.stages]
-    assert np.max(np.abs(far.variables - hop.variables)) > 1e-3
+    assert [stage.name for stage in hop.stages] == [stage.name for stage in start.stages]
     out_of_reach = tuple(dataclasses.replace(one, objective=-1e9) for one in start.stages)
     behind = dataclasses.replace(start, stages=out_of_reach)
-    given_up = hop_job(quick, Monitor(), 6, behind, NEAR_HOPS)
+    given_up = hop_job(quick, Monitor(), 6, behind)
     assert not given_up.usable
     assert given_up.status == GIVEN_UP
     assert given_up.rank < hop.rank
@@ -284,7 +307,7 @@ def test_a_start_goes_on_where_its_rough_search_ended(task, one_start):
 def test_starts_and_hops_in_other_processes_are_the_same(build, tiny_result):
     make = build(design={"max_iterations": 2})
     first = rough_job(make(), Monitor(), 7)
-    jobs = [Job(hop_job, (6, tiny_result.search.best, FAR_HOPS)), Job(refined_job, (first,))]
+    jobs = [Job(hop_job, (6, tiny_result.search.best)), Job(refined_job, (first,))]
     one, two = (list(run_jobs(make, jobs, workers, Monitor())) for workers in (1, 2))
     for a, b in zip(one, two, strict=True):
         np.testing.assert_array_equal(a.variables, b.variables)
@@ -312,7 +335,7 @@ def test_no_start_keeps_the_limits(run, monkeypatch):
     from expdesign.solver import start as module
     from expdesign.solver.finish import Shrunk
 
-    def hopeless(problem, trajectory):
+    def hopeless(problem, trajectory, points):
         return Shrunk(trajectory, 0.8, kept=False)
 
     monkeypatch.setattr(module, "shrink_to_limits", hopeless)
