@@ -25,7 +25,7 @@ class Start:
         int, described("1", "number of the start, from 1; hops go on counting", name="start")
     ]
     kind: Annotated[
-        str, described("", "random, or hop; every second of those after the starts is random")
+        str, described("", "random, or hop")
     ]
     criterion_value: Annotated[
         OpenNumber, described("", "criterion of the motion reached, within its limits")

@@ -25,9 +25,10 @@ from expdesign.solver.quasi_newton import updated
 from expdesign.solver.solution import FEASIBLE, WEIGHT, Report, Solution
 
 _FALL = 0.9
-"""μ of an iteration as a share of the one before. Less where there are few iterations, unless
-slacks follow: these then end on bounds. Rules that watch the progress need fewer iterations and end
-in worse optima (measured)."""
+"""μ of an iteration as a share of the one before; less where there are few iterations. Rules that
+watch the progress need fewer and end in worse optima (measured)."""
+_STEEPEST = 0.865
+"""Such a share at least where slacks follow: if μ falls faster they end on bounds."""
 _SMALLEST = 1e-6
 """μ at the end."""
 _CLOSEST = 0.99
@@ -139,7 +140,9 @@ class _InteriorPoint:
         duals = _Duals(upper - lower, lower, upper)
         slope = point.slope(duals.values)
         status, done, still = "Maximum_Iterations_Exceeded", 0, 0
-        fall = _FALL if self._following else min(_FALL, (_SMALLEST / barrier) ** (1 / most))
+        fall = min(_FALL, (_SMALLEST / barrier) ** (1 / most))
+        if self._following:
+            fall = max(fall, _STEEPEST)
         while True:
             violation = self._program.violation(point)
             now = done + 1, point.cost / WEIGHT, violation, point.x
