@@ -24,9 +24,7 @@ class Start:
     index: Annotated[
         int, described("1", "number of the start, from 1; hops go on counting", name="start")
     ]
-    kind: Annotated[
-        str, described("", "random, or hop")
-    ]
+    kind: Annotated[str, described("", "random, or hop")]
     criterion_value: Annotated[
         OpenNumber, described("", "criterion of the motion reached, within its limits")
     ]
