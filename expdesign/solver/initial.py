@@ -18,6 +18,7 @@ _BISECTIONS = 16
 _LARGEST_SHARE = 4.0
 _INSIDE = 0.95
 _HOP_NOISE = 0.3
+"""In scaled variables; of 0.2, 0.3 and 0.45 it gains most (measured)."""
 _HOP_BISECTIONS = 12
 _HOP_INSIDE = 0.98
 

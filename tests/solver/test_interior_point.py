@@ -155,7 +155,7 @@ def test_evaluations_are_the_true_ones_and_every_iterate_is_reported():
     counts, calls = result.evaluations, program.calls
     assert counts["f"] == calls["cost"]
     # The first trial of every step is evaluated with its derivatives.
-    assert counts["grad_f"] >= result.iterations + 1
+    assert 0 <= counts["grad_f"] - (result.iterations + 1) <= counts["f"]
     assert calls["cost_derivatives"] == 1 + result.iterations // RENEWED
     assert calls["cost_derivatives"] + calls["cost_gradient"] == counts["grad_f"]
     assert counts["g"] == calls["rows"]
@@ -204,5 +204,4 @@ def test_rows_that_bend_are_kept_where_the_cost_does_not(following, renewed):
     )
     assert result.converged
     assert result.x @ result.x <= 1 + 1e-4
-    # Where the objective stands still is enough, μ = 10⁻⁴ of it here.
-    np.testing.assert_allclose(result.x, [1.0, 0.0], atol=1e-2)
+    np.testing.assert_allclose(result.x, [1.0, 0.0], atol=1e-3)
