@@ -246,7 +246,7 @@ class HexapodGraph:
     def force_with(self, friction: Friction) -> ca.SX:
         """Return A p (6, 1), p being `parameters`, in two thirds of the instructions of A."""
         wrench, along = self.borne_with(friction)
-        return ca.cse(ca.densify(ca.solve(self.transposed, wrench) + along))
+        return ca.cse(ca.densify(self.carried @ wrench + along))
 
     def borne_with(self, friction: Friction) -> tuple[ca.SX, ca.SX]:
         """Return w and f of A p = G⁻ᵀ w + f: wrench on the platform, forces of the actuators.
@@ -265,12 +265,9 @@ class HexapodGraph:
         With Gᵀ f = w of the wrench w that the actuators bear: Gᵀ df = dw − dGᵀ f. Nothing is
         differentiated through the factorisation of Gᵀ, which halves the instructions.
         """
-        wrench, along = (
-            self._with_signs(part, friction) @ self.parameters
-            for part in (self._wrench, self._along)
-        )
+        wrench, along = self.borne_with(friction)
         borne = ca.SX.sym("borne", ACTUATORS)
-        slope = self.carried @ ca.jacobian(wrench - self.transposed @ borne, by)
+        slope = self.carried @ ca.jacobian(ca.cse(wrench - self.transposed @ borne), by)
         slope = ca.substitute(slope, borne, ca.densify(self.carried @ wrench))
         return ca.cse(ca.densify(slope + ca.jacobian(along, by)))
 
@@ -305,7 +302,8 @@ class HexapodGraph:
                 ca.SX.ones(ACTUATORS) if rate.arm is None else self.kinematic[rate.arm]
                 for rate in self.rates
             )
-            signs = ca.tanh(self.sliding * arm / self.width)
+            per_width = ca.sqrt(1 / self.width**2)  # see StrutKinematics
+            signs = ca.tanh(self.sliding * arm * per_width)
         return ca.substitute(columns, self.signs, signs)
 
     def quantities(self, friction: Friction) -> Mapping[str, ca.SX]:
@@ -316,11 +314,17 @@ class HexapodGraph:
         ``strut_speed``, ``strut_acceleration``, ``alpha``, ``beta``, ``sin_beta``,
         ``alpha_rate``, ``beta_rate`` (6 each), ``strut_direction`` (3, 6), ``base_joints``,
         ``platform_joints`` (3, 6, base frame), ``platform_joint_axes`` (3, 6, base frame),
-        ``inverse_jacobian`` (6, 6, rotations divided by the characteristic length) and
-        ``actuator_force`` (6).
+        ``inverse_jacobian`` (6, 6, rotations divided by the characteristic length), ``jacobian``,
+        its inverse, and ``actuator_force`` (6).
         """
-        force = self.regressor_with(friction) @ self.parameters
-        return MappingProxyType({**self.kinematic, "actuator_force": force})
+        scale = ca.vertcat(ca.SX.ones(3), ca.repmat(self.length_scale, 3, 1))
+        return MappingProxyType(
+            {
+                **self.kinematic,
+                "jacobian": ca.diag(scale) @ self.carried.T,
+                "actuator_force": self.force_with(friction),
+            }
+        )
 
     def inputs(self, friction: Friction) -> list[ca.SX]:
         """Return state, machine, parameters, characteristic length and the friction's input."""

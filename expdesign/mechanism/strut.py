@@ -28,30 +28,37 @@ class StrutKinematics:
         self, base: ca.SX, frame: ca.SX, point: ca.SX, velocity: ca.SX, acceleration: ca.SX
     ) -> None:
         offset = point - base
-        self.length = length = ca.sqrt(ca.dot(offset, offset))
+        squared = ca.dot(offset, offset)
+        self.length = length = ca.sqrt(squared)
+        # A product with a reciprocal is a division to CasADi, which takes as long as ten products:
+        # with the root of a reciprocal it is not.
+        per_length = ca.sqrt(1 / squared)
         # u, from A to B
-        self.direction = direction = offset / length
+        self.direction = direction = offset * per_length
         ux, uy, uz = (ca.dot(frame[:, k], direction) for k in range(3))
         self.sin_beta = sin_beta = ux
         self.cos_beta = cos_beta = ca.sqrt(uy * uy + uz * uz)
+        per_cosine = ca.sqrt(1 / (uy * uy + uz * uz))
         self.alpha, self.beta = ca.atan2(-uy, uz), ca.asin(sin_beta)
-        sin_alpha, cos_alpha = -uy / cos_beta, uz / cos_beta
+        sin_alpha, cos_alpha = -uy * per_cosine, uz * per_cosine
         # e₁ and e₂: directions in which B moves when α and β grow
         self.along_alpha = along_alpha = -cos_alpha * frame[:, 1] - sin_alpha * frame[:, 2]
         self.along_beta = along_beta = cos_beta * frame[:, 0] + sin_beta * (
             sin_alpha * frame[:, 1] - cos_alpha * frame[:, 2]
         )
         self.length_rate = length_rate = ca.dot(direction, velocity)
-        self.alpha_rate = alpha_rate = ca.dot(along_alpha, velocity) / (length * cos_beta)
-        self.beta_rate = beta_rate = ca.dot(along_beta, velocity) / length
+        # What α and β grow by when B moves by one along e₁ and e₂
+        self.alpha_per_way, self.beta_per_way = per_length * per_cosine, per_length
+        self.alpha_rate = alpha_rate = ca.dot(along_alpha, velocity) * self.alpha_per_way
+        self.beta_rate = beta_rate = ca.dot(along_beta, velocity) * self.beta_per_way
         # Acceleration of a point in spherical coordinates, solved for (α̈, β̈, l̈).
         self.alpha_acceleration = (
             ca.dot(along_alpha, acceleration)
             - 2 * alpha_rate * (length_rate * cos_beta - length * beta_rate * sin_beta)
-        ) / (length * cos_beta)
+        ) * self.alpha_per_way
         self.beta_acceleration = (
             ca.dot(along_beta, acceleration) - 2 * length_rate * beta_rate
-        ) / length - alpha_rate**2 * sin_beta * cos_beta
+        ) * self.beta_per_way - alpha_rate**2 * sin_beta * cos_beta
         self.length_acceleration = ca.dot(direction, acceleration) + length * (
             beta_rate**2 + (alpha_rate * cos_beta) ** 2
         )
@@ -63,8 +70,8 @@ def torque_wrench(strut: StrutKinematics, arm: ca.SX, torques: ca.SX) -> ca.SX:
     The arm (3, 1) leads from the TCP to the platform joint B, base frame, m.
     """
     # A torque about a cardan axis is a transverse force at B.
-    per_alpha = strut.along_alpha / (strut.length * strut.cos_beta)
-    per_beta = strut.along_beta / strut.length
+    per_alpha = strut.along_alpha * strut.alpha_per_way
+    per_beta = strut.along_beta * strut.beta_per_way
     forces = ca.horzcat(per_alpha, per_beta) @ torques
     moments = ca.horzcat(*(ca.cross(arm, forces[:, k]) for k in range(forces.shape[1])))
     return ca.vertcat(forces, moments)

@@ -49,18 +49,7 @@ class PathSlope:
 
     def carried(self, slopes: Array) -> Array:
         """Carry derivatives (K, q, 6 D) to the states over to the variables: (K, q, z)."""
-        points, rows, width = slopes.shape
-        _, derivatives, own = self.basis.shape
-        split = slopes.reshape(points, rows, derivatives, COORDINATES).transpose(0, 1, 3, 2)
-        linear = split.reshape(points, rows * COORDINATES, derivatives) @ self.basis
-        carried = np.empty((points, rows, self.size))
-        np.multiply(
-            linear.reshape(points, rows, COORDINATES, own),
-            self.scale[:, None],
-            out=carried[..., :-1].reshape(points, rows, COORDINATES, own, copy=False),
-        )
-        carried[..., -1] = (slopes @ self.drift.reshape(points, width, 1))[..., 0]
-        return carried
+        return np.asarray(slopes @ self._dense)
 
     def accumulated(self, sensitivities: Array) -> Array:
         """Carry sensitivities over, summed over the points.
@@ -76,6 +65,17 @@ class PathSlope:
             blocks[coordinate] = both[:-1]
             found[-1] += both[-1]
         return found
+
+    @cached_property
+    def _dense(self) -> Array:
+        """(K, 6 D, z), with the zeros: products with blocks of three rows take five times longer."""
+        points, derivatives, own = self.basis.shape
+        dense = np.zeros((points, derivatives, COORDINATES, self.size))
+        for coordinate, scale in enumerate(self.scale):
+            columns = slice(coordinate * own, (coordinate + 1) * own)
+            np.multiply(self.basis, scale, out=dense[:, :, coordinate, columns])
+        dense[..., -1] = self.drift
+        return dense.reshape(points, derivatives * COORDINATES, self.size)
 
     @cached_property
     def _stacked(self) -> Array:

@@ -21,7 +21,7 @@ from expdesign.configuration.limits import row_labels
 from expdesign.evaluation.batch import BatchFunction, Graph
 from expdesign.evaluation.kernel import kernel
 from expdesign.mechanism.graph import Friction, HexapodGraph, hexapod_graph
-from expdesign.mechanism.hexapod import COORDINATES
+from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
 from expdesign.mechanism.term import Term
 from expdesign.robot.robot import Robot
 
@@ -77,14 +77,17 @@ def _kernel(
     if friction is Friction.EXACT:
         natural = [ca.densify(one.natural(quantities)) for one in definitions]
         return Graph("limits", [state], fixed[:-1], natural)
-    rows = [ca.cse(one.rows(quantities)) for one in definitions]
+    # A symbol for the forces: their derivatives are cheaper by another way than through them.
+    force, known = ca.SX.sym("force", ACTUATORS), quantities["actuator_force"]
+    rows = [ca.cse(one.rows({**quantities, "actuator_force": force})) for one in definitions]
     outputs = [ca.vertcat(ca.SX(0, 1), *rows)]
     if slopes:
         # Each limit by itself: CasADi takes the cheaper direction of differentiation for each, and
         # half as many instructions are left as with the one that serves all.
-        own = [ca.jacobian(part, state) for part in rows]
+        by_force = graph.force_slope(friction, state)
+        own = [ca.jacobian(part, state) + ca.jacobian(part, force) @ by_force for part in rows]
         outputs.append(ca.vertcat(ca.SX(0, state.numel()), *own))
-    return Graph("limits", [state], fixed, outputs)
+    return Graph("limits", [state], fixed, ca.substitute(outputs, [force], [known]))
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,6 +10,7 @@ limit.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -262,6 +263,7 @@ def shrink_to_limits(
         decisive = _decisive(rows, smallest)
         near, limits = times[np.any(decisive, axis=1)], problem.limits.among(decisive)
 
+        @cache
         def excess(factor: float, near: Array = near, limits: LimitModel = limits) -> float:
             states = states_at(_scaled(trajectory, factor), near)
             worst = np.max(limits.violations(states), initial=-1.0)

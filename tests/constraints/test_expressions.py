@@ -93,7 +93,7 @@ def test_definitions_read_what_they_say(key):
 
     shapes = {
         "rotation_matrix": (3, 3),
-        "inverse_jacobian": (6, 6),
+        **dict.fromkeys(("inverse_jacobian", "jacobian"), (6, 6)),
         **dict.fromkeys(("strut_direction", "platform_joint_axes", *SEGMENT), (3, 6)),
     }
 
@@ -350,7 +350,8 @@ def test_condition_of_the_optimiser_is_never_below_the_true_one(rng):
     matrices, natural = matrices[natural < 1e4], natural[natural < 1e4]
     definition = limit_definitions()["jacobian_condition"]
     assert definition.conservative
-    smooth = _evaluate("jacobian_condition", "smooth", inverse_jacobian=matrices)[:, 0]
+    both = {"inverse_jacobian": matrices, "jacobian": np.linalg.inv(matrices)}
+    smooth = _evaluate("jacobian_condition", "smooth", **both)[:, 0]
     above = smooth - definition.transform(natural)
     assert np.min(above) > -1e-9
     # Documented: at most 2 log(6)/p with p = 16.
@@ -360,7 +361,7 @@ def test_condition_of_the_optimiser_is_never_below_the_true_one(rng):
 def test_condition_of_the_optimiser_has_derivatives_where_singular_values_coincide():
     definition = limit_definitions()["jacobian_condition"]
     matrix = ca.SX.sym("G", 6, 6)
-    smooth = definition.smooth({"inverse_jacobian": matrix})
+    smooth = definition.smooth({"inverse_jacobian": matrix, "jacobian": ca.inv(matrix)})
     slope = ca.Function("s", [matrix], [ca.jacobian(smooth, ca.vec(matrix))])
     for spectrum in ([1.0] * 6, [1, 1, 2, 2, 3, 3]):
         assert np.all(np.isfinite(slope(np.diag(spectrum)).full()))
@@ -387,6 +388,7 @@ def _instants(rng, count):
     """Random values of the quantities that smooth limits read, consistent with each other."""
     beta = rng.uniform(-1.5, 1.5, (count, 6))
     base, tips, direction, axes = rng.normal(size=(4, count, 3, 6))
+    inverse = rng.normal(size=(count, 6, 6))
     return {
         "beta": beta,
         "sin_beta": np.sin(beta),
@@ -395,7 +397,8 @@ def _instants(rng, count):
         "platform_joint_axes": _unit(axes, axis=1),
         "base_joints": base,
         "platform_joints": tips,
-        "inverse_jacobian": rng.normal(size=(count, 6, 6)),
+        "inverse_jacobian": inverse,
+        "jacobian": np.linalg.inv(inverse),
     }
 
 

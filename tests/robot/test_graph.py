@@ -118,6 +118,7 @@ def test_quantities_have_their_documented_shapes(palida):
         "platform_joints": (3, 6),
         "platform_joint_axes": (3, 6),
         "inverse_jacobian": (6, 6),
+        "jacobian": (6, 6),
     }
 
 
