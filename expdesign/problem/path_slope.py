@@ -51,6 +51,10 @@ class PathSlope:
         """Carry derivatives (K, q, 6 D) to the states over to the variables: (K, q, z)."""
         return np.asarray(slopes @ self._dense)
 
+    def pulled(self, sensitivities: Array) -> Array:
+        """Return what sensitivities to the states, K 6 D of them, are to the variables, (z,)."""
+        return np.asarray(sensitivities.ravel() @ self._dense.reshape(-1, self.size))
+
     def accumulated(self, sensitivities: Array) -> Array:
         """Carry sensitivities over, summed over the points.
 
@@ -112,8 +116,7 @@ class LinearRows:
 
     def pulled(self, weights: Array) -> Array:
         """Return Jᵀ w, (z,), of weights (r,)."""
-        by_state = self._spread(weights)[:, None] @ self.slopes
-        return self.path.accumulated(by_state.transpose(0, 2, 1))[:, 0]
+        return self.path.pulled(self._spread(weights)[:, None] @ self.slopes)
 
     def curvature(self, weights: Array) -> Array:
         """Return Jᵀ diag(w) J, (z, z), of weights (r,)."""
