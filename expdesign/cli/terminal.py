@@ -185,26 +185,24 @@ class SearchDisplay:
 
         self._ended += 1
         hop = event.start > self._starts
-        self._refined += hop or event.status != GIVEN_UP
+        self._refined += hop or (event.start in self._rough and event.status != GIVEN_UP)
         if not hop:
             self._rough.add(event.start)
 
     def _left(self) -> str:
         """Return how long the search will take still; empty while that is not known.
 
-        A rough search counts half of what refinements, a hop or a finish count.
+        A rough search counts what refinements, a hop or a finish count.
         """
         from expdesign.solver.search import FINISHED, REFINED, groups
 
         finishes = max(min(FINISHED, self._total), self._finished)
         refined = sum(min(REFINED, len(group)) for group in groups(self._starts))
-        rough, others = float(len(self._rough)), float(self._refined + self._finished)
+        done = float(len(self._rough) + self._refined + self._finished)
         for number, event in self._running.items():
-            if number <= self._starts and event.place[0] == 1 < event.place[1]:
-                rough += event.share * event.place[1]
-            else:
-                others += event.share
-        share = (rough + 2 * others) / (self._starts + 2 * (refined + self._hops + finishes))
+            rough = number <= self._starts and event.place[0] == 1
+            done += event.share * (event.place[1] if rough else 1)
+        share = done / (self._starts + refined + self._hops + finishes)
         return left_text(time.monotonic() - self._searches, share)
 
     def _objective(self, event: SearchEvent) -> str:

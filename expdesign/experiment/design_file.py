@@ -26,7 +26,10 @@ class Start:
     ]
     kind: Annotated[str, described("", "random, or hop")]
     criterion_value: Annotated[
-        OpenNumber, described("", "criterion of the motion reached, within its limits")
+        OpenNumber,
+        described(
+            "", "criterion of the motion reached, shrunk into its limits at a few hundred points"
+        ),
     ]
     finished_value: Annotated[
         OpenNumber, described("", "the same after its finish; empty for those not finished")

@@ -278,11 +278,8 @@ class HexapodGraph:
         six equations, without G⁻ᵀ. Where friction depends on the load, and the load on λ̈, they are
         linear piece by piece, and Newton's steps go on until the pieces are known.
         """
-        direct, torques, along = (
-            self._with_signs(part, friction) @ self.parameters
-            for part in (self._direct, self._torques, self._along)
-        )
-        lacking = direct + self._borne(torques) + self.transposed @ (along - forces)
+        wrench, along = self.borne_with(friction)
+        lacking = wrench + self.transposed @ (along - forces)
         slope = ca.jacobian(lacking, self.acceleration)
         found = ca.SX.zeros(COORDINATES)
         for _ in range(_LOADED_STEPS if self.loaded else 1):

@@ -72,7 +72,7 @@ class PathSlope:
 
     @cached_property
     def _dense(self) -> Array:
-        """(K, 6 D, z), with the zeros: products with blocks of three rows take five times longer."""
+        """(K, 6 D, z), with the zeros: products with blocks of three rows take far longer."""
         points, derivatives, own = self.basis.shape
         dense = np.zeros((points, derivatives, COORDINATES, self.size))
         for coordinate, scale in enumerate(self.scale):
@@ -106,8 +106,7 @@ class LinearRows:
 
     def jacobian(self) -> Array:
         """Return J, (r, z)."""
-        at = np.nonzero(self.mask)[0]
-        return self.path.part(at).carried(self.slopes[self.mask][:, None])[:, 0]
+        return self.path.carried(self.slopes)[self.mask]
 
     def moved(self, step: Array) -> Array:
         """Return J s, (r,), of a step (z,)."""

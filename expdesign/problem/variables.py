@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, cached_property
 
 import numpy as np
 
@@ -65,7 +65,7 @@ class DesignVariables:
             [[1.0], np.arange(1 + self.rest, n + 1), np.arange(1 + self.rest, n + 1)]
         )
 
-    @property
+    @cached_property
     def units(self) -> Array:
         """What counts as one in centre and amplitudes, (6, 2 n + 1): m, rad.
 
@@ -74,7 +74,7 @@ class DesignVariables:
         """
         return self.scale[:, None] * self._shares
 
-    @property
+    @cached_property
     def _shares(self) -> Array:
         """(2 n + 1,) what a unit of centre and amplitudes is of the coordinate's scale."""
         per = 1.0 / np.arange(1, self.harmonics + 1)

@@ -30,7 +30,7 @@ watch the progress need fewer and end in worse optima (measured)."""
 _STEEPEST = 0.865
 """Such a share at least where slacks follow: if μ falls faster they end on bounds."""
 _SMALLEST = 1e-6
-"""μ at the end."""
+"""μ at the end, where there are iterations enough."""
 _CLOSEST = 0.99
 """Share of the way to the nearest bound that a step goes at most; where μ is small all but μ."""
 _SUFFICIENT = 1e-4

@@ -86,7 +86,7 @@ def search(build: Build, plan: SearchPlan, monitor: Monitor) -> SearchResult:
 
     clock = Monitor(lambda: late() or monitor.stop_requested(), monitor.report)
     crew = Crew(build, plan)
-    starts, motions, hops = _groups(crew, plan, clock)
+    starts, motions, hops, ended = _groups(crew, plan, clock)
     if not motions:
         if monitor.stop_requested():
             raise StoppedError("the search was stopped before any start had a result")
@@ -98,7 +98,6 @@ def search(build: Build, plan: SearchPlan, monitor: Monitor) -> SearchResult:
             else "design.max_seconds were over before any start had a result",
             starts,
         )
-    ended = _why_ended(motions, hops)
     if clock.stop_requested():
         ended = "stopped" if monitor.stop_requested() else "design.max_seconds were over"
     tried = _finished(crew, motions, monitor)
@@ -124,26 +123,31 @@ def groups(starts: int) -> list[range]:
 
 def _groups(
     crew: Crew, plan: SearchPlan, clock: Monitor
-) -> tuple[list[StartResult], list[StartResult], list[StartResult]]:
-    """Return all starts, the best motion of every start's descent, and all hops.
+) -> tuple[list[StartResult], list[StartResult], list[StartResult], str]:
+    """Return all starts, the best motion of every start's descent, all hops, and why they ended.
 
     What a group leaves of its hops the next ones have.
     """
     starts: list[StartResult] = []
     motions: list[StartResult] = []
     hops: list[StartResult] = []
+    ended = "all starts and hops were made"
     numbered = groups(plan.starts)
     for done, numbers in enumerate(numbered, start=1):
         found = _starts(crew, numbers, clock)
         starts += found
         usable = [start for start in found if start.usable]
         wanted = plan.hops * done // len(numbered) - len(hops)
-        reached, made = _hopped(crew, usable, plan.starts + len(hops) + 1, wanted, clock)
+        reached, made, failed = _hopped(crew, usable, plan.starts + len(hops) + 1, wanted, clock)
         motions += reached
         hops += made
         if clock.stop_requested():
             break
-    return starts, motions, hops
+    if len(hops) < plan.hops:
+        ended = f"{len(hops)} of {plan.hops} hops were made: a group's end where they gain nothing"
+        if failed >= PATIENCE and max(motions, key=_rank) in reached:
+            ended = _nothing_better(failed)
+    return starts, motions, hops, ended
 
 
 def _starts(crew: Crew, numbers: Sequence[int], clock: Monitor) -> list[StartResult]:
@@ -170,10 +174,10 @@ class _Motion:
     failed: int = 0
 
     @property
-    def promise(self) -> tuple[bool, bool, float]:
+    def promise(self) -> tuple[float, ...]:
         """The larger, the sooner a hop sets out from it: its rank, less where hops have failed."""
-        usable, kept, value = self.start.rank
-        return usable, kept, value - FAILED * self.failed
+        *standing, value = self.start.rank
+        return *standing, value - FAILED * self.failed
 
     def after(self, hop: StartResult) -> _Motion:
         """Return what a hop leaves: the better of the two."""
@@ -183,8 +187,11 @@ class _Motion:
 
 def _hopped(
     crew: Crew, motions: Sequence[StartResult], first: int, most: int, clock: Monitor
-) -> tuple[list[StartResult], list[StartResult]]:
-    """Return the best motion of every start's descent, and all hops, numbered from `first`."""
+) -> tuple[list[StartResult], list[StartResult], int]:
+    """Return the best motion of every start's descent, and all hops, numbered from `first`.
+
+    And how many of these, the last ones, have found nothing better.
+    """
     reached = [_Motion(start) for start in motions]
     made: list[StartResult] = []
     since = 0
@@ -202,21 +209,14 @@ def _hopped(
         better = _gained(max(one.start.rank for one in reached), known)
         since = 0 if better else since + len(results)
         made += results
-    return [one.start for one in reached], made
+    return [one.start for one in reached], made, since
 
 
-def _gained(rank: tuple[bool, bool, float], before: tuple[bool, bool, float]) -> bool:
+def _gained(rank: tuple[float, ...], before: tuple[float, ...]) -> bool:
     """Tell whether a rank is better by more than what does not count."""
     *standing, value = rank
     *stood, was = before
     return standing > stood or value > was + _BETTER
-
-
-def _why_ended(motions: Sequence[StartResult], hops: Sequence[StartResult]) -> str:
-    """Return why no more hops are made, by how many were since the best was found."""
-    best = max(motions, key=_rank)
-    since = sum(hop.index > best.index for hop in hops)
-    return _nothing_better(since) if since >= PATIENCE else "all starts and hops were made"
 
 
 def _nothing_better(hops: int) -> str:

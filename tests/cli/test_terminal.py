@@ -69,9 +69,9 @@ def test_what_breaks_a_limit_is_never_the_best(display):
 
 
 def test_the_time_left_counts_what_is_under_way_and_the_finish(display, monkeypatch):
-    """Three rough searches, three refinements and three finishes of twice their time: 15.
+    """Three rough searches, three refinements and three finishes: 9.
 
-    Two rough searches, and a refinement with half of another: 5.
+    Two rough searches, and a refinement with half of another: 3.5.
     """
     display.report(event("blunt", 90.0, share=0.1, place=(1, 3)))
     for start in (1, 2):
@@ -79,8 +79,8 @@ def test_the_time_left_counts_what_is_under_way_and_the_finish(display, monkeypa
     display.report(event("done", 1300.0, "converged"))
     display.report(dataclasses.replace(event("sharp", 1300.0, share=0.5, place=(2, 3)), start=2))
     began = display._searches
-    monkeypatch.setattr("expdesign.cli.terminal.time.monotonic", lambda: began + 15.0)
-    assert "30 s" in display._left()
+    monkeypatch.setattr("expdesign.cli.terminal.time.monotonic", lambda: began + 14.0)
+    assert "22 s" in display._left()
 
 
 def test_what_waits_for_others_is_not_shown_as_running(display):

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from expdesign.solver.barrier import Bounds
 from expdesign.solver.interior_point import RENEWED, solve_by_interior_point
 from expdesign.solver.ipopt import solve_with_ipopt
 from tests.solver.programs import INF, Counted, Fit, Quadratic, Rosenbrock, quadratic, rosenbrock
@@ -144,21 +145,38 @@ def test_a_cost_without_eigenvalues_ends_it():
     assert not nowhere.converged
 
 
+class Straight(Fit):
+    """A cost without a curvature of its own; all that bends is the circle."""
+
+    def f(self, x):
+        return 1000 - x[0]
+
+    def slope(self, x):
+        return np.array([-1.0, 0.0])
+
+    def curvature(self, x):
+        return np.zeros((2, 2))
+
+
+def straight():
+    return Straight(([-INF] * 2, [INF] * 2), ([-INF], [1.0]))
+
+
 def test_evaluations_are_the_true_ones_and_every_iterate_is_reported():
-    program, seen = quadratic(), []
+    program, seen = straight(), []
 
     def report(*iteration):
         seen.append(iteration)
         return True
 
-    result = solve_by_interior_point(program, np.full(3, 0.3), most=200, report=report)
+    result = solve_by_interior_point(program, np.array([0.5, 0.1]), most=200, report=report)
     counts, calls = result.evaluations, program.calls
-    assert counts["f"] == calls["cost"]
-    # The first trial of every step is evaluated with its derivatives.
-    assert 0 <= counts["grad_f"] - (result.iterations + 1) <= counts["f"]
-    assert calls["cost_derivatives"] == 1 + result.iterations // RENEWED
+    # The first trial of every step is evaluated with its derivatives, others only where it fails.
+    assert counts["f"] == calls["cost"] > 0
+    assert 0 < counts["grad_f"] - (result.iterations + 1) <= counts["f"]
+    assert calls["cost_derivatives"] >= 1 + result.iterations // RENEWED
     assert calls["cost_derivatives"] + calls["cost_gradient"] == counts["grad_f"]
-    assert counts["g"] == calls["rows"]
+    assert counts["g"] == calls["rows"] > 0
     assert counts["jac_g"] == calls["jacobian"]
     assert [number for number, *_ in seen] == list(range(1, result.iterations + 2))
     for _, objective, violation, x in seen:
@@ -166,6 +184,38 @@ def test_evaluations_are_the_true_ones_and_every_iterate_is_reported():
         rows = program.g(x)
         excess = np.maximum(program.row_lower - rows, rows - program.row_upper)
         assert violation == pytest.approx(max(0.0, *excess), abs=1e-12)
+
+
+def test_steps_are_rejected_less_often_where_slacks_follow_their_rows():
+    rejected = {
+        following: solve_by_interior_point(
+            straight(), np.array([0.5, 0.1]), most=60, following=following
+        ).evaluations["f"]
+        for following in (True, False)
+    }
+    assert rejected[True] < 0.8 * rejected[False]
+
+
+@pytest.mark.parametrize("following", [True, False])
+def test_with_few_iterations_the_barrier_falls_to_its_end_only_where_slacks_stay(
+    following, monkeypatch
+):
+    """Where they follow their rows, they end on their bounds when it falls that fast."""
+    barriers, pushes = [], Bounds.pushes
+
+    def recorded(bounds, gaps, barrier):
+        barriers.append(barrier)
+        return pushes(bounds, gaps, barrier)
+
+    monkeypatch.setattr(Bounds, "pushes", recorded)
+    solve_by_interior_point(
+        straight(), np.array([0.5, 0.1]), most=12, barrier=0.1, following=following
+    )
+    shares = np.array(barriers[1:]) / barriers[:-1]
+    if following:
+        assert np.min(shares) > 0.86
+    else:
+        assert np.min(shares) < 0.5
 
 
 @pytest.mark.parametrize("stop_at", [1, 3])
@@ -181,21 +231,8 @@ def test_a_report_stops_it(stop_at):
 @pytest.mark.parametrize("following", [True, False])
 @pytest.mark.parametrize("renewed", [None, 1, 6])
 def test_rows_that_bend_are_kept_where_the_cost_does_not(following, renewed):
-    class Straight(Fit):
-        """Without a curvature of its own; all that bends is the circle."""
-
-        def f(self, x):
-            return 1000 - x[0]
-
-        def slope(self, x):
-            return np.array([-1.0, 0.0])
-
-        def curvature(self, x):
-            return np.zeros((2, 2))
-
-    program = Straight(([-INF] * 2, [INF] * 2), ([-INF], [1.0]))
     result = solve_by_interior_point(
-        program,
+        straight(),
         np.array([0.5, 0.1]),
         most=60,
         barrier=1e-3,

@@ -251,6 +251,39 @@ def test_hops_end_when_none_finds_anything_better(hopping):
     assert result.best.index == 5
 
 
+@pytest.mark.parametrize(("best", "said"), [(4, False), (12, True)])
+def test_a_chance_is_stated_only_of_the_last_group_and_if_the_best_is_of_it(hopping, best, said):
+    """Each start is a group, and four hops that fail are its end: 4 to 7, 8 to 11, 12 to 15."""
+    result, _ = hopping({best: 0.5}, 300, GROUP=1, PATIENCE=4, TOGETHER=1)
+    assert result.best.index == best
+    assert ("chance" in result.ended) == said
+
+
+def test_a_search_that_is_stopped_keeps_what_has_gone_through_all_stages(
+    run, module, reached, monkeypatch
+):
+    """Motions that are in the first stage still have a better objective, of another problem."""
+    refined = []
+
+    def rough(_task, _monitor, index):
+        return reached(index, -9.0 if index == 2 else 5.0, "random", status="", merit=-np.inf)
+
+    def refine(_task, _monitor, begun):
+        refined.append(begun.index)
+        start = reached(begun.index, begun.variables[0], "random")
+        if begun.index == 1:
+            return dataclasses.replace(start, stages=start.stages * 2)
+        return start
+
+    monkeypatch.setattr(module, "rough_job", rough)
+    monkeypatch.setattr(module, "refined_job", refine)
+    monkeypatch.setattr(module, "GROUP", 1)
+    monkeypatch.setattr(module, "FINISHED", 1)
+    result = run(starts=2, hops=0)
+    assert refined == [1, 2]
+    assert result.best.index == 1
+
+
 @pytest.mark.parametrize("starts", [1, 2, GROUP, GROUP + 1, 5 * GROUP, 5 * GROUP + 3])
 def test_every_start_is_in_one_group_and_groups_are_about_as_large(starts):
     found = groups(starts)
