@@ -39,7 +39,7 @@ FINISHED = 4
 """Motions that are finished, the best first; more only when none of them keeps the limits."""
 PROVED = 3
 """Finished motions that are proved, the best first, until one is."""
-PATIENCE = 80
+PATIENCE = 40
 """Hops without a better motion of their group after which it gets no more."""
 _BETTER = 1e-3
 """Difference in cost that counts: 0.1 % of D-efficiency."""
@@ -196,20 +196,33 @@ def _hopped(
     made: list[StartResult] = []
     since = 0
     while reached and len(made) < most and since < PATIENCE and not clock.stop_requested():
-        reached.sort(key=attrgetter("promise"), reverse=True)
-        origins = reached[: min(TOGETHER, most - len(made))]
-        begin = first + len(made)
+        origins = _origins(reached, min(TOGETHER, most - len(made)))
         # A hop needs no more of its origin than where it is and what its stages reached.
-        bare = [replace(origin.start, trace=()) for origin in origins]
-        jobs = [Job(hop_job, (begin + k, start)) for k, start in enumerate(bare)]
+        bare = [replace(reached[origin].start, trace=()) for origin in origins]
+        numbered = enumerate(bare, start=first + len(made))
+        jobs = [Job(hop_job, (number, start)) for number, start in numbered]
         known = max(one.start.rank for one in reached)
         results: list[StartResult] = list(crew.done(jobs, clock))
-        for hop in results:
-            reached[hop.index - begin] = reached[hop.index - begin].after(hop)
+        for origin, hop in zip(origins, results, strict=False):  # fewer where it was stopped
+            reached[origin] = reached[origin].after(hop)
         better = _gained(max(one.start.rank for one in reached), known)
         since = 0 if better else since + len(results)
         made += results
     return [one.start for one in reached], made, since
+
+
+def _origins(reached: Sequence[_Motion], count: int) -> list[int]:
+    """Return which motions the next hops set out from: each from the most promising one.
+
+    A hop that is chosen counts as one that failed for those after it: a motion that is far ahead
+    has several of them, and others have some.
+    """
+    motions, origins = list(reached), list[int]()
+    for _ in range(count):
+        best = max(range(len(motions)), key=lambda k: motions[k].promise)
+        motions[best] = replace(motions[best], failed=motions[best].failed + 1)
+        origins.append(best)
+    return origins
 
 
 def _gained(rank: tuple[float, ...], before: tuple[float, ...]) -> bool:

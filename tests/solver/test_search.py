@@ -219,14 +219,14 @@ def hopping(run, module, reached, monkeypatch):
 
 
 def test_a_hop_takes_its_origins_place_only_when_it_is_better(hopping):
-    objectives = {5: 2.5, 6: 4.5, 8: 2.4, 9: 4.9}
-    result, hops = hopping(objectives, 9, TOGETHER=3)
-    # The second start's hop reached 2.5: the best now. The third start's came from 5 to 4.5.
-    # 2.4 is better than the 3 of the first start, whose hop it is; 4.9 is no better than 4.5.
+    objectives = {5: 2.5, 6: 3.9, 8: 2.4, 9: 2.45}
+    result, hops = hopping(objectives, 9, TOGETHER=3, FAILED=0.6)
+    # 3 and 3.6 are the most promising, then 4: a hop under way counts like one that failed.
+    # From 2.5, the best now, all three; 2.45 is no better than the 2.4 that one of them reached.
     assert hops.origins == [
-        *((4, 1), (5, 2), (6, 3)),
-        *((7, 5), (8, 1), (9, 6)),
-        *((10, 8), (11, 5), (12, 6)),
+        *((4, 1), (5, 1), (6, 2)),
+        *((7, 5), (8, 5), (9, 5)),
+        *((10, 8), (11, 8), (12, 6)),
     ]
     assert result.best.index == 8
     assert len(result.starts) == 12
