@@ -1,4 +1,4 @@
-"""The search: groups of starts, hops from the best of each; then the finish and the proof."""
+"""The search: groups of starts, hops from the best of each and of all; the finish, the proof."""
 
 from __future__ import annotations
 
@@ -35,12 +35,14 @@ TOGETHER = 8
 FAILED = 0.003
 """Cost by which a motion counts as worse for every hop from it that came to nothing: the best is
 often where its descent ends, and others, further up, are not (measured)."""
+OF_GROUPS = 0.7
+"""Share of the hops that set out within groups; the others set out from the best motions of all."""
 FINISHED = 4
 """Motions that are finished, the best first; more only when none of them keeps the limits."""
 PROVED = 3
 """Finished motions that are proved, the best first, until one is."""
 PATIENCE = 40
-"""Hops without a better motion of their group after which it gets no more."""
+"""Hops without a better motion after which their group gets no more, or all together."""
 _BETTER = 1e-3
 """Difference in cost that counts: 0.1 % of D-efficiency."""
 _CONFIDENCE = 0.95
@@ -126,28 +128,28 @@ def _groups(
 ) -> tuple[list[StartResult], list[StartResult], list[StartResult], str]:
     """Return all starts, the best motion of every start's descent, all hops, and why they ended.
 
-    What a group leaves of its hops the next ones have.
+    What a group leaves of its hops the next ones have; the last hops set out from the motions of
+    all groups.
     """
     starts: list[StartResult] = []
     motions: list[StartResult] = []
     hops: list[StartResult] = []
-    ended = "all starts and hops were made"
     numbered = groups(plan.starts)
+    within = OF_GROUPS * plan.hops if len(numbered) > 1 else 0
     for done, numbers in enumerate(numbered, start=1):
         found = _starts(crew, numbers, clock)
         starts += found
         usable = [start for start in found if start.usable]
-        wanted = plan.hops * done // len(numbered) - len(hops)
-        reached, made, failed = _hopped(crew, usable, plan.starts + len(hops) + 1, wanted, clock)
+        wanted = round(within * done / len(numbered)) - len(hops)
+        reached, made, _ = _hopped(crew, usable, plan.starts + len(hops) + 1, wanted, clock)
         motions += reached
         hops += made
         if clock.stop_requested():
             break
-    if len(hops) < plan.hops:
-        ended = f"{len(hops)} of {plan.hops} hops were made: a group's end where they gain nothing"
-        if failed >= PATIENCE and max(motions, key=_rank) in reached:
-            ended = _nothing_better(failed)
-    return starts, motions, hops, ended
+    first, left = plan.starts + len(hops) + 1, plan.hops - len(hops)
+    motions, made, failed = _hopped(crew, motions, first, left, clock)
+    ended = _nothing_better(failed) if failed >= PATIENCE else "all starts and hops were made"
+    return starts, motions, [*hops, *made], ended
 
 
 def _starts(crew: Crew, numbers: Sequence[int], clock: Monitor) -> list[StartResult]:

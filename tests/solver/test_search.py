@@ -251,12 +251,16 @@ def test_hops_end_when_none_finds_anything_better(hopping):
     assert result.best.index == 5
 
 
-@pytest.mark.parametrize(("best", "said"), [(4, False), (12, True)])
-def test_a_chance_is_stated_only_of_the_last_group_and_if_the_best_is_of_it(hopping, best, said):
-    """Each start is a group, and four hops that fail are its end: 4 to 7, 8 to 11, 12 to 15."""
-    result, _ = hopping({best: 0.5}, 300, GROUP=1, PATIENCE=4, TOGETHER=1)
-    assert result.best.index == best
-    assert ("chance" in result.ended) == said
+def test_the_last_hops_set_out_from_the_motions_of_all_groups(hopping):
+    """Each start is a group, and four hops that fail are its end; then it is that of all."""
+    result, hops = hopping({8: 3.5, 9: 3.4}, 300, GROUP=1, PATIENCE=4, TOGETHER=1, FAILED=0.3)
+    assert [origin for _, origin in hops.origins] == [
+        *(1, 1, 1, 1),
+        *(2, 8, 9, 9, 9, 9),
+        *(3, 3, 3, 3),
+        *(1, 1, 9, 1),
+    ]
+    assert "chance" in result.ended
 
 
 def test_a_search_that_is_stopped_keeps_what_has_gone_through_all_stages(
@@ -295,13 +299,13 @@ def test_every_start_is_in_one_group_and_groups_are_about_as_large(starts):
 
 
 def test_every_group_has_its_share_of_the_hops_and_what_others_leave(hopping):
-    """Three groups of one start each; hops set out from motions of their own group alone."""
+    """Three groups of one start each have five of seven hops, all together what is left."""
     _, hops = hopping({}, 7, GROUP=1, TOGETHER=2)
-    assert [origin for _, origin in hops.origins] == [1, 1, 2, 2, 3, 3, 3]
+    assert [origin for _, origin in hops.origins] == [1, 1, 2, 3, 3, 1, 1]
     assert [number for number, _ in hops.origins] == list(range(4, 11))
-    # The first gets no more after two that came to nothing: the third has what both leave.
+    # Each ends after two hops that came to nothing.
     result, hops = hopping({9: 4.5}, 9, GROUP=1, TOGETHER=1, PATIENCE=2)
-    assert [origin for _, origin in hops.origins] == [1, 1, 2, 2, 3, 3, 9, 9]
+    assert [origin for _, origin in hops.origins] == [1, 1, 2, 2, 3, 3, 1, 1]
     assert result.best.index == 1
     assert len(result.starts) == 3 + 8
 
