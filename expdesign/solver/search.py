@@ -1,4 +1,4 @@
-"""The search: groups of starts, hops from the best of each and of all; the finish, the proof."""
+"""The search: groups of starts, hops from the best of each; then the finish and the proof."""
 
 from __future__ import annotations
 
@@ -35,14 +35,12 @@ TOGETHER = 8
 FAILED = 0.003
 """Cost by which a motion counts as worse for every hop from it that came to nothing: the best is
 often where its descent ends, and others, further up, are not (measured)."""
-OF_GROUPS = 0.7
-"""Share of the hops that set out within groups; the others set out from the best motions of all."""
 FINISHED = 4
 """Motions that are finished, the best first; more only when none of them keeps the limits."""
 PROVED = 3
 """Finished motions that are proved, the best first, until one is."""
-PATIENCE = 40
-"""Hops without a better motion after which their group gets no more, or all together."""
+PATIENCE = 80
+"""Hops without a better motion of their group after which it gets no more."""
 _BETTER = 1e-3
 """Difference in cost that counts: 0.1 % of D-efficiency."""
 _CONFIDENCE = 0.95
@@ -128,28 +126,28 @@ def _groups(
 ) -> tuple[list[StartResult], list[StartResult], list[StartResult], str]:
     """Return all starts, the best motion of every start's descent, all hops, and why they ended.
 
-    What a group leaves of its hops the next ones have; the last hops set out from the motions of
-    all groups.
+    What a group leaves of its hops the next ones have.
     """
     starts: list[StartResult] = []
     motions: list[StartResult] = []
     hops: list[StartResult] = []
+    ended = "all starts and hops were made"
     numbered = groups(plan.starts)
-    within = OF_GROUPS * plan.hops if len(numbered) > 1 else 0
     for done, numbers in enumerate(numbered, start=1):
         found = _starts(crew, numbers, clock)
         starts += found
         usable = [start for start in found if start.usable]
-        wanted = round(within * done / len(numbered)) - len(hops)
-        reached, made, _ = _hopped(crew, usable, plan.starts + len(hops) + 1, wanted, clock)
+        wanted = plan.hops * done // len(numbered) - len(hops)
+        reached, made, failed = _hopped(crew, usable, plan.starts + len(hops) + 1, wanted, clock)
         motions += reached
         hops += made
         if clock.stop_requested():
             break
-    first, left = plan.starts + len(hops) + 1, plan.hops - len(hops)
-    motions, made, failed = _hopped(crew, motions, first, left, clock)
-    ended = _nothing_better(failed) if failed >= PATIENCE else "all starts and hops were made"
-    return starts, motions, [*hops, *made], ended
+    if len(hops) < plan.hops:
+        ended = f"{len(hops)} of {plan.hops} hops were made: a group's end where they gain nothing"
+        if failed >= PATIENCE and max(motions, key=_rank) in reached:
+            ended = _nothing_better(failed)
+    return starts, motions, hops, ended
 
 
 def _starts(crew: Crew, numbers: Sequence[int], clock: Monitor) -> list[StartResult]:
@@ -198,33 +196,20 @@ def _hopped(
     made: list[StartResult] = []
     since = 0
     while reached and len(made) < most and since < PATIENCE and not clock.stop_requested():
-        origins = _origins(reached, min(TOGETHER, most - len(made)))
+        reached.sort(key=attrgetter("promise"), reverse=True)
+        origins = reached[: min(TOGETHER, most - len(made))]
+        begin = first + len(made)
         # A hop needs no more of its origin than where it is and what its stages reached.
-        bare = [replace(reached[origin].start, trace=()) for origin in origins]
-        numbered = enumerate(bare, start=first + len(made))
-        jobs = [Job(hop_job, (number, start)) for number, start in numbered]
+        bare = [replace(origin.start, trace=()) for origin in origins]
+        jobs = [Job(hop_job, (begin + k, start)) for k, start in enumerate(bare)]
         known = max(one.start.rank for one in reached)
         results: list[StartResult] = list(crew.done(jobs, clock))
-        for origin, hop in zip(origins, results, strict=False):  # fewer where it was stopped
-            reached[origin] = reached[origin].after(hop)
+        for hop in results:
+            reached[hop.index - begin] = reached[hop.index - begin].after(hop)
         better = _gained(max(one.start.rank for one in reached), known)
         since = 0 if better else since + len(results)
         made += results
     return [one.start for one in reached], made, since
-
-
-def _origins(reached: Sequence[_Motion], count: int) -> list[int]:
-    """Return which motions the next hops set out from: each from the most promising one.
-
-    A hop that is chosen counts as one that failed for those after it: a motion that is far ahead
-    has several of them, and others have some.
-    """
-    motions, origins = list(reached), list[int]()
-    for _ in range(count):
-        best = max(range(len(motions)), key=lambda k: motions[k].promise)
-        motions[best] = replace(motions[best], failed=motions[best].failed + 1)
-        origins.append(best)
-    return origins
 
 
 def _gained(rank: tuple[float, ...], before: tuple[float, ...]) -> bool:

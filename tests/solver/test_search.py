@@ -219,14 +219,14 @@ def hopping(run, module, reached, monkeypatch):
 
 
 def test_a_hop_takes_its_origins_place_only_when_it_is_better(hopping):
-    objectives = {5: 2.5, 6: 3.9, 8: 2.4, 9: 2.45}
-    result, hops = hopping(objectives, 9, TOGETHER=3, FAILED=0.6)
-    # 3 and 3.6 are the most promising, then 4: a hop under way counts like one that failed.
-    # From 2.5, the best now, all three; 2.45 is no better than the 2.4 that one of them reached.
+    objectives = {5: 2.5, 6: 4.5, 8: 2.4, 9: 4.9}
+    result, hops = hopping(objectives, 9, TOGETHER=3)
+    # The second start's hop reached 2.5: the best now. The third start's came from 5 to 4.5.
+    # 2.4 is better than the 3 of the first start, whose hop it is; 4.9 is no better than 4.5.
     assert hops.origins == [
-        *((4, 1), (5, 1), (6, 2)),
-        *((7, 5), (8, 5), (9, 5)),
-        *((10, 8), (11, 8), (12, 6)),
+        *((4, 1), (5, 2), (6, 3)),
+        *((7, 5), (8, 1), (9, 6)),
+        *((10, 8), (11, 5), (12, 6)),
     ]
     assert result.best.index == 8
     assert len(result.starts) == 12
@@ -251,16 +251,12 @@ def test_hops_end_when_none_finds_anything_better(hopping):
     assert result.best.index == 5
 
 
-def test_the_last_hops_set_out_from_the_motions_of_all_groups(hopping):
-    """Each start is a group, and four hops that fail are its end; then it is that of all."""
-    result, hops = hopping({8: 3.5, 9: 3.4}, 300, GROUP=1, PATIENCE=4, TOGETHER=1, FAILED=0.3)
-    assert [origin for _, origin in hops.origins] == [
-        *(1, 1, 1, 1),
-        *(2, 8, 9, 9, 9, 9),
-        *(3, 3, 3, 3),
-        *(1, 1, 9, 1),
-    ]
-    assert "chance" in result.ended
+@pytest.mark.parametrize(("best", "said"), [(4, False), (12, True)])
+def test_a_chance_is_stated_only_of_the_last_group_and_if_the_best_is_of_it(hopping, best, said):
+    """Each start is a group, and four hops that fail are its end: 4 to 7, 8 to 11, 12 to 15."""
+    result, _ = hopping({best: 0.5}, 300, GROUP=1, PATIENCE=4, TOGETHER=1)
+    assert result.best.index == best
+    assert ("chance" in result.ended) == said
 
 
 def test_a_search_that_is_stopped_keeps_what_has_gone_through_all_stages(
@@ -299,13 +295,13 @@ def test_every_start_is_in_one_group_and_groups_are_about_as_large(starts):
 
 
 def test_every_group_has_its_share_of_the_hops_and_what_others_leave(hopping):
-    """Three groups of one start each have five of seven hops, all together what is left."""
+    """Three groups of one start each; hops set out from motions of their own group alone."""
     _, hops = hopping({}, 7, GROUP=1, TOGETHER=2)
-    assert [origin for _, origin in hops.origins] == [1, 1, 2, 3, 3, 1, 1]
+    assert [origin for _, origin in hops.origins] == [1, 1, 2, 2, 3, 3, 3]
     assert [number for number, _ in hops.origins] == list(range(4, 11))
-    # Each ends after two hops that came to nothing.
+    # The first gets no more after two that came to nothing: the third has what both leave.
     result, hops = hopping({9: 4.5}, 9, GROUP=1, TOGETHER=1, PATIENCE=2)
-    assert [origin for _, origin in hops.origins] == [1, 1, 2, 2, 3, 3, 1, 1]
+    assert [origin for _, origin in hops.origins] == [1, 1, 2, 2, 3, 3, 9, 9]
     assert result.best.index == 1
     assert len(result.starts) == 3 + 8
 

@@ -118,7 +118,7 @@ class DesignSection(Section):
     """Of the random starts and of the hops."""
     search: Annotated[Search, one_of(Search)] = "hopping"
     """Only restarts, or then hops from the best motions."""
-    hops: Annotated[int, whole(0, _MOST_SOLVES)] = 400
+    hops: Annotated[int, whole(0, _MOST_SOLVES)] = 600
     """Number of hops at most; without effect on restarts."""
     start: Annotated[Start, one_of(Start)] = "periodic"
     """Whether the series starts at rest (rate and acceleration zero at t = 0)."""
