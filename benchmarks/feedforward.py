@@ -46,7 +46,7 @@ REDUCTION, LEFT = 5.0, 0.02
 
 ESTIMATORS = ("gm", "ml")
 
-_DESIGN = Path(__file__).parent / "designs" / "palida_best.json"
+_DESIGN = Path(__file__).parent / "designs" / "palida_former.json"
 _SLOWER = Path(__file__).parent / "designs" / "palida.json"
 _REPETITIONS = 5
 _SAMPLES = 1667

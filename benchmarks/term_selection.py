@@ -231,8 +231,8 @@ def _strength(section: str) -> Row:
 
 @cache
 def design() -> FourierTrajectory:
-    """Return the best stored design."""
-    return TrajectoryFile.read(Path(__file__).parent / "designs" / "palida_best.json").trajectory
+    """Return a stored design, one of the best."""
+    return TrajectoryFile.read(Path(__file__).parent / "designs" / "palida_former.json").trajectory
 
 
 @cache

@@ -74,7 +74,12 @@ class Terminal(Progress):
         section = configuration.run.design
         hops = section.hops if section.search == "hopping" else 0
         display = SearchDisplay(
-            self._console, CRITERIA[section.criterion], section.starts, hops, section.information
+            self._console,
+            CRITERIA[section.criterion],
+            section.starts,
+            hops,
+            section.information,
+            section.max_seconds,
         )
         hidden = nullcontext() if self._activity is None else self._activity.hidden()
         with hidden, display.shown(), told_to(display.told):
@@ -102,6 +107,8 @@ class SearchDisplay:
         How many there are, at most.
     information : str
         Symbol of what the criterion is of.
+    max_seconds : float, optional
+        For starts and hops; the finish, which comes on top, is not shown then.
     """
 
     def __init__(
@@ -111,9 +118,11 @@ class SearchDisplay:
         starts: int,
         hops: int,
         information: str = "F",
+        max_seconds: float | None = None,
     ) -> None:
         self._console, self._criterion, self._information = console, criterion, information
         self._starts, self._hops, self._total = starts, hops, starts + hops
+        self._max_seconds = max_seconds or math.inf
         self._running: dict[int, SearchEvent] = {}
         self._best: SearchEvent | None = None
         self._rough: set[int] = set()
@@ -203,7 +212,8 @@ class SearchDisplay:
             rough = number <= self._starts and event.place[0] == 1
             done += event.share * (event.place[1] if rough else 1)
         share = done / (self._starts + refined + self._hops + finishes)
-        return left_text(time.monotonic() - self._searches, share)
+        passed = time.monotonic() - self._searches
+        return left_text(passed, max(share, passed / self._max_seconds))
 
     def _objective(self, event: SearchEvent) -> str:
         """Return an event's objective with its name: criterion, and smoothed or true."""

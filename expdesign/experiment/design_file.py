@@ -92,7 +92,7 @@ class SolverRecord:
                 copied(
                     TimedStart,
                     start,
-                    criterion_value=sign * start.merit,
+                    criterion_value=sign * start.merit if start.usable else np.nan,
                     finished_value=sign * search.finished_merits.get(start.index, np.nan),
                     best=start.index == search.best.index,
                     stages=tuple(asdict(stage) for stage in start.stages),

@@ -22,6 +22,7 @@ from expdesign.solver.jobs import (
     refined_job,
     rough_job,
 )
+from expdesign.solver.stage import SearchEvent
 from expdesign.solver.start import StartResult, given_up
 from expdesign.workers import Job, Monitor, StoppedError
 
@@ -80,11 +81,21 @@ def search(build: Build, plan: SearchPlan, monitor: Monitor) -> SearchResult:
     the request came before one did.
     """
     began = time.perf_counter()
+    # The time allowed begins when a start moves: processes may take seconds until they can work. A
+    # cluster does not report that.
+    moved = [] if plan.scheduler is None else [began]
+
+    def report(event: SearchEvent) -> None:
+        if not moved:
+            moved.append(time.perf_counter())
+        monitor.report(event)
 
     def late() -> bool:
-        return plan.max_seconds is not None and time.perf_counter() - began > plan.max_seconds
+        if plan.max_seconds is None or not moved:
+            return False
+        return time.perf_counter() - moved[0] > plan.max_seconds
 
-    clock = Monitor(lambda: late() or monitor.stop_requested(), monitor.report)
+    clock = Monitor(lambda: late() or monitor.stop_requested(), report)
     crew = Crew(build, plan)
     starts, motions, hops, ended = _groups(crew, plan, clock)
     if not motions:
@@ -95,11 +106,11 @@ def search(build: Build, plan: SearchPlan, monitor: Monitor) -> SearchResult:
             f"none of {len(starts)} starts reached a motion that keeps the limits and excites the "
             f"parameters ({states})"
             if starts
-            else "design.max_seconds were over before any start had a result",
+            else "design.max_seconds had passed before any start had a result",
             starts,
         )
     if clock.stop_requested():
-        ended = "stopped" if monitor.stop_requested() else "design.max_seconds were over"
+        ended = "stopped" if monitor.stop_requested() else "design.max_seconds had passed"
     tried = _finished(crew, motions, monitor)
     best = _proved(crew, tried, monitor)
     return SearchResult(

@@ -34,6 +34,8 @@ _BEYOND = 0.25
 _LOGARITHMIC = 50.0
 """Objectives that differ by more than this factor get a logarithmic axis."""
 
+_KEPT = 1e-2
+"""Violation at its end up to which a start sets the scale of the iterations."""
 _APART = 0.12
 """Names of stages that are closer than this share of the axis would overlap."""
 
@@ -43,6 +45,9 @@ _LOOK: dict[str, dict[str, Any]] = {
     _OTHER: {"color": GREY, "linewidth": 0.8, "zorder": 2},
     _HOP: {"color": ORANGE, "linewidth": 0.6, "alpha": 0.6, "zorder": 1.9},
 }
+_OPAQUE = 40
+"""Lines of a kind up to which they are drawn as they are; more are fainter, so that all show."""
+_FAINTEST = 0.08
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,10 +87,13 @@ def convergence_figure(figure: Figure, record: DesignRecord) -> None:
     found = traces(record.iterations)
     objective, violation = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
     roles = [_role(trace, record.summary.solver.best_start) for trace in found]
-    longest = max((float(trace.iteration[-1]) for trace in found), default=1.0)
+    # One that cannot get within its limits may take far longer than all others.
+    kept = [trace for trace in found if trace.violation[-1] <= _KEPT] or found
+    longest = max((float(trace.iteration[-1]) for trace in kept), default=1.0)
+    looks = {role: _LOOK[role] | {"alpha": _opacity(role, roles)} for role in _LOOK}
     for trace, role in zip(found, roles, strict=True):
-        objective.plot(trace.iteration, trace.objective, **_LOOK[role])
-        violation.plot(trace.iteration, np.fmax(trace.violation, FLOOR), **_LOOK[role])
+        objective.plot(trace.iteration, trace.objective, **looks[role])
+        violation.plot(trace.iteration, np.fmax(trace.violation, FLOOR), **looks[role])
         if role == _BEST:
             _mark_stages(objective, trace, longest)
     value_line = _objective_axis(objective, record, found)
@@ -120,9 +128,14 @@ def _role(trace: Trace, best: int) -> str:
     return _HOP if trace.kind == "hop" else _OTHER
 
 
+def _opacity(role: str, roles: Sequence[str]) -> float:
+    whole: float = _LOOK[role].get("alpha", 1.0)
+    return max(_FAINTEST, whole * min(1.0, _OPAQUE / max(1, roles.count(role))))
+
+
 def _label(role: str, roles: Sequence[str]) -> str:
     if role == _BEST:
-        return "best start"
+        return "the best"
     return counted(roles.count(role), {_OTHER: "other start", _HOP: "hop"}[role])
 
 

@@ -3,6 +3,7 @@
 import dataclasses
 import importlib
 import pickle
+import time
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 
 from expdesign.solver.jobs import Candidate, hop_job, refined_job, rough_job
 from expdesign.solver.search import GROUP, NoDesignError, groups, search
+from expdesign.solver.stage import SearchEvent
 from expdesign.solver.start import GIVEN_UP
 from expdesign.workers import Job, Monitor, run_jobs
 
@@ -257,6 +259,26 @@ def test_a_chance_is_stated_only_of_the_last_group_and_if_the_best_is_of_it(hopp
     result, _ = hopping({best: 0.5}, 300, GROUP=1, PATIENCE=4, TOGETHER=1)
     assert result.best.index == best
     assert ("chance" in result.ended) == said
+
+
+@pytest.mark.parametrize("moves", [True, False])
+def test_the_time_allowed_begins_when_a_start_moves(run, module, reached, monkeypatch, moves):
+    """Processes may take seconds until they can work."""
+
+    def rough(_task, monitor, index):
+        if moves:
+            monitor.report(SearchEvent(index, "blunt", 1, 0.0, 0.0, 0.0))
+        time.sleep(0.02)
+        return reached(index, float(index), "random", status="", merit=-np.inf)
+
+    monkeypatch.setattr(module, "rough_job", rough)
+    monkeypatch.setattr(
+        module,
+        "refined_job",
+        lambda _task, _monitor, begun: reached(begun.index, 2.0, "random"),
+    )
+    result = run(starts=3, hops=0, max_seconds=0.01)
+    assert len(result.starts) == (1 if moves else 3)
 
 
 def test_a_search_that_is_stopped_keeps_what_has_gone_through_all_stages(
