@@ -15,7 +15,7 @@ from expdesign.export.execution import Deviation, ExecutedTable, blocks, deviati
 from expdesign.motion.executable import ExecutableMotion
 from expdesign.motion.sampled import SampledMotion
 from expdesign.progress import told
-from expdesign.robot import LimitModel
+from expdesign.robot import ForwardKinematicsError, LimitModel
 from expdesign.runfolder.described import Column, field_columns
 
 SHARE = 1e-3
@@ -147,7 +147,12 @@ def _step(settings: Settings, segment: int, place: str) -> float:
 def _deviation(settings: Settings, table: ExecutedTable) -> Deviation:
     worst = Deviation()
     for part in blocks(refined(table.rows.times, _POINTS)):
-        worst = worst.with_worse(deviation(table, part, table.between(part), forces=True))
+        try:
+            between = table.between(part)
+        except ForwardKinematicsError:
+            # Rows so far apart that the lengths between them belong to no pose.
+            return Deviation(np.inf)
+        worst = worst.with_worse(deviation(table, part, between, forces=True))
         if worst.position > settings.tolerance or worst.acceleration > SHARE:
             break
     return worst
