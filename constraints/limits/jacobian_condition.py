@@ -9,7 +9,7 @@ from constraints.arrays import Array
 from constraints.definition import LimitDefinition, Quantities
 
 _FAR_FROM_SINGULAR = 1e3
-"""Ratio below which it is known to 10 digits by the eigenvalues of the squares."""
+"""Ratio below which it is known to nine digits by the eigenvalues of the squares."""
 _SQUARINGS = 3
 """Of the scaled matrices: p is twice 2 to this."""
 
@@ -20,7 +20,7 @@ def _singular_value_ratio(entries: Array) -> Array:
     ratio = np.full(len(entries), np.nan)
     finite = np.flatnonzero(np.all(np.isfinite(entries), axis=1))
     matrices = entries[finite].reshape(-1, size, size)
-    # Eigenvalues of the squares take half as long, and lose digits where the ratio is large.
+    # Eigenvalues of the squares take two thirds as long, and lose digits where the ratio is large.
     squares = np.linalg.eigvalsh(matrices.swapaxes(1, 2) @ matrices)
     smallest, largest = squares[:, 0], squares[:, -1]
     far = smallest * _FAR_FROM_SINGULAR**2 > largest

@@ -209,7 +209,7 @@ class SearchDisplay:
         refined = sum(min(REFINED, len(group)) for group in groups(self._starts))
         done = float(len(self._rough) + self._refined + self._finished)
         for number, event in self._running.items():
-            rough = number <= self._starts and event.place[0] == 1
+            rough = number <= self._starts and event.phase == "blunt"
             done += event.share * (event.place[1] if rough else 1)
         share = done / (self._starts + refined + self._hops + finishes)
         passed = time.monotonic() - self._searches

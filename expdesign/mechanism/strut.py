@@ -30,7 +30,7 @@ class StrutKinematics:
         offset = point - base
         squared = ca.dot(offset, offset)
         self.length = length = ca.sqrt(squared)
-        # A product with a reciprocal is a division to CasADi, which takes as long as ten products:
+        # A product with a reciprocal is a division to CasADi, which takes as long as many products:
         # with the root of a reciprocal it is not.
         per_length = ca.sqrt(1 / squared)
         # u, from A to B

@@ -155,8 +155,8 @@ def _groups(
         if clock.stop_requested():
             break
     if len(hops) < plan.hops:
-        ended = f"{len(hops)} of {plan.hops} hops were made: a group's end where they gain nothing"
-        if failed >= PATIENCE and max(motions, key=_rank) in reached:
+        ended = f"{len(hops)} of {plan.hops} hops, as groups end when {PATIENCE} gain nothing"
+        if failed >= PATIENCE and max(motions, key=_rank).index in {one.index for one in reached}:
             ended = _nothing_better(failed)
     return starts, motions, hops, ended
 
