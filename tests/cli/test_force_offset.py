@@ -65,7 +65,8 @@ def test_planted_offsets_come_back(expdesign, runs, tmp_path):
         assert row["identified"] == "True"
         if row["estimator"] != "ls":
             ratios.append(std / predicted["experiment"][name])
-    # Ten periods show the noise's spectrum roughly: single parameters differ by chance.
+    # Ten periods show the noise's spectrum roughly: single parameters differ by chance. With three,
+    # 4 of 24 recordings had an offset beyond a factor of two.
     assert np.exp(np.mean(np.log(ratios))) == pytest.approx(1, rel=0.25)
     assert 0.5 < min(ratios) <= max(ratios) < 2
     values = np.array([float(row["value"]) for row in rows])
