@@ -8,14 +8,10 @@ each function adds to a radius for the roundings of the computer's numbers is sa
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import partial
-from typing import TypeVar, cast
-
 import numpy as np
-from numba import njit
 
 from constraints.arrays import Array
+from expdesign.compiled import compiled
 
 TERMS = 6
 """Coefficients of a polynomial at most: powers of τ from 0 to 5."""
@@ -26,18 +22,6 @@ _UP = 1 + 2.0**-44
 _ROUNDED = 4 * TERMS * EPS
 _FUNCTION = 1 + 16 * EPS
 _BISECTIONS = 50
-
-_Function = TypeVar("_Function", bound=Callable[..., object])
-
-
-def compiled(function: _Function) -> _Function:
-    """Return a function as machine code, made at its first call and kept beside its source."""
-    compiler = partial(njit, error_model="numpy", nogil=True)
-    try:
-        made = compiler(cache=True)(function)
-    except RuntimeError:  # there is no folder that it could be kept in
-        made = compiler()(function)
-    return cast("_Function", made)
 
 
 @compiled

@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from constraints.arrays import Array
+from expdesign.compiled import compiled
 from expdesign.enclosure.arithmetic import (
     TERMS,
     add,
-    compiled,
     invert,
     larger,
     multiply,

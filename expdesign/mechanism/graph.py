@@ -17,6 +17,7 @@ import casadi as ca
 
 from expdesign.mechanism.geometry import GeometrySymbols
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
+from expdesign.mechanism.inverse import inverse
 from expdesign.mechanism.rotation import angular_acceleration, angular_velocity, rotation_matrix
 from expdesign.mechanism.strut import StrutKinematics, torque_wrench
 from expdesign.mechanism.term import Instant, Term, parameters_of
@@ -131,12 +132,11 @@ class HexapodGraph:
             constants={},
             load=ca.SX.zeros(ACTUATORS),
         )
-        # G⁻ᵀ takes wrenches to the actuators. ca.inv on SX is a QR factorisation: as accurate as
-        # the Jacobian's condition allows.
-        # (6, 6), Gᵀ, and its inverse: an input where it is found by another way
+        # (6, 6), Gᵀ, and its inverse, which takes wrenches to the actuators: an input where it is
+        # found by another way
         self.transposed = transposed
         self.carried = (
-            ca.SX.sym("carried", ACTUATORS, ACTUATORS) if open_inverse else ca.inv(transposed)
+            ca.SX.sym("carried", ACTUATORS, ACTUATORS) if open_inverse else inverse(transposed)
         )
         # (6, 1), the load of the actuators where it is an input, found by another way, and (m,)
         # which parameters are in it

@@ -155,7 +155,7 @@ class InformationCost:
             states, flat, *self._fixed(width), self._white_rows
         )
         slope = self.variables.slope(variables, self.basis)
-        summed = slope.accumulated(by_state[:, :, None])[:, 0]
+        summed = slope.pulled(by_state)
         if self.memory is not None:
             summed[-1] += np.sum(by_information * self._spectrum_slope(weighted, variables))
         return cost.value, summed

@@ -18,7 +18,7 @@ from expdesign.information.marginal import PriorMachine
 from expdesign.information.periodic_noise import PeriodicNoise
 from expdesign.information.spectral import Criterion
 from expdesign.problem.cost import InformationCost
-from expdesign.problem.path_slope import LinearRows, PathSlope
+from expdesign.problem.path_slope import LinearRows, PathSlope, Rows
 from expdesign.problem.variables import DesignVariables, coordinate_reach
 from expdesign.robot import LimitModel, Robot
 from expdesign.trajectory import PhaseBasis
@@ -173,14 +173,9 @@ class LimitedProgram:
     ) -> None:
         self._limits, self._path, self._points, self._mask = limits, path, points, mask
         self._width = width
-        self._scale = np.broadcast_to(limits.scale, mask.shape)[mask]
-        # The limits that hold at each point, as many as where there are most of them.
-        most = int(np.max(np.count_nonzero(mask, axis=1), initial=0))
-        self._held = np.argsort(~mask, axis=1, kind="stable")[:, :most]
-        self._packed = np.take_along_axis(mask, self._held, axis=1)
-        self._factor = (1.0 / limits.scale[self._held])[:, :, None]
+        self._rows = Rows.of(mask, limits.scale)
         self.row_lower, self.row_upper = (
-            np.broadcast_to(side, mask.shape)[mask] / self._scale
+            np.broadcast_to(side, mask.shape)[mask] / self._rows.scale
             for side in limits.smooth_bounds(margins)
         )
         self.lower, self.upper = bounds
@@ -195,22 +190,14 @@ class LimitedProgram:
     def rows(self, x: Array) -> Array:
         """Return the scaled limit rows."""
         states = self._path.states(x, self._points)
-        return self._limits.smooth_values(states, self._width)[self._mask] / self._scale
+        return self._limits.smooth_values(states, self._width)[self._mask] / self._rows.scale
 
     def linear_rows(self, x: Array) -> LinearRows:
         """Return the scaled limit rows with their derivatives."""
         states = self._path.states(x, self._points)
         values, slopes = self._limits.smooth_slopes(states, self._width)
-        scaled = slopes[np.arange(len(slopes))[:, None], self._held]
-        scaled *= self._factor
-        # Where there is no row it need not even be a number.
-        scaled[~self._packed] = 0.0
-        return LinearRows(
-            values[self._mask] / self._scale,
-            self._path.slope(x, self._points),
-            scaled,
-            self._packed,
-        )
+        scaled = values[self._mask] / self._rows.scale
+        return LinearRows(scaled, self._path.slope(x, self._points), slopes, self._rows)
 
     def excess(self, x: Array) -> float:
         """Return how far the rows are broken at most, in the program's own scaling."""

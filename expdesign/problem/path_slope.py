@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from constraints.arrays import Array, Mask
 from expdesign.mechanism.hexapod import COORDINATES
+from expdesign.problem.row_products import along, jacobian, squares, summed
 
 
 @dataclass(frozen=True)
@@ -26,7 +27,10 @@ class PathSlope:
     """
 
     basis: Array
-    """(K, D, v), derivatives of a coordinate over its scale to its own variables."""
+    """(K, D, v), what a coordinate over its scale changes by with its own variables, derived by the
+    path's own parameter: does not depend on the variables."""
+    rates: Array
+    """(D,), what it is multiplied by for derivatives in time."""
     scale: Array
     """(6,), m, rad."""
     drift: Array
@@ -44,16 +48,14 @@ class PathSlope:
     def moved(self, step: Array) -> Array:
         """Return what a step (z,) of the variables changes the states by, (K, 6 D)."""
         table = step[:-1].reshape(COORDINATES, -1) * self.scale[:, None]
-        change = self.basis @ table.T + self.drift * step[-1]
+        change = (self._timed @ table.T).reshape(self.drift.shape) + self.drift * step[-1]
         return change.reshape(len(change), change.shape[1] * COORDINATES)
-
-    def carried(self, slopes: Array) -> Array:
-        """Carry derivatives (K, q, 6 D) to the states over to the variables: (K, q, z)."""
-        return np.asarray(slopes @ self._dense)
 
     def pulled(self, sensitivities: Array) -> Array:
         """Return what sensitivities to the states, K 6 D of them, are to the variables, (z,)."""
-        return np.asarray(sensitivities.ravel() @ self._dense.reshape(-1, self.size))
+        own = self._timed.T @ sensitivities.reshape(-1, COORDINATES)
+        last = sensitivities.ravel() @ self.drift.ravel()
+        return np.append((own * self.scale).T.ravel(), last)
 
     def accumulated(self, sensitivities: Array) -> Array:
         """Carry sensitivities over, summed over the points.
@@ -62,33 +64,65 @@ class PathSlope:
         """
         quantities, own = sensitivities.shape[2], self.basis.shape[2]
         split = sensitivities.reshape(self.drift.size // COORDINATES, COORDINATES, quantities)
-        found = np.zeros((self.size, quantities))
+        found = np.empty((self.size, quantities))
         blocks = found[:-1].reshape(COORDINATES, own, quantities)
-        for coordinate, steps in enumerate(self._stacked):
-            both = steps @ split[:, coordinate]
-            blocks[coordinate] = both[:-1]
-            found[-1] += both[-1]
+        for coordinate, scale in enumerate(self.scale):
+            np.matmul((scale * self._timed).T, split[:, coordinate], out=blocks[coordinate])
+        found[-1] = self.drift.ravel() @ sensitivities.reshape(-1, quantities)
+        return found
+
+    def squared(self, curvature: Array) -> Array:
+        """Return the curvature (z, z) of what has a curvature (K, 6 D, 6 D) in the states.
+
+        That is symmetric; products of a state's derivatives with one another are taken at every
+        point, then all points are summed at once.
+        """
+        points, derivatives, own = self.basis.shape
+        split = curvature.reshape(points, derivatives, COORDINATES, derivatives, COORDINATES)
+        pairs = COORDINATES**2
+        split = split.transpose(0, 1, 2, 4, 3).reshape(points, derivatives * pairs, derivatives)
+        half = (split @ self.timed).reshape(points * derivatives, pairs * own)
+        found = np.empty((self.size, self.size))
+        blocks = (self._timed.T @ half).reshape(own, COORDINATES, COORDINATES, own)
+        blocks *= np.multiply.outer(self.scale, self.scale)[:, :, None]
+        found[:-1, :-1] = blocks.transpose(1, 0, 2, 3).reshape(self.size - 1, self.size - 1)
+        drift = self.drift.reshape(points, derivatives * COORDINATES, 1)
+        found[-1] = found[:, -1] = self.pulled(curvature @ drift)
         return found
 
     @cached_property
-    def _dense(self) -> Array:
-        """(K, 6 D, z), with the zeros: products with blocks of three rows take far longer."""
-        points, derivatives, own = self.basis.shape
-        dense = np.zeros((points, derivatives, COORDINATES, self.size))
-        for coordinate, scale in enumerate(self.scale):
-            columns = slice(coordinate * own, (coordinate + 1) * own)
-            np.multiply(self.basis, scale, out=dense[:, :, coordinate, columns])
-        dense[..., -1] = self.drift
-        return dense.reshape(points, derivatives * COORDINATES, self.size)
+    def timed(self) -> Array:
+        """(K, D, v), the basis for derivatives in time."""
+        return np.ascontiguousarray(self.basis * self.rates[:, None])
 
-    @cached_property
-    def _stacked(self) -> Array:
-        """(6, v + 1, K D), derivatives to a coordinate's own variables, then to the last one."""
-        own = self.basis.reshape(-1, self.basis.shape[2])
-        stacked = np.empty((COORDINATES, own.shape[1] + 1, len(own)))
-        np.multiply(own.T, self.scale[:, None, None], out=stacked[:, :-1])
-        stacked[:, -1] = self.drift.reshape(-1, COORDINATES).T
-        return stacked
+    @property
+    def _timed(self) -> Array:
+        """(K D, v), the same."""
+        return self.timed.reshape(self.drift.size // COORDINATES, self.basis.shape[2])
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Which of q quantities at K points are the r rows of a program, point after point."""
+
+    first: NDArray[np.intp]
+    """(K + 1,), number of each point's first row; the last is r."""
+    columns: NDArray[np.intp]
+    """(r,), quantity of each row."""
+    scale: Array
+    """(r,), what counts as one in it."""
+
+    @classmethod
+    def of(cls, mask: Mask, scale: Array) -> Rows:
+        """Return the rows that a mask (K, q) marks, of quantities with scales (q,)."""
+        first = np.append(0, np.cumsum(np.count_nonzero(mask, axis=1)))
+        columns = np.nonzero(mask)[1]
+        return cls(first, columns, scale[columns])
+
+    @property
+    def places(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Where the rows are, as compiled products read it."""
+        return self.first, self.columns
 
 
 @dataclass(frozen=True)
@@ -99,32 +133,27 @@ class LinearRows:
     """(r,)."""
     path: PathSlope
     slopes: Array
-    """(K, c, 6 D), derivatives of c quantities to the states at every point; zero where there is no
-    row."""
-    mask: Mask
-    """(K, c), which of them are rows."""
+    """(K, q, 6 D), derivatives of all quantities to the states at every point; where there is no
+    row they need not be numbers."""
+    rows: Rows
+    """Which of them are rows."""
 
     def jacobian(self) -> Array:
         """Return J, (r, z)."""
-        return self.path.carried(self.slopes)[self.mask]
+        path = self.path
+        natural = jacobian(self.slopes, *self.rows.places, path.timed, path.scale, path.drift)
+        return natural / self.rows.scale[:, None]
 
     def moved(self, step: Array) -> Array:
         """Return J s, (r,), of a step (z,)."""
-        states = self.path.moved(step)
-        return np.asarray((self.slopes @ states[:, :, None])[..., 0][self.mask])
+        moved = along(self.slopes, *self.rows.places, self.path.moved(step))
+        return moved / self.rows.scale
 
     def pulled(self, weights: Array) -> Array:
         """Return Jᵀ w, (z,), of weights (r,)."""
-        return self.path.pulled(self._spread(weights)[:, None] @ self.slopes)
+        return self.path.pulled(summed(self.slopes, *self.rows.places, weights / self.rows.scale))
 
     def curvature(self, weights: Array) -> Array:
         """Return Jᵀ diag(w) J, (z, z), of weights (r,)."""
-        weighted = self.slopes * self._spread(weights)[:, :, None]
-        by_state = weighted.transpose(0, 2, 1) @ self.slopes
-        return self.path.accumulated(self.path.carried(by_state))
-
-    def _spread(self, weights: Array) -> Array:
-        """Return weights as (K, c); zero where there is no row."""
-        spread = np.zeros(self.mask.shape)
-        spread[self.mask] = weights
-        return spread
+        scaled = weights / self.rows.scale**2
+        return self.path.squared(squares(self.slopes, *self.rows.places, scaled))

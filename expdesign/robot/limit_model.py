@@ -238,8 +238,11 @@ class LimitModel:
         return np.concatenate(lower), np.concatenate(upper), np.concatenate(width)
 
     def _kernel(self, friction: Friction, *, slopes: bool) -> BatchFunction:
-        definitions = tuple(limit.definition for limit in self.limits)
-        return _kernel(definitions, self.robot.terms, friction, slopes=slopes)
+        return _kernel(self._definitions, self.robot.terms, friction, slopes=slopes)
+
+    @cached_property
+    def _definitions(self) -> tuple[LimitDefinition, ...]:
+        return tuple(limit.definition for limit in self.limits)
 
     def _fixed(self, *width: float) -> tuple[Array, ...]:
         robot = self.robot

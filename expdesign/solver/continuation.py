@@ -16,7 +16,7 @@ MOST_BLUNT_HARMONICS = 5
 _EVERYTHING = 10.0
 _NEAR = 0.15
 _RADIUS = 0.6
-_THROWN = 0.1
+_THROWN = 0.03
 """First barrier of a hop: the larger, the farther from where it was thrown it may end."""
 _SETTLED = 1e-3
 """At the beginning of a stage near its optimum: from 0.01 it goes far away and comes back."""

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import time
-from collections.abc import Iterator, Sequence
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 from expdesign.solver.jobs import Build, DesignTask, SearchPlan
@@ -19,44 +21,95 @@ class Crew:
         self.cpu_seconds = 0.0
 
     def done(
-        self, jobs: Sequence[Job], monitor: Monitor, *, after_stop: bool = False
+        self,
+        jobs: Sequence[Job],
+        monitor: Monitor,
+        *,
+        after_stop: bool = False,
+        then: Callable[[Any], Job | None] = lambda _result: None,
     ) -> Iterator[Any]:
         """Yield the results of jobs in their order; of fewer where a stop was requested.
 
-        With `after_stop` they begin although it has been.
+        With `after_stop` they begin although it has been. `then` gets every result, in their order,
+        and may return a job that is done as well.
         """
-        timed = [Job(_timed, (number, job)) for number, job in enumerate(jobs)]
-        if self._plan.scheduler is not None:
-            yield from self._in_cluster(self._plan.scheduler, timed, monitor, after_stop=after_stop)
-            return
-        for done in run_jobs(
-            self._build, timed, self._plan.workers, monitor, after_stop=after_stop
-        ):
+
+        def following(done: _Done) -> Job | None:
             self.cpu_seconds += done.seconds
+            job = then(done.result)
+            return None if job is None else _timed_job(job)
+
+        timed = [_timed_job(job) for job in jobs]
+        if self._plan.scheduler is not None:
+            work = _in_cluster(
+                (self._plan.scheduler, self._build), timed, monitor, following, after_stop
+            )
+        else:
+            work = run_jobs(
+                self._build,
+                timed,
+                self._plan.workers,
+                monitor,
+                after_stop=after_stop,
+                then=following,
+            )
+        for done in work:
             yield done.result
 
-    def _in_cluster(
-        self, scheduler: str, jobs: Sequence[Job], monitor: Monitor, *, after_stop: bool
-    ) -> Iterator[Any]:
-        if monitor.stop_requested() and not after_stop:
-            return
-        found: dict[int, Any] = {}
 
-        def stopped() -> bool:
-            return monitor.stop_requested() and not after_stop
+def _in_cluster(
+    where: tuple[str, Build],
+    jobs: Sequence[Job],
+    monitor: Monitor,
+    then: Callable[[_Done], Job | None],
+    after_stop: bool,
+) -> Iterator[_Done]:
+    """Yield what jobs came to, and those that follow from them, in their order."""
+    if monitor.stop_requested() and not after_stop:
+        return
+    found: dict[int, _Done] = {}
+    numbers, waiting, following = itertools.count(), deque(jobs), 0
 
-        for done in cluster_jobs(scheduler, self._build, jobs, stopped):
-            self.cpu_seconds += done.seconds
-            found[done.number] = done.result
-            for event in done.ends:  # the cluster's own monitors are silent
-                monitor.report(event)
-        yield from (result for _, result in sorted(found.items()))
+    def stopped() -> bool:
+        return monitor.stop_requested() and not after_stop
+
+    def numbered() -> Job | None:
+        return Job(_numbered, (next(numbers), waiting.popleft())) if waiting else None
+
+    for number, done in cluster_jobs(*where, _Supply(numbered), stopped):
+        found[number] = done
+        for event in done.ends:  # the cluster's own monitors are silent
+            monitor.report(event)
+        while following in found:
+            job = then(found[following])
+            if job is not None:
+                waiting.append(job)
+            yield found.pop(following)
+            following += 1
+    for _, done in sorted(found.items()):  # after a stop: those before them were given up
+        then(done)
+        yield done
+
+
+class _Supply:
+    """Jobs as long as there are some; it may be asked again when there are more."""
+
+    def __init__(self, supply: Callable[[], Job | None]) -> None:
+        self._supply = supply
+
+    def __iter__(self) -> Iterator[Job]:
+        return self
+
+    def __next__(self) -> Job:
+        job = self._supply()
+        if job is None:
+            raise StopIteration
+        return job
 
 
 class _Done(NamedTuple):
     """What a job came to."""
 
-    number: int
     result: Any
     seconds: float
     """Processor time."""
@@ -64,7 +117,11 @@ class _Done(NamedTuple):
     """How what it did ended, as it was reported there."""
 
 
-def _timed(task: DesignTask, monitor: Monitor, number: int, job: Job) -> _Done:
+def _timed_job(job: Job) -> Job:
+    return Job(_timed, (job,))
+
+
+def _timed(task: DesignTask, monitor: Monitor, job: Job) -> _Done:
     began, ends = time.process_time(), list[SearchEvent]()
 
     def report(event: SearchEvent) -> None:
@@ -73,4 +130,8 @@ def _timed(task: DesignTask, monitor: Monitor, number: int, job: Job) -> _Done:
         monitor.report(event)
 
     result = job.function(task, Monitor(monitor.stop_requested, report), *job.arguments)
-    return _Done(number, result, time.process_time() - began, tuple(ends))
+    return _Done(result, time.process_time() - began, tuple(ends))
+
+
+def _numbered(task: DesignTask, monitor: Monitor, number: int, job: Job) -> tuple[int, _Done]:
+    return number, job.function(task, monitor, *job.arguments)

@@ -15,11 +15,21 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import LinAlgError, cho_factor, cho_solve
+from scipy.linalg.lapack import dposv
 
 from constraints.arrays import Array
 from expdesign.problem.design_problem import LimitedProgram
-from expdesign.solver.barrier import Pair
+from expdesign.solver.barrier import (
+    Duals,
+    SlackStep,
+    Trial,
+    condensed,
+    error,
+    pushes,
+    slack_step,
+    stepped,
+    trial,
+)
 from expdesign.solver.bounded_program import BoundedProgram, Point
 from expdesign.solver.quasi_newton import updated
 from expdesign.solver.solution import FEASIBLE, WEIGHT, Report, Solution
@@ -58,28 +68,18 @@ STANDSTILL = Standstill()
 
 
 @dataclass(frozen=True)
-class _Duals:
-    """Multipliers: of slacks against values, and of the lower and upper bounds."""
-
-    values: Array
-    lower: Array
-    upper: Array
-
-
-@dataclass(frozen=True)
 class _Iterate:
     point: Point
     hessian: Array | None
     """The cost's own, where it was computed anew."""
-    slacks: Array
-    duals: _Duals
+    slacks: Trial
+    duals: Duals
 
 
 @dataclass(frozen=True)
 class _Step:
     x: Array
-    slacks: Array
-    duals: _Duals
+    slacks: SlackStep
     curvature: float
     """Of the objective along it."""
 
@@ -135,9 +135,10 @@ class _InteriorPoint:
         began = time.perf_counter()
         point, first = self._program.at(self._program.nearest(start), curved=True)
         hessian = np.eye(start.size) if first is None else first
-        slacks = self._bounds.inside(point.values)
-        lower, upper = self._bounds.pushes(self._bounds.gaps(slacks), barrier)
-        duals = _Duals(upper - lower, lower, upper)
+        inside = self._bounds.inside(point.values)
+        duals = pushes(self._bounds, inside, barrier)
+        slacks = trial(self._bounds, point.values, inside, np.zeros_like(inside), 1.0, False)
+        here = _Iterate(point, hessian, slacks, duals)
         slope = point.slope(duals.values)
         status, done, still = "Maximum_Iterations_Exceeded", 0, 0
         fall = min(_FALL, (_SMALLEST / barrier) ** (1 / most))
@@ -152,8 +153,7 @@ class _InteriorPoint:
             if not (np.isfinite(point.cost) and np.all(np.isfinite(point.values))):
                 status = "Invalid_Number_Detected"
                 break
-            gaps = self._bounds.gaps(slacks)
-            if self._error(point, slope, slacks, duals, gaps) < _TOLERANCE:
+            if error(self._bounds, slope, point.values, here.slacks.slacks, duals) < _TOLERANCE:
                 status = "Solve_Succeeded"
                 break
             if still >= standstill.iterations and violation < standstill.feasible:
@@ -162,16 +162,15 @@ class _InteriorPoint:
             if done == most:
                 break
             barrier = max(fall * barrier, _SMALLEST)
-            step = self._step(point, hessian, slacks, duals, gaps, barrier)
+            step = self._step(here, hessian, barrier)
             if step is None:
                 status = "Invalid_Number_Detected"
                 break
-            curved = (done + 1) % renewed == 0
-            there = self._moved(point, slacks, duals, gaps, step, barrier, curved=curved)
+            there = self._moved(here, step, barrier, curved=(done + 1) % renewed == 0)
             if there is None:
                 status = "Search_Direction_Becomes_Too_Small"
                 break
-            before, point, slacks, duals = point, there.point, there.slacks, there.duals
+            before, here, point, duals = point, there, there.point, there.duals
             slope = point.slope(duals.values)
             hessian = updated(
                 hessian if there.hessian is None else there.hessian,
@@ -192,74 +191,35 @@ class _InteriorPoint:
             seconds=time.perf_counter() - began,
         )
 
-    def _error(self, point: Point, slope: Array, slacks: Array, duals: _Duals, gaps: Pair) -> float:
-        multipliers = (duals.values, duals.lower, duals.upper)
-        size = sum(float(np.sum(np.abs(part))) for part in multipliers)
-        scale = max(100.0, size / max(1, 2 * len(duals.values))) / 100
-        dual = (
-            slope,
-            duals.upper - duals.lower - duals.values,
-            *(gap * part for gap, part in zip(gaps, multipliers[1:], strict=True)),
-        )
-        largest = max(float(np.max(np.abs(part), initial=0.0)) for part in dual)
-        return max(largest / scale, float(np.max(np.abs(point.values - slacks), initial=0.0)))
-
-    def _step(
-        self,
-        point: Point,
-        hessian: Array,
-        slacks: Array,
-        duals: _Duals,
-        gaps: Pair,
-        barrier: float,
-    ) -> _Step | None:
+    def _step(self, here: _Iterate, hessian: Array, barrier: float) -> _Step | None:
         """Return Newton's step on the conditions of the central path; None where there is none."""
-        below, above = self._bounds.pushes(gaps, barrier)
-        ratios = duals.lower / gaps[0], duals.upper / gaps[1]
-        curvature = ratios[0] + ratios[1]
-        towards = duals.values + below - above
-        apart = point.values - slacks
+        point, slacks, duals = here.point, here.slacks.slacks, here.duals
+        curvature, multipliers = condensed(self._bounds, point.values, slacks, duals, barrier)
         matrix = hessian + point.curvature(curvature)
-        right = -point.slope(duals.values + curvature * apart - towards)
+        right = -point.slope(multipliers)
         if not (np.all(np.isfinite(matrix)) and np.all(np.isfinite(right))):
             return None
         x = _solved(matrix, right)
-        moved = point.moved(x) + apart
-        values = curvature * moved - towards
-        lower = below - duals.lower - ratios[0] * moved
-        upper = above - duals.upper + ratios[1] * moved
-        return _Step(x, moved, _Duals(values, lower, upper), float(x @ hessian @ x))
+        moved = point.moved(x) + (point.values - slacks)
+        step = slack_step(self._bounds, slacks, duals, moved, barrier, _closest(barrier))
+        return _Step(x, step, float(x @ hessian @ x))
 
     def _moved(
-        self,
-        point: Point,
-        slacks: Array,
-        duals: _Duals,
-        gaps: Pair,
-        step: _Step,
-        barrier: float,
-        *,
-        curved: bool,
+        self, here: _Iterate, step: _Step, barrier: float, *, curved: bool
     ) -> _Iterate | None:
         """Go as far along the step as the merit function falls; return where that leads.
 
         Where it falls nowhere, a short step is taken all the same; None where there is no number.
         Nearly always the first trial is taken: only of this one everything is computed at once.
         """
-        close = max(_CLOSEST, 1 - barrier)
-        share = self._bounds.longest(close, gaps, (step.slacks, -step.slacks))
-        dual_share = self._bounds.longest(
-            close, (duals.lower, duals.upper), (step.duals.lower, step.duals.upper)
-        )
-        apart = float(np.sum(np.abs(point.values - slacks)))
-        below, above = self._bounds.pushes(gaps, barrier)
-        slope = float(point.gradient @ step.x + (above - below) @ step.slacks)
-        if apart > 0:
-            needed = (slope + max(step.curvature, 0.0) / 2) / (0.7 * apart)
+        bounds, point, slacks, close = self._bounds, here.point, here.slacks, _closest(barrier)
+        share, slope = step.slacks.share, float(point.gradient @ step.x) + step.slacks.slope
+        if slacks.apart > 0:
+            needed = (slope + max(step.curvature, 0.0) / 2) / (0.7 * slacks.apart)
             if needed > self._penalty:
                 self._penalty = 1.5 * needed
-        merit = self._merit(point.cost, slacks, apart, barrier)
-        fall = slope - self._penalty * apart
+        merit = self._merit(point.cost, slacks, barrier)
+        fall = slope - self._penalty * slacks.apart
         there, hessian = None, None
         for halving in range(_HALVINGS):
             x = self._program.nearest(point.x + share * step.x)
@@ -269,10 +229,9 @@ class _InteriorPoint:
             else:
                 there = None
                 cost, values = self._program.values(x)
-            moved = self._bounds.off(slacks + share * step.slacks)
-            if self._following:
-                moved = self._bounds.following(values, moved, gaps, close)
-            found = self._merit(cost, moved, float(np.sum(np.abs(values - moved))), barrier)
+            change = share * step.slacks.slacks
+            moved = trial(bounds, values, slacks.slacks, change, close, self._following)
+            found = self._merit(cost, moved, barrier)
             if found <= merit + _SUFFICIENT * share * fall + 1e-10 * abs(merit):
                 break
             share /= 2
@@ -281,32 +240,23 @@ class _InteriorPoint:
                 return None
         if there is None:
             there, hessian = self._program.at(x, curved=curved)
-        # The products stay within ten orders of magnitude of μ.
-        lower, upper = (
-            np.clip(multiplier, 1e-10 * push, 1e10 * push)
-            for multiplier, push in zip(
-                (
-                    duals.lower + dual_share * step.duals.lower,
-                    duals.upper + dual_share * step.duals.upper,
-                ),
-                self._bounds.pushes(self._bounds.gaps(moved), barrier),
-                strict=True,
-            )
-        )
-        values = duals.values + share * step.duals.values
-        return _Iterate(there, hessian, moved, _Duals(values, lower, upper))
+        duals = stepped(bounds, moved.slacks, here.duals, step.slacks, share, barrier)
+        return _Iterate(there, hessian, moved, duals)
 
-    def _merit(self, cost: float, slacks: Array, apart: float, barrier: float) -> float:
-        found = cost - barrier * self._bounds.logarithms(slacks) + self._penalty * apart
+    def _merit(self, cost: float, slacks: Trial, barrier: float) -> float:
+        found = cost - barrier * slacks.logarithms + self._penalty * slacks.apart
         return found if np.isfinite(found) else np.inf
+
+
+def _closest(barrier: float) -> float:
+    return max(_CLOSEST, 1 - barrier)
 
 
 def _solved(matrix: Array, right: Array) -> Array:
     """Solve a system that is positive definite but for rounding."""
     more = 0.0
     while True:
-        try:
-            factor = cho_factor(matrix + more * np.eye(len(matrix)), check_finite=False)
-            return np.asarray(cho_solve(factor, right, check_finite=False))
-        except LinAlgError:
-            more = max(1e-6, 10 * more)
+        _, x, failed = dposv(matrix if more == 0 else matrix + more * np.eye(len(matrix)), right)
+        if not failed:
+            return np.asarray(x)
+        more = max(1e-6, 10 * more)

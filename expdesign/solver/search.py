@@ -32,7 +32,8 @@ better than what one that takes as long ends with (measured)."""
 REFINED = 12
 """Starts of a group that go on after the rough search, the best."""
 TOGETHER = 8
-"""Hops that are made before it is looked where the next ones set out: workers share them."""
+"""Hops that are under way at once, each from another motion: where one sets out is decided when the
+eighth before it has ended, whatever the number of workers."""
 FAILED = 0.003
 """Cost by which a motion counts as worse for every hop from it that came to nothing: the best is
 often where its descent ends, and others, further up, are not (measured)."""
@@ -204,22 +205,33 @@ def _hopped(
     And how many of these, the last ones, have found nothing better.
     """
     reached = [_Motion(start) for start in motions]
+    under_way: dict[int, int] = {}
     made: list[StartResult] = []
-    since = 0
-    while reached and len(made) < most and since < PATIENCE and not clock.stop_requested():
-        reached.sort(key=attrgetter("promise"), reverse=True)
-        origins = reached[: min(TOGETHER, most - len(made))]
-        begin = first + len(made)
+    numbers = range(first, first + most)
+    since, begun = 0, 0
+
+    def hop() -> Job | None:
+        """Set out from the most promising motion that no hop is under way from."""
+        nonlocal begun
+        free = [k for k in range(len(reached)) if k not in under_way.values()]
+        if not free or begun == most or since >= PATIENCE or clock.stop_requested():
+            return None
+        origin, number = max(free, key=lambda k: reached[k].promise), numbers[begun]
+        under_way[number], begun = origin, begun + 1
         # A hop needs no more of its origin than where it is and what its stages reached.
-        bare = [replace(origin.start, trace=()) for origin in origins]
-        jobs = [Job(hop_job, (begin + k, start)) for k, start in enumerate(bare)]
-        known = max(one.start.rank for one in reached)
-        results: list[StartResult] = list(crew.done(jobs, clock))
-        for hop in results:
-            reached[hop.index - begin] = reached[hop.index - begin].after(hop)
-        better = _gained(max(one.start.rank for one in reached), known)
-        since = 0 if better else since + len(results)
-        made += results
+        return Job(hop_job, (number, replace(reached[origin].start, trace=())))
+
+    def after(result: StartResult) -> Job | None:
+        nonlocal since
+        origin, known = under_way.pop(result.index), max(one.start.rank for one in reached)
+        reached[origin] = reached[origin].after(result)
+        since = 0 if _gained(reached[origin].start.rank, known) else since + 1
+        made.append(result)
+        return hop()
+
+    jobs = [job for job in (hop() for _ in range(TOGETHER)) if job is not None]
+    for _ in crew.done(jobs, clock, then=after):
+        pass
     return [one.start for one in reached], made, since
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pickle
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from itertools import islice
 from typing import Any
 
@@ -23,7 +23,7 @@ class ClusterError(ComputationError):
 def cluster_jobs(
     address: str,
     build: Callable[[], Any],
-    jobs: Sequence[Job],
+    jobs: Iterable[Job],
     stop_requested: Callable[[], bool],
 ) -> Iterator[Any]:
     """Do jobs on the cluster of a scheduler; yield their results in the order in which they end.
@@ -37,6 +37,8 @@ def cluster_jobs(
         ``tcp://host:port``.
     build : callable
         Picklable; builds what every job gets as its first argument, once per process.
+    jobs : iterable
+        Asked for more after every result, although it had none before.
     stop_requested : callable
         Asked after every job; those under way are then given up.
 
@@ -65,14 +67,17 @@ def cluster_jobs(
             few = islice(remaining, count)
             return [client.submit(_in_cluster, packed, job, pure=False) for job in few]
 
-        first = submit(_WAITING * sum(client.nthreads().values()))
-        pool = as_completed(first, loop=client.loop)
+        most = _WAITING * sum(client.nthreads().values())
+        first = submit(most)
+        pool, under_way = as_completed(first, loop=client.loop), len(first)
         try:
             for future in pool:
                 yield future.result()
                 if stop_requested():
                     return
-                pool.update(submit(1))
+                more = submit(most - under_way + 1)
+                under_way += len(more) - 1
+                pool.update(more)
         except killed as error:
             raise ClusterError(
                 "workers of the cluster died, perhaps for want of memory; what is done is kept"

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 import pickle
 import queue
 import threading
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
@@ -27,6 +29,7 @@ def run_jobs(
     monitor: Monitor,
     *,
     after_stop: bool = False,
+    then: Callable[[Any], Job | None] | None = None,
 ) -> Iterator[Any]:
     """Run jobs in up to `workers` processes; yield their results in the jobs' order.
 
@@ -44,6 +47,9 @@ def run_jobs(
     after_stop : bool
         Whether jobs begin although a stop has been requested: those that save the results.
         Otherwise they are left out, and fewer results come.
+    then : callable, optional
+        Gets every result, in the jobs' order, before it is yielded; a job that it returns is done
+        after those that are there.
 
     Raises
     ------
@@ -56,18 +62,19 @@ def run_jobs(
     used = min(workers, len(jobs))
     # One that is there already may have built what the job needs.
     if used > 1 or (used == 1 < workers and any_idle()):
-        yield from _in_processes(recipe, jobs, used, monitor, after_stop=after_stop)
+        team = _Team(recipe, jobs, monitor, after_stop=after_stop, then=then)
+        yield from _in_processes(team, used)
         return
-    for job in jobs:
-        if monitor.stop_requested() and not after_stop:
-            return
-        yield job.run(recipe, monitor)
+    waiting = deque(jobs)
+    while waiting and (after_stop or not monitor.stop_requested()):
+        result = waiting.popleft().run(recipe, monitor)
+        following = then(result) if then else None
+        if following is not None:
+            waiting.append(following)
+        yield result
 
 
-def _in_processes(
-    recipe: bytes, jobs: Sequence[Job], workers: int, monitor: Monitor, *, after_stop: bool
-) -> Iterator[Any]:
-    team = _Team(recipe, jobs, monitor, after_stop=after_stop)
+def _in_processes(team: _Team, workers: int) -> Iterator[Any]:
     # A thread of its own: workers get their next job whatever is done with the results here.
     direction = threading.Thread(target=team.direct, args=(workers,), daemon=True)
     direction.start()
@@ -82,14 +89,23 @@ class _Team:
     """Workers that do jobs together, in a thread that hands these out and takes the answers."""
 
     def __init__(
-        self, recipe: bytes, jobs: Sequence[Job], monitor: Monitor, *, after_stop: bool
+        self,
+        recipe: bytes,
+        jobs: Sequence[Job],
+        monitor: Monitor,
+        *,
+        after_stop: bool,
+        then: Callable[[Any], Job | None] | None,
     ) -> None:
         self._recipe, self._monitor, self._after_stop = recipe, monitor, after_stop
-        self._waiting = iter(enumerate(jobs))
+        self._waiting, self._numbers = deque(jobs), itertools.count()
+        self._then, self._open = then, len(jobs) if then else 0
+        """How many jobs there are that others may follow from."""
         self._stopping = False
         self._busy: dict[WorkerProcess, int] = {}
         self._free: list[WorkerProcess] = []
-        self._answers: queue.Queue[tuple[WorkerProcess, Answer]] = queue.Queue()
+        self._answers: queue.Queue[tuple[WorkerProcess, Answer] | None] = queue.Queue()
+        """None: there may be another job."""
         self._outcomes: queue.Queue[tuple[int, Any] | BaseException | None] = queue.Queue()
         self.abandoned = threading.Event()
         """Set when nobody waits for outcomes any more: workers that have a job are ended."""
@@ -111,8 +127,20 @@ class _Team:
             number, result = outcome
             arrived[number] = result
             while following in arrived:
-                yield arrived.pop(following)
+                result = arrived.pop(following)
                 following += 1
+                self._follow(result)
+                yield result
+
+    def _follow(self, result: Any) -> None:
+        if self._then is None:
+            return
+        job = self._then(result)
+        if job is None:
+            self._open -= 1
+        else:
+            self._waiting.append(job)
+        self._answers.put(None)
 
     def direct(self, workers: int) -> None:
         """Have all jobs done."""
@@ -136,19 +164,21 @@ class _Team:
                 worker.stop()
         while self._free and (self._after_stop or not self._stopping):
             # Taken one by one: a request to stop ends them, however many are left.
-            number, job = next(self._waiting, (None, None))
-            if number is None or job is None:
+            if not self._waiting:
                 break
-            worker = self._free.pop()
-            self._busy[worker] = number
+            worker, job = self._free.pop(), self._waiting.popleft()
+            self._busy[worker] = next(self._numbers)
             worker.begin(self._recipe, job, stopping=self._stopping)
-        return bool(self._busy)
+        return bool(self._busy) or (self._open > 0 and (self._after_stop or not self._stopping))
 
     def _take_answer(self) -> None:
         try:
-            worker, answer = self._answers.get(timeout=_POLL)
+            answered = self._answers.get(timeout=_POLL)
         except queue.Empty:
             return
+        if answered is None:
+            return
+        worker, answer = answered
         if answer is None:
             raise WorkerDiedError(
                 "a worker process died, perhaps for want of memory; fewer workers need less"

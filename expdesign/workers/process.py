@@ -61,7 +61,7 @@ class WorkerProcess:
                 pass_fds=[handle],
             )
         self._listener = threading.Thread(target=self._listen, daemon=True)
-        self.answers: queue.Queue[tuple[WorkerProcess, Answer]] = queue.Queue()
+        self.answers: queue.Queue[tuple[WorkerProcess, Answer] | None] = queue.Queue()
         """Takes what it answers; whoever gives it a job sets it before."""
         self.idle_since = time.monotonic()
         self._listener.start()
@@ -106,7 +106,9 @@ _foreign: list[WorkerProcess] = []
 _lock = threading.Lock()
 
 
-def taken(count: int, answers: queue.Queue[tuple[WorkerProcess, Answer]]) -> list[WorkerProcess]:
+def taken(
+    count: int, answers: queue.Queue[tuple[WorkerProcess, Answer] | None]
+) -> list[WorkerProcess]:
     """Return workers, those first that are there already; what they answer goes to `answers`."""
     with _lock:
         idle, _idle[:] = _idle[::-1], []

@@ -16,6 +16,7 @@ from expdesign.noise.autoregressive import Autoregressive
 from expdesign.noise.hum import Hum
 from expdesign.noise.spectrum import NoiseSpectrum
 from expdesign.problem.design_problem import build_problem
+from expdesign.problem.path_slope import LinearRows, Rows
 from expdesign.problem.variables import DesignVariables
 from expdesign.recheck.information import Evaluator
 from expdesign.robot import load_robot, robot_from
@@ -166,12 +167,19 @@ def test_states_are_the_samples_of_the_trajectory(variables):
     np.testing.assert_allclose(states, expected, rtol=1e-12, atol=1e-12)
 
 
+def all_rows(path, slopes):
+    """Every quantity at every point is a row, with a scale of one."""
+    points, quantities, _ = slopes.shape
+    rows = Rows.of(np.ones((points, quantities), dtype=bool), np.ones(quantities))
+    return LinearRows(np.zeros(points * quantities), path, slopes, rows)
+
+
 def test_sensitivities_of_the_states(variables):
     rng = np.random.default_rng(2)
     values = np.append(rng.normal(size=42), 0.7)
     basis = PhaseBasis.at(np.linspace(0, 6, 5), 3)
     slope = variables.slope(values, basis)
-    slopes = slope.carried(np.tile(np.eye(18), (5, 1, 1)))
+    slopes = all_rows(slope, np.tile(np.eye(18), (5, 1, 1))).jacobian().reshape(5, 18, 43)
     expected = _central(lambda x: variables.states(x, basis), values, h=1e-3)
     np.testing.assert_allclose(slopes, expected, rtol=1e-9, atol=1e-9)
     step = np.random.default_rng(2).normal(size=43)
@@ -185,7 +193,7 @@ def test_both_ways_to_carry_sensitivities_agree(rows, variables):
     basis = PhaseBasis.at(rng.uniform(0, 6, 9), 3)
     sensitivities = rng.normal(size=(9, rows, 18))
     slope = variables.slope(values, basis)
-    one_by_one = slope.carried(sensitivities)
+    one_by_one = all_rows(slope, sensitivities).jacobian().reshape(9, rows, -1)
     summed = slope.accumulated(sensitivities.transpose(0, 2, 1)).T
     np.testing.assert_allclose(summed, one_by_one.sum(axis=0), rtol=1e-11, atol=1e-11)
 

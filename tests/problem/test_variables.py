@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from expdesign.problem.path_slope import LinearRows, Rows
 from expdesign.problem.variables import DesignVariables
 from expdesign.trajectory import PhaseBasis
 
@@ -81,9 +82,10 @@ def test_a_longer_series_at_rest_holds_the_same_motion(at_rest, point):
 
 def test_sensitivities_at_rest_against_differences(at_rest, point):
     basis = PhaseBasis.at(np.array([0.3, 2.0]), at_rest.harmonics)
-    unit = np.broadcast_to(np.eye(18), (2, 18, 18))
+    unit = np.tile(np.eye(18), (2, 1, 1))
     slope = at_rest.slope(point, basis)
-    slopes = slope.carried(unit)
+    rows = Rows.of(np.ones((2, 18), dtype=bool), np.ones(18))
+    slopes = LinearRows(np.zeros(36), slope, unit, rows).jacobian().reshape(2, 18, point.size)
     h = 1e-6
     for k in range(point.size):
         step = np.zeros_like(point)

@@ -221,18 +221,26 @@ def hopping(run, module, reached, monkeypatch):
 
 
 def test_a_hop_takes_its_origins_place_only_when_it_is_better(hopping):
-    objectives = {5: 2.5, 6: 4.5, 8: 2.4, 9: 4.9}
-    result, hops = hopping(objectives, 9, TOGETHER=3)
-    # The second start's hop reached 2.5: the best now. The third start's came from 5 to 4.5.
-    # 2.4 is better than the 3 of the first start, whose hop it is; 4.9 is no better than 4.5.
+    objectives = {5: 2.5, 8: 2.4, 9: 2.6}
+    result, hops = hopping(objectives, 9, TOGETHER=2)
+    # The second start's hop reached 2.5: the best now. 2.4 is better than the 3 of the first start,
+    # whose hop it is; 2.6 is no better than 2.5.
     assert hops.origins == [
-        *((4, 1), (5, 2), (6, 3)),
-        *((7, 5), (8, 1), (9, 6)),
-        *((10, 8), (11, 5), (12, 6)),
+        *((4, 1), (5, 2), (6, 1), (7, 5)),
+        *((8, 1), (9, 5), (10, 8), (11, 5), (12, 8)),
     ]
     assert result.best.index == 8
     assert len(result.starts) == 12
     assert result.ended == "all starts and hops were made"
+
+
+def test_hops_under_way_at_once_set_out_from_different_motions(hopping):
+    _, hops = hopping({}, 9, TOGETHER=3)
+    origins = [origin for _, origin in hops.origins]
+    assert all(len(set(origins[k : k + 3])) == 3 for k in range(7))
+    # With fewer motions than may be under way there are fewer.
+    _, hops = hopping({}, 9, TOGETHER=8)
+    assert len(hops.origins) == 9
 
 
 def test_hops_set_out_from_others_where_they_come_to_nothing(hopping):
@@ -246,10 +254,10 @@ def test_hops_set_out_from_others_where_they_come_to_nothing(hopping):
 
 def test_hops_end_when_none_finds_anything_better(hopping):
     result, hops = hopping({5: 2.5}, 500, TOGETHER=2, PATIENCE=20)
-    # Two that count, and twenty since.
-    assert len(hops.origins) == 22
-    # 0.05 = (1 - p)^20
-    assert "14 %" in result.ended
+    # Two that count, twenty since, and the one that was under way by then.
+    assert len(hops.origins) == 23
+    # 0.05 = (1 - p)^21
+    assert "13 %" in result.ended
     assert result.best.index == 5
 
 

@@ -89,6 +89,32 @@ def test_results_come_in_the_order_of_the_jobs(workers):
     assert {threads for *_, threads in results} == {1}
 
 
+@pytest.mark.parametrize("workers", [1, 2, 3])
+def test_jobs_follow_from_results_in_the_order_of_the_jobs(workers):
+    """Which ones does not depend on who is done first."""
+    seen = []
+
+    def then(result):
+        index = result[0]
+        seen.append(index)
+        # Later ones are done sooner; every second one has a successor.
+        return Job(sleeper, (10 + index, 0.0)) if index % 2 == 0 and index < 30 else None
+
+    jobs = [Job(sleeper, (k, 0.2 - 0.05 * k)) for k in range(4)]
+    results = list(run_jobs(build, jobs, workers, Recorder(), then=then))
+    assert [index for index, *_ in results] == seen == [0, 1, 2, 3, 10, 12, 20, 22, 30, 32]
+
+
+def test_no_job_follows_after_a_request_to_stop():
+    monitor = Recorder(stop_after=3)
+
+    def then(result):
+        return Job(sleeper, (result[0] + 1, 0.0))
+
+    results = list(run_jobs(build, [Job(sleeper, (0, 0.0))] * 2, 2, monitor, then=then))
+    assert 2 <= len(results) <= 5
+
+
 @pytest.mark.parametrize("workers", WORKERS)
 def test_no_jobs(workers):
     assert list(run_jobs(build, [], workers, Recorder())) == []
