@@ -64,11 +64,14 @@ class PathSlope:
         """
         quantities, own = sensitivities.shape[2], self.basis.shape[2]
         split = sensitivities.reshape(self.drift.size // COORDINATES, COORDINATES, quantities)
-        found = np.empty((self.size, quantities))
+        drift = self.drift.reshape(-1, COORDINATES)
+        found = np.zeros((self.size, quantities))
         blocks = found[:-1].reshape(COORDINATES, own, quantities)
         for coordinate, scale in enumerate(self.scale):
-            np.matmul((scale * self._timed).T, split[:, coordinate], out=blocks[coordinate])
-        found[-1] = self.drift.ravel() @ sensitivities.reshape(-1, quantities)
+            steps = np.vstack([scale * self._timed.T, drift[:, coordinate]])
+            both = steps @ split[:, coordinate]
+            blocks[coordinate] = both[:-1]
+            found[-1] += both[-1]
         return found
 
     def squared(self, curvature: Array) -> Array:

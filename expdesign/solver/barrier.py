@@ -221,11 +221,12 @@ def stepped(
 def error(bounds: Bounds, slope: Array, values: Array, slacks: Array, duals: Duals) -> float:
     """Return how far the conditions of optimality are broken at most, scaled as Ipopt does.
 
-    `slope` (z,) is the gradient of the objective with the values times their multipliers.
+    `slope` (z,) is the gradient of the objective with the values times their multipliers. Where it
+    is not a number they are broken without end.
     """
     largest, apart, size = 0.0, 0.0, 0.0
     for z in range(len(slope)):
-        largest = max(largest, abs(slope[z]))
+        largest = max(largest, abs(slope[z])) if np.isfinite(slope[z]) else np.inf
     for b in range(len(slacks)):
         size += abs(duals.values[b]) + duals.lower[b] + duals.upper[b]
         largest = max(largest, abs(duals.upper[b] - duals.lower[b] - duals.values[b]))

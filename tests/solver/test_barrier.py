@@ -159,3 +159,5 @@ def test_where_all_conditions_hold_the_error_is_none_and_every_one_counts():
     assert barrier.error(both, np.zeros(2), slacks, slacks, lower) == pytest.approx(0.15)
     alone = lower._replace(values=np.zeros(4), lower=np.zeros(4), upper=np.array([0, 0, 0, 0.4]))
     assert barrier.error(both, np.zeros(2), slacks, slacks, alone) == pytest.approx(0.4)
+    broken = barrier.error(both, np.array([np.nan, 0.0]), slacks, slacks, none)
+    assert broken == np.inf
