@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -165,7 +166,7 @@ def run_study(
     results = (
         run_jobs(recipe, jobs, workers, Monitor(monitor.stop_requested))
         if scheduler is None or not jobs
-        else cluster_jobs(scheduler, recipe, jobs, monitor.stop_requested)
+        else cluster_jobs(scheduler, recipe, deque(jobs), monitor.stop_requested)
     )
     for repetition in results:
         if kept is not None:

@@ -99,11 +99,11 @@ class RampProblem:
         coefficients, drift = self.coefficients(x)
         duration = self.duration(x)
         orders = np.arange(4.0)
-        rates = duration**-orders
-        scaled = basis * rates[:, None, None]
+        scaled = basis * (duration**-orders)[:, None, None]
         by_duration = scaled @ drift - (scaled @ coefficients) * (orders / duration)[:, None, None]
-        inner, timed = (part.transpose(1, 0, 2) for part in (basis, by_duration))
-        return PathSlope(inner[:, :, FIXED:-FIXED], rates, self.scale, timed * self.time_scale)
+        inner, timed = (part.transpose(1, 0, 2) for part in (scaled, by_duration))
+        own = np.ascontiguousarray(inner[:, :, FIXED:-FIXED])
+        return PathSlope(own, self.scale, timed * self.time_scale)
 
 
 class RampProgram(LimitedProgram):

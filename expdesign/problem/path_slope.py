@@ -8,7 +8,6 @@ costs a part of what the dense Jacobian (r, z) would.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,10 +26,7 @@ class PathSlope:
     """
 
     basis: Array
-    """(K, D, v), what a coordinate over its scale changes by with its own variables, derived by the
-    path's own parameter: does not depend on the variables."""
-    rates: Array
-    """(D,), what it is multiplied by for derivatives in time."""
+    """(K, D, v), derivatives of a coordinate over its scale to its own variables; contiguous."""
     scale: Array
     """(6,), m, rad."""
     drift: Array
@@ -48,12 +44,12 @@ class PathSlope:
     def moved(self, step: Array) -> Array:
         """Return what a step (z,) of the variables changes the states by, (K, 6 D)."""
         table = step[:-1].reshape(COORDINATES, -1) * self.scale[:, None]
-        change = (self._timed @ table.T).reshape(self.drift.shape) + self.drift * step[-1]
+        change = (self._flat @ table.T).reshape(self.drift.shape) + self.drift * step[-1]
         return change.reshape(len(change), change.shape[1] * COORDINATES)
 
     def pulled(self, sensitivities: Array) -> Array:
         """Return what sensitivities to the states, K 6 D of them, are to the variables, (z,)."""
-        own = self._timed.T @ sensitivities.reshape(-1, COORDINATES)
+        own = self._flat.T @ sensitivities.reshape(-1, COORDINATES)
         last = sensitivities.ravel() @ self.drift.ravel()
         return np.append((own * self.scale).T.ravel(), last)
 
@@ -68,7 +64,7 @@ class PathSlope:
         found = np.zeros((self.size, quantities))
         blocks = found[:-1].reshape(COORDINATES, own, quantities)
         for coordinate, scale in enumerate(self.scale):
-            steps = np.vstack([scale * self._timed.T, drift[:, coordinate]])
+            steps = np.vstack([scale * self._flat.T, drift[:, coordinate]])
             both = steps @ split[:, coordinate]
             blocks[coordinate] = both[:-1]
             found[-1] += both[-1]
@@ -84,24 +80,19 @@ class PathSlope:
         split = curvature.reshape(points, derivatives, COORDINATES, derivatives, COORDINATES)
         pairs = COORDINATES**2
         split = split.transpose(0, 1, 2, 4, 3).reshape(points, derivatives * pairs, derivatives)
-        half = (split @ self.timed).reshape(points * derivatives, pairs * own)
+        half = (split @ self.basis).reshape(points * derivatives, pairs * own)
         found = np.empty((self.size, self.size))
-        blocks = (self._timed.T @ half).reshape(own, COORDINATES, COORDINATES, own)
+        blocks = (self._flat.T @ half).reshape(own, COORDINATES, COORDINATES, own)
         blocks *= np.multiply.outer(self.scale, self.scale)[:, :, None]
         found[:-1, :-1] = blocks.transpose(1, 0, 2, 3).reshape(self.size - 1, self.size - 1)
         drift = self.drift.reshape(points, derivatives * COORDINATES, 1)
         found[-1] = found[:, -1] = self.pulled(curvature @ drift)
         return found
 
-    @cached_property
-    def timed(self) -> Array:
-        """(K, D, v), the basis for derivatives in time."""
-        return np.ascontiguousarray(self.basis * self.rates[:, None])
-
     @property
-    def _timed(self) -> Array:
-        """(K D, v), the same."""
-        return self.timed.reshape(self.drift.size // COORDINATES, self.basis.shape[2])
+    def _flat(self) -> Array:
+        """(K D, v), the basis."""
+        return self.basis.reshape(self.drift.size // COORDINATES, self.basis.shape[2])
 
 
 @dataclass(frozen=True)
@@ -144,7 +135,7 @@ class LinearRows:
     def jacobian(self) -> Array:
         """Return J, (r, z)."""
         path = self.path
-        natural = jacobian(self.slopes, *self.rows.places, path.timed, path.scale, path.drift)
+        natural = jacobian(self.slopes, *self.rows.places, path.basis, path.scale, path.drift)
         return natural / self.rows.scale[:, None]
 
     def moved(self, step: Array) -> Array:

@@ -125,16 +125,16 @@ class DesignVariables:
     def states(self, variables: Array, basis: PhaseBasis) -> Array:
         """Return pose, rate and acceleration at the basis's phases, (N, 18)."""
         table, omega = self.amplitudes(variables)
-        states = (basis.stacked @ table.T) * _powers(omega)[:, None]
+        states = basis.derivatives(table) * _powers(omega)[:, None]
         return states.reshape(len(states), states.shape[1] * COORDINATES)
 
     def slope(self, variables: Array, basis: PhaseBasis) -> PathSlope:
         """Return the derivatives of the states at the basis's phases to the scaled variables."""
         table, omega = self.amplitudes(variables)
-        steps = self.reduced(basis.stacked * self._shares)
+        steps = self.reduced(basis.stacked * self._shares * _powers(omega)[:, None])
         by_omega = np.array([0.0, self.omega_scale, 2 * omega * self.omega_scale])
-        drift = (basis.stacked @ table.T) * by_omega[:, None]
-        return PathSlope(steps, _powers(omega), self.scale, drift)
+        drift = basis.derivatives(table) * by_omega[:, None]
+        return PathSlope(steps, self.scale, drift)
 
     def _table(self, variables: Array) -> Array:
         """Return the scaled centre and amplitudes, (6, 2 n + 1)."""

@@ -222,7 +222,7 @@ def error(bounds: Bounds, slope: Array, values: Array, slacks: Array, duals: Dua
     """Return how far the conditions of optimality are broken at most, scaled as Ipopt does.
 
     `slope` (z,) is the gradient of the objective with the values times their multipliers. Where it
-    is not a number they are broken without end.
+    or a multiplier is not a number they are broken without end.
     """
     largest, apart, size = 0.0, 0.0, 0.0
     for z in range(len(slope)):
@@ -236,4 +236,4 @@ def error(bounds: Bounds, slope: Array, values: Array, slacks: Array, duals: Dua
         if bounds.upper[b] < np.inf:
             largest = max(largest, (bounds.upper[b] - slacks[b]) * duals.upper[b])
     scale = max(100.0, size / max(1, 2 * len(slacks))) / 100
-    return max(largest / scale, apart)
+    return max(largest / scale, apart) if np.isfinite(size) else np.inf

@@ -33,13 +33,17 @@ class Crew:
         With `after_stop` they begin although it has been. `then` gets every result, in their order,
         and may return a job that is done as well.
         """
+        numbers = itertools.count()
+
+        def timed_job(job: Job) -> Job:
+            return Job(_timed, (next(numbers), job))
 
         def following(done: _Done) -> Job | None:
             self.cpu_seconds += done.seconds
             job = then(done.result)
-            return None if job is None else _timed_job(job)
+            return None if job is None else timed_job(job)
 
-        timed = [_timed_job(job) for job in jobs]
+        timed = [timed_job(job) for job in jobs]
         if self._plan.scheduler is not None:
             work = _in_cluster(
                 (self._plan.scheduler, self._build), timed, monitor, following, after_stop
@@ -68,16 +72,13 @@ def _in_cluster(
     if monitor.stop_requested() and not after_stop:
         return
     found: dict[int, _Done] = {}
-    numbers, waiting, following = itertools.count(), deque(jobs), 0
+    waiting, following = deque(jobs), 0
 
     def stopped() -> bool:
         return monitor.stop_requested() and not after_stop
 
-    def numbered() -> Job | None:
-        return Job(_numbered, (next(numbers), waiting.popleft())) if waiting else None
-
-    for number, done in cluster_jobs(*where, _Supply(numbered), stopped):
-        found[number] = done
+    for done in cluster_jobs(*where, waiting, stopped):
+        found[done.number] = done
         for event in done.ends:  # the cluster's own monitors are silent
             monitor.report(event)
         while following in found:
@@ -91,25 +92,10 @@ def _in_cluster(
         yield done
 
 
-class _Supply:
-    """Jobs as long as there are some; it may be asked again when there are more."""
-
-    def __init__(self, supply: Callable[[], Job | None]) -> None:
-        self._supply = supply
-
-    def __iter__(self) -> Iterator[Job]:
-        return self
-
-    def __next__(self) -> Job:
-        job = self._supply()
-        if job is None:
-            raise StopIteration
-        return job
-
-
 class _Done(NamedTuple):
     """What a job came to."""
 
+    number: int
     result: Any
     seconds: float
     """Processor time."""
@@ -117,11 +103,7 @@ class _Done(NamedTuple):
     """How what it did ended, as it was reported there."""
 
 
-def _timed_job(job: Job) -> Job:
-    return Job(_timed, (job,))
-
-
-def _timed(task: DesignTask, monitor: Monitor, job: Job) -> _Done:
+def _timed(task: DesignTask, monitor: Monitor, number: int, job: Job) -> _Done:
     began, ends = time.process_time(), list[SearchEvent]()
 
     def report(event: SearchEvent) -> None:
@@ -130,8 +112,4 @@ def _timed(task: DesignTask, monitor: Monitor, job: Job) -> _Done:
         monitor.report(event)
 
     result = job.function(task, Monitor(monitor.stop_requested, report), *job.arguments)
-    return _Done(result, time.process_time() - began, tuple(ends))
-
-
-def _numbered(task: DesignTask, monitor: Monitor, number: int, job: Job) -> tuple[int, _Done]:
-    return number, job.function(task, monitor, *job.arguments)
+    return _Done(number, result, time.process_time() - began, tuple(ends))

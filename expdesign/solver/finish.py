@@ -18,6 +18,7 @@ from scipy.optimize import brentq
 
 from constraints.arrays import Array
 from expdesign.problem.design_problem import DesignProblem, hidden_by_smoothing
+from expdesign.recheck.certificate import recheck
 from expdesign.recheck.fine_grid import grid_points, local_worst, states_at, worst_sampled
 from expdesign.recheck.information import Evaluator
 from expdesign.recheck.limit_check import TOLERANCE, Recheck
@@ -219,9 +220,6 @@ def _checked(problem: DesignProblem, x: Array, *, proving: bool) -> Finished:
         times = shrunk.trajectory.sample_times(grid_points(problem.cost.samples))
         found = worst_sampled(problem.limits, times, states_at(shrunk.trajectory, times))
         return Finished(shrunk.trajectory, Recheck(found), shrunk.factor)
-    # Who only describes a problem never loads Numba.
-    from expdesign.recheck.certificate import recheck  # noqa: PLC0415
-
     for _ in range(_CHECKS):
         shrunk = shrink_to_limits(problem, trajectory, margin)
         check = recheck(problem.limits, shrunk.trajectory)

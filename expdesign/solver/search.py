@@ -207,16 +207,17 @@ def _hopped(
     reached = [_Motion(start) for start in motions]
     under_way: dict[int, int] = {}
     made: list[StartResult] = []
-    numbers = range(first, first + most)
-    since, begun = 0, 0
+    since, begun, over = 0, 0, False
 
     def hop() -> Job | None:
         """Set out from the most promising motion that no hop is under way from."""
-        nonlocal begun
+        nonlocal begun, over
+        # A late gain of one that was under way by then does not set the others out again.
+        over = over or since >= PATIENCE
         free = [k for k in range(len(reached)) if k not in under_way.values()]
-        if not free or begun == most or since >= PATIENCE or clock.stop_requested():
+        if over or not free or begun == most or clock.stop_requested():
             return None
-        origin, number = max(free, key=lambda k: reached[k].promise), numbers[begun]
+        origin, number = max(free, key=lambda k: reached[k].promise), first + begun
         under_way[number], begun = origin, begun + 1
         # A hop needs no more of its origin than where it is and what its stages reached.
         return Job(hop_job, (number, replace(reached[origin].start, trace=())))

@@ -11,6 +11,7 @@ import numpy as np
 
 from constraints.arrays import Array
 from expdesign.problem.design_problem import DesignProblem
+from expdesign.recheck.certificate import recheck
 from expdesign.recheck.information import Evaluator
 from expdesign.solver.continuation import fine_points
 from expdesign.solver.finish import Shrunk, shrink_to_limits
@@ -93,9 +94,6 @@ def status_text(status: str) -> str:
 def _why_useless(problem: DesignProblem, shrunk: Shrunk) -> str:
     if shrunk.kept:
         return "its motion does not excite every parameter"
-    # Who only describes a problem never loads Numba.
-    from expdesign.recheck.certificate import recheck  # noqa: PLC0415
-
     check = recheck(problem.limits, shrunk.trajectory)
     worst = max(check.limits, key=lambda limit: limit.violation)
     return (

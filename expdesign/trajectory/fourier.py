@@ -150,6 +150,11 @@ class PhaseBasis:
         """(N, 3, 2 n + 1), the three one after the other at every phase."""
         return np.stack([self.value, self.first, self.second], axis=1)
 
+    def derivatives(self, table: Array) -> Array:
+        """Return pose and derivatives to φ, (N, 3, 6), of a table as of `samples`: one product."""
+        flat = self.stacked.reshape(self.value.shape[0] * 3, self.value.shape[1])
+        return (flat @ table.T).reshape(len(self.value), 3, len(table))
+
     def samples(self, table: Array, omega: float) -> PoseSamples:
         """Return the motion at ω of centre and displacement amplitudes, (6, 2 n + 1): m, rad."""
         return PoseSamples(

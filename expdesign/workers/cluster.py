@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pickle
 import threading
-from collections.abc import Callable, Iterable, Iterator
-from itertools import islice
+from collections import deque
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from expdesign.configuration import ComputationError, InputError
@@ -23,7 +23,7 @@ class ClusterError(ComputationError):
 def cluster_jobs(
     address: str,
     build: Callable[[], Any],
-    jobs: Iterable[Job],
+    jobs: deque[Job],
     stop_requested: Callable[[], bool],
 ) -> Iterator[Any]:
     """Do jobs on the cluster of a scheduler; yield their results in the order in which they end.
@@ -37,8 +37,8 @@ def cluster_jobs(
         ``tcp://host:port``.
     build : callable
         Picklable; builds what every job gets as its first argument, once per process.
-    jobs : iterable
-        Asked for more after every result, although it had none before.
+    jobs : deque
+        Taken from its beginning; what is appended meanwhile is done as well.
     stop_requested : callable
         Asked after every job; those under way are then given up.
 
@@ -59,12 +59,11 @@ def cluster_jobs(
             client.wait_for_workers(1, timeout=_CONNECT_SECONDS)
         except TimeoutError as error:
             raise ClusterError(f"the cluster of {address} has no workers") from error
-        remaining = iter(jobs)
         packed = client.scatter(pickle.dumps(build), broadcast=True, hash=False)
 
         def submit(count: int) -> list[Any]:
             # Not pure: another study's job with the same arguments is another task.
-            few = islice(remaining, count)
+            few = [jobs.popleft() for _ in range(min(count, len(jobs)))]
             return [client.submit(_in_cluster, packed, job, pure=False) for job in few]
 
         most = _WAITING * sum(client.nthreads().values())

@@ -1,6 +1,7 @@
 """The same study on a Dask cluster of two worker processes."""
 
 import builtins
+from collections import deque
 from functools import partial
 
 import pytest
@@ -71,7 +72,7 @@ def test_dask_is_optional(monkeypatch):
     with pytest.raises(InputError) as error:
         list(
             cluster_jobs(
-                "tcp://127.0.0.1:9", partial(Workbench.of, small(), DESIGN), [], lambda: False
+                "tcp://127.0.0.1:9", partial(Workbench.of, small(), DESIGN), deque(), lambda: False
             )
         )
     assert error.value.problems[0].key == "scheduler"

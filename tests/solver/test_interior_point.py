@@ -192,6 +192,28 @@ def test_evaluations_are_the_true_ones_and_every_iterate_is_reported(program, st
 
 
 @pytest.mark.parametrize("following", [True, False])
+def test_slacks_follow_their_rows_where_they_are_asked_to(following, monkeypatch):
+    seen, trial = [], interior_point.trial
+
+    def recorded(*arguments):
+        found = trial(*arguments)
+        seen.append(np.array_equal(found.slacks, arguments[1]))
+        return found
+
+    monkeypatch.setattr(interior_point, "trial", recorded)
+    solve_by_interior_point(straight(), np.array([0.5, 0.1]), most=60, following=following)
+    # The first ones are put inside, and never follow.
+    assert any(seen[1:]) == following
+
+
+def test_a_slope_that_is_no_number_is_no_optimum():
+    program = rosenbrock()
+    program.slope = lambda x: np.full(2, np.nan)
+    result = solve_by_interior_point(program, np.array([-1.0, 1.0]), most=20)
+    assert not result.converged
+
+
+@pytest.mark.parametrize("following", [True, False])
 def test_with_few_iterations_the_barrier_falls_to_its_end_only_where_slacks_stay(
     following, monkeypatch
 ):

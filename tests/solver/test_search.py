@@ -239,8 +239,16 @@ def test_hops_under_way_at_once_set_out_from_different_motions(hopping):
     origins = [origin for _, origin in hops.origins]
     assert all(len(set(origins[k : k + 3])) == 3 for k in range(7))
     # With fewer motions than may be under way there are fewer.
-    _, hops = hopping({}, 9, TOGETHER=8)
-    assert len(hops.origins) == 9
+    _, others = hopping({}, 9, TOGETHER=8)
+    assert others.origins == hops.origins
+
+
+def test_a_late_gain_does_not_set_a_group_out_again(hopping):
+    """6 fails, that is enough; 7 and 8 were under way by then."""
+    result, hops = hopping({8: 0.5}, 300, TOGETHER=3, PATIENCE=3)
+    assert [number for number, _ in hops.origins] == [4, 5, 6, 7, 8]
+    assert result.best.index == 8
+    assert "chance" not in result.ended
 
 
 def test_hops_set_out_from_others_where_they_come_to_nothing(hopping):

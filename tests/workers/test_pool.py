@@ -105,14 +105,31 @@ def test_jobs_follow_from_results_in_the_order_of_the_jobs(workers):
     assert [index for index, *_ in results] == seen == [0, 1, 2, 3, 10, 12, 20, 22, 30, 32]
 
 
-def test_no_job_follows_after_a_request_to_stop():
-    monitor = Recorder(stop_after=3)
+def _next(result):
+    return Job(sleeper, (result[0] + 1, 0.0)) if result[0] < 30 else None
 
-    def then(result):
-        return Job(sleeper, (result[0] + 1, 0.0))
 
-    results = list(run_jobs(build, [Job(sleeper, (0, 0.0))] * 2, 2, monitor, then=then))
-    assert 2 <= len(results) <= 5
+@pytest.mark.parametrize("workers", WORKERS)
+def test_no_job_follows_after_a_request_to_stop(workers):
+    monitor, jobs = Recorder(stop_after=3), [Job(sleeper, (0, 0.0))] * 2
+    assert 2 <= len(list(run_jobs(build, jobs, workers, monitor, then=_next))) <= 5
+    made = list(run_jobs(build, jobs, workers, monitor, after_stop=True, then=_next))
+    assert len(made) == 62
+
+
+@pytest.mark.parametrize("workers", WORKERS)
+def test_what_goes_wrong_where_jobs_follow_comes_through(workers):
+    def broken(result):
+        raise ZeroDivisionError("no job follows")
+
+    jobs = [Job(sleeper, (0, 0.0))] * 2
+    with pytest.raises(ZeroDivisionError, match="no job follows"):
+        list(run_jobs(build, jobs, workers, Recorder(), then=broken))
+    # Nobody waits for the others.
+    results = run_jobs(build, jobs, workers, Recorder(), then=_next)
+    next(results)
+    results.close()
+    assert len(list(run_jobs(build, jobs, workers, Recorder()))) == 2
 
 
 @pytest.mark.parametrize("workers", WORKERS)
