@@ -221,8 +221,8 @@ def stepped(
 def error(bounds: Bounds, slope: Array, values: Array, slacks: Array, duals: Duals) -> float:
     """Return how far the conditions of optimality are broken at most, scaled as Ipopt does.
 
-    `slope` (z,) is the gradient of the objective with the values times their multipliers. Where it
-    or a multiplier is not a number they are broken without end.
+    `slope` (z,) is the gradient of the objective with the values times their multipliers. Where it,
+    a value or a multiplier is not a number they are broken without end.
     """
     largest, apart, size = 0.0, 0.0, 0.0
     for z in range(len(slope)):
@@ -231,6 +231,7 @@ def error(bounds: Bounds, slope: Array, values: Array, slacks: Array, duals: Dua
         size += abs(duals.values[b]) + duals.lower[b] + duals.upper[b]
         largest = max(largest, abs(duals.upper[b] - duals.lower[b] - duals.values[b]))
         apart = max(apart, abs(values[b] - slacks[b]))
+        size += 0.0 * (values[b] - slacks[b])  # no number where that is none
         if bounds.lower[b] > -np.inf:
             largest = max(largest, (slacks[b] - bounds.lower[b]) * duals.lower[b])
         if bounds.upper[b] < np.inf:

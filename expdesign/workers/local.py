@@ -6,6 +6,7 @@ import itertools
 import pickle
 import queue
 import threading
+import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
@@ -48,8 +49,8 @@ def run_jobs(
         Whether jobs begin although a stop has been requested: those that save the results.
         Otherwise they are left out, and fewer results come.
     then : callable, optional
-        Gets every result, in the jobs' order, before it is yielded; a job that it returns is done
-        after those that are there.
+        Gets every result, in the jobs' order, before it is yielded, where the results are taken; a
+        job that it returns is done after those that are there, unless a stop was requested.
 
     Raises
     ------
@@ -157,7 +158,7 @@ class _Team:
             given_back(self._free)
 
     def _hand_out(self) -> bool:
-        """Give jobs to those who have none; tell whether anybody has one."""
+        """Give jobs to those who have none; tell whether anybody has one, or one may follow."""
         if not self._stopping and self._monitor.stop_requested():
             self._stopping = True
             for worker in self._busy:
@@ -167,6 +168,9 @@ class _Team:
             if not self._waiting:
                 break
             worker, job = self._free.pop(), self._waiting.popleft()
+            if not worker.is_fit:  # it had nothing to do for long
+                worker.end()
+                (worker,) = taken(1, self._answers)
             self._busy[worker] = next(self._numbers)
             worker.begin(self._recipe, job, stopping=self._stopping)
         return bool(self._busy) or (self._open > 0 and (self._after_stop or not self._stopping))
@@ -179,6 +183,8 @@ class _Team:
         if answered is None:
             return
         worker, answer = answered
+        if answer is None and worker not in self._busy:
+            return
         if answer is None:
             raise WorkerDiedError(
                 "a worker process died, perhaps for want of memory; fewer workers need less"
@@ -188,6 +194,7 @@ class _Team:
             self._monitor.report(content)
             return
         number = self._busy.pop(worker)
+        worker.idle_since = time.monotonic()
         self._free.append(worker)
         if kind == ERROR:
             content.add_note(f"In a worker process:\n{''.join(more)}")

@@ -138,8 +138,6 @@ def any_idle() -> bool:
 
 def given_back(workers: Iterable[WorkerProcess]) -> None:
     """Keep workers without a job for the next that has some."""
-    for worker in workers:
-        worker.idle_since = time.monotonic()
     with _lock:
         _idle.extend(workers)
 

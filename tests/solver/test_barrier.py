@@ -169,3 +169,4 @@ def test_where_all_conditions_hold_the_error_is_none_and_every_one_counts():
     assert barrier.error(both, np.array([np.nan, 0.0]), slacks, slacks, none) == np.inf
     unknown = none._replace(values=np.array([np.nan, 0, 0, 0]))
     assert barrier.error(both, np.zeros(2), slacks, slacks, unknown) == np.inf
+    assert barrier.error(both, np.zeros(2), unknown.values, slacks, none) == np.inf

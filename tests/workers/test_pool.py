@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_info
 
 from expdesign.interruption import ENDING
 from expdesign.solver.stage import SearchEvent
-from expdesign.workers import Job, Monitor, WorkerDiedError, run_jobs
+from expdesign.workers import Job, Monitor, WorkerDiedError, run_jobs, served
 from expdesign.workers import process as process_module
 
 WORKERS = (1, 2)
@@ -103,6 +103,30 @@ def test_jobs_follow_from_results_in_the_order_of_the_jobs(workers):
     jobs = [Job(sleeper, (k, 0.2 - 0.05 * k)) for k in range(4)]
     results = list(run_jobs(build, jobs, workers, Recorder(), then=then))
     assert [index for index, *_ in results] == seen == [0, 1, 2, 3, 10, 12, 20, 22, 30, 32]
+
+
+def briefly_idle(built, monitor, index, seconds):
+    """Leave the worker so that it ends by itself after a second without a job."""
+    served.IDLE_SECONDS = 1.0
+    time.sleep(seconds)
+    return index
+
+
+def test_a_worker_that_ends_for_want_of_jobs_takes_nothing_with_it(monkeypatch):
+    monkeypatch.setattr(process_module, "_idle", [])
+    monkeypatch.setattr(process_module, "_KEPT", 0.8)
+    jobs = [Job(briefly_idle, (0, 0.0)), Job(briefly_idle, (1, 3.0))]
+
+    def then(result):
+        return Job(briefly_idle, (result + 2, 0.0)) if result < 2 else None
+
+    try:
+        # The third job is there when the first worker has gone: its result comes after the second.
+        results = list(run_jobs(build, jobs[::-1], 2, Monitor(), then=then))
+        assert results == [1, 0, 3, 2]
+    finally:
+        for worker in process_module._idle:
+            worker.end()
 
 
 def _next(result):
