@@ -124,17 +124,17 @@ class DesignVariables:
 
     def states(self, variables: Array, basis: PhaseBasis) -> Array:
         """Return pose, rate and acceleration at the basis's phases, (N, 18)."""
-        table, omega = self.amplitudes(variables)
-        states = basis.derivatives(table) * _powers(omega)[:, None]
-        return states.reshape(len(states), states.shape[1] * COORDINATES)
+        return np.concatenate(basis.samples(*self.amplitudes(variables)), axis=1)
 
     def slope(self, variables: Array, basis: PhaseBasis) -> PathSlope:
         """Return the derivatives of the states at the basis's phases to the scaled variables."""
         table, omega = self.amplitudes(variables)
-        steps = self.reduced(basis.stacked * self._shares * _powers(omega)[:, None])
-        by_omega = np.array([0.0, self.omega_scale, 2 * omega * self.omega_scale])
-        drift = basis.derivatives(table) * by_omega[:, None]
-        return PathSlope(steps, self.scale, drift)
+        steps = np.stack([basis.value, omega * basis.first, omega**2 * basis.second], axis=1)
+        steps = steps * self._shares
+        drift = np.zeros((len(steps), 3, COORDINATES))
+        drift[:, 1] = basis.first @ table.T
+        drift[:, 2] = 2 * omega * (basis.second @ table.T)
+        return PathSlope(self.reduced(steps), self.scale, drift * self.omega_scale)
 
     def _table(self, variables: Array) -> Array:
         """Return the scaled centre and amplitudes, (6, 2 n + 1)."""
@@ -144,11 +144,6 @@ class DesignVariables:
     def reduced(self, table: Array) -> Array:
         """Return the variables (…, per_coordinate) of a table, or of the nearest one at rest."""
         return table @ _at_rest(self.harmonics) if self.rest else table
-
-
-def _powers(omega: float) -> Array:
-    """Return what derivatives to the phase are multiplied by for derivatives in time."""
-    return np.array([1.0, omega, omega**2])
 
 
 @cache

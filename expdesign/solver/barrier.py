@@ -69,7 +69,8 @@ class Duals(NamedTuple):
 class SlackStep(NamedTuple):
     """A step of slacks (b,) and multipliers, and how far one may go along it."""
 
-    slacks: Array
+    change: Array
+    """Of the slacks."""
     duals: Duals
     share: float
     """Of the slacks' step, 1 at most."""
@@ -141,13 +142,11 @@ def slack_step(
     values, lower, upper = np.empty(size), np.zeros(size), np.zeros(size)
     share, dual_share, slope = 1.0, 1.0, 0.0
     for b in range(size):
-        values[b] = -duals.values[b]
         if bounds.lower[b] > -np.inf:
             gap = slacks[b] - bounds.lower[b]
             push = barrier / gap
             lower[b] = push - duals.lower[b] - duals.lower[b] / gap * moved[b]
             slope -= push * moved[b]
-            values[b] += duals.lower[b] / gap * moved[b] - push
             if moved[b] < 0:
                 share = min(share, -close * gap / moved[b])
             if lower[b] < 0:
@@ -157,11 +156,11 @@ def slack_step(
             push = barrier / gap
             upper[b] = push - duals.upper[b] + duals.upper[b] / gap * moved[b]
             slope += push * moved[b]
-            values[b] += duals.upper[b] / gap * moved[b] + push
             if moved[b] > 0:
                 share = min(share, close * gap / moved[b])
             if upper[b] < 0:
                 dual_share = min(dual_share, -close * duals.upper[b] / upper[b])
+        values[b] = duals.upper[b] + upper[b] - duals.lower[b] - lower[b] - duals.values[b]
     return SlackStep(moved, Duals(values, lower, upper), share, dual_share, slope)
 
 
@@ -221,20 +220,22 @@ def stepped(
 def error(bounds: Bounds, slope: Array, values: Array, slacks: Array, duals: Duals) -> float:
     """Return how far the conditions of optimality are broken at most, scaled as Ipopt does.
 
-    `slope` (z,) is the gradient of the objective with the values times their multipliers. Where it,
-    a value or a multiplier is not a number they are broken without end.
+    `slope` (z,) is the gradient of the objective with the values times their multipliers. Where
+    anything is no number they are broken without end.
     """
-    largest, apart, size = 0.0, 0.0, 0.0
+    largest, apart, size, total = 0.0, 0.0, 0.0, 0.0
     for z in range(len(slope)):
-        largest = max(largest, abs(slope[z])) if np.isfinite(slope[z]) else np.inf
+        total += abs(slope[z])
+        largest = max(largest, abs(slope[z]))
     for b in range(len(slacks)):
         size += abs(duals.values[b]) + duals.lower[b] + duals.upper[b]
-        largest = max(largest, abs(duals.upper[b] - duals.lower[b] - duals.values[b]))
+        total += abs(values[b] - slacks[b])
         apart = max(apart, abs(values[b] - slacks[b]))
-        size += 0.0 * (values[b] - slacks[b])  # no number where that is none
+        largest = max(largest, abs(duals.upper[b] - duals.lower[b] - duals.values[b]))
         if bounds.lower[b] > -np.inf:
             largest = max(largest, (slacks[b] - bounds.lower[b]) * duals.lower[b])
         if bounds.upper[b] < np.inf:
             largest = max(largest, (bounds.upper[b] - slacks[b]) * duals.upper[b])
     scale = max(100.0, size / max(1, 2 * len(slacks))) / 100
-    return max(largest / scale, apart) if np.isfinite(size) else np.inf
+    # Compiled, the larger of a number and of none is the number; a sum is none.
+    return max(largest / scale, apart) if np.isfinite(size + total) else np.inf

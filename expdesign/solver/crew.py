@@ -6,6 +6,7 @@ import itertools
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing
 from typing import Any, NamedTuple
 
 from expdesign.solver.jobs import Build, DesignTask, SearchPlan
@@ -77,16 +78,18 @@ def _in_cluster(
     def stopped() -> bool:
         return monitor.stop_requested() and not after_stop
 
-    for done in cluster_jobs(*where, waiting, stopped):
-        found[done.number] = done
-        for event in done.ends:  # the cluster's own monitors are silent
-            monitor.report(event)
-        while following in found:
-            job = then(found[following])
-            if job is not None:
-                waiting.append(job)
-            yield found.pop(following)
-            following += 1
+    # Whatever happens here, the cluster's work is given up at once.
+    with closing(cluster_jobs(*where, waiting, stopped)) as results:
+        for done in results:
+            found[done.number] = done
+            for event in done.ends:  # the cluster's own monitors are silent
+                monitor.report(event)
+            while following in found:
+                job = then(found[following])
+                if job is not None:
+                    waiting.append(job)
+                yield found.pop(following)
+                following += 1
     for _, done in sorted(found.items()):  # after a stop: those before them were given up
         then(done)
         yield done

@@ -72,14 +72,14 @@ class _Iterate:
     point: Point
     hessian: Array | None
     """The cost's own, where it was computed anew."""
-    slacks: Trial
+    tried: Trial
     duals: Duals
 
 
 @dataclass(frozen=True)
 class _Step:
     x: Array
-    slacks: SlackStep
+    rest: SlackStep
     curvature: float
     """Of the objective along it."""
 
@@ -137,8 +137,8 @@ class _InteriorPoint:
         hessian = np.eye(start.size) if first is None else first
         inside = self._bounds.inside(point.values)
         duals = pushes(self._bounds, inside, barrier)
-        slacks = trial(self._bounds, point.values, inside, np.zeros_like(inside), 1.0, False)
-        here = _Iterate(point, hessian, slacks, duals)
+        tried = trial(self._bounds, point.values, inside, np.zeros_like(inside), 1.0, False)
+        here = _Iterate(point, first, tried, duals)
         slope = point.slope(duals.values)
         status, done, still = "Maximum_Iterations_Exceeded", 0, 0
         fall = min(_FALL, (_SMALLEST / barrier) ** (1 / most))
@@ -153,7 +153,7 @@ class _InteriorPoint:
             if not (np.isfinite(point.cost) and np.all(np.isfinite(point.values))):
                 status = "Invalid_Number_Detected"
                 break
-            if error(self._bounds, slope, point.values, here.slacks.slacks, duals) < _TOLERANCE:
+            if error(self._bounds, slope, point.values, here.tried.slacks, duals) < _TOLERANCE:
                 status = "Solve_Succeeded"
                 break
             if still >= standstill.iterations and violation < standstill.feasible:
@@ -193,7 +193,7 @@ class _InteriorPoint:
 
     def _step(self, here: _Iterate, hessian: Array, barrier: float) -> _Step | None:
         """Return Newton's step on the conditions of the central path; None where there is none."""
-        point, slacks, duals = here.point, here.slacks.slacks, here.duals
+        point, slacks, duals = here.point, here.tried.slacks, here.duals
         curvature, multipliers = condensed(self._bounds, point.values, slacks, duals, barrier)
         matrix = hessian + point.curvature(curvature)
         right = -point.slope(multipliers)
@@ -212,16 +212,17 @@ class _InteriorPoint:
         Where it falls nowhere, a short step is taken all the same; None where there is no number.
         Nearly always the first trial is taken: only of this one everything is computed at once.
         """
-        bounds, point, slacks, close = self._bounds, here.point, here.slacks, _closest(barrier)
-        share, slope = step.slacks.share, float(point.gradient @ step.x) + step.slacks.slope
-        if slacks.apart > 0:
-            needed = (slope + max(step.curvature, 0.0) / 2) / (0.7 * slacks.apart)
+        bounds, point, before, rest = self._bounds, here.point, here.tried, step.rest
+        share, slope = rest.share, float(point.gradient @ step.x) + rest.slope
+        if before.apart > 0:
+            needed = (slope + max(step.curvature, 0.0) / 2) / (0.7 * before.apart)
             if needed > self._penalty:
                 self._penalty = 1.5 * needed
-        merit = self._merit(point.cost, slacks, barrier)
-        fall = slope - self._penalty * slacks.apart
+        merit = self._merit(point.cost, before, barrier)
+        fall = slope - self._penalty * before.apart
         there, hessian = None, None
         for halving in range(_HALVINGS):
+            share *= 0.5 if halving else 1.0
             x = self._program.nearest(point.x + share * step.x)
             if halving == 0:
                 there, hessian = self._program.at(x, curved=curved)
@@ -229,22 +230,21 @@ class _InteriorPoint:
             else:
                 there = None
                 cost, values = self._program.values(x)
-            change = share * step.slacks.slacks
-            moved = trial(bounds, values, slacks.slacks, change, close, self._following)
-            found = self._merit(cost, moved, barrier)
+            close, change = _closest(barrier), share * rest.change
+            tried = trial(bounds, values, before.slacks, change, close, self._following)
+            found = self._merit(cost, tried, barrier)
             if found <= merit + _SUFFICIENT * share * fall + 1e-10 * abs(merit):
                 break
-            share /= 2
         else:
             if not np.isfinite(found):
                 return None
         if there is None:
             there, hessian = self._program.at(x, curved=curved)
-        duals = stepped(bounds, moved.slacks, here.duals, step.slacks, share, barrier)
-        return _Iterate(there, hessian, moved, duals)
+        duals = stepped(bounds, tried.slacks, here.duals, rest, share, barrier)
+        return _Iterate(there, hessian, tried, duals)
 
-    def _merit(self, cost: float, slacks: Trial, barrier: float) -> float:
-        found = cost - barrier * slacks.logarithms + self._penalty * slacks.apart
+    def _merit(self, cost: float, tried: Trial, barrier: float) -> float:
+        found = cost - barrier * tried.logarithms + self._penalty * tried.apart
         return found if np.isfinite(found) else np.inf
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -144,16 +143,6 @@ class PhaseBasis:
             np.concatenate([zero, orders * cos, -orders * sin], axis=1),
             np.concatenate([zero, -(orders**2) * sin, -(orders**2) * cos], axis=1),
         )
-
-    @cached_property
-    def stacked(self) -> Array:
-        """(N, 3, 2 n + 1), the three one after the other at every phase."""
-        return np.stack([self.value, self.first, self.second], axis=1)
-
-    def derivatives(self, table: Array) -> Array:
-        """Return pose and derivatives to φ, (N, 3, 6), of a table as of `samples`: one product."""
-        flat = self.stacked.reshape(self.value.shape[0] * 3, self.value.shape[1])
-        return (flat @ table.T).reshape(len(self.value), 3, len(table))
 
     def samples(self, table: Array, omega: float) -> PoseSamples:
         """Return the motion at ω of centre and displacement amplitudes, (6, 2 n + 1): m, rad."""

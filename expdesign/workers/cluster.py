@@ -5,7 +5,7 @@ from __future__ import annotations
 import pickle
 import threading
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from typing import Any
 
 from expdesign.configuration import ComputationError, InputError
@@ -25,7 +25,7 @@ def cluster_jobs(
     build: Callable[[], Any],
     jobs: deque[Job],
     stop_requested: Callable[[], bool],
-) -> Iterator[Any]:
+) -> Generator[Any, None, None]:
     """Do jobs on the cluster of a scheduler; yield their results in the order in which they end.
 
     Workers import this package: they need the same versions. A worker does one job at a time,

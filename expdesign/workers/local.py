@@ -76,7 +76,7 @@ def run_jobs(
 
 
 def _in_processes(team: _Team, workers: int) -> Iterator[Any]:
-    # A thread of its own: workers get their next job whatever is done with the results here.
+    # A thread of its own: workers get the jobs that are there whatever is done with results here.
     direction = threading.Thread(target=team.direct, args=(workers,), daemon=True)
     direction.start()
     try:

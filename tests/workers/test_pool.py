@@ -149,8 +149,9 @@ def test_what_goes_wrong_where_jobs_follow_comes_through(workers):
     jobs = [Job(sleeper, (0, 0.0))] * 2
     with pytest.raises(ZeroDivisionError, match="no job follows"):
         list(run_jobs(build, jobs, workers, Recorder(), then=broken))
-    # Nobody waits for the others.
-    results = run_jobs(build, jobs, workers, Recorder(), then=_next)
+    # Nobody waits for what goes on for minutes.
+    long = [jobs[0], Job(patient, (1,))]
+    results = run_jobs(build, long, workers, Recorder(), then=_next)
     next(results)
     results.close()
     assert len(list(run_jobs(build, jobs, workers, Recorder()))) == 2
