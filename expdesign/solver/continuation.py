@@ -122,12 +122,11 @@ def hop_stages(problem: DesignProblem, widths: Sequence[float], iterations: int)
     return [thrown, *others]
 
 
-def finish_stage(
-    problem: DesignProblem, widths: Sequence[float], iterations: int, *, proving: bool = True
-) -> Stage:
+def finish_stage(problem: DesignProblem, widths: Sequence[float], iterations: int) -> Stage:
     """Return the settings of each round of the finish: a small box, the sharpest smoothing.
 
-    Motions that are only compared with others have as many samples in the cost as the stage before.
+    Twice as many samples in the cost as in the stage before: they say better which of several
+    motions will be the best (measured).
     """
     n = problem.variables.harmonics
     points = fine_points(n)
@@ -135,7 +134,7 @@ def finish_stage(
         name="finish",
         width=widths[-1],
         level=problem.criterion.levels[-1],
-        samples=min(problem.cost.samples, (1 + proving) * points),
+        samples=min(problem.cost.samples, 2 * points),
         points=points,
         near=_FINISH_NEAR,
         radius=_FINISH_RADIUS,

@@ -142,7 +142,7 @@ def finish_job(
     if bounds[0] < bounds[1]:
         omega, _ = controller_omega(omega, bounds, plan.controller_period, plan.hum)
     fixed = problem.with_variables(omega_bounds=(omega, omega))
-    stage = finish_stage(problem, plan.widths, plan.iterations, proving=proving)
+    stage = finish_stage(problem, plan.widths, plan.iterations)
     report = watch.of_stage(replace(stage, rounds=_FINISH_ROUNDS), problem)
     rounds = 0 if monitor.stop_requested() else _FINISH_ROUNDS
     finished = finish(
