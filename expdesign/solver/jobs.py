@@ -19,11 +19,15 @@ from expdesign.solver.continuation import (
 from expdesign.solver.finish import Finished, controller_omega, finish
 from expdesign.solver.hum_distance import KnownHum
 from expdesign.solver.initial import InfeasibleLimitsError, perturbed, random_start
-from expdesign.solver.stage import Watch
+from expdesign.solver.stage import Watch, run_stage
 from expdesign.solver.start import Screening, StartResult, judged, run_stages
 from expdesign.workers import Monitor
 
 _FINISH_ROUNDS = 4
+_SETTLINGS = 4
+"""Times that the best motion is refined and finished again at most."""
+_GAINED = 1e-4
+"""Gain per parameter, as a logarithm, for which this goes on."""
 
 
 @dataclass(frozen=True)
@@ -166,9 +170,33 @@ def proof_job(
     task: DesignTask, monitor: Monitor, index: int, finished: Finished
 ) -> tuple[float, Finished]:
     """Finish once more what was finished without a proof, and prove it."""
+    finished = _settled(task, monitor, index, finished)
     variables = task.problem.variables.pack(finished.trajectory)
     settled = finished.record is not None and finished.record.converged
     return finish_job(task, monitor, index, variables, proving=True, settled=settled)
+
+
+def _settled(task: DesignTask, monitor: Monitor, index: int, finished: Finished) -> Finished:
+    """Refine and finish what was finished again, as long as it becomes better.
+
+    The refinement's box is larger, and it holds no margins: it leaves where a finish got stuck.
+    """
+    problem, plan = task.problem, task.plan
+    finish_settings = finish_stage(problem, plan.widths, plan.iterations)
+    last = continuation_stages(problem, plan.widths, plan.iterations)[-1]
+    last = replace(last, name=finish_settings.name, samples=finish_settings.samples)
+    report = Watch(monitor, index).of_stage(last, problem)
+    merit = task.evaluator.merit(finished.trajectory, problem.cost.samples)
+    for _ in range(_SETTLINGS):
+        x, _ = run_stage(problem, last, problem.variables.pack(finished.trajectory), report)
+        if monitor.stop_requested():
+            break
+        reached, again = finish_job(task, monitor, index, x)
+        gains = task.evaluator.gain(reached, merit) > _GAINED or not finished.check.passed
+        if not (again.check.passed and gains):
+            break
+        merit, finished = reached, again
+    return finished
 
 
 def _rng(seed: int, index: int) -> np.random.Generator:

@@ -14,6 +14,7 @@ from expdesign.solver.finish import Finished, controller_omega, finish
 from expdesign.solver.hum_distance import KnownHum
 from expdesign.solver.initial import random_start
 from expdesign.solver.stage import Stage
+from expdesign.workers import Monitor
 
 # --- whole controller steps -----------------------------------------------------------------------
 
@@ -244,3 +245,63 @@ def test_what_a_better_motion_set_out_from_is_not_proved(monkeypatch):
 def test_nothing_is_certified_that_cannot_be(monkeypatch):
     motions = {0: (START, UNPROVED)} | dict.fromkeys(range(1, 5), (BETTER, UNPROVED))
     assert Scripted(monkeypatch, motions).finished(4) == (1, False)
+
+
+# --- the best motion, again -----------------------------------------------------------------------
+
+
+def _proved_of(monkeypatch, task, outcomes, stopped=False):
+    """Return which outcome is proved: `outcomes` are (merit, passed), the first one is given."""
+    module = importlib.import_module("expdesign.solver.jobs")
+    motions = [task.problem.variables.trajectory(_numbered(task, k)) for k in range(len(outcomes))]
+    made = [
+        Finished(motion, Recheck((_limit(-1e-3 if passed else 1e-2),)), 1.0)
+        for motion, (_, passed) in zip(motions, outcomes, strict=True)
+    ]
+    number = iter(range(1, len(outcomes)))
+
+    def finish_job(_task, _monitor, _index, x, *, proving=False, settled=False):
+        if proving:
+            return x, None
+        k = next(number)
+        return outcomes[k][0], made[k]
+
+    monkeypatch.setattr(module, "finish_job", finish_job)
+    monkeypatch.setattr(module, "run_stage", lambda _problem, _stage, x, _report: (x, None))
+    evaluator = SimpleNamespace(
+        merit=lambda *_: outcomes[0][0], gain=lambda merit, before: merit - before
+    )
+    scripted = dataclasses.replace(task, evaluator=evaluator)
+    monitor = Monitor(lambda: stopped, lambda _event: None)
+    proved, _ = module.proof_job(scripted, monitor, 1, made[0])
+    distances = [np.max(np.abs(proved - task.problem.variables.pack(one))) for one in motions]
+    return int(np.argmin(distances))
+
+
+def _numbered(task, k):
+    x = np.zeros(task.problem.variables.size)
+    x[[0, -1]] = 0.01 * k, 1.0
+    return x
+
+
+def _limit(excess):
+    return LimitCheck("k", "", "", "m", 0.0, 1.0, excess, 0.0, "o")
+
+
+@pytest.mark.parametrize(
+    ("outcomes", "proved"),
+    [
+        ([(1.0, True), (0.9, True), (2.0, True)], 0),
+        ([(1.0, True), (1.1, True), (1.2, True), (1.2, True), (2.0, True)], 2),
+        ([(1.0, True), (1.1, False), (2.0, True)], 0),
+        ([(1.0, False), (0.9, True), (0.8, True)], 1),
+    ],
+)
+def test_the_best_motion_is_finished_again_as_long_as_it_becomes_better(
+    monkeypatch, task, outcomes, proved
+):
+    assert _proved_of(monkeypatch, task, outcomes) == proved
+
+
+def test_after_a_stop_it_is_not(monkeypatch, task):
+    assert _proved_of(monkeypatch, task, [(1.0, True), (1.1, True)], stopped=True) == 0
