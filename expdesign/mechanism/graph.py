@@ -29,7 +29,7 @@ and none is left once no load changes its sign."""
 
 
 _STEEP = 60.0
-"""Twice the argument from which on tanh is 1 to the last digit; e to this power is no large number."""
+"""Twice the argument from which on tanh is 1 to the last digit; e to it is no large number."""
 
 
 def _tanh(x: ca.SX) -> ca.SX:

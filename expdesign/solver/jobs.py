@@ -170,7 +170,8 @@ def proof_job(
     task: DesignTask, monitor: Monitor, index: int, finished: Finished
 ) -> tuple[float, Finished]:
     """Finish once more what was finished without a proof, and prove it."""
-    finished = _settled(task, monitor, index, finished)
+    if task.plan.hops:  # where hops are not worth their time, this is not either
+        finished = _settled(task, monitor, index, finished)
     variables = task.problem.variables.pack(finished.trajectory)
     settled = finished.record is not None and finished.record.converged
     return finish_job(task, monitor, index, variables, proving=True, settled=settled)

@@ -271,7 +271,8 @@ def _proved_of(monkeypatch, task, outcomes, stopped=False):
     evaluator = SimpleNamespace(
         merit=lambda *_: outcomes[0][0], gain=lambda merit, before: merit - before
     )
-    scripted = dataclasses.replace(task, evaluator=evaluator)
+    plan = dataclasses.replace(task.plan, hops=1)
+    scripted = dataclasses.replace(task, evaluator=evaluator, plan=plan)
     monitor = Monitor(lambda: stopped, lambda _event: None)
     proved, _ = module.proof_job(scripted, monitor, 1, made[0])
     distances = [np.max(np.abs(proved - task.problem.variables.pack(one))) for one in motions]
