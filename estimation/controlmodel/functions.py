@@ -11,7 +11,8 @@ from functools import cache
 
 import casadi as ca
 
-from expdesign.mechanism.graph import Friction, HexapodGraph, hexapod_graph
+from expdesign.mechanism.friction_sign import Friction
+from expdesign.mechanism.graph import HexapodGraph, hexapod_graph
 from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.mechanism.term import Term
 

@@ -16,7 +16,8 @@ from constraints.arrays import Array
 from expdesign.configuration.sections.disturbances import Cogging
 from expdesign.evaluation.batch import Graph
 from expdesign.evaluation.kernel import kernel
-from expdesign.mechanism.graph import Friction, HexapodGraph, hexapod_graph
+from expdesign.mechanism.friction_sign import Friction
+from expdesign.mechanism.graph import HexapodGraph, hexapod_graph
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
 from expdesign.mechanism.term import Term
 from expdesign.robot import Robot

@@ -13,7 +13,8 @@ from estimation.measurement_model.motion import HarmonicMotion, SampledMotion
 from estimation.measurement_model.motion_columns import MotionColumns
 from expdesign.evaluation.batch import Graph
 from expdesign.evaluation.kernel import kernel
-from expdesign.mechanism.graph import Friction, hexapod_graph
+from expdesign.mechanism.friction_sign import Friction
+from expdesign.mechanism.graph import hexapod_graph
 from expdesign.mechanism.term import Term
 from expdesign.robot import Robot
 

@@ -17,7 +17,8 @@ from expdesign.enclosure.instructions import EnclosedFunction, NoEnclosureError
 from expdesign.enclosure.matrices import TaylorMatrix
 from expdesign.enclosure.singular_values import condition_bound
 from expdesign.enclosure.taylor_model import EPS, TaylorModel
-from expdesign.mechanism.graph import Friction, hexapod_graph
+from expdesign.mechanism.friction_sign import Friction
+from expdesign.mechanism.graph import hexapod_graph
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.term import Term
 from expdesign.robot import LimitModel

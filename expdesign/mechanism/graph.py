@@ -9,12 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from enum import Enum
 from functools import cache, cached_property
 from types import MappingProxyType
 
 import casadi as ca
 
+from expdesign.mechanism.friction_sign import Friction, smooth_sign
 from expdesign.mechanism.geometry import GeometrySymbols
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
 from expdesign.mechanism.inverse import inverse
@@ -26,26 +26,6 @@ from expdesign.mechanism.thread import ThreadTurn
 _LOADED_STEPS = 4
 """Of Newton's, where friction depends on the load: each error is the share μ of the one before,
 and none is left once no load changes its sign."""
-
-
-_STEEP = 60.0
-"""Twice the argument from which on tanh is 1 to the last digit; e to it is no large number."""
-
-
-def _tanh(x: ca.SX) -> ca.SX:
-    """Return tanh to an ulp of 1. The C library's own takes four times as long (measured)."""
-    return 1 - 2 / (ca.exp(ca.fmin(2 * x, _STEEP)) + 1)
-
-
-class Friction(Enum):
-    """Where the signs of dry friction come from."""
-
-    EXACT = "exact"
-    """sign(rate), sign(0) = 0: simulation, recheck, every reported number."""
-    SMOOTH = "smooth"
-    """tanh(rate / width), the width being an input: what an optimiser can differentiate."""
-    HELD = "held"
-    """The signs are an input: fixed while something else is differentiated."""
 
 
 class HexapodGraph:
@@ -309,7 +289,7 @@ class HexapodGraph:
                 for rate in self.rates
             )
             per_width = ca.sqrt(1 / self.width**2)  # see StrutKinematics
-            signs = _tanh(self.sliding * arm * per_width)
+            signs = smooth_sign(self.sliding * arm * per_width)
         return ca.substitute(columns, self.signs, signs)
 
     def quantities(self, friction: Friction) -> Mapping[str, ca.SX]:

@@ -16,7 +16,8 @@ from expdesign.information.fisher import whitening
 from expdesign.information.marginal import PriorMachine
 from expdesign.information.periodic_noise import PeriodicNoise
 from expdesign.information.spectral import Criterion, SpectralCost, spectral_cost
-from expdesign.mechanism.graph import Friction, HexapodGraph, hexapod_graph
+from expdesign.mechanism.friction_sign import Friction
+from expdesign.mechanism.graph import HexapodGraph, hexapod_graph
 from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.mechanism.term import Term
 from expdesign.problem.variables import DesignVariables

@@ -14,8 +14,9 @@ from constraints.arrays import Array
 from expdesign.configuration import ResolvedRobot
 from expdesign.evaluation.batch import BatchFunction, Graph
 from expdesign.evaluation.kernel import kernel
+from expdesign.mechanism.friction_sign import Friction
 from expdesign.mechanism.geometry import cardan_frames
-from expdesign.mechanism.graph import Friction, HexapodGraph, hexapod_graph
+from expdesign.mechanism.graph import HexapodGraph, hexapod_graph
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.realisable import Realisable
 from expdesign.mechanism.term import Term, kinematic_terms, parameters_of, scales_of

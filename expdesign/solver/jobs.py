@@ -24,7 +24,7 @@ from expdesign.solver.start import Screening, StartResult, judged, run_stages
 from expdesign.workers import Monitor
 
 _FINISH_ROUNDS = 4
-_SETTLINGS = 4
+_MOST_AGAIN = 4
 """Times that the best motion is refined and finished again at most."""
 _GAINED = 1e-4
 """Gain per parameter, as a logarithm, for which this goes on."""
@@ -170,25 +170,25 @@ def proof_job(
     task: DesignTask, monitor: Monitor, index: int, finished: Finished
 ) -> tuple[float, Finished]:
     """Finish once more what was finished without a proof, and prove it."""
-    if task.plan.hops:  # where hops are not worth their time, this is not either
-        finished = _settled(task, monitor, index, finished)
+    if task.plan.hops:  # a search without them is to be short
+        finished = _finished_again(task, monitor, index, finished)
     variables = task.problem.variables.pack(finished.trajectory)
     settled = finished.record is not None and finished.record.converged
     return finish_job(task, monitor, index, variables, proving=True, settled=settled)
 
 
-def _settled(task: DesignTask, monitor: Monitor, index: int, finished: Finished) -> Finished:
+def _finished_again(task: DesignTask, monitor: Monitor, index: int, finished: Finished) -> Finished:
     """Refine and finish what was finished again, as long as it becomes better.
 
     The refinement's box is larger, and it holds no margins: it leaves where a finish got stuck.
     """
     problem, plan = task.problem, task.plan
-    finish_settings = finish_stage(problem, plan.widths, plan.iterations)
+    own = finish_stage(problem, plan.widths, plan.iterations)
     last = continuation_stages(problem, plan.widths, plan.iterations)[-1]
-    last = replace(last, name=finish_settings.name, samples=finish_settings.samples)
+    last = replace(last, name=own.name, samples=own.samples)
     report = Watch(monitor, index).of_stage(last, problem)
     merit = task.evaluator.merit(finished.trajectory, problem.cost.samples)
-    for _ in range(_SETTLINGS):
+    for _ in range(_MOST_AGAIN):
         x, _ = run_stage(problem, last, problem.variables.pack(finished.trajectory), report)
         if monitor.stop_requested():
             break

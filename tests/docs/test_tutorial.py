@@ -74,7 +74,7 @@ def test_the_tutorial_has_every_step():
         "compare",
     ]
     assert commands == way
-    assert len(stated_numbers(PAGE)) > 25
+    assert len(stated_numbers(PAGE)) > 30
 
 
 @pytest.mark.slow

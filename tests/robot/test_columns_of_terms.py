@@ -18,7 +18,7 @@ from expdesign.configuration import InputError, load_run
 from expdesign.configuration.robot import load_robot_description
 from expdesign.configuration.sections.disturbances import Cogging
 from expdesign.mechanism.catalogue import DEFAULT, TERMS
-from expdesign.mechanism.graph import Friction
+from expdesign.mechanism.friction_sign import Friction
 from expdesign.robot import load_robot, robot_from
 from tests.estimation.cases import measured, trajectory
 

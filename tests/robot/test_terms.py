@@ -15,7 +15,7 @@ from expdesign.configuration.robot import load_robot_description
 from expdesign.evaluation.batch import BatchFunction
 from expdesign.mechanism import catalogue
 from expdesign.mechanism.catalogue import DEFAULT, TERMS, known_parameters, terms_named
-from expdesign.mechanism.graph import Friction
+from expdesign.mechanism.friction_sign import Friction
 from expdesign.mechanism.term import STRUT_SPEED, parameters_of
 from expdesign.robot import robot_from
 from tests.estimation.cases import measured, trajectory
