@@ -27,7 +27,7 @@ def _by_none(limits: Mapping[str, Limit]) -> None:
     del limits
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class LimitDefinition:
     """A kind of limit: what is bounded and how the user states the bound."""
 

@@ -107,7 +107,7 @@ def _sampled(table: ExecutedTable, model: LimitModel) -> tuple[LimitCheck, ...]:
     """Return the worst of a grid ten times as fine as the rows."""
     checks: list[LimitCheck] = []
     for times in told("judging the table", tuple(blocks(refined(table.rows.times, _POINTS)))):
-        checks += worst_sampled(model, times, np.hstack(table.between(times).states))
+        checks += worst_sampled(model, times, model.values(np.hstack(table.between(times).states)))
     return worst_of_each(checks)
 
 
@@ -115,5 +115,5 @@ def _at_rows(table: ExecutedTable, model: LimitModel) -> tuple[LimitCheck, ...]:
     """Return the worst of the rows, where second differences stand for accelerations."""
     checks: list[LimitCheck] = []
     for times in told("judging the table at its rows", tuple(blocks(table.rows.times))):
-        checks += worst_sampled(model, times, np.hstack(table.smoothed(times).states))
+        checks += worst_sampled(model, times, model.values(np.hstack(table.smoothed(times).states)))
     return worst_of_each(checks)

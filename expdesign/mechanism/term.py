@@ -156,7 +156,7 @@ def _nothing_more(_: Mapping[str, float]) -> list[str]:
     return []
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Term:
     """A block of the regressor."""
 

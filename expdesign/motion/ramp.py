@@ -225,7 +225,8 @@ def _settled(
 def _judged(problem: RampProblem, ramp: SplineRamp) -> LimitCheck:
     """Return the same; where a limit is broken at some of many instants, of these: no proof."""
     times = ramp.duration * _fine_grid()
-    sampled = worst_sampled(problem.limits, times, moving_states(ramp, times))
+    values = problem.limits.values(moving_states(ramp, times))
+    sampled = worst_sampled(problem.limits, times, values)
     worst = max(sampled, key=lambda check: check.violation)
     return worst_limit(problem, ramp) if worst.kept else worst
 
@@ -252,13 +253,10 @@ def _critical_rows(problem: RampProblem, x: Array, width: float) -> tuple[Mask, 
     friction where a sign changes.
     """
     fine, limits = _fine_grid(), problem.limits
-    exact, hidden = hidden_by_smoothing(
-        limits,
-        problem.states(x, problem.basis(fine)),
-        width,
-        _FINE // (2 * _POINTS),
-        periodic=False,
-    )
+    states = problem.states(x, problem.basis(fine))
+    exact = limits.violations(states)
+    reach = _FINE // (2 * _POINTS)
+    hidden = hidden_by_smoothing(limits, states, exact, width, reach, periodic=False)
     margins = _capped(problem, x, fine, width, np.minimum(hidden + RESERVE, _LARGEST_MARGIN))
     peaks = local_worst(exact, periodic=False) & (exact > -_NEAR_PEAK)
     regular = np.zeros(len(fine), dtype=bool)

@@ -211,21 +211,20 @@ def largest_excess(values: Array, lower: Array, upper: Array) -> float:
 
 
 def hidden_by_smoothing(
-    limits: LimitModel, states: Array, width: float, reach: int, *, periodic: bool
-) -> tuple[Array, Array]:
-    """Return the unsmoothed violations, and how far the smoothed ones are below them, (N, R) each.
+    limits: LimitModel, states: Array, exact: Array, width: float, reach: int, *, periodic: bool
+) -> Array:
+    """Return how far smoothed violations are below the unsmoothed, `exact`, at most, (N, R) each.
 
-    The latter is the largest within `reach` states to either side: that covers the jumps of dry
-    friction where a sign changes. It is zero for rows that are bounded on one side only.
+    Within `reach` states to either side: that covers the jumps of dry friction where a sign
+    changes. It is zero for rows that are bounded on one side only.
     """
-    exact = limits.violations(states)
     smooth = limits.smooth_violations(states, width)
     comparable = limits.two_sided & np.isfinite(exact) & np.isfinite(smooth)
     excess = np.subtract(exact, smooth, out=np.zeros_like(exact), where=comparable)
     mode = "wrap" if periodic else "nearest"
     size = 2 * reach + 1
-    hidden = scipy.ndimage.maximum_filter1d(np.maximum(excess, 0.0), size, axis=0, mode=mode)
-    return exact, hidden
+    hidden: Array = scipy.ndimage.maximum_filter1d(np.maximum(excess, 0), size, axis=0, mode=mode)
+    return hidden
 
 
 def build_problem(

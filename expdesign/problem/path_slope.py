@@ -8,6 +8,7 @@ costs a part of what the dense Jacobian (r, z) would.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,19 +74,21 @@ class PathSlope:
     def squared(self, curvature: Array) -> Array:
         """Return the curvature (z, z) of what has a curvature (K, 6 D, 6 D) in the states.
 
-        That is symmetric; products of a state's derivatives with one another are taken at every
-        point, then all points are summed at once.
+        That is symmetric: one block of every two coordinates is made. Products of a state's
+        derivatives with one another are taken at every point, then all points are summed at once.
         """
         points, derivatives, own = self.basis.shape
-        split = curvature.reshape(points, derivatives, COORDINATES, derivatives, COORDINATES)
-        pairs = COORDINATES**2
-        split = split.transpose(0, 1, 2, 4, 3).reshape(points, derivatives * pairs, derivatives)
-        half = (split @ self.basis).reshape(points * derivatives, pairs * own)
+        states, pairs = derivatives * COORDINATES, len(_FIRST)
+        entries = curvature.reshape(points, states**2).take(_places(derivatives), axis=1)
+        half = entries.reshape(points, derivatives * pairs, derivatives) @ self.basis
+        sums = self._flat.T @ half.reshape(points * derivatives, pairs * own)
+        blocks = sums.reshape(own, pairs, own).transpose(1, 0, 2)
+        blocks = blocks * (self.scale[_FIRST] * self.scale[_SECOND])[:, None, None]
         found = np.empty((self.size, self.size))
-        blocks = (self._flat.T @ half).reshape(own, COORDINATES, COORDINATES, own)
-        blocks *= np.multiply.outer(self.scale, self.scale)[:, :, None]
-        found[:-1, :-1] = blocks.transpose(1, 0, 2, 3).reshape(self.size - 1, self.size - 1)
-        drift = self.drift.reshape(points, derivatives * COORDINATES, 1)
+        table = found[:-1, :-1].reshape(COORDINATES, own, COORDINATES, own)
+        table[_FIRST, :, _SECOND] = blocks
+        table[_SECOND, :, _FIRST] = blocks.transpose(0, 2, 1)
+        drift = self.drift.reshape(points, states, 1)
         found[-1] = found[:, -1] = self.pulled(curvature @ drift)
         return found
 
@@ -93,6 +96,18 @@ class PathSlope:
     def _flat(self) -> Array:
         """(K D, v), the basis."""
         return self.basis.reshape(self.drift.size // COORDINATES, self.basis.shape[2])
+
+
+_FIRST, _SECOND = np.triu_indices(COORDINATES)
+"""(21,), every two coordinates."""
+
+
+@cache
+def _places(derivatives: int) -> NDArray[np.intp]:
+    """Return where a curvature's entries are, by derivative, two coordinates, derivative."""
+    shape = (derivatives, COORDINATES) * 2
+    order = np.arange(np.prod(shape)).reshape(shape)[:, _FIRST, :, _SECOND]
+    return order.transpose(1, 0, 2).ravel()
 
 
 @dataclass(frozen=True)

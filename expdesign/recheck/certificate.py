@@ -115,7 +115,7 @@ def _sampled(limits: LimitModel, motion: EnclosedMotion) -> tuple[LimitCheck, ..
     edges = _divided(motion.breaks, LEAST_POINTS)
     models = motion.models(edges)
     states = np.stack([model.at(np.zeros(len(edges))) for model in models], axis=1)
-    return worst_sampled(limits, edges.mean(axis=1), states)
+    return worst_sampled(limits, edges.mean(axis=1), limits.values(states))
 
 
 def _divided(breaks: Array, cells: int) -> Array:

@@ -34,18 +34,16 @@ def states_at(motion: Motion, times: Array) -> Array:
     return np.concatenate(motion.sample(times), axis=1)
 
 
-def worst_sampled(limits: LimitModel, times: Array, states: Array) -> tuple[LimitCheck, ...]:
+def worst_sampled(limits: LimitModel, times: Array, values: Array) -> tuple[LimitCheck, ...]:
     """Return the worst of some instants of every limit, by the unsmoothed model; no proof.
 
     Parameters
     ----------
     times : (N,)
         s.
-    states : (N, 18)
-        Pose, rate and acceleration then; (N, 24) with the pose's third derivative where a limit
-        needs it.
+    values : (N, R)
+        The limited quantities then.
     """
-    values = limits.values(states)
     violations = limits.excess(values)
     checks = []
     for limit, columns in zip(limits.limits, limits.columns, strict=True):

@@ -101,8 +101,8 @@ def finish(
     x[-1] = problem.variables.bounds()[0][-1]
     # What is settled is proved only where Ipopt's round does not lead to something better.
     proved = proving and not (settled and rounds)
-    best = candidate = _checked(problem, x, proving=proved)
-    kept = x
+    best, exact = _checked(problem, x, proving=proved)
+    candidate, kept = best, x
     best_merit = evaluator.merit(best.trajectory, problem.cost.samples)
     record, last_merit = StageRecord.of(stage), best_merit
     # Worst moments of earlier rounds stay: without their rows what they held comes back.
@@ -118,17 +118,17 @@ def finish(
         x, status = solve_rows(
             problem,
             present,
-            _critical_rows(problem, x, present, candidate.check, seen),
+            _critical_rows(problem, x, exact, present, candidate.check, seen),
             (x, present.radius),
             record,
             report,
             most=(1 + ipopt) * stage.iterations,
         )
-        candidate = _checked(problem, x, proving=proving)
+        candidate, exact = _checked(problem, x, proving=proving)
         merit = evaluator.merit(candidate.trajectory, problem.cost.samples)
         gain = evaluator.gain(merit, best_merit)
         if proving and not proved and (gain <= 0 or not candidate.check.certified):
-            best, proved = _checked(problem, kept, proving=True), True
+            (best, _), proved = _checked(problem, kept, proving=True), True
             best_merit = evaluator.merit(best.trajectory, problem.cost.samples)
             gain = evaluator.gain(merit, best_merit)
         standing, before = (
@@ -152,7 +152,12 @@ def finish(
 
 
 def _critical_rows(
-    problem: DesignProblem, x: Array, stage: Stage, check: Recheck, seen: NDArray[np.bool_]
+    problem: DesignProblem,
+    x: Array,
+    exact: Array,
+    stage: Stage,
+    check: Recheck,
+    seen: NDArray[np.bool_],
 ) -> tuple[Array, NDArray[np.bool_], Array]:
     """Choose the instants that matter, with margins: (K,), (K, R), (K, R).
 
@@ -161,13 +166,14 @@ def _critical_rows(
     that say almost the same twice would only make the program harder. Those of the fine grid are
     added to `seen`, (points, R), and all that it has are taken.
     A row's margin is what the unsmoothed value exceeds the smoothed one by, anywhere within one
-    step of the regular grid: that covers the jumps of dry friction where a sign changes.
+    step of the regular grid: that covers the jumps of dry friction where a sign changes. `exact`,
+    (points, R), are the unsmoothed violations on the fine grid.
     """
-    points = grid_points(problem.cost.samples)
+    points = len(exact)
     fine = 2 * np.pi * np.arange(points) / points
     reach = max(1, points // stage.points)
-    exact, hidden = hidden_by_smoothing(
-        problem.limits, problem.states(x, fine), stage.width, reach, periodic=True
+    hidden = hidden_by_smoothing(
+        problem.limits, problem.states(x, fine), exact, stage.width, reach, periodic=True
     )
     peaks = local_worst(exact, periodic=True) & (exact > -stage.near / 3)
     regular = np.zeros(points, dtype=bool)
@@ -208,37 +214,40 @@ def _worst_moments(
     return np.array([phase for phase, _ in found]), rows
 
 
-def _checked(problem: DesignProblem, x: Array, *, proving: bool) -> Finished:
+def _checked(problem: DesignProblem, x: Array, *, proving: bool) -> tuple[Finished, Array]:
     """Shrink until every limit is proved to be kept at every instant, or kept on the fine grid.
 
     A limit of which nothing can be proved, or not within the budget, counts with what was found.
+    What the motion breaks on the fine grid before it is shrunk, (points, R), comes back, too.
     """
     trajectory = problem.variables.trajectory(x)
     margin = GRID_MARGIN
     if not proving:
         shrunk = shrink_to_limits(problem, trajectory, margin)
         times = shrunk.trajectory.sample_times(grid_points(problem.cost.samples))
-        found = worst_sampled(problem.limits, times, states_at(shrunk.trajectory, times))
-        return Finished(shrunk.trajectory, Recheck(found), shrunk.factor)
+        check = Recheck(worst_sampled(problem.limits, times, shrunk.values))
+        return Finished(shrunk.trajectory, check, shrunk.factor), shrunk.before
     for _ in range(_CHECKS):
         shrunk = shrink_to_limits(problem, trajectory, margin)
         check = recheck(problem.limits, shrunk.trajectory)
         if check.certified or not shrunk.kept or not TOLERANCE < check.possible < np.inf:
             break
         margin += 2 * check.possible
-    return Finished(shrunk.trajectory, check, shrunk.factor)
+    return Finished(shrunk.trajectory, check, shrunk.factor), shrunk.before
 
 
 @dataclass(frozen=True)
 class Shrunk:
-    """A motion and the factor that its amplitudes were multiplied by; 1: not at all.
-
-    `kept` is false when even `SMALLEST_FACTOR` breaks a limit.
-    """
+    """A motion and the factor that its amplitudes were multiplied by; 1: not at all."""
 
     trajectory: FourierTrajectory
     factor: float
-    kept: bool
+    before: Array
+    """(N, R), violations of the motion as it was given, at the grid's instants."""
+    values: Array
+    """(N, R), limited quantities of the shrunk one."""
+    kept: bool = True
+    """False when even `SMALLEST_FACTOR` breaks a limit."""
 
 
 def shrink_to_limits(
@@ -253,9 +262,10 @@ def shrink_to_limits(
     a period, by default those of the fine grid.
     """
     times = trajectory.sample_times(points or grid_points(problem.cost.samples))
-    rows = problem.limits.violations(states_at(trajectory, times))
+    values = problem.limits.values(states_at(trajectory, times))
+    rows = problem.limits.excess(values)
     if np.all(rows <= -margin):
-        return Shrunk(trajectory, 1.0, kept=True)
+        return Shrunk(trajectory, 1.0, rows, values)
     for smallest in (_LITTLE, SMALLEST_FACTOR):
         # The moments that decide are the worst ones of each row; shrinking moves them little.
         decisive = _decisive(rows, smallest)
@@ -274,12 +284,13 @@ def shrink_to_limits(
         while excess(factor) > 0:
             factor -= _RESOLUTION
         shrunk = _scaled(trajectory, factor)
+        values = problem.limits.values(states_at(shrunk, times))
         # What was far from its bound may have come near.
-        if smallest == SMALLEST_FACTOR or not np.any(
-            problem.limits.violations(states_at(shrunk, times)) > 0
-        ):
-            return Shrunk(shrunk, factor, kept=True)
-    return Shrunk(_scaled(trajectory, SMALLEST_FACTOR), SMALLEST_FACTOR, kept=False)
+        if smallest == SMALLEST_FACTOR or not np.any(problem.limits.excess(values) > 0):
+            return Shrunk(shrunk, factor, rows, values)
+    shrunk = _scaled(trajectory, SMALLEST_FACTOR)
+    values = problem.limits.values(states_at(shrunk, times))
+    return Shrunk(shrunk, SMALLEST_FACTOR, rows, values, kept=False)
 
 
 def _decisive(rows: Array, smallest: float) -> NDArray[np.bool_]:

@@ -200,7 +200,7 @@ class Scripted:
             self.proved.append(number)
         one = LimitCheck("k", "", "", "m", 0.0, 1.0, found, 0.0, "o")
         one = dataclasses.replace(one, proved=proved if proving else np.nan)
-        return Finished({"merit": merit, "number": number}, Recheck((one,)), 1.0)
+        return Finished({"merit": merit, "number": number}, Recheck((one,)), 1.0), None
 
     def solved(self, _problem, _stage, _rows, _start, record, _report, *, most):
         assert most > 0

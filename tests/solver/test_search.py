@@ -404,7 +404,8 @@ def test_no_start_keeps_the_limits(run, monkeypatch):
     from expdesign.solver.finish import Shrunk
 
     def hopeless(problem, trajectory, points):
-        return Shrunk(trajectory, 0.8, kept=False)
+        nothing = np.empty((0, 0))
+        return Shrunk(trajectory, 0.8, nothing, nothing, kept=False)
 
     monkeypatch.setattr(module, "shrink_to_limits", hopeless)
     with pytest.raises(NoDesignError, match="none of 1 starts") as caught:
