@@ -8,7 +8,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from constraints import limits
-from constraints.definition import LimitDefinition
+from constraints.definition import LimitDefinition, plain_limit
 from constraints.modules import modules_of
 
 if TYPE_CHECKING:
@@ -40,6 +40,9 @@ def _by_key(key: str) -> LimitDefinition:
 def _reduced(definition: LimitDefinition) -> str | tuple[Any, ...]:
     if limit_definitions().get(definition.key) is definition:
         return _by_key, (definition.key,)
+    stated = definition.key, definition.title, definition.unit, definition.kind
+    if plain_limit(*stated) is definition:
+        return plain_limit, stated
     return definition.__reduce_ex__(2)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cache
 from pathlib import Path
 from typing import Literal
 
@@ -117,8 +118,9 @@ class LimitDefinition:
         return 1 + violations
 
 
+@cache
 def plain_limit(key: str, title: str, unit: str, kind: BoundKind) -> LimitDefinition:
-    """Return the limit, actuator by actuator, on the quantity of the same name."""
+    """Return the limit, actuator by actuator, on the quantity of the same name; always the same."""
     return LimitDefinition(
         key=key,
         title=title,

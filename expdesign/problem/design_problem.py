@@ -108,9 +108,8 @@ class DesignProblem:
         """Return the nonlinear program with the rows of a mask, (K, R), at phases ωt, (K,), rad.
 
         Dry friction is smoothed by `width`, m/s; `level` is the sharpness of the criterion's
-        surrogate, `samples` are those of one period in the cost, of which a third are enough for its
-        Hessian. The natural bounds are drawn in by
-        `margins`, (K, R), shares of their ranges.
+        surrogate; `samples` are those of one period in the cost, a third of them in its Hessian.
+        The natural bounds are drawn in by `margins`, (K, R), shares of their ranges.
         """
         used = np.any(mask, axis=1)
         basis = PhaseBasis.at(phases[used], self.variables.harmonics)
