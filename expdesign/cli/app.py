@@ -8,10 +8,12 @@ takes `--json`, returns nothing when all is well, raises `StageFailed` (exit 1) 
 
 from __future__ import annotations
 
+from collections import Counter
 from importlib.metadata import PackageNotFoundError, version
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperCommand, TyperOption
 
 from expdesign.cli import commands
 from expdesign.cli.certify import certify
@@ -31,6 +33,17 @@ app = typer.Typer(
     rich_markup_mode="markdown",
     context_settings={"help_option_names": ["-h", "--help"]},
 )
+
+
+class _Command(TyperCommand):
+    """A command that takes an option once: of several values the last would silently win."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        _, _, given = self.make_parser(ctx).parse_args(args=[*args])
+        for one, times in Counter(given).items():
+            if times > 1 and isinstance(one, TyperOption) and not (one.multiple or one.is_flag):
+                raise typer.BadParameter("it is given more than once", ctx, one)
+        return super().parse_args(ctx, args)
 
 
 def _print_version(wanted: bool) -> None:
@@ -77,4 +90,4 @@ for _command in (
     compare,
     commands.run,
 ):
-    app.command()(ended_plainly(_command))
+    app.command(cls=_Command)(ended_plainly(_command))

@@ -65,3 +65,27 @@ def test_a_name_that_no_system_takes_is_bad_input(arguments, name, expdesign, tm
     assert status == 2
     assert "error" in error or "problems" in output
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "option"),
+    [
+        (("export", "somewhere", "--format", "csv", "--format=ros2"), "--format"),
+        (("design", "palida", "--out", "a", "--out", "b"), "--out"),
+        (("simulate", "palida", "--design", "a", "--design", "a"), "--design"),
+    ],
+)
+def test_an_option_given_twice_is_bad_input(arguments, option, expdesign, tmp_path):
+    """Nobody would see which of the two counted."""
+    status, _, error = expdesign(*arguments)
+    assert status == 2
+    assert option in error
+    assert not list(tmp_path.iterdir())
+
+
+def test_options_of_several_values_are_given_several_times(expdesign):
+    """The same holds for what names several recordings: the first that is missing is told."""
+    status, _, error = expdesign("estimate", "palida", "--data", "one.csv", "--data", "two.csv")
+    assert status == 2
+    assert "one.csv" in error
+    assert "--data" not in error
