@@ -30,7 +30,10 @@ def _by_none(limits: Mapping[str, Limit]) -> None:
 
 @dataclass(frozen=True, eq=False)
 class LimitDefinition:
-    """A kind of limit: what is bounded and how the user states the bound."""
+    """A kind of limit: what is bounded and how the user states the bound.
+
+    It is the same only as itself, as functions are.
+    """
 
     key: str
     """Key under ``limits:`` in the YAML, and the limit's name in every report."""

@@ -158,7 +158,7 @@ def _nothing_more(_: Mapping[str, float]) -> list[str]:
 
 @dataclass(frozen=True, eq=False)
 class Term:
-    """A block of the regressor."""
+    """A block of the regressor; the same only as itself, as functions are."""
 
     name: str
     """Its key in the robot file's `terms`, and the name of its file."""

@@ -169,9 +169,24 @@ def finish_job(
 def proof_job(
     task: DesignTask, monitor: Monitor, index: int, finished: Finished
 ) -> tuple[float, Finished]:
-    """Finish once more what was finished without a proof, and prove it."""
+    """Finish once more what was finished without a proof, and prove it.
+
+    Where what became better by that cannot be proved, what it was before is.
+    """
+    again = finished
     if task.plan.hops:  # a search without them is to be short
-        finished = _finished_again(task, monitor, index, finished)
+        again = _finished_again(task, monitor, index, finished)
+    merit, proved = _proof(task, monitor, index, again)
+    if again is not finished and not (proved.check.certified or monitor.stop_requested()):
+        before = _proof(task, monitor, index, finished)
+        if before[1].check.certified:
+            return before
+    return merit, proved
+
+
+def _proof(
+    task: DesignTask, monitor: Monitor, index: int, finished: Finished
+) -> tuple[float, Finished]:
     variables = task.problem.variables.pack(finished.trajectory)
     settled = finished.record is not None and finished.record.converged
     return finish_job(task, monitor, index, variables, proving=True, settled=settled)

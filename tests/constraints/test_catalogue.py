@@ -7,6 +7,7 @@ import pytest
 
 from constraints import limit_definitions, limits
 from expdesign.configuration.robot import load_robot_description
+from expdesign.motion.limits import STRUT_JERK
 from expdesign.robot import LimitModel, robot_from
 
 NEW = """\
@@ -122,3 +123,5 @@ def test_limits_reach_a_worker_process():
     for key, limit in pickle.loads(pickle.dumps(limits)).items():
         assert limit.definition is limits[key].definition
         np.testing.assert_array_equal(limit.lower, limits[key].lower)
+    # It is in no catalogue: what a robot is moved by from rest.
+    assert pickle.loads(pickle.dumps(STRUT_JERK)) is STRUT_JERK

@@ -469,6 +469,21 @@ def program(problem):
     return _program(problem, phases, mask), mask[:3]
 
 
+@pytest.mark.parametrize(("samples", "few"), [(24, 16), (60, 20), (9, 9)])
+def test_the_hessian_in_a_program_is_that_of_a_third_of_the_samples(problem, points, samples, few):
+    """Gradient and value are those of all of them."""
+    phases, width, level = np.array([0.3]), 0.2, 0.5
+    mask = np.ones((1, len(problem.limits.keys)), dtype=bool)
+    given = problem.program(phases, mask, width=width, level=level, samples=samples)
+    value, gradient, hessian = given.cost_derivatives(points[0])
+    every = dataclasses.replace(problem.cost, samples=samples)
+    all_value, all_gradient = every.gradient(points[0], width, level)
+    assert value == all_value
+    np.testing.assert_array_equal(gradient, all_gradient)
+    third = dataclasses.replace(problem.cost, samples=few)
+    np.testing.assert_array_equal(hessian, third.derivatives(points[0], width, level)[2])
+
+
 def test_jacobian_of_the_limits(program, points):
     program, mask = program
     assert np.count_nonzero(mask) == program.row_lower.size == program.row_upper.size

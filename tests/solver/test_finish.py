@@ -250,8 +250,8 @@ def test_nothing_is_certified_that_cannot_be(monkeypatch):
 # --- the best motion, again -----------------------------------------------------------------------
 
 
-def _proved_of(monkeypatch, task, outcomes, stopped=False):
-    """Return which outcome is proved: `outcomes` are (merit, passed), the first one is given."""
+def _proved_of(monkeypatch, task, outcomes, stopped=False, unprovable=()):
+    """Return which outcome is kept: `outcomes` are (merit, passed), the first one is given."""
     module = importlib.import_module("expdesign.solver.jobs")
     motions = [task.problem.variables.trajectory(_numbered(task, k)) for k in range(len(outcomes))]
     made = [
@@ -260,9 +260,14 @@ def _proved_of(monkeypatch, task, outcomes, stopped=False):
     ]
     number = iter(range(1, len(outcomes)))
 
+    def numbered(x):
+        distances = [np.max(np.abs(x - task.problem.variables.pack(one))) for one in motions]
+        return int(np.argmin(distances))
+
     def finish_job(_task, _monitor, _index, x, *, proving=False, settled=False):
         if proving:
-            return x, None
+            check = SimpleNamespace(certified=numbered(x) not in unprovable)
+            return x, SimpleNamespace(check=check)
         k = next(number)
         return outcomes[k][0], made[k]
 
@@ -275,8 +280,7 @@ def _proved_of(monkeypatch, task, outcomes, stopped=False):
     scripted = dataclasses.replace(task, evaluator=evaluator, plan=plan)
     monitor = Monitor(lambda: stopped, lambda _event: None)
     proved, _ = module.proof_job(scripted, monitor, 1, made[0])
-    distances = [np.max(np.abs(proved - task.problem.variables.pack(one))) for one in motions]
-    return int(np.argmin(distances))
+    return numbered(proved)
 
 
 def _numbered(task, k):
@@ -302,6 +306,12 @@ def test_the_best_motion_is_finished_again_as_long_as_it_becomes_better(
     monkeypatch, task, outcomes, proved
 ):
     assert _proved_of(monkeypatch, task, outcomes) == proved
+
+
+@pytest.mark.parametrize(("unprovable", "proved"), [({1}, 2), ({2}, 0), ({0, 2}, 2)])
+def test_what_became_better_and_cannot_be_proved_is_given_up(monkeypatch, task, unprovable, proved):
+    outcomes = [(1.0, True), (1.1, True), (1.2, True), (1.2, True)]
+    assert _proved_of(monkeypatch, task, outcomes, unprovable=unprovable) == proved
 
 
 def test_after_a_stop_it_is_not(monkeypatch, task):

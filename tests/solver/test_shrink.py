@@ -5,7 +5,7 @@ import pytest
 
 from expdesign.recheck.fine_grid import grid_points, states_at
 from expdesign.robot import LimitModel
-from expdesign.solver.finish import GRID_MARGIN, SMALLEST_FACTOR, shrink_to_limits
+from expdesign.solver.finish import GRID_MARGIN, SMALLEST_FACTOR, _checked, shrink_to_limits
 from expdesign.solver.initial import random_start
 
 
@@ -48,6 +48,31 @@ def test_a_motion_is_shrunk_no_further_than_it_must(problem, too_large, margin):
     assert worst(problem, shrunk.trajectory) <= -margin + 1e-9
     larger = scaled(too_large, min(1.0, shrunk.factor * 1.0005))
     assert worst(problem, larger) > -margin
+
+
+@pytest.mark.parametrize("factor", [0.5, 1.0, 2.0])
+def test_what_was_looked_at_comes_back(factor, problem, too_large):
+    """Violations before the shrinking, limited quantities after it: a round goes on from both."""
+    motion = scaled(too_large, factor)
+    shrunk = shrink_to_limits(problem, motion)
+    times = motion.sample_times(grid_points(problem.cost.samples))
+    before = problem.limits.violations(states_at(motion, times))
+    np.testing.assert_array_equal(shrunk.before, before)
+    after = problem.limits.values(states_at(shrunk.trajectory, times))
+    np.testing.assert_array_equal(shrunk.values, after)
+    assert (shrunk.trajectory is motion) == (factor == 0.5)
+
+
+@pytest.mark.parametrize("proving", [False, True])
+def test_what_is_checked_comes_with_what_it_broke(proving, problem, too_large):
+    x = problem.variables.pack(too_large)
+    points = grid_points(problem.cost.samples)
+    checked, exact = _checked(problem, x, proving=proving)
+    states = problem.states(x, 2 * np.pi * np.arange(points) / points)
+    np.testing.assert_allclose(exact, problem.limits.violations(states), rtol=1e-6, atol=1e-6)
+    assert np.max(exact) > 0
+    assert checked.check.passed
+    assert checked.check.worst == pytest.approx(worst(problem, checked.trajectory), abs=1e-4)
 
 
 def test_centre_and_frequency_stay(problem, too_large):

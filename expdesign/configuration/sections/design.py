@@ -112,13 +112,13 @@ class DesignSection(Section):
     """Settings of the optimal design."""
 
     criterion: Annotated[str, one_of(CRITERIA)] = "d"
-    starts: Annotated[int, whole(1, _MOST_SOLVES)] = 288
+    starts: Annotated[int, whole(1, _MOST_SOLVES)] = 384
     """Number of random starts; the best of their rough searches go on."""
     seed: Seed = 0
     """Of the random starts and of the hops."""
     search: Annotated[Search, one_of(Search)] = "hopping"
     """Only restarts, or then hops from the best motions."""
-    hops: Annotated[int, whole(0, _MOST_SOLVES)] = 600
+    hops: Annotated[int, whole(0, _MOST_SOLVES)] = 800
     """Number of hops at most; without effect on restarts."""
     start: Annotated[Start, one_of(Start)] = "periodic"
     """Whether the series starts at rest (rate and acceleration zero at t = 0)."""
