@@ -42,7 +42,7 @@ class _Command(TyperCommand):
         _, _, given = self.make_parser(ctx).parse_args(args=[*args])
         for one, times in Counter(given).items():
             if times > 1 and isinstance(one, TyperOption) and not (one.multiple or one.is_flag):
-                raise typer.BadParameter("it is given more than once", ctx, one)
+                raise typer.BadParameter("it takes one value, and is given more", ctx, one)
         return super().parse_args(ctx, args)
 
 

@@ -76,9 +76,9 @@ def export(
 ) -> None:
     """Write the designed motion, with its ways from and to rest, as a table for a controller.
 
-    Options that are not given are those of the run's `export:`, then the format's own. Every file
-    is read back, executed as its controller would, and held against design and limits; a file
-    that fails is not kept (exit status 1).
+    Other options that are not given are those of the run's `export:` for this format, then the
+    format's own. Every file is read back, executed as its controller would, and held against
+    design and limits; a file that fails is not kept (exit status 1).
     """
     from expdesign.cli import shown
     from expdesign.cli.terminal import working

@@ -161,7 +161,8 @@ def finish_job(
     )
     merit = task.evaluator.merit(finished.trajectory, problem.cost.samples)
     value = merit if task.evaluator.criterion.larger_is_better else -merit
-    status = "every limit kept" if finished.check.passed else "a limit is broken"
+    where = "" if proving else " on the fine grid"
+    status = f"every limit kept{where}" if finished.check.passed else "a limit is broken"
     watch.tell("finished", len(watch.trace), value, finished.check.worst, status)
     return merit, replace(finished, trace=tuple(watch.trace))
 

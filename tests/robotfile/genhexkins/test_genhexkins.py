@@ -20,7 +20,8 @@ POSES = 1000
 NANOMETRE = 1e-9
 
 
-@pytest.fixture(scope="module")
+# A process cannot load it twice: the second one would find the pins of the first.
+@pytest.fixture(scope="session")
 def genhexkins(tmp_path_factory):
     return Genhexkins(tmp_path_factory.mktemp("genhexkins"))
 
