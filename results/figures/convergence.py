@@ -184,7 +184,7 @@ def _objective_axis(axes: Axes, record: DesignRecord, found: Sequence[Trace]) ->
         axes.set_ylim(np.min(shown) - air, np.max(shown) + air)
     if not np.isfinite(value):
         return []
-    label = f"written design: {plain_number(value, 5)}"
+    label = f"written design, not smoothed: {plain_number(value, 5)}"
     return [axes.axhline(value, color=INK, linewidth=0.9, dashes=(4, 2), zorder=4, label=label)]
 
 

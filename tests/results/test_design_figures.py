@@ -332,7 +332,7 @@ def test_convergence(run):
         )
     assert objective.get_ylabel() == "log det F (SI units)"
     legend = [text.get_text() for text in objective.figure.legends[0].get_texts()]
-    assert legend == ["the best", "1 other start", "1 hop", "written design: 97.25"]
+    assert legend == ["the best", "1 other start", "1 hop", "written design, not smoothed: 97.25"]
     assert texts(objective) == [STAGE_TITLES["blunt"], STAGE_TITLES["sharp"]]
 
 
