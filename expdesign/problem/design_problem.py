@@ -23,7 +23,7 @@ from expdesign.problem.variables import DesignVariables, coordinate_reach
 from expdesign.robot import LimitModel, Robot
 from expdesign.trajectory import PhaseBasis
 
-_SHARED, _LEAST = 3, 16
+_FEWER, _LEAST = 3, 16
 """Samples of the cost for one in its Hessian, and how many that has at least. With all of them it
 is the dearest part of an iteration, and searches end no better (240 starts of `palida` for `d`; 24
 to 48 for the other criteria and for 1 to 12 harmonics)."""
@@ -122,7 +122,7 @@ class DesignProblem:
         cost = replace(self.cost, samples=samples)
         program.cost = partial(cost.value, width=width, level=level)
         program.cost_gradient = partial(cost.gradient, width=width, level=level)
-        few = replace(cost, samples=min(samples, max(_LEAST, samples // _SHARED)))
+        few = replace(cost, samples=min(samples, max(_LEAST, samples // _FEWER)))
 
         def derivatives(x: Array) -> tuple[float, Array, Array]:
             _, _, hessian = few.derivatives(x, width, level)

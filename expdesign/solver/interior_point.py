@@ -50,7 +50,7 @@ _TOLERANCE = 1e-4
 """Of the conditions of optimality, scaled as Ipopt does."""
 
 RENEWED = 6
-"""Iterations that share the cost's own Hessian, each of which takes as long as several others."""
+"""Iterations that share the cost's own Hessian: with fewer the search gains no more (measured)."""
 
 
 class Standstill(NamedTuple):
