@@ -1,6 +1,7 @@
 """Reports in a real browser: no errors, nothing loaded, the view moves, tables sort, it prints."""
 
 import json
+import math
 import re
 
 import pytest
@@ -118,13 +119,15 @@ def test_the_limits_of_the_moment_are_shown(opened):
     assert errors(opened) == []
 
 
-def test_the_view_is_rotated_by_the_mouse(opened):
+@pytest.mark.parametrize("playing", [False, True])
+def test_the_view_is_rotated_by_the_mouse(opened, playing):
     opened.run(f"{VIEW}.scrollIntoView({{behavior: 'instant'}})")
-    scene = f"{VIEW}.querySelector('.stage')._fullLayout.scene._scene"
-    camera = f"JSON.stringify({scene}.getCamera().eye)"
-    before = opened.run(camera)
-    box = opened.run(f"(r => [r.x + r.width / 2, r.y + 150])({VIEW}.getBoundingClientRect())")
-    x, y = box
+    turned_by_hand = f"{VIEW}.querySelector('.stage')._fullLayout.scene._scene.getCamera().eye"
+    before = opened.run(turned_by_hand)
+    x, y = opened.run(f"(r => [r.x + r.width / 2, r.y + 150])({VIEW}.getBoundingClientRect())")
+    if playing:
+        opened.run(f"{VIEW}.querySelector('.play').click()")
+    moment = int(opened.run(f"{VIEW}.dataset.frame"))
     press = {"button": "left", "clickCount": 1}
     opened.call("Input.dispatchMouseEvent", type="mouseMoved", x=x, y=y)
     opened.call("Input.dispatchMouseEvent", type="mousePressed", x=x, y=y, **press)
@@ -132,10 +135,24 @@ def test_the_view_is_rotated_by_the_mouse(opened):
         opened.call(
             "Input.dispatchMouseEvent", type="mouseMoved", x=x + 15 * step, y=y, buttons=1, **press
         )
+        if playing:
+            opened.wait(f"Number({VIEW}.dataset.frame) !== {moment}")
+            moment = int(opened.run(f"{VIEW}.dataset.frame"))
         opened.frames(1)
     opened.call("Input.dispatchMouseEvent", type="mouseReleased", x=x + 105, y=y, **press)
-    opened.wait(f"{camera} !== {before!r}")
+    opened.frames(20)
+    if playing:
+        opened.run(f"{VIEW}.querySelector('.play').click()")
+        opened.frames(2)
+    after = opened.run(turned_by_hand)
+    # About the vertical; how far depends on how fast the hand was.
+    assert math.hypot(after["x"] - before["x"], after["y"] - before["y"]) > 0.1
+    assert math.hypot(after["x"], after["y"]) == pytest.approx(math.hypot(1.06, 1.2))
+    assert after["z"] == pytest.approx(before["z"])
     opened.run(f"{VIEW}.querySelector('.home').click()")
+    opened.frames(2)
+    home = opened.run(turned_by_hand)
+    assert [home[k] for k in "xyz"] == pytest.approx([1.06, -1.2, 0.72])
     assert errors(opened) == []
 
 

@@ -161,6 +161,9 @@
     await Plotly.newPlot(stage, traces(data), layout(data), {
       displayModeBar: false, responsive: true, scrollZoom: true,
     });
+    const scene = stage._fullLayout.scene._scene;
+    // The library does this for every picture, and for half a second after it ignores the mouse.
+    scene.updateFx = () => {};
     let shown = 0, wanted = 0, busy = false, running = false, last = null, time = 0;
 
     async function show() {
@@ -169,14 +172,15 @@
       while (shown !== wanted) {
         const frame = wanted, [now, at] = parted(data, frame), joints = data.joints[frame];
         const ring = closed(joints), tool = data.tool[frame];
-        await Plotly.restyle(stage, {
+        // With the camera as it is: that of a turn under way is not in the layout yet.
+        await Plotly.update(stage, {
           x: [now.x, column(ring, 0), column(joints, 0), [tool[0]], at.x],
           y: [now.y, column(ring, 1), column(joints, 1), [tool[1]], at.y],
           z: [now.z, column(ring, 2), column(joints, 2), [tool[2]], at.z],
           "line.color": [now.colour, INK, undefined, undefined, LIMIT],
           color: [undefined, undefined, plateColour(data, frame), undefined, undefined],
           text: [now.text, undefined, undefined, undefined, at.text],
-        }, [0, 1, 2, 3, LAST]);
+        }, { "scene.camera": scene.getCamera() }, [0, 1, 2, 3, LAST]);
         shown = frame;
         figure.dataset.frame = String(frame);
       }
