@@ -48,7 +48,7 @@ def design(run: RunArgument, out: OutOption = None, as_json: JsonOption = False)
     Writes the resolved configuration, design.json, trajectory.csv, tables and figures. Ctrl-C
     ends the search and keeps the best so far, marked.
     """
-    _do("design", run, out, as_json)
+    do_one("design", run, out, as_json)
 
 
 def simulate(
@@ -83,7 +83,7 @@ def simulate(
     files. Ctrl-C keeps the repetitions that are complete.
     """
     given = {"designs": _given(design), "table": table, "repetitions": repetitions}
-    _do("experiment", run, out, as_json, given)
+    do_one("experiment", run, out, as_json, given)
 
 
 def montecarlo(
@@ -110,7 +110,7 @@ def montecarlo(
     the repetitions that are done; the same command goes on from there.
     """
     given = {"designs": _given(design)}
-    _do("montecarlo", run, out, as_json, given, repetitions=repetitions)
+    do_one("montecarlo", run, out, as_json, given, repetitions=repetitions)
 
 
 def noise(
@@ -135,7 +135,7 @@ def noise(
     length_spectrum.csv (`noise: {force_spectrum: FILE}`), tables/noise_covariance.csv, and figures
     of distribution, quantiles, covariance and spectrum.
     """
-    _do("noise", run, out, as_json, {"data": _given(data), "designs": tuple(design or ())})
+    do_one("noise", run, out, as_json, {"data": _given(data), "designs": tuple(design or ())})
 
 
 def estimate(
@@ -163,7 +163,7 @@ def estimate(
     which one costs which parameter how much) and figures/.
     """
     given = {"data": tuple(data or ()), "designs": tuple(design or ())}
-    _do("estimate", run, out, as_json, given, strict=strict)
+    do_one("estimate", run, out, as_json, given, strict=strict)
 
 
 def validate(
@@ -185,7 +185,7 @@ def validate(
     Computed motions are measured on the digital twin, recorded ones read from their files. Writes
     validation.json, tables and figures.
     """
-    _do("validate", run, out, as_json, {"estimate": estimate}, strict=strict)
+    do_one("validate", run, out, as_json, {"estimate": estimate}, strict=strict)
 
 
 def report(
@@ -235,7 +235,7 @@ def run(run: RunArgument, out: OutOption = None, as_json: JsonOption = False) ->
         )
 
 
-def _do(
+def do_one(
     stage: str,
     run: str,
     out: Path | None,

@@ -65,7 +65,12 @@ def export(
         ),
     ] = None,
     name: Annotated[
-        str, typer.Option("--format", metavar="NAME", help="Format; `list` names them.")
+        str,
+        typer.Option(
+            "--format",
+            metavar="NAME",
+            help="Format; `list` names them. Without: every table that the run names.",
+        ),
     ] = "",
     out: Annotated[
         Path | None,
@@ -74,13 +79,14 @@ def export(
     as_json: JsonOption = False,
     **options: str | None,
 ) -> None:
-    """Write the designed motion, with its ways from and to rest, as a table for a controller.
+    """Write the designed motion, with its ways from and to rest, as tables for a controller.
 
-    Other options that are not given are those of the run's `export:` for this format, then the
+    Without --format these are the tables of the run's `export:`. Other options that are not given are those of the run's `export:` for this format, then the
     format's own. Every file is read back, executed as its controller would, and held against
     design and limits; a file that fails is not kept (exit status 1).
     """
     from expdesign.cli import shown
+    from expdesign.cli.commands import do_one
     from expdesign.cli.terminal import working
     from expdesign.configuration import InputError
     from expdesign.export.formats import table_formats
@@ -96,6 +102,10 @@ def export(
     folder = folder.absolute()
     configuration = run_configuration(folder)
     if not name:
+        alone = out is None and all(text is None for text in options.values())
+        if configuration.run.export and alone:
+            do_one("export", str(configuration.file), folder, as_json)
+            return
         allowed = " | ".join((*table_formats(), _LIST))
         raise InputError("no format is given", key="--format", allowed=allowed)
     given = {key: _OPTIONS[key].read(text) for key, text in options.items() if text is not None}

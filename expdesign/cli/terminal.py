@@ -121,12 +121,12 @@ class SearchDisplay:
         max_seconds: float | None = None,
     ) -> None:
         self._console, self._criterion, self._information = console, criterion, information
-        self._starts, self._hops, self._total = starts, hops, starts + hops
+        self._starts, self._hops = starts, hops
         self._max_seconds = max_seconds or math.inf
         self._running: dict[int, SearchEvent] = {}
         self._best: SearchEvent | None = None
         self._rough: set[int] = set()
-        self._ended = self._refined = self._finished = 0
+        self._starts_ended = self._hops_ended = self._refined = self._finished = 0
         self._began = self._spoke = time.monotonic()
         self._searches = self._began
         self._before = Activity(console, "design")
@@ -159,7 +159,7 @@ class SearchDisplay:
             if not self._console.is_terminal and time.monotonic() - self._spoke > HEARTBEAT:
                 left = self._left()
                 self._line(
-                    f"start {event.start}: {_stage(event)}, iteration {_iteration(event)}; "
+                    f"{self._name(event)}: {_stage(event)}, iteration {_iteration(event)}; "
                     f"{self._objective(event)}, {_violation(event)}; {time_text(event.seconds)}"
                     f"{'; ' if left else ''}{left}"
                 )
@@ -192,8 +192,9 @@ class SearchDisplay:
         """Count a start or hop that has ended."""
         from expdesign.solver.start import GIVEN_UP
 
-        self._ended += 1
         hop = event.start > self._starts
+        self._starts_ended += not hop
+        self._hops_ended += hop
         self._refined += hop or (event.start in self._rough and event.status != GIVEN_UP)
         if not hop:
             self._rough.add(event.start)
@@ -205,7 +206,7 @@ class SearchDisplay:
         """
         from expdesign.solver.search import FINISHED, REFINED, groups
 
-        finishes = max(min(FINISHED, self._total), self._finished)
+        finishes = max(min(FINISHED, self._starts + self._hops), self._finished)
         refined = sum(min(REFINED, len(group)) for group in groups(self._starts))
         done = float(len(self._rough) + self._refined + self._finished)
         for number, event in self._running.items():
@@ -214,6 +215,12 @@ class SearchDisplay:
         share = done / (self._starts + refined + self._hops + finishes)
         passed = time.monotonic() - self._searches
         return left_text(passed, max(share, passed / self._max_seconds))
+
+    def _name(self, event: SearchEvent) -> str:
+        """Return which start or hop an event is of; hops have the numbers after the starts."""
+        if event.start <= self._starts:
+            return f"start {event.start} of {self._starts}"
+        return f"start {event.start} (hop {event.start - self._starts} of {self._hops})"
 
     def _objective(self, event: SearchEvent) -> str:
         """Return an event's objective with its name: criterion, and smoothed or true."""
@@ -234,7 +241,9 @@ class SearchDisplay:
             return Group(Text(self._before.line))
         best = "none yet" if self._best is None else self._objective(self._best)
         left = self._left()
-        head = f"{self._ended} of {self._total} starts done, {time_text(self._seconds)}"
+        hops = f" and {self._hops_ended} of {self._hops} hops" if self._hops else ""
+        head = f"{self._starts_ended} of {self._starts} starts{hops} done"
+        head += f", {time_text(self._seconds)}"
         lines = [Text(f"{head}{', ' if left else ''}{left}"), Text(f"best: {best}")]
         if not self._running:
             return Group(*lines, Text(self._before.line))
@@ -254,9 +263,9 @@ class SearchDisplay:
 
     def _ended_text(self, event: SearchEvent) -> str:
         if event.phase == "finished":
-            return f"start {event.start}, finished: {self._objective(event)}, {event.status}"
+            return f"{self._name(event)}, finished: {self._objective(event)}, {event.status}"
         effort = f"{event.iteration} iterations, {time_text(event.seconds)}"
-        start = f"start {event.start} of {self._total}"
+        start = self._name(event)
         if not math.isfinite(event.objective):
             return f"{start}: {event.status} ({effort})"
         reached = f"{self._objective(event)} within the limits"

@@ -142,11 +142,9 @@ def do_stage(name: str, work: Workspace) -> Outcome:
         raise StageFailed(error.message, error.details) from error
     for warning in outcome.warnings:
         work.progress.warn(warning)
-    if outcome.failure:
-        if outcome.goes_on:
-            work.progress.finished(outcome)
-        raise StageFailed(outcome.failure, outcome.summary)
     work.progress.finished(outcome)
+    if outcome.failure:
+        raise StageFailed(outcome.failure, outcome.summary)
     if outcome.asked_to_stop or asked():
         raise KeyboardInterrupt
     return outcome

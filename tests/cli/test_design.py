@@ -317,7 +317,7 @@ def test_ctrl_c_keeps_the_best_so_far(tiny, few_limits, tmp_path):
                 os.killpg(process.pid, signal.SIGINT)
                 break
         rest = process.stderr.read()
-        process.stdout.read()
+        printed = process.stdout.read()
         status = process.wait()
     finally:
         if process.poll() is None:
@@ -328,6 +328,7 @@ def test_ctrl_c_keeps_the_best_so_far(tiny, few_limits, tmp_path):
     assert "Traceback" not in messages, messages
     assert status == 1
     assert "interrupted" in messages
+    assert "actuator_force" in printed
     record = json.loads((out / "design.json").read_text(encoding="utf-8"))
     assert record["status"] == "interrupted"
     assert 2 <= len(record["solver"]["starts"]) < 42

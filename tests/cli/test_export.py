@@ -79,7 +79,18 @@ def test_the_formats_are_listed(expdesign, tmp_path, monkeypatch):
     assert (status, "no run.yaml" in messages) == (2, True)
 
 
-def test_a_format_that_is_missing(expdesign, folder):
+def test_without_a_format_the_tables_of_the_run_are_written(expdesign, folder):
+    status, answer, messages = expdesign("export", folder, "--json")
+    assert status == 0, messages
+    assert list(json.loads(answer)["files"]) == [str(folder / "exports/xps-pvt.trj")]
+    found = json.loads((folder / "exports/exports.json").read_text())["files"]["xps-pvt.trj"]
+    assert (found["axes"][0]["unit"], found["digits"]) == ("um", 5)
+    status, _, messages = expdesign("export", folder, "--digits", "6")
+    assert (status, "--format" in messages) == (2, True)
+
+
+def test_a_format_that_is_missing(expdesign, folder, run_file):
+    (folder / "run.yaml").write_text(resolved_yaml(load_run(run_file([]))), encoding="utf-8")
     status, _, messages = expdesign("export", folder)
     messages = " ".join(messages.split())
     assert status == 2

@@ -265,7 +265,7 @@ def test_ctrl_c_keeps_what_is_done(expdesign, run_file, design, tmp_path):
         ):
             time.sleep(0.05)
         os.killpg(process.pid, signal.SIGINT)
-        _, messages = process.communicate()
+        printed, messages = process.communicate()
     finally:
         process.kill()
     assert process.returncode == 1, messages
@@ -275,6 +275,7 @@ def test_ctrl_c_keeps_what_is_done(expdesign, run_file, design, tmp_path):
     assert entry["status"] == "interrupted"
     record = json.loads((out / "montecarlo.json").read_text(encoding="utf-8"))
     done = record["repetitions"]["done"]
+    assert str(done) in printed
     assert record["interrupted"] is True
     assert 4 <= done < 50_000
     table = pd.read_csv(out / "tables" / "montecarlo_repetitions.csv")

@@ -50,7 +50,7 @@ def test_every_number_says_what_it_is(display, monkeypatch):
     assert "condition number of F 1300 (true)" in done
     assert "1250" in finished
     assert "given up: behind" in given_up
-    assert display._ended == 2
+    assert display._starts_ended == 2
     assert display._best.objective == 1250
 
 
@@ -87,7 +87,17 @@ def test_what_waits_for_others_is_not_shown_as_running(display):
     display.report(event("blunt", 90.0, place=(1, 3)))
     display.report(event("waiting", 100.0))
     assert not display._running
-    assert display._ended == 0
+    assert display._starts_ended == 0
+
+
+def test_hops_are_counted_as_hops():
+    console = Console(file=io.StringIO(), width=200)
+    display = SearchDisplay(console, CONDITION, 2, 5)
+    for number in (1, 2, 3, 4, 5):
+        display.report(dataclasses.replace(event("done", 1300.0), start=number))
+    assert "hop 3 of 5" in said(display).splitlines()[-1]
+    console.print(display._picture())
+    assert "2 of 2 starts and 3 of 5 hops" in said(display)
 
 
 def test_a_table_of_the_running_starts_fits_into_80_columns(display):

@@ -143,9 +143,9 @@ class DesignSection(Section):
     the first, then, from that solution, with the next. None until the run is resolved: then
     shares of the largest strut speed that is allowed."""
     max_iterations: Annotated[int, whole(1, _MOST_SOLVES)] = 160
-    """Of each smoothing width, within one start."""
+    """Of each stage of a start; those of hops and of the finish have shares of it."""
     max_seconds: Annotated[Duration, Positive] | None = None
-    """Time for all starts, s."""
+    """Time for all starts and hops, s; the finish comes on top."""
 
     @model_validator(mode="after")
     def _prior_of_a_change(self) -> DesignSection:
