@@ -81,9 +81,10 @@ def export(
 ) -> None:
     """Write the designed motion, with its ways from and to rest, as tables for a controller.
 
-    Without --format these are the tables of the run's `export:`. Other options that are not given are those of the run's `export:` for this format, then the
-    format's own. Every file is read back, executed as its controller would, and held against
-    design and limits; a file that fails is not kept (exit status 1).
+    Without --format these are the tables of the run's `export:`. With it, other options that are
+    not given are those of the run's `export:` for this format, then the format's own. Every file
+    is read back, executed as its controller would, and held against design and limits; a file that
+    fails is not kept (exit status 1).
     """
     from expdesign.cli import shown
     from expdesign.cli.commands import do_one
