@@ -26,7 +26,8 @@ _FINISH_NEAR = 0.1
 _FINISH_RADIUS = 0.2
 _LAST_NEAR, _LAST_RADIUS = 0.03, 0.05
 """Of Ipopt's round. In a larger box it wanders off, to where rows that were left out are broken;
-with three times the rows its linear algebra takes three times as long (measured)."""
+with three times the rows its linear algebra takes three times as long (measured). For five
+harmonics; with more a step of the same size changes accelerations more, and more rows are near."""
 _FINISHED = 1e-4
 """First barrier of the finish, which sets out from an optimum: as `_SETTLED`."""
 
@@ -143,6 +144,7 @@ def finish_stage(problem: DesignProblem, widths: Sequence[float], iterations: in
     )
 
 
-def last_stage(stage: Stage) -> Stage:
+def last_stage(stage: Stage, harmonics: int) -> Stage:
     """Return the settings of Ipopt's round, which sets out from what the rounds before found."""
-    return replace(stage, solver="ipopt", near=_LAST_NEAR, radius=_LAST_RADIUS)
+    share = min(1.0, 5 / harmonics)
+    return replace(stage, solver="ipopt", near=share * _LAST_NEAR, radius=share * _LAST_RADIUS)

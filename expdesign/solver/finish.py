@@ -3,46 +3,35 @@
 The optimiser holds smoothed limits at some points. Here the frequency is moved so that a period
 is a whole number of controller steps, and the coefficients are solved again at that ω with
 margins where the unsmoothed model, on a fine grid, is beyond the smoothed one. What little is
-left over is removed by shrinking the motion about its centre until the unsmoothed model keeps every
-limit.
+left over is put right by the least change of the coefficients (`expdesign.solver.restoration`).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 
 from constraints.arrays import Array
 from expdesign.problem.design_problem import DesignProblem, hidden_by_smoothing
 from expdesign.recheck.certificate import recheck
-from expdesign.recheck.fine_grid import grid_points, local_worst, states_at, worst_sampled
+from expdesign.recheck.fine_grid import grid_points, local_worst, worst_sampled
 from expdesign.recheck.information import Evaluator
 from expdesign.recheck.limit_check import TOLERANCE, Recheck
-from expdesign.robot import LimitModel
 from expdesign.solver.continuation import last_stage
 from expdesign.solver.hum_distance import KnownHum
+from expdesign.solver.restoration import GRID_MARGIN, LARGEST_MARGIN, brought_within
 from expdesign.solver.stage import Report, Stage, StageRecord, TracePoint, solve_rows
 from expdesign.trajectory import FourierTrajectory
 
 _CHECKS = 4
 _WORTHWHILE = 2e-3
-_LARGEST_MARGIN = 0.2
-SMALLEST_FACTOR = 0.8
-_LITTLE = 0.98
-"""Tried first: most motions need less, and few of their moments are near a bound."""
-_RESOLUTION = 1e-6
-
-GRID_MARGIN = 5e-5
-"""Share of each range that is kept free on the fine grid: what it can miss between its points."""
 
 
 @dataclass(frozen=True)
 class Finished:
-    """A trajectory that was checked, and the factor that it was shrunk by; 1: not at all."""
+    """A trajectory that was checked, and the factor it was shrunk by at last; 1: not at all."""
 
     trajectory: FourierTrajectory
     check: Recheck
@@ -101,7 +90,7 @@ def finish(
     x[-1] = problem.variables.bounds()[0][-1]
     # What is settled is proved only where Ipopt's round does not lead to something better.
     proved = proving and not (settled and rounds)
-    best, exact = _checked(problem, x, proving=proved)
+    best, exact = _checked(problem, x, stage.width, proving=proved)
     candidate, kept = best, x
     best_merit = evaluator.merit(best.trajectory, problem.cost.samples)
     record, last_merit = StageRecord.of(stage), best_merit
@@ -114,7 +103,7 @@ def finish(
         # Each round has all of the stage's iterations: the rows and their margins are new. Ipopt,
         # from the optimum of a program that is not quite the same, needs twice as many at times.
         ipopt = proving and last
-        present = last_stage(stage) if ipopt else stage
+        present = last_stage(stage, problem.variables.harmonics) if ipopt else stage
         x, status = solve_rows(
             problem,
             present,
@@ -124,11 +113,11 @@ def finish(
             report,
             most=(1 + ipopt) * stage.iterations,
         )
-        candidate, exact = _checked(problem, x, proving=proving)
+        candidate, exact = _checked(problem, x, stage.width, proving=proving)
         merit = evaluator.merit(candidate.trajectory, problem.cost.samples)
         gain = evaluator.gain(merit, best_merit)
         if proving and not proved and (gain <= 0 or not candidate.check.certified):
-            (best, _), proved = _checked(problem, kept, proving=True), True
+            (best, _), proved = _checked(problem, kept, stage.width, proving=True), True
             best_merit = evaluator.merit(best.trajectory, problem.cost.samples)
             gain = evaluator.gain(merit, best_merit)
         standing, before = (
@@ -187,7 +176,7 @@ def _critical_rows(
     beside = used | np.roll(used, 1, axis=0) | np.roll(used, -1, axis=0)
     unseen = np.any(rows & ~beside[nearest], axis=1)
     moments, rows, nearest = moments[unseen], rows[unseen], nearest[unseen]
-    margins = np.minimum(hidden + 2 * GRID_MARGIN, _LARGEST_MARGIN)
+    margins = np.minimum(hidden + 2 * GRID_MARGIN, LARGEST_MARGIN)
     return (
         np.concatenate([fine[chosen], moments]),
         np.concatenate([used[chosen], rows]),
@@ -214,93 +203,23 @@ def _worst_moments(
     return np.array([phase for phase, _ in found]), rows
 
 
-def _checked(problem: DesignProblem, x: Array, *, proving: bool) -> tuple[Finished, Array]:
-    """Shrink until every limit is proved to be kept at every instant, or kept on the fine grid.
+def _checked(
+    problem: DesignProblem, x: Array, width: float, *, proving: bool
+) -> tuple[Finished, Array]:
+    """Change it until every limit is proved to be kept at every instant, or kept on the fine grid.
 
     A limit of which nothing can be proved, or not within the budget, counts with what was found.
-    What the motion breaks on the fine grid before it is shrunk, (points, R), comes back, too.
+    What the motion breaks on the fine grid before it is changed, (points, R), comes back, too.
     """
-    trajectory = problem.variables.trajectory(x)
     margin = GRID_MARGIN
-    if not proving:
-        shrunk = shrink_to_limits(problem, trajectory, margin)
-        times = shrunk.trajectory.sample_times(grid_points(problem.cost.samples))
-        check = Recheck(worst_sampled(problem.limits, times, shrunk.values))
-        return Finished(shrunk.trajectory, check, shrunk.factor), shrunk.before
     for _ in range(_CHECKS):
-        shrunk = shrink_to_limits(problem, trajectory, margin)
-        check = recheck(problem.limits, shrunk.trajectory)
-        if check.certified or not shrunk.kept or not TOLERANCE < check.possible < np.inf:
+        kept = brought_within(problem, x, margin, width)
+        if not proving:
+            times = kept.trajectory.sample_times(grid_points(problem.cost.samples))
+            check = Recheck(worst_sampled(problem.limits, times, kept.values))
+            break
+        check = recheck(problem.limits, kept.trajectory)
+        if check.certified or not kept.kept or not TOLERANCE < check.possible < np.inf:
             break
         margin += 2 * check.possible
-    return Finished(shrunk.trajectory, check, shrunk.factor), shrunk.before
-
-
-@dataclass(frozen=True)
-class Shrunk:
-    """A motion and the factor that its amplitudes were multiplied by; 1: not at all."""
-
-    trajectory: FourierTrajectory
-    factor: float
-    before: Array
-    """(N, R), violations of the motion as it was given, at the grid's instants."""
-    values: Array
-    """(N, R), limited quantities of the shrunk one."""
-    kept: bool = True
-    """False when even `SMALLEST_FACTOR` breaks a limit."""
-
-
-def shrink_to_limits(
-    problem: DesignProblem,
-    trajectory: FourierTrajectory,
-    margin: float = GRID_MARGIN,
-    points: int | None = None,
-) -> Shrunk:
-    """Return the largest multiple (≤ 1) of a motion that keeps all limits on a grid.
-
-    The margin is the share of each limit's range that is kept free; the grid has so many points of
-    a period, by default those of the fine grid.
-    """
-    times = trajectory.sample_times(points or grid_points(problem.cost.samples))
-    values = problem.limits.values(states_at(trajectory, times))
-    rows = problem.limits.excess(values)
-    if np.all(rows <= -margin):
-        return Shrunk(trajectory, 1.0, rows, values)
-    for smallest in (_LITTLE, SMALLEST_FACTOR):
-        # The moments that decide are the worst ones of each row; shrinking moves them little.
-        decisive = _decisive(rows, smallest)
-        near, limits = times[np.any(decisive, axis=1)], problem.limits.among(decisive)
-
-        @cache
-        def excess(factor: float, near: Array = near, limits: LimitModel = limits) -> float:
-            states = states_at(_scaled(trajectory, factor), near)
-            worst = np.max(limits.violations(states), initial=-1.0)
-            # What is not a number is not kept either.
-            return float(np.nan_to_num(np.clip(worst, -1.0, 1.0), nan=1.0)) + margin
-
-        if excess(smallest) > 0:
-            continue
-        factor = brentq(excess, smallest, 1.0, xtol=_RESOLUTION) if excess(1.0) > 0 else 1.0
-        while excess(factor) > 0:
-            factor -= _RESOLUTION
-        shrunk = _scaled(trajectory, factor)
-        values = problem.limits.values(states_at(shrunk, times))
-        # What was far from its bound may have come near.
-        if smallest == SMALLEST_FACTOR or not np.any(problem.limits.excess(values) > 0):
-            return Shrunk(shrunk, factor, rows, values)
-    shrunk = _scaled(trajectory, SMALLEST_FACTOR)
-    values = problem.limits.values(states_at(shrunk, times))
-    return Shrunk(shrunk, SMALLEST_FACTOR, rows, values, kept=False)
-
-
-def _decisive(rows: Array, smallest: float) -> NDArray[np.bool_]:
-    """Mark the moments at which a row has a local worst that is near its bound, (N, R).
-
-    Near enough for a motion that is not shrunk by more than a factor.
-    """
-    peaks = local_worst(rows, periodic=True) & np.isfinite(rows) & (rows > -2 * (1 - smallest))
-    return peaks | np.roll(peaks, 1, axis=0) | np.roll(peaks, -1, axis=0) | (rows > 0)
-
-
-def _scaled(trajectory: FourierTrajectory, factor: float) -> FourierTrajectory:
-    return replace(trajectory, mu=factor * trajectory.mu, nu=factor * trajectory.nu)
+    return Finished(kept.trajectory, check, kept.factor), kept.before

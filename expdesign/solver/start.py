@@ -14,7 +14,7 @@ from expdesign.problem.design_problem import DesignProblem
 from expdesign.recheck.certificate import recheck
 from expdesign.recheck.information import Evaluator
 from expdesign.solver.continuation import fine_points
-from expdesign.solver.finish import Shrunk, shrink_to_limits
+from expdesign.solver.restoration import GRID_MARGIN, Shrunk, brought_within, shrink_to_limits
 from expdesign.solver.solution import FEASIBLE
 from expdesign.solver.stage import Stage, StageRecord, TracePoint, Watch, run_stage
 from expdesign.workers import Monitor
@@ -179,6 +179,8 @@ def judged(
     trajectory = problem.variables.trajectory(result.variables)
     points = _FINER * fine_points(problem.variables.harmonics)
     shrunk = shrink_to_limits(problem, trajectory, points=points)
+    if not shrunk.kept:
+        shrunk = brought_within(problem, result.variables, GRID_MARGIN, last.width, points)
     if shrunk.kept:
         merit = evaluator.merit(shrunk.trajectory, problem.cost.samples)
     if not np.isfinite(merit):

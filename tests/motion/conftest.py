@@ -10,8 +10,8 @@ from expdesign.configuration import load_run
 from expdesign.experiment.design import design_task
 from expdesign.motion.planning import executable_motion
 from expdesign.recheck.certificate import recheck
-from expdesign.solver.finish import GRID_MARGIN, shrink_to_limits
 from expdesign.solver.initial import random_start
+from expdesign.solver.restoration import GRID_MARGIN, shrink_to_limits
 from expdesign.trajectory import FourierTrajectory
 
 STEP = 1e-3

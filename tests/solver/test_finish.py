@@ -193,7 +193,7 @@ class Scripted:
         monkeypatch.setattr(module, "_critical_rows", lambda *_: None)
         monkeypatch.setattr(module, "solve_rows", self.solved)
 
-    def checked(self, _problem, x, *, proving):
+    def checked(self, _problem, x, _width, *, proving):
         number = int(x[0])
         merit, (found, proved) = self.motions[number]
         if proving:
@@ -209,7 +209,7 @@ class Scripted:
 
     def finished(self, rounds):
         """Return the number of the motion that is kept, and whether it is certified."""
-        variables = SimpleNamespace(bounds=lambda: (np.array([0.0, 1.0]),) * 2)
+        variables = SimpleNamespace(harmonics=5, bounds=lambda: (np.array([0.0, 1.0]),) * 2)
         problem = SimpleNamespace(
             variables=variables,
             limits=SimpleNamespace(keys=["k"]),

@@ -398,16 +398,33 @@ def test_finished_motions_that_keep_the_limits_come_first_the_others_by_their_wo
     assert sorted(mixed, key=lambda one: one.rank, reverse=True) == ranked
 
 
+def test_what_no_smaller_motion_keeps_is_brought_within(run, monkeypatch):
+    """Rates and accelerations cancel in part: a smaller motion may break what a larger keeps."""
+    from expdesign.solver import start as module
+
+    real = module.shrink_to_limits
+
+    def broken(problem, trajectory, points):
+        return dataclasses.replace(real(problem, trajectory, points=points), kept=False)
+
+    monkeypatch.setattr(module, "shrink_to_limits", broken)
+    found = run(starts=1)
+    assert found.best.usable
+    assert found.finished.check.passed
+
+
 def test_no_start_keeps_the_limits(run, monkeypatch):
     """What the starts came to is said and kept."""
     from expdesign.solver import start as module
-    from expdesign.solver.finish import Shrunk
+    from expdesign.solver.restoration import Shrunk
 
-    def hopeless(problem, trajectory, points):
+    def hopeless(problem, *_, **__):
         nothing = np.empty((0, 0))
-        return Shrunk(trajectory, 0.8, nothing, nothing, kept=False)
+        x = np.append(np.zeros(problem.variables.size - 1), 1.0)
+        return Shrunk(problem.variables.trajectory(x), 0.8, nothing, nothing, kept=False)
 
     monkeypatch.setattr(module, "shrink_to_limits", hopeless)
+    monkeypatch.setattr(module, "brought_within", hopeless)
     with pytest.raises(NoDesignError, match="none of 1 starts") as caught:
         run(starts=1)
     assert len(caught.value.starts) == 1

@@ -5,8 +5,9 @@ import pytest
 
 from expdesign.recheck.fine_grid import grid_points, states_at
 from expdesign.robot import LimitModel
-from expdesign.solver.finish import GRID_MARGIN, SMALLEST_FACTOR, _checked, shrink_to_limits
+from expdesign.solver.finish import _checked
 from expdesign.solver.initial import random_start
+from expdesign.solver.restoration import GRID_MARGIN, SMALLEST_FACTOR, shrink_to_limits
 
 
 def worst(problem, trajectory):
@@ -67,7 +68,7 @@ def test_what_was_looked_at_comes_back(factor, problem, too_large):
 def test_what_is_checked_comes_with_what_it_broke(proving, problem, too_large):
     x = problem.variables.pack(too_large)
     points = grid_points(problem.cost.samples)
-    checked, exact = _checked(problem, x, proving=proving)
+    checked, exact = _checked(problem, x, 0.1, proving=proving)
     states = problem.states(x, 2 * np.pi * np.arange(points) / points)
     np.testing.assert_allclose(exact, problem.limits.violations(states), rtol=1e-6, atol=1e-6)
     assert np.max(exact) > 0
