@@ -272,7 +272,7 @@ class _Recording:
 
 def _thinned(channels: Channels) -> tuple[Array, Array, Array]:
     """Return times, values and counts of at most so many rows of a record's channels."""
-    most = _ROWS if channels.alike else _SINGLE_ROWS
+    most = _SINGLE_ROWS if channels.repeats is None else _ROWS
     rows = np.unique(np.linspace(0, len(channels.values) - 1, most).astype(np.intp))
     return channels.times[rows], channels.values[rows], channels.counts[rows]
 

@@ -244,6 +244,8 @@ def _noise_white(tests: _OfNoise) -> Finding:
     done = {kind: test for kind, test in kinds.items() if test is not None}
     if not done:
         reason = white.refused or _NOT_COMPARED
+        if white.counted:
+            return _NOISE_WHITE_OR_COUNTED.untested(reason)
         return _NOISE_WHITE.untested(f"{reason}: standard deviations take the noise for white")
     p = min(_family_p(test.p_values) for test in done.values())
     level = next(iter(done.values())).level

@@ -78,7 +78,7 @@ def noise_density(channels: Channels, step: float) -> tuple[NoiseDensity, HumSea
     sample.
     """
     periods = channels.periods
-    if periods is None or len(periods) < 2 or not channels.alike:  # noqa: PLR2004 - a contrast takes two
+    if periods is None or len(periods) < 2:  # noqa: PLR2004 - a contrast takes two
         return NoiseDensity.none(), None
     found, freedom = _smoothed(NoiseLines.of(periods))
     hum = find_hum(periods, step, found, freedom)

@@ -218,6 +218,6 @@ def _covariance(
         whole.append(weights)
     if lines is None:
         return Covariance(white, 2 * np.diag(white) ** 2 / noise.freedom, white)
-    spectral = lines_of(np.concatenate(whole)) / np.sqrt(counts[0])
+    spectral = lines_of(np.concatenate(whole) / np.sqrt(counts)[:, None, None])
     spread, shares = lines.spread(spectral)
     return Covariance(loss * spread, loss**2 * lines.variance_of(shares), white)

@@ -88,7 +88,7 @@ def choose_noise(configuration: RunConfiguration, record: Record, source: str = 
         if own is channels.scatter:
             return channels.noise(origin) or own
         stated = None if noise is None else getattr(noise, f"{name.removesuffix('s')}_spectrum")
-        if own.source != "given" or stated is None or not channels.alike:
+        if own.source != "given" or stated is None or channels.repeats is None:
             return own
         return with_stated_spectrum(own, stated, record, origin)
 

@@ -82,6 +82,7 @@ def prepare_recording(
         file = Path(data.source) if data.source else None
         raise UnsuitableDataError(str(error), file) from error
     noise = choose_noise(configuration, record, data.source)
+    record = record.behind(noise)
     if section.differentiation != "fourier":
         motion = pointwise_motion(robot, record, cutoff=_cutoff(configuration, record, design))
         # Differences of neighbours end with the samples that they have.

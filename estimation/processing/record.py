@@ -20,6 +20,7 @@ from estimation.processing.begin_of_motion import moves_from
 from estimation.processing.noise import (
     FEWEST_PERIODS,
     NoiseEstimate,
+    NoiseModel,
     huber_weights,
     scatter_about_series,
     scatter_between_periods,
@@ -28,13 +29,16 @@ from estimation.processing.noise import (
 )
 from estimation.processing.noise_lines import NoiseLines
 from estimation.processing.period import PeriodError, PeriodSource, whole_samples
-from estimation.processing.whitening_filter import estimated_filter
+from estimation.processing.whitening_filter import WhiteningFilter, estimated_filter
 from expdesign.configuration.sections.data import SpectrumOrigin
 
 _REPEATED = 2
 
-_Collected = tuple[Array, Array, NoiseEstimate | None, Array | None]
-"""Values, counts, scatter and periods of `Channels`."""
+_MOST_LOST = 0.1
+"""Share of the samples, or of their weight, that the noise's spectrum does without."""
+
+_Collected = tuple[Array, Array, NoiseEstimate | None, Array | None, Array | None]
+"""Values, counts, scatter, periods and repeats of `Channels`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,17 +55,23 @@ class Channels:
     """Covariance of one sample from the repetition; None with less than two periods."""
     periods: Array | None
     """(M, N, 6), the single periods, when they could be averaged and no sample is missing."""
+    repeats: Array | None = None
+    """(M, N, 6), the same as far as the samples count: the mean stands in place of the rest of an
+    outlier, and of what is missing. None where that would be much, or all samples at a phase."""
 
-    @property
-    def alike(self) -> bool:
-        """True when all values are means of as many samples, one for each phase of a period."""
-        return self.periods is not None and np.ptp(self.counts) == 0
+    def behind(self, noise_filter: WhiteningFilter | None) -> Channels:
+        """Return the same with means that count alike where a filter makes their noise white.
+
+        It takes means of one size. What counts differ by is little: see `repeats`.
+        """
+        if noise_filter is None:
+            return self
+        return replace(self, counts=np.full_like(self.counts, np.mean(self.counts)))
 
     def noise(self, spectrum: SpectrumOrigin = "auto") -> NoiseEstimate | None:
         """Return the scatter with its spectrum and the filter for it, as `estimate.spectrum` says.
 
-        White noise is assumed where there are too few periods for a spectrum, or samples that are
-        not means of as many.
+        White noise is assumed where there are too few periods for a spectrum, or no `repeats`.
         """
         shown = self.shown_noise
         if spectrum == "auto" or shown is None or shown.lines is None:
@@ -75,10 +85,10 @@ class Channels:
     @cached_property
     def shown_noise(self) -> NoiseEstimate | None:
         """The noise that the repetition shows, with a filter where it is not white."""
-        repeated, periods = self.scatter, self.periods
-        if repeated is None or periods is None or not self.alike or len(periods) < FEWEST_PERIODS:
+        repeated, repeats = self.scatter, self.repeats
+        if repeated is None or repeats is None or len(repeats) < FEWEST_PERIODS:
             return repeated
-        lines = NoiseLines.of(periods)
+        lines = NoiseLines.of(repeats)
         return replace(repeated, lines=lines, filter=estimated_filter(lines, repeated.covariance))
 
 
@@ -131,6 +141,13 @@ class Record:
     def period(self) -> float:
         """Length of a period, s."""
         return float(2 * np.pi / self.omega)
+
+    def behind(self, noise: NoiseModel) -> Record:
+        """Return the record as it is weighted with this noise."""
+        forces, lengths = noise.forces.filter, noise.lengths.filter
+        return replace(
+            self, forces=self.forces.behind(forces), lengths=self.lengths.behind(lengths)
+        )
 
     def about_series(self, channels: Channels) -> tuple[NoiseEstimate, Array]:
         """Return the scatter of its channels about a long Fourier series, and the residuals."""
@@ -274,7 +291,10 @@ def _mean_period(
     counts = weights.sum(axis=0)
     mean = np.einsum("mn,mnj->nj", weights, periods) / counts[:, None]
     scatter = scatter_between_periods(periods, weights) if len(periods) >= _REPEATED else None
-    return mean, counts, scatter, periods if complete else None
+    repeats, lost = None, 1 - float(np.mean(weights))
+    if np.all(seen) and lost <= _MOST_LOST:
+        repeats = periods if lost == 0 else mean + weights[:, :, None] * (periods - mean)
+    return mean, counts, scatter, periods if complete else None, repeats
 
 
 def _single_samples(
@@ -286,4 +306,4 @@ def _single_samples(
         scatter, counts = series_weights(times, values, omega, harmonics)
     elif repeated:
         scatter, _ = scatter_about_series(times, values, omega, harmonics)
-    return values, counts, scatter if repeated else None, None
+    return values, counts, scatter if repeated else None, None, None

@@ -111,15 +111,14 @@ class RecordingShare:
         experiment, system, size = self._experiment, self._system, len(self._order)
         forces, lengths = experiment.record.forces, experiment.record.lengths
         whole = self.whole.gradient[:, None]
-        known = forces.alike and lengths.alike
-        if not known or forces.periods is None or lengths.periods is None:
+        if forces.repeats is None or lengths.repeats is None:
             return whole
         # All have the same columns, and each its own noise.
-        count, first = len(forces.periods), len(whole)
-        own = experiment.used(np.moveaxis(forces.periods - forces.values, 0, 2))
+        count, first = len(forces.repeats), len(whole)
+        own = experiment.used(np.moveaxis(forces.repeats - forces.values, 0, 2))
         gradients = system.columns.reshape(-1, size).T @ system.force_rows(own).reshape(-1, count)
         if len(system.lengths):
-            own = np.moveaxis(lengths.periods - lengths.values, 0, 2)
+            own = np.moveaxis(lengths.repeats - lengths.values, 0, 2)
             rows = system.length_rows(own).reshape(-1, count)
             gradients += system.length_columns.reshape(-1, size).T @ rows
         gradients = gradients[self._order]

@@ -145,7 +145,7 @@ class _Spread:
             factor = part.motion_columns[:, channel] @ np.linalg.cholesky(fit.covariance)
         lines, contrasts, freedom = None, np.inf, noise.freedom
         if noise.lines is not None and noise.lines.samples == len(part.counts):
-            lines = noise.lines.matrices[:, channel, channel].real / part.counts[0]
+            lines = noise.lines.matrices[:, channel, channel].real * np.mean(1 / part.counts)
             contrasts = noise.lines.freedom
             # As many as say the same of a sum over all lines, whose squares are too large.
             times = multiplicity(noise.lines.samples)

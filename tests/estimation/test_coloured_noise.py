@@ -331,6 +331,34 @@ def test_intervals_cover_with_the_spectrum_of_few_periods(periods, memory):
     assert abs(coverage - 0.95) < margin
 
 
+@pytest.mark.parametrize(
+    ("disturbance", "loss"),
+    [
+        ({"lost": {"share": 0.002}}, "squared"),
+        ({"lost": {"share": 0.05}}, "squared"),
+        ({"outliers": {"share": 0.002, "force": 300.0, "length": 1e-3}}, "huber"),
+    ],
+)
+def test_intervals_cover_where_samples_are_missing_or_count_less(disturbance, loss):
+    """Taken for white, this noise has intervals that hold the truth much too seldom."""
+    config = run(
+        {"estimators": ["gm"], "loss": loss},
+        noise={"force_spectrum": {"ar": 0.9}},
+        experiment={"periods": 8, "sampling": 1 / STEP, "seed": 5, **disturbance},
+    )
+    twin, hits, truth = Twin.of(config, MOTION), [], np.array(ROBOT.parameters)
+    for repetition in range(1, 41):
+        case = identification.prepare_experiment(
+            config, ROBOT, twin.measurement(repetition), MOTION
+        )
+        assert case.noise.forces.filter is not None
+        found = identification.run_estimators(ROBOT, [case], KNOWN, ("gm",))["gm"]
+        widths = interval_widths(found.freedom) * found.std
+        hits.append(np.abs(found.values - truth) <= widths)
+    margin = stats.norm.ppf(0.999) * np.sqrt(0.95 * 0.05 / (len(hits) * 4))
+    assert abs(np.mean(hits) - 0.95) < margin
+
+
 @pytest.mark.parametrize("name", ["gm", "ml"])
 def test_a_memory_that_is_weighted_as_white_is_no_fault_of_the_model(name):
     memory = {"force_spectrum": {"ar": 0.7}, "length_spectrum": {"ar": 0.7}}
