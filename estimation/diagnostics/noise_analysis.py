@@ -97,4 +97,4 @@ def _resolution_only(channels: Channels, still: Mask) -> Channels:
         moving = ~still
         covariance = scatter.covariance * np.multiply.outer(moving, moving)
         scatter = replace(scatter, covariance=covariance)
-    return replace(channels, periods=None, scatter=scatter)
+    return replace(channels, periods=None, repeats=None, scatter=scatter)

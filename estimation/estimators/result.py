@@ -57,9 +57,14 @@ class ParameterEstimate:
     with them, the first of `systematic`; None: none was, or an earlier version did not save it."""
 
     def most_coloured(self) -> tuple[int, float, float]:
-        """Return the parameter whose variance colour raises most, its ratio, and its p."""
+        """Return the parameter whose variance colour raises most, its ratio, and its p.
+
+        Colour is of the random share alone: what is known of the rest makes it no better known.
+        """
         k = int(np.argmax(self.colour))
-        ratio, freedom = float(self.colour[k]), float(self.freedom[k])
+        random = float(self.covariance_random[k, k])
+        grown = float(self.covariance[k, k]) / random if random > 0 else 1.0
+        ratio, freedom = float(self.colour[k]), float(self.freedom[k]) / grown**2
         p = float(scipy.stats.chi2.sf(ratio * freedom, freedom)) if np.isfinite(freedom) else 1.0
         return k, ratio, min(1.0, len(self.values) * p)
 

@@ -131,6 +131,8 @@ def _candidates(lines: NoiseLines, covariance: Array) -> Iterator[_Candidate]:
                 smooth, freedom = constant, all_lines
             else:
                 smooth, freedom = _neighbours(flat, width, np.where(standing_out, 0.0, 1.0))
+            if not np.all(np.isfinite(smooth)):
+                continue
             own = size * np.sqrt(_diagonal(reference) / _diagonal(smooth))
             own = np.where(standing_out[:, None], own, 1.0)
             parameters = order * flat.matrices.shape[1]
@@ -171,7 +173,10 @@ def _coloured(matrices: ComplexArray, response: ComplexArray) -> ComplexArray:
 
 
 def _neighbours(lines: NoiseLines, width: int, kept: Array) -> tuple[ComplexArray, Array]:
-    """Return the mean over ± width lines without the line itself, (L, 6, 6), and its freedom."""
+    """Return the mean over ± width lines without the line itself, (L, 6, 6), and its freedom.
+
+    It is no number where none of these is kept.
+    """
     samples, count = lines.samples, len(kept)
     own = np.arange(count)
     # Beyond zero and N/2 stand the conjugates of the lines, which are no lines of their own: the
@@ -185,12 +190,14 @@ def _neighbours(lines: NoiseLines, width: int, kept: Array) -> tuple[ComplexArra
         sums = np.cumsum(np.concatenate([np.zeros_like(circle[:1]), circle]), axis=0)
         return (sums[2 * width + 1 :] - sums[: -2 * width - 1])[:count]
 
-    weight = windows(kept.astype(np.complex128)).real - kept * (1 + itself)
+    # Whole numbers, but for the rounding of the sums.
+    weight = np.rint(windows(kept.astype(np.complex128)).real - kept * (1 + itself))
     whole = lines.matrices * kept[:, None, None]
     total = windows(whole) - whole - np.where(itself[:, None, None], whole.conj(), 0)
     twice = np.maximum(width - own, 0) + np.maximum(own + width - samples // 2, 0)
     distinct = np.maximum(weight - twice, 1.0)
-    return total / weight[:, None, None], lines.freedom * distinct
+    share = np.where(weight > 0, 1 / np.maximum(weight, 1.0), np.nan)
+    return total * share[:, None, None], lines.freedom * distinct
 
 
 def _own_size(lines: NoiseLines, spectrum: ComplexArray, freedom: Array) -> Array:

@@ -105,6 +105,20 @@ def test_neighbours_leave_the_line_itself_out(samples):
         assert lines.freedom <= freedom[line] <= lines.freedom * len(distinct)
 
 
+def test_lines_that_all_stand_out_predict_no_line_between_them():
+    """Means over few neighbours are no candidate then; the spectrum is still found."""
+    rng = np.random.default_rng(11)
+    periods = rng.standard_normal((10, 250, 6))
+    spectrum = np.fft.rfft(periods, axis=1)
+    spectrum[:, 40:62] *= 10.0
+    lines = NoiseLines.of(np.fft.irfft(spectrum, 250, axis=1))
+    found = smoothed_spectrum(lines, lines.covariance)
+    size = np.einsum("kii->k", found.matrices).real / 6
+    quiet, loud = np.r_[1:38, 64:124], np.r_[42:60]
+    assert np.mean(size[quiet]) == pytest.approx(1.0, rel=0.2)
+    assert np.mean(size[loud]) == pytest.approx(100.0, rel=0.2)
+
+
 def test_what_a_line_weighs_does_not_depend_on_its_own_noise():
     periods = coloured(np.random.default_rng(3), SIGMA, 10, 300, 0.0)
     lines = NoiseLines.of(periods)
@@ -357,6 +371,16 @@ def test_intervals_cover_where_samples_are_missing_or_count_less(disturbance, lo
         hits.append(np.abs(found.values - truth) <= widths)
     margin = stats.norm.ppf(0.999) * np.sqrt(0.95 * 0.05 / (len(hits) * 4))
     assert abs(np.mean(hits) - 0.95) < margin
+
+
+def test_tolerances_make_no_colour_significant():
+    """Colour is judged by what the random share rests on, which is all that it is of."""
+    data, section = measured(MOTION), {"estimators": ["gm"]}
+    alone = identification.estimate(run(section), data, MOTION)["gm"]
+    config = run(section, tolerances={"platform_joints": "5 mm"})
+    together = identification.estimate(config, data, MOTION)["gm"]
+    assert np.max(together.std / alone.std) > 2
+    assert together.most_coloured() == pytest.approx(alone.most_coloured(), rel=1e-6)
 
 
 @pytest.mark.parametrize("name", ["gm", "ml"])
