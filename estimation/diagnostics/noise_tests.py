@@ -35,6 +35,8 @@ _SKEWED, _KURTIC = 0.1, 0.3
 """Sizes of skewness and excess kurtosis below which they change nothing that is estimated here."""
 _FAR = 4.5
 """Distance of an outlier in robust standard deviations: 7 of a million normal samples."""
+_REACHED = 0.05
+"""Share of its largest response beyond which a filter takes what matters."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -320,6 +322,18 @@ def noise_tests(
     )
 
 
+def _reach(noise_filter: Filter, samples: int) -> int:
+    """Return from how far a filter takes what matters, in samples: a quarter of a period at most.
+
+    Beyond that its response to an impulse is below 5 %.
+    """
+    impulse = np.zeros((samples, ACTUATORS))
+    impulse[0] = 1.0
+    size = np.max(np.abs(noise_filter(impulse)), axis=1)
+    lag = np.minimum(np.arange(samples), samples - np.arange(samples))
+    return min(int(np.max(lag[size > _REACHED * size[0]])) + 1, samples // 4)
+
+
 def _of_one_kind(
     record: Record,
     periods: Array | None,
@@ -334,7 +348,10 @@ def _of_one_kind(
         white = whiteness(samples, level=level)
         if noise_filter is not None:
             periods = np.stack([noise_filter(period) for period in periods])
-            samples = contrasts(periods)
+            # The filter goes round a period, and noise does not join its own beginning: where both
+            # ends meet, what it makes is no noise, and looks like outliers.
+            ends = _reach(noise_filter, periods.shape[1])
+            samples = contrasts(periods)[:, ends : periods.shape[1] - ends]
     elif rows is not None:
         samples = rows[None] - rows.mean(axis=0)
     if periods is not None:

@@ -10,6 +10,7 @@ from scipy import signal, stats
 from estimation import identification
 from estimation.diagnostics.diagnosis import diagnose
 from estimation.diagnostics.finding import Status
+from estimation.diagnostics.noise_tests import noise_tests
 from estimation.estimators import (
     Experiment,
     Knowledge,
@@ -395,3 +396,26 @@ def test_a_memory_that_is_weighted_as_white_is_no_fault_of_the_model(name):
         found = diagnose(ROBOT, experiments, result.knowledge, result[name])
         assert found.verdict.status is Status.ACCEPTED
         assert not experiments[0].noise.forces.filter
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.9, 0.98])
+def test_where_filtered_periods_begin_and_end_are_no_outliers(memory):
+    """A filter goes round the period, and noise with memory does not join its own beginning."""
+    case, rng = experiment(memory=memory), np.random.default_rng(4)
+    found = []
+    for _ in range(20):
+        periods = coloured(rng, SIGMA, 10, 200, memory)
+        seen = replace(scatter(periods), lines=NoiseLines.of(periods))
+        seen = replace(seen, filter=estimated_filter(seen.lines, seen.covariance))
+        assert (seen.filter is None) == (memory == 0)
+        for outliers in (0, 4):
+            dirty = periods.copy()
+            dirty[rng.integers(10, size=outliers), rng.integers(20, 180, size=outliers), 2] += 400.0
+            channels = replace(case.record.forces, periods=dirty, values=dirty.mean(axis=0))
+            record = replace(case.record, forces=channels, periods=10.0)
+            tests = noise_tests(record, NoiseModel(seen, case.noise.lengths), channels.values, None)
+            normal = tests.normality.forces
+            found.append((outliers, np.any(normal.with_outliers), np.any(normal.failed)))
+    flagged = np.array([one[1:] for one in found if not one[0]])
+    assert not np.any(flagged)
+    assert all(one[1] for one in found if one[0])
