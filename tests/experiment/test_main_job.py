@@ -37,7 +37,12 @@ def test_main_job_reaches_what_is_known():
 
 @pytest.mark.parametrize(
     ("file", "harmonics", "reached"),
-    [("palida_best.json", 5, BEST_KNOWN), ("palida_best_12.json", 12, 113.92)],
+    [
+        ("palida_best_3.json", 3, 95.259),
+        ("palida_best.json", 5, BEST_KNOWN),
+        ("palida_best_8.json", 8, 111.127),
+        ("palida_best_12.json", 12, 113.92),
+    ],
 )
 def test_the_best_design_that_is_known_is_what_it_is_said_to_be(file, harmonics, reached):
     robot, design = load_robot("palida"), TrajectoryFile.read(DESIGNS / file).trajectory
