@@ -35,8 +35,8 @@ _SKEWED, _KURTIC = 0.1, 0.3
 """Sizes of skewness and excess kurtosis below which they change nothing that is estimated here."""
 _FAR = 4.5
 """Distance of an outlier in robust standard deviations: 7 of a million normal samples."""
-_REACHED = 0.05
-"""Share of its largest response beyond which a filter takes what matters."""
+_REACHED = 0.1
+"""Share of the noise's standard deviation up to which a filter may still show a jump."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -322,16 +322,18 @@ def noise_tests(
     )
 
 
-def _reach(noise_filter: Filter, samples: int) -> int:
-    """Return from how far a filter takes what matters, in samples: a quarter of a period at most.
+def _reach(noise_filter: Filter, std: Array, samples: int) -> int:
+    """Return how far from a jump a filter shows it, in samples: a quarter of a period at most.
 
-    Beyond that its response to an impulse is below 5 %.
+    The jump is one by the noise's standard deviation, (6,) in SI, in one channel, and what is left
+    of it is the sum of the filter's response to an impulse from there on. (A share of the response
+    itself will not do: with more memory it falls off alike, but is larger.)
     """
-    impulse = np.zeros((samples, ACTUATORS))
-    impulse[0] = 1.0
-    size = np.max(np.abs(noise_filter(impulse)), axis=1)
-    lag = np.minimum(np.arange(samples), samples - np.arange(samples))
-    return min(int(np.max(lag[size > _REACHED * size[0]])) + 1, samples // 4)
+    impulse = np.zeros((samples, ACTUATORS, ACTUATORS))
+    impulse[0] = np.diag(std)
+    left = np.abs(np.cumsum(noise_filter(impulse)[samples // 2 : 0 : -1], axis=0))[::-1]
+    shown = np.any(left > _REACHED * std[:, None], axis=(1, 2))
+    return min(int(np.max(np.flatnonzero(shown) + 1, initial=0)), samples // 4)
 
 
 def _of_one_kind(
@@ -350,7 +352,7 @@ def _of_one_kind(
             periods = np.stack([noise_filter(period) for period in periods])
             # The filter goes round a period, and noise does not join its own beginning: where both
             # ends meet, what it makes is no noise, and looks like outliers.
-            ends = _reach(noise_filter, periods.shape[1])
+            ends = _reach(noise_filter, samples.std(axis=(0, 1)), periods.shape[1])
             samples = contrasts(periods)[:, ends : periods.shape[1] - ends]
     elif rows is not None:
         samples = rows[None] - rows.mean(axis=0)

@@ -398,7 +398,7 @@ def test_a_memory_that_is_weighted_as_white_is_no_fault_of_the_model(name):
         assert not experiments[0].noise.forces.filter
 
 
-@pytest.mark.parametrize("memory", [0.0, 0.9, 0.98])
+@pytest.mark.parametrize("memory", [0.0, 0.9, 0.98, 0.999])
 def test_where_filtered_periods_begin_and_end_are_no_outliers(memory):
     """A filter goes round the period, and noise with memory does not join its own beginning."""
     case, rng = experiment(memory=memory), np.random.default_rng(4)
