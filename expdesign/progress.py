@@ -1,8 +1,8 @@
-"""What a computation is at, told to whoever listens.
+"""Progress reports of a computation, passed to a listener.
 
-As with logging, who computes does not know who listens: `tell` costs next to nothing when nobody
-does. What a worker process tells stays in it, but for the events of its jobs: these may be what is
-told, for `passed_on`.
+As with logging, the code that computes does not know the listener, and `report_progress` costs
+next to nothing without one. A worker process has no listener of its own: its jobs send their
+reports as events, and `forward_progress` passes them on.
 """
 
 from __future__ import annotations
@@ -14,51 +14,51 @@ from typing import TypeVar
 
 T = TypeVar("T")
 
-Told = tuple[str, int, int]
-"""What is being done now, how many of its steps are done, and of how many; 0: not known."""
+ProgressReport = tuple[str, int, int]
+"""Activity, number of steps that are done, and their total (0: unknown)."""
 Listener = Callable[[str, int, int], None]
-"""Takes the same."""
+"""Receives the activity, the steps that are done and their total."""
 
 _listener: ContextVar[Listener | None] = ContextVar("listener", default=None)
-_parts: ContextVar[tuple[str, ...]] = ContextVar("parts", default=())
+_prefixes: ContextVar[tuple[str, ...]] = ContextVar("parts", default=())
 
 
-def tell(what: str, done: int = 0, total: int = 0) -> None:
-    """Tell what is being done now, how many of its steps are done, and of how many."""
+def report_progress(what: str, done: int = 0, total: int = 0) -> None:
+    """Report the current activity, the steps that are done and their total (0: unknown)."""
     listener = _listener.get()
     if listener is not None:
-        listener(": ".join((*_parts.get(), what)), done, total)
+        listener(": ".join((*_prefixes.get(), what)), done, total)
 
 
-def told(what: str, items: Sequence[T]) -> Iterator[T]:
-    """Yield items, and tell before each how many are done."""
+def track(what: str, items: Sequence[T]) -> Iterator[T]:
+    """Yield items and report before each how many are done."""
     for done, item in enumerate(items):
-        tell(what, done, len(items))
+        report_progress(what, done, len(items))
         yield item
 
 
 @contextmanager
-def part(name: str) -> Iterator[None]:
-    """Let everything that is told within this begin with a name."""
-    before = _parts.set((*_parts.get(), name))
+def progress_prefix(name: str) -> Iterator[None]:
+    """Prefix every report within this context with a name."""
+    before = _prefixes.set((*_prefixes.get(), name))
     try:
         yield
     finally:
-        _parts.reset(before)
+        _prefixes.reset(before)
 
 
 @contextmanager
-def told_to(listener: Listener) -> Iterator[None]:
-    """Let a listener take what is told within this, without the parts around it."""
-    listening, parts = _listener.set(listener), _parts.set(())
+def listening(listener: Listener) -> Iterator[None]:
+    """Pass all reports within this context to a listener, without the prefixes around it."""
+    outer, prefixes = _listener.set(listener), _prefixes.set(())
     try:
         yield
     finally:
-        _listener.reset(listening)
-        _parts.reset(parts)
+        _listener.reset(outer)
+        _prefixes.reset(prefixes)
 
 
-def passed_on() -> Callable[[Told], None]:
-    """Return what tells here what another thread or process is at."""
+def forward_progress() -> Callable[[ProgressReport], None]:
+    """Return a function that reports here the progress of another thread or process."""
     context = copy_context()
-    return lambda told: context.run(tell, *told)
+    return lambda report: context.run(report_progress, *report)

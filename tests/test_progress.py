@@ -2,32 +2,32 @@
 
 import threading
 
-from expdesign.progress import part, passed_on, tell, told, told_to
+from expdesign.progress import forward_progress, listening, progress_prefix, report_progress, track
 
 
 def test_nobody_has_to_listen():
-    tell("anything", 1, 2)
-    assert list(told("items", [3, 4])) == [3, 4]
+    report_progress("anything", 1, 2)
+    assert list(track("items", [3, 4])) == [3, 4]
 
 
 def test_a_listener_hears_how_far_it_is():
     heard = []
-    with told_to(lambda *one: heard.append(one)):
-        seen = [(item, len(heard)) for item in told("items", ["a", "b"])]
-        tell("end")
-    tell("too late")
+    with listening(lambda *one: heard.append(one)):
+        seen = [(item, len(heard)) for item in track("items", ["a", "b"])]
+        report_progress("end")
+    report_progress("too late")
     assert seen == [("a", 1), ("b", 2)]
     assert heard == [("items", 0, 2), ("items", 1, 2), ("end", 0, 0)]
 
 
 def test_parts_are_named_until_they_end():
     heard = []
-    with told_to(lambda what, *_: heard.append(what)):
-        with part("table"):
-            with part("file"):
-                tell("rows")
-            tell("check")
-        tell("end")
+    with listening(lambda what, *_: heard.append(what)):
+        with progress_prefix("table"):
+            with progress_prefix("file"):
+                report_progress("rows")
+            report_progress("check")
+        report_progress("end")
     assert [what.split(": ") for what in heard] == [
         ["table", "file", "rows"],
         ["table", "check"],
@@ -37,13 +37,13 @@ def test_parts_are_named_until_they_end():
 
 def test_the_listener_before_hears_again_and_other_threads_are_not_heard():
     outer, inner = [], []
-    with told_to(lambda what, *_: outer.append(what)):
-        with told_to(lambda what, *_: inner.append(what)):
-            tell("one")
-        thread = threading.Thread(target=tell, args=("elsewhere",))
+    with listening(lambda what, *_: outer.append(what)):
+        with listening(lambda what, *_: inner.append(what)):
+            report_progress("one")
+        thread = threading.Thread(target=report_progress, args=("elsewhere",))
         thread.start()
         thread.join()
-        tell("two")
+        report_progress("two")
     assert (outer, inner) == (["two"], ["one"])
 
 
@@ -51,12 +51,12 @@ def test_what_another_thread_is_at_is_heard_where_it_is_passed_on():
     heard = []
 
     def work(report):
-        with told_to(lambda *told: report(told)), part("file"):
-            tell("rows", 1, 2)
+        with listening(lambda *told: report(told)), progress_prefix("file"):
+            report_progress("rows", 1, 2)
 
-    with told_to(lambda *one: heard.append(one)), part("table"):
-        thread = threading.Thread(target=work, args=(passed_on(),))
+    with listening(lambda *one: heard.append(one)), progress_prefix("table"):
+        thread = threading.Thread(target=work, args=(forward_progress(),))
         thread.start()
         thread.join()
-        work(passed_on())
+        work(forward_progress())
     assert heard == [("table: file: rows", 1, 2)] * 2

@@ -46,7 +46,7 @@ from estimation.diagnostics.suspects import Suspects
 from estimation.estimators.experiment import Experiment
 from estimation.estimators.knowledge import Knowledge
 from estimation.estimators.result import ParameterEstimate
-from expdesign.progress import tell, told
+from expdesign.progress import report_progress, track
 from expdesign.robot import Robot
 from expdesign.runfolder import copied
 
@@ -111,7 +111,7 @@ def diagnose(
     ]
     parts = [
         linearise(robot, experiment, estimate.values, free, motion)
-        for experiment, motion in told(
+        for experiment, motion in track(
             "diagnosis: the model about the estimate",
             tuple(zip(experiments, motions, strict=True)),
         )
@@ -261,7 +261,7 @@ def _tests(
 
     `solved` is the fit with all effects that were found; `laws` are those of both, with residuals.
     """
-    tell("diagnosis: tests of what is left")
+    report_progress("diagnosis: tests of what is left")
     (forces, lengths), level = laws, NOISE / shares
     first, last = attribution.first, attribution.last
     left, left_law = solved.force_residuals(), joint_law(part, experiment, solved)

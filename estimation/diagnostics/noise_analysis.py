@@ -18,7 +18,7 @@ from estimation.diagnostics.noise_record import HumKeys, NoiseFile, NoiseRecord,
 from estimation.diagnostics.noise_tests import noise_tests
 from estimation.processing import Channels, NoiseModel, PeriodSource, Record
 from expdesign.mechanism.hexapod import ACTUATORS
-from expdesign.progress import tell
+from expdesign.progress import report_progress
 from expdesign.runfolder import copied
 
 _ROUNDING = 1e-12
@@ -48,11 +48,11 @@ def analyse_noise(record: Record, source: str = "") -> NoiseRecord:
         each.values if each.periods is not None else record.about_series(each)[1]
         for each in (record.forces, record.lengths)
     )
-    tell("tests of the noise")
+    report_progress("tests of the noise")
     tests = noise_tests(record, noise, force_rows, None if np.any(still) else length_rows)
-    tell("spectrum of the forces", 0, 2)
+    report_progress("spectrum of the forces", 0, 2)
     force_density, force_hum = noise_density(record.forces, record.step)
-    tell("spectrum of the lengths", 1, 2)
+    report_progress("spectrum of the lengths", 1, 2)
     length_density, length_hum = noise_density(record.lengths, record.step)
     searches = {"force": force_hum, "length": length_hum}
     summary = copied(

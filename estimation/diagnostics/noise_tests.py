@@ -21,10 +21,10 @@ from pydantic import Field
 from constraints.arrays import Array
 from estimation.diagnostics.channel_test import NOISE, ChannelTest, OfEach, below_level, no_numbers
 from estimation.diagnostics.comparable_periods import why_not_compared
-from estimation.measurement_model.normal_equations import Filter
 from estimation.processing import NoiseModel, Record
 from estimation.processing.noise import NORMAL_MEDIAN
 from estimation.processing.noise_lines import contrasts
+from estimation.processing.whitening_filter import WhiteningFilter
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.runfolder import OpenNumber, OpenNumbers, WholeNumbers, described, sized
 
@@ -35,8 +35,6 @@ _SKEWED, _KURTIC = 0.1, 0.3
 """Sizes of skewness and excess kurtosis below which they change nothing that is estimated here."""
 _FAR = 4.5
 """Distance of an outlier in robust standard deviations: 7 of a million normal samples."""
-_REACHED = 0.1
-"""Share of the noise's standard deviation up to which a filter may still show a jump."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -322,24 +320,10 @@ def noise_tests(
     )
 
 
-def _reach(noise_filter: Filter, std: Array, samples: int) -> int:
-    """Return how far from a jump a filter shows it, in samples: a quarter of a period at most.
-
-    The jump is one by the noise's standard deviation, (6,) in SI, in one channel, and what is left
-    of it is the sum of the filter's response to an impulse from there on. (A share of the response
-    itself will not do: with more memory it falls off alike, but is larger.)
-    """
-    impulse = np.zeros((samples, ACTUATORS, ACTUATORS))
-    impulse[0] = np.diag(std)
-    left = np.abs(np.cumsum(noise_filter(impulse)[samples // 2 : 0 : -1], axis=0))[::-1]
-    shown = np.any(left > _REACHED * std[:, None], axis=(1, 2))
-    return min(int(np.max(np.flatnonzero(shown) + 1, initial=0)), samples // 4)
-
-
 def _of_one_kind(
     record: Record,
     periods: Array | None,
-    noise_filter: Filter | None,
+    noise_filter: WhiteningFilter | None,
     rows: Array | None,
     level: float,
 ) -> tuple[Array | None, Whiteness | None, Normality | None, Drift | None]:
@@ -350,10 +334,9 @@ def _of_one_kind(
         white = whiteness(samples, level=level)
         if noise_filter is not None:
             periods = np.stack([noise_filter(period) for period in periods])
-            # The filter goes round a period, and noise does not join its own beginning: where both
-            # ends meet, what it makes is no noise, and looks like outliers.
-            ends = _reach(noise_filter, samples.std(axis=(0, 1)), periods.shape[1])
-            samples = contrasts(periods)[:, ends : periods.shape[1] - ends]
+            # What it makes of the jump from a period's end to its begin looks like outliers.
+            ends = noise_filter.reach(samples.std(axis=(0, 1)))
+            samples = contrasts(periods)[:, ends : noise_filter.samples - ends]
     elif rows is not None:
         samples = rows[None] - rows.mean(axis=0)
     if periods is not None:

@@ -29,7 +29,7 @@ from estimation.diagnostics.projection import Conditional, Fit, Places
 from estimation.diagnostics.signature import Signature
 from estimation.diagnostics.tails import log_tail
 from expdesign.mechanism.hexapod import ACTUATORS
-from expdesign.progress import told
+from expdesign.progress import track
 
 PERIODIC = "position-periodic"
 """Kind of the effects that are periodic in a strut's length."""
@@ -122,7 +122,7 @@ class Search:
             solved = self.system.with_effects(self.signature.picked(places_of(known))).solved
         beside = self.projection.beside(places_of(known))
         beside_known = f" beside {len(known)}" if known else ""
-        struts = told(f"diagnosis: effects{beside_known}, strut by strut", range(ACTUATORS))
+        struts = track(f"diagnosis: effects{beside_known}, strut by strut", range(ACTUATORS))
         scans = tuple(self._scan(solved, strut) for strut in struts)
         return EffectTests(solved, beside, scans, self._family_tests(beside))
 

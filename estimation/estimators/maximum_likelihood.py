@@ -24,7 +24,7 @@ from estimation.estimators.result import ParameterEstimate, precision
 from estimation.estimators.systematic import systematic_share
 from estimation.measurement_model import HarmonicMotion
 from estimation.measurement_model.normal_equations import Elimination, NormalEquations
-from expdesign.progress import tell
+from expdesign.progress import report_progress
 from expdesign.robot import Robot
 from expdesign.robot.deviation import Deviation
 
@@ -87,7 +87,7 @@ def maximum_likelihood(
     eliminated = move.eliminated
     for _ in range(_STEPS):
         iterations += 1
-        tell(f"maximum likelihood, step {iterations}")
+        report_progress(f"maximum likelihood, step {iterations}")
         trial = problem.equations(move.values, move.motions)
         trial_cost = problem.cost(trial, move.values)
         following = problem.step(trial, move.values, move.motions, 0.0)

@@ -14,7 +14,7 @@ from estimation.feedforward.record import CaseName
 from estimation.twin.disturbances import quantised
 from expdesign.configuration import ComputationError
 from expdesign.mechanism.hexapod import ACTUATORS
-from expdesign.progress import tell
+from expdesign.progress import report_progress
 
 _LOST = 1.0
 """Error of a length, m, at which a machine has left its motion for good."""
@@ -91,7 +91,7 @@ def followed(
     kept = ControllerState(None, np.zeros((cases, ACTUATORS)), integral)
     for k in range(count):
         if k % _TOLD == 0:
-            tell("following the motion", k, count)
+            report_progress("following the motion", k, count)
         states[:, k], lengths[:, k] = state, length
         measured = quantised(length + task.noise[k], task.resolution)
         error = task.lengths[k] - measured

@@ -34,7 +34,7 @@ from expdesign.configuration import InputError, RunConfiguration
 from expdesign.configuration.sizes import SAMPLES
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
 from expdesign.mechanism.rotation import ANGLES
-from expdesign.progress import part
+from expdesign.progress import progress_prefix
 from expdesign.robot import Robot, robot_from
 from expdesign.runfolder import copied
 from expdesign.trajectory import FourierTrajectory, PoseSamples
@@ -257,7 +257,7 @@ class _Loop:
         # As it is after many periods: the integral bears what the feed-forward lacks on average.
         lacking = [np.mean(forces["true"] - given, axis=0) for given in forces.values()]
         integral = np.array(lacking) * (self.controller.integral > 0)
-        with part(words):
+        with progress_prefix(words):
             return followed(
                 machine, self.controller, self.task, forces, self.start, integral, substeps
             )

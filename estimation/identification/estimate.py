@@ -32,7 +32,7 @@ from estimation.uncertainty.intervals import identified_combinations, parameter_
 from expdesign.configuration import ConfigurationLike, InputError, RunConfiguration, load_run
 from expdesign.configuration.added_terms import with_added_terms
 from expdesign.configuration.robot_description import RobotDescription
-from expdesign.progress import tell, told
+from expdesign.progress import report_progress, track
 from expdesign.robot import Robot, robot_from
 from expdesign.robot.deviation import Deviation, tolerated
 from expdesign.trajectory import FourierTrajectory
@@ -79,7 +79,7 @@ def estimate(
         pairs = tuple(zip(recordings, designs, strict=True))
         records = tuple(
             prepare_recording(configuration, robot, recording, trajectory)
-            for recording, trajectory in told("the motion of each recording", pairs)
+            for recording, trajectory in track("the motion of each recording", pairs)
         )
         selection = Selection.of(configuration, robot, [r.experiment for r in records])
         if selection is not None and selection.chosen:
@@ -95,7 +95,7 @@ def estimate(
             replace(record, experiment=experiment)
             for record, experiment in zip(records, experiments, strict=True)
         )
-        tell("what is not known exactly")
+        report_progress("what is not known exactly")
         chosen = tolerated(robot) if configuration.run.estimate.systematic != "none" else ()
         joint = chosen if configuration.run.estimate.systematic == "estimated" else ()
         estimates = {
@@ -122,11 +122,11 @@ def estimate(
                 )
             )
             records = _with_residual_noise(robot, records, knowledge)
-        tell("the nearest parameters that bodies have")
+        report_progress("the nearest parameters that bodies have")
         consistent = {
             name: consistent_estimate(robot, found, knowledge) for name, found in estimates.items()
         }
-        tell("what is identified")
+        report_progress("what is identified")
         combinations = {
             name: identified_combinations(robot, knowledge.names, result.values, result.covariance)
             for name, result in estimates.items()
@@ -176,7 +176,7 @@ def run_estimators(
     linear = [name for name in ("ls", "gm") if name in needed]
     results = {
         name: linear_estimate(robot, experiments, knowledge, name)
-        for name in told("linear estimates", linear)
+        for name in track("linear estimates", linear)
     }
     if "ml" in wanted:
         start = results["gm"]

@@ -26,7 +26,7 @@ from estimation.twin import Truth
 from expdesign.configuration import ConfigurationLike, RunConfiguration, load_run
 from expdesign.configuration.section import unstated
 from expdesign.information.identifiable import IDENTIFIABLE
-from expdesign.progress import tell
+from expdesign.progress import report_progress
 from expdesign.robot import Robot
 from expdesign.runfolder.manifest import package_versions, text_hash
 from expdesign.trajectory import FourierTrajectory
@@ -149,7 +149,7 @@ def run_study(
     """
     configuration = load_run(config)
     refuse_ml_without_fit(configuration, configuration.run.montecarlo.estimators, "montecarlo")
-    tell("the machine and the Cramér–Rao bound")
+    report_progress("the machine and the Cramér–Rao bound")
     recipe = partial(Workbench.of, configuration, design)
     with threadpool_limits(limits=1, user_api="blas"):
         bench = recipe()

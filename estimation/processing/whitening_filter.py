@@ -18,6 +18,9 @@ from estimation.processing.smoothing import smoothed_spectrum
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.noise.fourier_lines import lines_of, multiplicity, series_of
 
+_SHOWN = 0.1
+"""Share of a jump up to which a filter may still show it."""
+
 
 @dataclass(frozen=True, eq=False)
 class WhiteningFilter:
@@ -52,6 +55,19 @@ class WhiteningFilter:
         lines = _moved(self.gain, lines_of(values))
         lines *= np.sqrt(multiplicity(self.samples)).reshape(-1, *(1,) * (lines.ndim - 1))
         return np.concatenate([lines.real, lines.imag])
+
+    def reach(self, std: Array) -> int:
+        """Return how far from a jump it is seen, in samples: a quarter of the period at most.
+
+        The jump is one by the noise's standard deviation, (6,), in one channel, and what is left of
+        it is the sum of the response to an impulse from there on. (A share of the response itself
+        will not do: with more memory it falls off alike, but is larger.)
+        """
+        impulse = np.zeros((self.samples, ACTUATORS, ACTUATORS))
+        impulse[0] = np.diag(std)
+        left = np.abs(np.cumsum(self(impulse)[self.samples // 2 : 0 : -1], axis=0))[::-1]
+        shown = np.any(left > _SHOWN * std[:, None], axis=(1, 2))
+        return min(int(np.max(np.flatnonzero(shown) + 1, initial=0)), self.samples // 4)
 
     def _through(self, gain: ComplexArray, values: Array) -> Array:
         return series_of(_moved(gain, lines_of(values)), self.samples)

@@ -30,7 +30,7 @@ from estimation.validation.record import (
 )
 from expdesign.configuration import InputError, RunConfiguration, ValidationMotion
 from expdesign.mechanism.hexapod import ACTUATORS
-from expdesign.progress import part, tell
+from expdesign.progress import progress_prefix, report_progress
 from expdesign.robot import robot_from
 from expdesign.trajectory import FourierTrajectory
 
@@ -78,8 +78,8 @@ def validate(configuration: RunConfiguration, saved: SavedEstimate) -> Validatio
         predictions = []
         motions = configuration.run.validation
         for number, motion in enumerate(motions, start=1):
-            with part(f"{motion_name(motion)}, motion {number} of {len(motions)}"):
-                tell("measuring" if motion.motion != "file" else "reading")
+            with progress_prefix(f"{motion_name(motion)}, motion {number} of {len(motions)}"):
+                report_progress("measuring" if motion.motion != "file" else "reading")
                 predictions.append(_predicted(configuration, machine, saved, number, motion))
     warnings = list(configuration.warnings)
     if saved.doubt:

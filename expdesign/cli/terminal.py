@@ -16,7 +16,7 @@ from rich.text import Text
 from expdesign.cli import shown
 from expdesign.cli.activity import HEARTBEAT, Activity, left_text, time_text
 from expdesign.cli.output import messages, note, warn
-from expdesign.progress import Listener, told_to
+from expdesign.progress import Listener, listening
 from expdesign.stages.outcome import Outcome, Progress
 
 if TYPE_CHECKING:
@@ -82,7 +82,7 @@ class Terminal(Progress):
             section.max_seconds,
         )
         hidden = nullcontext() if self._activity is None else self._activity.hidden()
-        with hidden, display.shown(), told_to(display.told):
+        with hidden, display.shown(), listening(display.told):
             yield display.report
 
 
@@ -90,7 +90,7 @@ class Terminal(Progress):
 def working(what: str) -> Iterator[Terminal]:
     """Show what a command that is no stage is at."""
     terminal = Terminal()
-    with terminal.working(what) as listener, told_to(listener):
+    with terminal.working(what) as listener, listening(listener):
         yield terminal
 
 

@@ -26,7 +26,7 @@ from expdesign.evaluation.vector_code import (
     scratch_size,
     vector_code,
 )
-from expdesign.progress import tell
+from expdesign.progress import report_progress
 from expdesign.runfolder.atomic import written_beside
 
 VIRTUAL_MACHINE = "casadi virtual machine"
@@ -153,7 +153,7 @@ def machine_code(
         if content is None:
             if not compiling:
                 return None
-            tell(f"compiling {function.name()}")
+            report_progress(f"compiling {function.name()}")
             lanes = _lanes()
             try:
                 text = vector_code(function, form.varying, form.places, form.sizes, lanes)

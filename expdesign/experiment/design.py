@@ -32,7 +32,7 @@ from expdesign.information.marginal import PriorMachine
 from expdesign.information.periodic_noise import PeriodicNoise
 from expdesign.noise.hum import Hum
 from expdesign.problem.design_problem import DesignProblem, build_problem
-from expdesign.progress import tell, told
+from expdesign.progress import report_progress, track
 from expdesign.recheck.excitable import structural_base
 from expdesign.recheck.information import Evaluator
 from expdesign.recheck.unlimited import POINTS, unlimited, unlimited_warning
@@ -82,7 +82,7 @@ def design(config: ConfigurationLike, monitor: Monitor | None = None) -> DesignR
             allowed="at least limits of the strut's length, speed and force",
         )
     watch = monitor or Monitor()
-    tell("building the problem")
+    report_progress("building the problem")
     task = design_task(configuration)
     _refuse_inseparable(task)
     _refuse_unexcitable(task)
@@ -90,13 +90,13 @@ def design(config: ConfigurationLike, monitor: Monitor | None = None) -> DesignR
     if workers > 1:
         # One process alone does so as soon as it is worth it, and in a small search it never is.
         task.problem.compile()
-    tell("the first start" if workers == 1 else f"starting {workers} processes")
+    report_progress("the first start" if workers == 1 else f"starting {workers} processes")
     try:
         found = search(partial(design_task, configuration), task.plan, watch)
     except NoDesignError as error:
         _blame_unexcited(task, error)
         raise
-    tell("the precision of the design")
+    report_progress("the precision of the design")
     trajectory = found.finished.trajectory
     evaluator, samples = task.evaluator, configuration.run.trajectory.samples
     information = evaluator.information(trajectory, samples)
@@ -280,7 +280,7 @@ def _refuse_inseparable(task: DesignTask) -> None:
 def _refuse_unexcitable(task: DesignTask) -> None:
     """Fail early when random feasible motions are hopelessly far from exciting everything."""
     problem, best, found = task.problem, 0.0, None
-    for number in told("trial motions within the limits", range(_PROBES)):
+    for number in track("trial motions within the limits", range(_PROBES)):
         trajectory = _probe(problem, task.plan, number)
         scaled = ScaledInformation.of(task.evaluator.information(trajectory, problem.cost.samples))
         values = scaled.eigenvalues()

@@ -11,7 +11,7 @@ from expdesign.enclosure.forward import StrutPath
 from expdesign.export.definition import Interpolation
 from expdesign.export.enclosed_table import enclosed
 from expdesign.export.execution import ExecutedTable, blocks, refined
-from expdesign.progress import told
+from expdesign.progress import track
 from expdesign.recheck.certificate import MOST_CELLS, certify
 from expdesign.recheck.fine_grid import worst_sampled
 from expdesign.recheck.limit_check import LimitCheck, worst_of_each
@@ -106,7 +106,7 @@ def _is_dynamic(limit: Limit) -> bool:
 def _sampled(table: ExecutedTable, model: LimitModel) -> tuple[LimitCheck, ...]:
     """Return the worst of a grid ten times as fine as the rows."""
     checks: list[LimitCheck] = []
-    for times in told("judging the table", tuple(blocks(refined(table.rows.times, _POINTS)))):
+    for times in track("judging the table", tuple(blocks(refined(table.rows.times, _POINTS)))):
         checks += worst_sampled(model, times, model.values(np.hstack(table.between(times).states)))
     return worst_of_each(checks)
 
@@ -114,6 +114,6 @@ def _sampled(table: ExecutedTable, model: LimitModel) -> tuple[LimitCheck, ...]:
 def _at_rows(table: ExecutedTable, model: LimitModel) -> tuple[LimitCheck, ...]:
     """Return the worst of the rows, where second differences stand for accelerations."""
     checks: list[LimitCheck] = []
-    for times in told("judging the table at its rows", tuple(blocks(table.rows.times))):
+    for times in track("judging the table at its rows", tuple(blocks(table.rows.times))):
         checks += worst_sampled(model, times, model.values(np.hstack(table.smoothed(times).states)))
     return worst_of_each(checks)

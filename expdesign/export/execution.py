@@ -19,7 +19,7 @@ from expdesign.information.fisher import (
 )
 from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.motion.executable import ExecutableMotion
-from expdesign.progress import told
+from expdesign.progress import track
 from expdesign.robot import Robot
 from expdesign.trajectory import PoseSamples
 
@@ -319,7 +319,7 @@ def _predicted(task: Task, sample: Callable[[Array], PoseSamples]) -> tuple[floa
     every = task.robot.parameter_names
     columns = [every.index(name) for name in task.parameters]
     total = np.zeros((len(columns), len(columns)))
-    for part in told(
+    for part in track(
         "reading back: what it tells of the parameters", tuple(blocks(_measured(task)))
     ):
         regressors = task.robot.regressor(*sample(part))

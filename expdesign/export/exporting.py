@@ -26,7 +26,7 @@ from expdesign.export.read_back import ReadBack, read_back
 from expdesign.export.row_times import chosen_times, ideal_rows, whole_motion
 from expdesign.export.text_table import write_lines
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES, POSE
-from expdesign.progress import part, tell, told_to
+from expdesign.progress import listening, progress_prefix, report_progress
 from expdesign.robot import Robot
 from expdesign.runfolder.atomic import naming
 from expdesign.runfolder.leftovers import remove_leftovers, temporary_prefix
@@ -163,7 +163,7 @@ def export_table(
     # A folder beside it: some libraries go by the file's name.
     with naming(path), TemporaryDirectory(prefix=temporary_prefix(), dir=path.parent) as folder:
         beside = Path(folder) / file_name(section)
-        tell(f"writing {len(times)} rows")
+        report_progress(f"writing {len(times)} rows")
         (write or settings.form.write)(beside, rows, settings)
         more = _write_beside(beside, rows, settings)
         check = read_back(beside, settings)
@@ -187,7 +187,7 @@ def export_job(
 
     Why there is no table is returned: those of other jobs are written all the same.
     """
-    with told_to(lambda *told: monitor.report(told)), part(name):
+    with listening(lambda *told: monitor.report(told)), progress_prefix(name):
         try:
             return export_table(section, task, path, place)
         except (InputError, ComputationError) as error:

@@ -19,7 +19,7 @@ from expdesign.export.execution import (
     refined,
 )
 from expdesign.export.row_times import SHARE, ideal_rows, whole_motion
-from expdesign.progress import told
+from expdesign.progress import track
 from expdesign.recheck.limit_check import LimitCheck
 from expdesign.robot import ForwardKinematicsError
 
@@ -171,10 +171,10 @@ def _executed(found: ReadBack, table: ExecutedTable) -> ReadBack:
     points = FINER if linear else max(FINER, int(np.ceil(found.longest_step / _FINEST)))
     grid = refined(table.rows.times, points)
     worst = Deviation()
-    for times in told("reading back", tuple(blocks(grid))):
+    for times in track("reading back", tuple(blocks(grid))):
         worst = worst.with_worse(deviation(table, times, table.between(times), forces=not linear))
     if linear:
-        for times in told("reading back: accelerations", tuple(blocks(table.rows.times))):
+        for times in track("reading back: accelerations", tuple(blocks(table.rows.times))):
             # Of the rows only what has no value between them: accelerations and forces.
             at_rows = deviation(table, times, table.smoothed(times), forces=True)
             worst = worst.with_worse(replace(at_rows, position=0.0, velocity=0.0))

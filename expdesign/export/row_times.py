@@ -14,7 +14,7 @@ from expdesign.export.definition import Rows, Settings, Task, in_window
 from expdesign.export.execution import Deviation, ExecutedTable, blocks, deviation, refined
 from expdesign.motion.executable import ExecutableMotion
 from expdesign.motion.sampled import SampledMotion
-from expdesign.progress import told
+from expdesign.progress import track
 from expdesign.robot import ForwardKinematicsError, LimitModel
 from expdesign.runfolder.described import Column, field_columns
 
@@ -105,7 +105,7 @@ def chosen_times(settings: Settings, place: str = "") -> Array:
     given = settings.section.segment
     if given is not None:
         return form.written_times(divided_times(motion, [given] * len(motion.segments)))
-    numbers = told("how far rows may be apart", range(len(motion.segments)))
+    numbers = track("how far rows may be apart", range(len(motion.segments)))
     steps = [_step(settings, k, place) for k in numbers]
     return form.written_times(divided_times(motion, steps))
 

@@ -16,7 +16,7 @@ from expdesign.motion.ramp import NoRampError, find_ramp, shortest
 from expdesign.motion.ramp_problem import RampProblem
 from expdesign.motion.spline import MotionState, SplineRamp
 from expdesign.problem.variables import coordinate_reach
-from expdesign.progress import told
+from expdesign.progress import track
 from expdesign.recheck.certificate import recheck
 from expdesign.robot import LimitModel, robot_from
 from expdesign.trajectory import FourierTrajectory
@@ -101,7 +101,7 @@ class _Plan:
         problems = self.problems(phase, PIECES)
         first, last = (
             self._way(name, problem, phase)
-            for name, problem in told("ways from rest and back: the shortest", problems)
+            for name, problem in track("lead-in and lead-out: the shortest", problems)
         )
         return first, last
 
@@ -166,7 +166,7 @@ def _best_phase(plan: _Plan) -> tuple[float, Ways]:
     steps = plan.trajectory.period / plan.step
     phases = [float(np.floor(k * steps / _PHASES) * plan.step) for k in range(_PHASES)]
     phases = list(dict.fromkeys(phases))
-    places = told("ways from rest and back: places on the orbit", phases)
+    places = track("lead-in and lead-out: places on the orbit", phases)
     ranked = [phase for _, phase in sorted((plan.estimate(phase), phase) for phase in places)]
     refused: NoRampError | None = None
     for phase in ranked[:_MOST_PHASES]:

@@ -15,7 +15,7 @@ from expdesign.motion.limits import enclosed, moving_states
 from expdesign.motion.ramp_problem import RampProblem, RampProgram
 from expdesign.motion.spline import SplineRamp
 from expdesign.problem.design_problem import hidden_by_smoothing
-from expdesign.progress import tell
+from expdesign.progress import report_progress
 from expdesign.recheck.certificate import certify
 from expdesign.recheck.fine_grid import local_worst, worst_sampled
 from expdesign.recheck.limit_check import TOLERANCE, LimitCheck
@@ -126,7 +126,7 @@ def find_ramp(
     """
     attempts = []
     for guess in _different(guesses):
-        tell(f"ways from rest and back: the {name}, a guess of {guess.duration:.2g} s")
+        report_progress(f"lead-in and lead-out: the {name}, a guess of {guess.duration:.2g} s")
         attempts.append(shortest(problem, guess, width))
     if not attempts:
         raise ValueError("there is no guess to start from")
@@ -197,7 +197,9 @@ def _settled(
     for number in range(_ROUNDS):
         if known is not None and steps * step >= known.duration:
             break
-        tell(f"ways from rest and back: the {name} at {steps * step:.3g} s", number, _ROUNDS)
+        report_progress(
+            f"lead-in and lead-out: the {name} at {steps * step:.3g} s", number, _ROUNDS
+        )
         x = np.append(x[:-1], steps * step / problem.time_scale)
         critical, margins = _critical_rows(problem, x, width)
         # Rows of earlier rounds stay: without them their violations would come back.

@@ -22,7 +22,7 @@ from expdesign.enclosure.instructions import NoEnclosureError
 from expdesign.enclosure.limit_rows import EnclosedLimits, EnclosedRow
 from expdesign.enclosure.series import EnclosedSeries
 from expdesign.enclosure.taylor_model import EPS, TaylorModel
-from expdesign.progress import tell
+from expdesign.progress import report_progress
 from expdesign.recheck.fine_grid import LEAST_POINTS, worst_sampled
 from expdesign.recheck.limit_check import TOLERANCE, LimitCheck, Recheck
 from expdesign.robot import LimitModel
@@ -88,7 +88,7 @@ def certify(
     undecided: Mask = np.ones((len(edges), len(limits.limits)), dtype=bool)
     enclosed = 0
     while len(edges) and enclosed + len(edges) <= most:
-        tell(f"proving the limits: {len(edges)} cells of time")
+        report_progress(f"proving the limits: {len(edges)} cells of time")
         enclosed += len(edges)
         proof.open_excess[:] = -np.inf
         blocks = [slice(start, start + _BLOCK) for start in range(0, len(edges), _BLOCK)]

@@ -10,7 +10,7 @@ import numpy as np
 
 from constraints.arrays import Array, Mask
 from expdesign.mechanism.hexapod import COORDINATE_NAMES, COORDINATES, POSE
-from expdesign.progress import told
+from expdesign.progress import track
 from expdesign.recheck.limit_check import TOLERANCE
 from expdesign.robot import LimitModel, Robot
 from expdesign.robot.limit_model import states_at_rest
@@ -70,7 +70,7 @@ def reach(robot: Robot) -> tuple[Reach, ...]:
     model = LimitModel.of(robot)
     far = _FARTHEST * float(np.max(robot.inverse_kinematics(robot.home)))
     found = []
-    for k, coordinate in enumerate(told("the reach of each coordinate", POSE)):
+    for k, coordinate in enumerate(track("the reach of each coordinate", POSE)):
         longest = far if coordinate.unit == "m" else np.pi
         back, ahead = (_stop(model, sign * np.eye(COORDINATES)[k], longest) for sign in (-1, 1))
         found.append(Reach(coordinate.name, coordinate.unit, back, ahead))

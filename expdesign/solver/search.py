@@ -9,7 +9,7 @@ from itertools import pairwise
 from operator import attrgetter
 
 from expdesign.configuration import ComputationError
-from expdesign.progress import tell
+from expdesign.progress import report_progress
 from expdesign.solver.crew import Crew
 from expdesign.solver.finish import Finished
 from expdesign.solver.jobs import (
@@ -275,7 +275,7 @@ def _proved(crew: Crew, tried: Sequence[Candidate], monitor: Monitor) -> Candida
     Where there is none, the best of those that were looked at.
     """
     seen: list[Candidate] = []
-    tell("proving the limits")
+    report_progress("proving the limits")
     for candidate in sorted(tried, key=_rank, reverse=True)[:PROVED]:
         job = Job(proof_job, (candidate.start.index, candidate.finished))
         ((merit, finished),) = crew.done([job], monitor, after_stop=True)

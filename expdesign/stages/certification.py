@@ -14,7 +14,7 @@ from expdesign.export.record import FOLDER, RECORD, ExportsRecord
 from expdesign.export.table_file import find_table_file
 from expdesign.motion.executable import ExecutableMotion
 from expdesign.motion.limits import check_motion
-from expdesign.progress import part
+from expdesign.progress import progress_prefix
 from expdesign.recheck.certificate import recheck
 from expdesign.robot import ForwardKinematicsError, LimitModel, Robot, robot_from
 from expdesign.runfolder.manifest import RUN_FILE, Manifest, file_hash
@@ -57,21 +57,20 @@ def certified_folder(work: Workspace) -> list[CertifiedPart]:
         work.progress.warn(f"{name} was changed after it was designed")
     robot = robot_from(work.configuration.robot)
     trajectory = work.design().trajectory
-    with part("design"):
+    with progress_prefix("design"):
         found = [_design(robot, trajectory)]
     place = work.folder / FOLDER
     record = ExportsRecord.known(place / RECORD)
     if record is None:
         work.progress.note(
-            "no table was exported: the ways from rest and back, which are planned then, are not "
-            "there"
+            "no table was exported: the lead-in and lead-out, which are planned then, are not there"
         )
         return found
     motion = _executable(record, trajectory, robot)
     if motion is None:
         work.progress.warn(f"the ways in {RECORD} are not those of this design: left out")
     else:
-        with part("ways from rest and back"):
+        with progress_prefix("lead-in and lead-out"):
             limits = check_motion(work.configuration, motion).limits
         proof = PathCertificate(limits)
         found.append(CertifiedPart("motion", "the motion from rest to rest", proof))
@@ -95,7 +94,7 @@ def certified_table(work: Workspace, path: Path) -> CertifiedPart:
         )
     if table.changed:
         work.progress.warn(f"{path.name} was changed after it was exported")
-    with part(path.name):
+    with progress_prefix(path.name):
         try:
             proved = certified(table.executed)
         except (ForwardKinematicsError, np.linalg.LinAlgError) as trouble:

@@ -18,7 +18,7 @@ from estimation.validation.record import ValidationFile
 from estimation.validation.validate import validate
 from expdesign.configuration import InputError
 from expdesign.configuration.sizes import SAMPLES
-from expdesign.progress import tell, told
+from expdesign.progress import report_progress, track
 from expdesign.stages.outcome import Outcome, StageFailed
 from expdesign.stages.workspace import Workspace
 
@@ -32,7 +32,7 @@ def perform(work: Workspace) -> Outcome:
     configuration, files = work.configuration, work.data_files()
     designs = work.recorded_designs(len(files))
     recordings: list[Measurement] = []
-    for file in told("reading recordings", files):
+    for file in track("reading recordings", files):
         recordings.append(work.recording(file))
         count = sum(len(recording.time) for recording in recordings)
         if excess := SAMPLES.excess(count, f"{len(recordings)} recordings"):
@@ -61,7 +61,7 @@ def analyse_noise(work: Workspace) -> Outcome:
     """Analyse the noise of a recording without any model."""
     (file,) = work.data_files()
     (trajectory,) = work.recorded_designs(1)
-    tell("reading the recording")
+    report_progress("reading the recording")
     recording = work.recording(file)
     for warning in recording.warnings:
         work.progress.warn(warning)

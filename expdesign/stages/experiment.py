@@ -7,7 +7,7 @@ from estimation.twin.record import MEASUREMENT, repetition_file, write_measureme
 from expdesign.configuration import InputError
 from expdesign.configuration.sizes import MEASURED_ROWS
 from expdesign.export.table_file import find_table_file
-from expdesign.progress import tell
+from expdesign.progress import report_progress
 from expdesign.robot import robot_from
 from expdesign.runfolder.manifest import text_hash
 from expdesign.stages.outcome import Outcome, short
@@ -27,7 +27,7 @@ def perform(work: Workspace) -> Outcome:
         robot = robot_from(configuration.robot)
         table = find_table_file(sources.table.absolute(), robot, design.trajectory)
         work.inputs[NAME] = text_hash(work.inputs[NAME], table.path.name, table.digest)
-    tell("the motion without noise")
+    report_progress("the motion without noise")
     twin = Twin.of(configuration, design.trajectory if table is None else table)
     if table is not None and table.changed:
         # Not before: the twin refuses what does not hold the design.

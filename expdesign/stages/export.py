@@ -40,7 +40,7 @@ from expdesign.export.record import (
 from expdesign.motion.executable import ExecutableMotion
 from expdesign.motion.limits import check_motion, has_enclosure
 from expdesign.motion.planning import executable_motion
-from expdesign.progress import part, passed_on, tell
+from expdesign.progress import forward_progress, progress_prefix, report_progress
 from expdesign.robot import robot_from
 from expdesign.runfolder.atomic import write_text
 from expdesign.runfolder.leftovers import remove_leftovers
@@ -107,7 +107,7 @@ def _exported(
         for name in [file_name(section)]
     ]
     try:
-        yield from run_jobs(partial(copy, task), jobs, workers, Monitor(report=passed_on()))
+        yield from run_jobs(partial(copy, task), jobs, workers, Monitor(report=forward_progress()))
     finally:
         # Of a worker that was ended in the midst of a table.
         remove_leftovers(target)
@@ -134,7 +134,7 @@ def export_one(section: ExportSection, work: Workspace, out: Path | None) -> Out
     refuse_unwritable(path.parent)
     work.warn(work.configuration.warnings_before("export"))
     task = export_task(work)
-    with part(path.name):
+    with progress_prefix(path.name):
         made = export_table(section, task, path)
     motion, entry = MotionEntry.of(task), {path.name: FileEntry.of(made)}
     if in_folder:
@@ -175,7 +175,7 @@ def export_task(work: Workspace) -> Task:
             f"the ways from rest into the motion and back are those of {short(record)}"
         )
     else:
-        tell("ways from rest and back")
+        report_progress("lead-in and lead-out")
         motion = executable_motion(configuration, trajectory)
     check = check_motion(configuration, motion) if has_enclosure(motion) else None
     if check is not None and not check.certified:

@@ -24,7 +24,7 @@ from estimation.identification.identified_robot import FILE as IDENTIFIED
 from expdesign.configuration import InputError
 from expdesign.configuration.identification import Identification
 from expdesign.mechanism.hexapod import ACTUATORS, numbered
-from expdesign.progress import tell
+from expdesign.progress import report_progress
 from expdesign.robot import Robot, load_robot
 from expdesign.robot.deviation import FORCE_CONSTANT, deviations, estimated_constants
 from expdesign.runfolder.atomic import written_beside
@@ -74,7 +74,7 @@ def export_model(
     place = Path("runs") / robot.name if folder is None else folder
     target = (place / FOLDER / name if out is None else out).absolute()
     refuse_unwritable(target)
-    tell("uncertainty of the forces")
+    report_progress("uncertainty of the forces")
     motion, trajectory = ("", None) if folder is None else _motion(folder)
     uncertainty = _uncertainty(robot, known, trajectory, path)
     lacking = () if known is None else _lacking(robot, known)
@@ -87,7 +87,7 @@ def export_model(
         )
     model = ControlModel(robot, _origin(path, known, folder), width, uncertainty)
     _tell_doubts(model, progress)
-    tell(f"writing and testing {name}")
+    report_progress(f"writing and testing {name}")
     with TemporaryDirectory(prefix="expdesign-model-") as place_to_work:
         made = FORMATS[name].make(model, Path(place_to_work))
     if made.untested:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from expdesign.configuration import ComputationError, RunConfiguration
-from expdesign.progress import Listener, tell
+from expdesign.progress import Listener, report_progress
 
 if TYPE_CHECKING:
     from expdesign.solver.stage import SearchEvent
@@ -42,7 +42,7 @@ class Progress:
     @contextmanager
     def count(self, what: str) -> Iterator[Callable[[int, int], None]]:
         """Show how many of `what` (a plural) are done; give what takes that number and all."""
-        yield lambda done, total: tell(what, done, total)
+        yield lambda done, total: report_progress(what, done, total)
 
 
 def short(path: Path) -> str:

@@ -17,7 +17,7 @@ from expdesign.configuration import (
     load_run,
 )
 from expdesign.interruption import interruptible
-from expdesign.progress import tell, told_to
+from expdesign.progress import listening, report_progress
 from expdesign.stages.folder import Place, refuse_removed, refuse_unwritable, run_folder
 from expdesign.stages.outcome import Outcome, Progress, StageFailed, short
 from expdesign.stages.record import (
@@ -128,8 +128,8 @@ def do_stage(name: str, work: Workspace) -> Outcome:
     clear_leftovers(work.folder)
     began = time.perf_counter()
     try:
-        with work.progress.working(name) as listener, told_to(listener):
-            tell("loading what it needs")
+        with work.progress.working(name) as listener, listening(listener):
+            report_progress("loading what it needs")
             outcome: Outcome = loaded(STAGES[name].perform)(work)
             # What took hours is not lost to a Ctrl-C in the seconds that saving it takes.
             with interruptible(work.progress.note, *_SAVING) as asked:
@@ -166,13 +166,13 @@ def _written(outcome: Outcome, work: Workspace) -> tuple[Path, ...]:
     """Write the record of a stage that has not written anything itself; return its files."""
     if outcome.record is None or outcome.files:
         return outcome.files
-    tell("writing the results")
+    report_progress("writing the results")
     files = outcome.record.write(work.folder)
     # The library that draws takes a second to load: what took hours is written by then.
     from results import record_figures
 
     formats = work.configuration.run.report.figures
-    tell("drawing figures")
+    report_progress("drawing figures")
     return (*files, *record_figures(outcome.record, work.folder, formats))
 
 

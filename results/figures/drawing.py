@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 import numpy as np
 
 from constraints.arrays import Array
-from expdesign.progress import told
+from expdesign.progress import track
 from expdesign.runfolder.atomic import written_beside
 from results.notation import symbol
 from results.style import (
@@ -92,7 +92,7 @@ def save_figures(
     every figure. Formats are "png", "svg" and "pdf"; SVG is written always: reports show it.
     """
     paths = []
-    for definition in told("drawing figures", tuple(definitions)):
+    for definition in track("drawing figures", tuple(definitions)):
         with house_style():
             figure = definition.draw(record)
             if note:

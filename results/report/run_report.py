@@ -10,7 +10,7 @@ from typing import Any
 
 from estimation.controlmodel import FOLDER
 from expdesign.configuration import RunConfiguration
-from expdesign.progress import tell, told
+from expdesign.progress import report_progress, track
 from expdesign.runfolder.atomic import write_text
 from results.notation import duration
 from results.report.content import (
@@ -95,7 +95,7 @@ def write_report(
             file = path / "tables" / f"{table.key}.tex"
             write_text(file, latex_table(table))
             written.append(file)
-    tell("writing the page")
+    report_progress("writing the page")
     write_text(path / NAME, rendered(page))
     return [*written, path / NAME]
 
@@ -103,7 +103,7 @@ def write_report(
 def run_page(folder: RunFolder) -> Page:
     """Return what the report of a folder says."""
     held = [key for key in folder.stages if folder.has(key)]
-    reports = {key: folder.stages[key].report(folder) for key in told("sections", held)}
+    reports = {key: folder.stages[key].report(folder) for key in track("sections", held)}
     run = folder.configuration.run
     view = robot_view(folder)
     sections = [report.section for report in reports.values()]
@@ -191,7 +191,7 @@ def _missing_figures(folder: RunFolder) -> list[Path]:
         return any(not (place / f"{stem}.{ending}").is_file() for ending in {*formats, "svg"})
 
     drawn: list[Path] = []
-    tell("looking for figures")
+    report_progress("looking for figures")
     for stage, (kind, figure) in _DRAWN.items():
         if folder.has(stage) and missing(figure):
             from results.saving import record_figures

@@ -13,7 +13,7 @@ from estimation.studies.records import StudySummary
 from expdesign.configuration import InputError, Problem
 from expdesign.experiment import DesignRecord
 from expdesign.experiment.sensitivity import limit_sensitivity
-from expdesign.progress import tell, told
+from expdesign.progress import report_progress, track
 from expdesign.runfolder.atomic import write_text
 from expdesign.runfolder.manifest import file_hash
 from results.figures.drawing import FigureDefinition, save_figures
@@ -130,7 +130,7 @@ def _page(
         comparison = DesignComparison(designs, precision)
         figure = None
         if comparison.comparable:
-            tell("drawing figures")
+            report_progress("drawing figures")
             figure = drawn(compared_precision_figure, precision_series(comparison))
         costs = {}
         if with_sensitivity:
@@ -138,7 +138,7 @@ def _page(
                 design.label: limit_sensitivity(
                     design.record.configuration, design.record.summary.trajectory
                 )
-                for design in told("what each limit costs", designs)
+                for design in track("what each limit costs", designs)
             }
         reports.append(designs_report(comparison, costs, figure))
     estimates = tuple(

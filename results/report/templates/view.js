@@ -162,7 +162,7 @@
       displayModeBar: false, responsive: true, scrollZoom: true,
     });
     const scene = stage._fullLayout.scene._scene;
-    // The library does this for every picture, and for half a second after it ignores the mouse.
+    // It sets what the mouse does, for every picture anew, and ignores the mouse for half a second.
     scene.updateFx = () => {};
     let shown = 0, wanted = 0, busy = false, running = false, last = null, time = 0;
 
