@@ -1,4 +1,4 @@
-"""The limits that exist: those that the modules of :mod:`constraints.limits` declare."""
+"""The catalogue of limits: all that :mod:`constraints.limits` and the plug-ins declare."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from constraints import limits
 from constraints.definition import LimitDefinition, plain_limit
-from constraints.modules import modules_of
+from constraints.plugins import declarations
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -19,17 +19,13 @@ if TYPE_CHECKING:
 def limit_definitions() -> Mapping[str, LimitDefinition]:
     """Return every limit by its YAML key, in alphabetical order.
 
-    A file dropped into ``constraints/limits`` is all that a new limit needs.
+    A new limit is a file in ``constraints/limits`` or a module of a plug-in, and nothing else.
     """
     found: dict[str, LimitDefinition] = {}
-    for name, module in modules_of(limits).items():
-        declared = getattr(module, "LIMITS", None) or (module.LIMIT,)
-        for definition in declared:
-            if not isinstance(definition, LimitDefinition):
-                raise TypeError(f"constraints/limits/{name}.py: LIMIT is no LimitDefinition")
-            if definition.key in found:
-                raise ValueError(f"constraints/limits/{name}.py: '{definition.key}' is taken")
-            found[definition.key] = definition
+    for definition in declarations(LimitDefinition, limits):
+        if definition.key in found:
+            raise ValueError(f"the limit '{definition.key}' is declared twice")
+        found[definition.key] = definition
     return MappingProxyType(dict(sorted(found.items())))
 
 

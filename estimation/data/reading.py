@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from constraints.modules import modules_of
+from constraints.plugins import modules_of
 from estimation.data import readers
 from estimation.data.defects import (
     refuse_cells,

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from constraints.modules import modules_of
+from constraints.plugins import modules_of
 from expdesign.configuration.problem import InputError
 from expdesign.robotfile import readers
 from expdesign.robotfile.home_in_range import without_contradictions

@@ -75,15 +75,15 @@ def test_a_new_limit_works_from_the_robot_file_to_the_check(add_file, tmp_path):
     np.testing.assert_allclose(values, motion.beta_rate, rtol=1e-12)
 
 
-def test_a_file_without_a_limit_is_named(add_file):
+def test_a_file_without_a_limit_adds_none(add_file):
+    before = set(limit_definitions())
     add_file("zz_other", "LIMIT = 3\n")
-    with pytest.raises(TypeError, match="zz_other"):
-        limit_definitions()
+    assert set(limit_definitions()) == before
 
 
 def test_a_key_that_is_taken_is_named(add_file):
     add_file("zz_again", NEW.replace('"beta_rate",\n    title', '"beta",\n    title'))
-    with pytest.raises(ValueError, match=r"zz_again.*beta"):
+    with pytest.raises(ValueError, match="beta"):
         limit_definitions()
 
 
