@@ -50,12 +50,8 @@ format: venv ## Format the code and sort its imports
 run: venv ## Design the example experiment: palida, into runs/palida
 	$(BIN)/expdesign run palida $(ARGS)
 
-paper: venv ## Repeat the paper's three studies and compare: runs/paper/report.html
-	$(BIN)/expdesign run paper_design
-	$(BIN)/expdesign run paper_identification
-	$(BIN)/expdesign run paper_validation
-	$(BIN)/expdesign compare runs/paper_design/designs/1-d runs/paper_design/designs/1-condition \
-	  runs/paper_design runs/paper_identification runs/paper_validation --out runs/paper
+paper: venv ## Repeat the paper's three studies: runs/paper/report.html (ROBOT=my.yaml for another)
+	$(BIN)/python examples/paper/run.py $(if $(ROBOT),--robot $(ROBOT)) $(ARGS)
 
 bench: venv ## Run the benchmarks
 	$(BIN)/python benchmarks/run.py $(ARGS)

@@ -10,11 +10,7 @@ from estimation.diagnostics.noise_record import NoiseRecord
 from estimation.feedforward.record import FeedforwardRecord
 from estimation.identification.record import EstimateRecord
 from estimation.montecarlo.record import MonteCarloRecord
-from estimation.studies.design_study import DesignStudy
-from estimation.studies.study import Study
-from estimation.studies.validation_runs import SITUATIONS
-from estimation.studies.validation_study import ValidationStudy
-from estimation.validation.record import MotionRecord, ValidationRecord
+from estimation.validation.record import ValidationRecord
 from expdesign.experiment import DesignRecord
 from expdesign.experiment.sweep_record import SweepRecord
 from expdesign.export.record import ExportsRecord
@@ -29,7 +25,6 @@ from results.figures.noise import NOISE_FIGURES, SPECTRUM_FIGURES
 from results.figures.parameters import ESTIMATE_FIGURES
 from results.figures.residuals import DIAGNOSTIC_FIGURES, prediction_figure
 from results.figures.selection import selection_figure
-from results.figures.studies import RECORD_FIGURES, distributions_figure
 from results.figures.sweep import sweep_figure
 
 Drawn = (
@@ -40,7 +35,6 @@ Drawn = (
     | ValidationRecord
     | FeedforwardRecord
     | MonteCarloRecord
-    | Study
 )
 
 _NOTES = {
@@ -134,15 +128,3 @@ def _parts(record: Drawn) -> Iterator[tuple[Iterable[FigureDefinition[Any]], Any
                 yield [prediction_figure.ending(f"_{number}")], motion
         case MonteCarloRecord():
             yield STUDY_FIGURES, record.rows
-        case _:
-            if isinstance(record, DesignStudy):
-                yield [distributions_figure], record
-            yield RECORD_FIGURES[record.section.kind], record.record
-            if isinstance(record, ValidationStudy):
-                predictions = [
-                    MotionRecord.of(f"{motion}: {SITUATIONS[situation]}", diagnosis)
-                    for situation, motions in record.first.items()
-                    for motion, (_, diagnosis) in zip(record.motions, motions, strict=True)
-                ]
-                for number, prediction in enumerate(predictions, start=1):
-                    yield [prediction_figure.ending(f"_study_{number}")], prediction

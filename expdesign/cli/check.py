@@ -40,9 +40,9 @@ def check(
 ) -> None:
     """Validate a run and print its complete configuration, with every default, in SI units.
 
-    Nothing is computed but whether the home pose keeps the limits, and whether the study could be
-    done. Warnings, limits that are not set or stand by default, what `expdesign run` would do, and
-    the pairs of struts that share a joint and are left out of the clearance, go to standard error.
+    Nothing is computed but whether the home pose keeps the limits. Warnings, limits that are not
+    set or stand by default, what `expdesign run` would do, and the pairs of struts that share a
+    joint and are left out of the clearance, go to standard error.
 
     With --machine the robot is computed with: lengths, forces and angles of the struts and the
     condition at home, how far each coordinate goes from there alone until which limit stops it, and

@@ -1,4 +1,4 @@
-"""`expdesign compare`: designs, estimates and studies of several run folders side by side."""
+"""`expdesign compare`: designs, estimates and Monte-Carlo studies of several run folders."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def compare(
     """Compare run folders and write report.html, tables and figures into a folder.
 
     Designs: criteria in common scalings, precision, limits, effort. Estimates: parameters with
-    intervals, and whether they differ. Studies: achieved standard deviations.
+    intervals, and whether they differ. Monte-Carlo studies: achieved standard deviations.
     """
     from expdesign.cli.terminal import working
     from expdesign.stages.folder import refuse_unwritable

@@ -284,15 +284,6 @@ def feedforward(outcome: Outcome) -> None:
     printed_place(outcome)
 
 
-def study(outcome: Outcome) -> None:
-    """Print the claims of a study."""
-    words = {True: "yes", False: "no", None: ""}
-    rows = [(one.statement, one.value, one.paper, words[one.holds]) for one in outcome.result]
-    heads = ("what", "found", "paper", "holds")
-    results().print(result_table("On the digital twin (simulated)", heads, rows, heads))
-    say(f"{outcome.message}; written to {short(outcome.folder)}")
-
-
 def sweep(outcome: Outcome) -> None:
     """Print what the designs promise and what they cost, the most precise marked."""
     record = outcome.record

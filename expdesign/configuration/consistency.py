@@ -124,13 +124,9 @@ def folded_hum(run: RunDescription) -> list[str]:
 
 def unselected(run: RunDescription) -> list[str]:
     """Return which stages of a run estimate without a selection that it names."""
-    if run.estimate.select is None:
+    if run.estimate.select is None or "montecarlo" not in run.stages:
         return []
-    return [
-        f"{stage} estimates the robot's own terms: estimate.select has no part in it"
-        for stage in ("montecarlo", "study")
-        if stage in run.stages
-    ]
+    return ["montecarlo estimates the robot's own terms: estimate.select has no effect on it"]
 
 
 def _long_delay(run: RunDescription, document: Document) -> Iterator[Problem]:

@@ -18,11 +18,7 @@ from expdesign.configuration.robot_description import RobotSource
 from expdesign.configuration.section import LATER, Section, file_kind
 from expdesign.configuration.sections.data import DataSection, EstimateSection, MonteCarloSection
 from expdesign.configuration.sections.design import DesignSection, MotionSection, TrajectorySection
-from expdesign.configuration.sections.experiment import (
-    ExperimentSection,
-    StudySection,
-    ValidationMotion,
-)
+from expdesign.configuration.sections.experiment import ExperimentSection, ValidationMotion
 from expdesign.configuration.sections.export import ExportSections
 from expdesign.configuration.sections.feedforward import FeedforwardSection
 from expdesign.configuration.sections.sweep import Sweep
@@ -101,7 +97,6 @@ class RunDescription(Section):
         default=(), alias="validate"
     )
     feedforward: Annotated[FeedforwardSection, _STAGE, LATER] = FeedforwardSection()
-    study: Annotated[StudySection | None, _STAGE] = None
     sweep: Annotated[Sweep | None, _STAGE] = None
     """Values as they are written."""
     export: Annotated[ExportSections, _STAGE] = ()

@@ -99,8 +99,6 @@ MEASURED_ROWS = Size("rows of measurements", 250, DISK, "disk")
 REPETITIONS = Size("repetitions", 10_000)
 """Of a Monte-Carlo study: estimates and standard deviations of three estimators."""
 
-STUDY_ESTIMATES = Size("estimates of a study", 1000)
-
 
 def design_samples(harmonics: int) -> Size:
     """Return the size of the samples of a design with so many harmonics.
@@ -155,9 +153,3 @@ def oversized(run: RunDescription, document: Document) -> Iterator[Problem]:
 
     found = REPETITIONS.excess(run.montecarlo.repetitions)
     yield from problem(("montecarlo", "repetitions"), found)
-    if run.study is not None:
-        study = run.study
-        each = study.sets * len(study.criteria) * len(study.kinematics)
-        made = f"{study.repetitions} repetitions of {each} cases"
-        found = STUDY_ESTIMATES.factors(study.repetitions, each, made)
-        yield from problem(("study", "repetitions"), found)

@@ -1,4 +1,4 @@
-"""Several designs of one run, as studies and sweeps make them: a folder each."""
+"""The designs of a sweep: a run folder each."""
 
 from __future__ import annotations
 

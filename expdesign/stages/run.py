@@ -177,7 +177,7 @@ def _written(outcome: Outcome, work: Workspace) -> tuple[Path, ...]:
 
 
 def refuse_unfit(configuration: RunConfiguration) -> None:
-    """Refuse a study, and motions of the validation, that cannot be done before anything else is.
+    """Refuse motions of the validation that cannot be made, before any stage runs.
 
     What follows from the configuration alone has been refused with it.
     """
@@ -185,11 +185,6 @@ def refuse_unfit(configuration: RunConfiguration) -> None:
         from estimation.validation.motions import refuse_unfit_motions
 
         refuse_unfit_motions(configuration, configuration.robot.home)
-    if configuration.run.study is not None:
-        from estimation.studies import refuse_unfit_study
-        from expdesign.robot import robot_from
-
-        refuse_unfit_study(configuration, robot_from(configuration.robot))
 
 
 def simulate(

@@ -30,19 +30,6 @@ def _sweep_has_many(configuration: RunConfiguration) -> str:
     return "the sweep makes several designs, and `expdesign run` of the run.yaml of one does it"
 
 
-def _sweep_has_many_for_the_study(configuration: RunConfiguration) -> str:
-    return "" if _designs_itself(configuration) else _sweep_has_many(configuration)
-
-
-def _study_does_it(configuration: RunConfiguration) -> str:
-    return "the study does it for each of its designs" if _designs_itself(configuration) else ""
-
-
-def _designs_itself(configuration: RunConfiguration) -> bool:
-    study = configuration.run.study
-    return study is not None and study.kind == "design"
-
-
 def _own_motion(configuration: RunConfiguration) -> bool:
     return configuration.run.feedforward.motion != "design"
 
@@ -100,7 +87,7 @@ STAGES: dict[str, Stage] = {
         sections=_sections("trajectory", "design", experiment={"periods", "sampling", "payload"}),
         writes=("trajectory.csv", *_TABLES),
         report="results.report.stages.design:design_report",
-        left_out=(_sweep_does_it, _study_does_it),
+        left_out=(_sweep_does_it,),
     ),
     "experiment": Stage(
         does="measures the trajectory on the digital twin",
@@ -111,7 +98,7 @@ STAGES: dict[str, Stage] = {
         writes=("columns.json", "measurement.csv", "repetitions/*/measurement.csv"),
         result="measurement.csv",
         report="results.report.stages.noise:experiment_report",
-        left_out=(_data_is_given, _sweep_has_many, _study_does_it),
+        left_out=(_data_is_given, _sweep_has_many),
     ),
     "noise": Stage(
         does="analyses the noise of a recording",
@@ -125,12 +112,12 @@ STAGES: dict[str, Stage] = {
     "montecarlo": Stage(
         does="judges the estimators on many simulated experiments",
         record="montecarlo.json",
-        perform="expdesign.stages.studies:montecarlo",
+        perform="expdesign.stages.montecarlo:montecarlo",
         needs=("design",),
         sections=_sections("experiment", "estimate", "montecarlo"),
         writes=_TABLES,
         report="results.report.stages.montecarlo:montecarlo_report",
-        left_out=(_sweep_has_many, _study_does_it),
+        left_out=(_sweep_has_many,),
     ),
     "estimate": Stage(
         does="estimates the parameters from a recording",
@@ -140,7 +127,7 @@ STAGES: dict[str, Stage] = {
         sections=_sections("trajectory", "data", "estimate", experiment={"payload"}),
         writes=("estimates.csv", "identified-robot.yaml", *_TABLES),
         report="results.report.stages.estimate:estimate_report",
-        left_out=(_sweep_has_many, _study_does_it),
+        left_out=(_sweep_has_many,),
     ),
     "validate": Stage(
         does="predicts motions that were not used for the estimate",
@@ -162,17 +149,6 @@ STAGES: dict[str, Stage] = {
         writes=_TABLES,
         report="results.report.stages.feedforward:feedforward_report",
         left_out=(_sweep_has_many,),
-    ),
-    "study": Stage(
-        does="compares designs, estimators or tests on the digital twin",
-        record="study.json",
-        perform="expdesign.stages.studies:study",
-        needs=("design",),
-        does_without={"design": _designs_itself},
-        sections=_sections("trajectory", "design", "experiment", "estimate", "montecarlo", "study"),
-        writes=_TABLES,
-        report="results.report.stages.study:study_report",
-        left_out=(_sweep_has_many_for_the_study,),
     ),
     "sweep": Stage(
         does="designs at every point of a grid",

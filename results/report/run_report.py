@@ -42,7 +42,6 @@ LATEX_TABLES = (
     "estimators",
     "validation",
     "montecarlo",
-    "study_claims",
     "sweep",
 )
 """Tables that are written as LaTeX too."""

@@ -184,44 +184,33 @@ def test_an_experiment_without_a_design(expdesign, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
-STUDY = "name: a\nrobot: palida\nexperiment: {periods: 2}\nstudy: "
+MONTECARLO = "name: a\nrobot: palida\nexperiment: {periods: 2}\nmontecarlo: {repetitions: 3}\n"
 
 
-@pytest.mark.parametrize(
-    ("study", "words"),
-    [
-        ("{kind: design, repetitions: 24}\ndesign: {}", "24 repetitions do not give a covariance"),
-        ("{kind: validation, wrong: {sx: 2}}\ndesign: {}", "no parameter 'sx'"),
-        (
-            "{kind: validation, motions: [{motion: circle, periods: 1}]}\ndesign: {}",
-            "study.motions[1].periods",
-        ),
-    ],
-)
-def test_check_refuses_the_studies_that_run_refuses(expdesign, tmp_path, seen, study, words):
+def test_check_refuses_the_motions_that_run_refuses(expdesign, tmp_path, seen):
     path = tmp_path / "input.yaml"
-    path.write_text(STUDY + study, encoding="utf-8")
+    still = "{motion: line, poses: [[0, 0, -0.6, 0, 0, 0], [0, 0, -0.6, 0, 0, 0]]}"
+    path.write_text(f"{MONTECARLO}design: {{}}\nvalidate: [{still}]\n", encoding="utf-8")
     for command in (("check", path), ("run", path, "--out", tmp_path / "out")):
         status, out, messages = expdesign(*command)
         assert (status, out) == (2, "")
-        assert words in messages
+        assert "validate[1]" in messages
     assert seen == []
 
 
-@pytest.mark.parametrize("kind", ["validation", "identification"])
-def test_a_study_without_a_design_says_what_to_name(expdesign, tmp_path, monkeypatch, seen, kind):
+def test_a_run_without_a_design_says_what_to_name(expdesign, tmp_path, monkeypatch, seen):
     monkeypatch.chdir(tmp_path)
     path = tmp_path / "input.yaml"
-    path.write_text(STUDY + f"{{kind: {kind}, repetitions: 3}}\n", encoding="utf-8")
+    path.write_text(MONTECARLO, encoding="utf-8")
     status, _, messages = expdesign("run", path)
     assert status == 2
-    assert "experiment and study need a design" in messages
+    assert "experiment and montecarlo need a design" in messages
     assert "`design:` in the run file" in messages
     assert "--design" not in messages
     status, _, messages = expdesign("check", path)
     assert status == 0
     assert "expdesign run refuses this file" in messages
-    assert "experiment and study need a design" in messages
+    assert "experiment and montecarlo need a design" in messages
     warnings = json.loads(expdesign("check", path, "--json")[1])["warnings"]
     assert any("need a design" in warning for warning in warnings)
     assert seen == []
@@ -231,15 +220,14 @@ def test_a_study_without_a_design_says_what_to_name(expdesign, tmp_path, monkeyp
 
 def test_check_says_what_run_does(expdesign, tmp_path, seen):
     path = tmp_path / "input.yaml"
-    path.write_text(
-        STUDY + "{kind: design, repetitions: 25}\ndesign: {}\nreport: {}\n", encoding="utf-8"
-    )
+    sweep = "sweep: {design.seed: [0, 1]}\ndesign: {}\nreport: {}\n"
+    path.write_text(MONTECARLO + sweep, encoding="utf-8")
     status, _, messages = expdesign("check", path)
     assert status == 0
-    assert "expdesign run does: study, report" in messages
-    left_out = [line for line in messages.splitlines() if "left out, the study" in line]
-    assert [line.split(": ")[1] for line in left_out] == ["design", "experiment"]
-    assert json.loads(expdesign("check", path, "--json")[1])["run_does"] == ["study", "report"]
+    assert "expdesign run does: sweep, report" in messages
+    left_out = [line for line in messages.splitlines() if "left out, the sweep" in line]
+    assert [line.split(": ")[1] for line in left_out] == ["design", "experiment", "montecarlo"]
+    assert json.loads(expdesign("check", path, "--json")[1])["run_does"] == ["sweep", "report"]
 
 
 @pytest.mark.parametrize("text", ["", "name: a\nrobot: nowhere\n", "name: a\nrobott: palida\n"])

@@ -28,8 +28,6 @@ def test_what_ships():
 def test_runs_that_ship_load_without_a_robot_of_their_own(name):
     configuration = load_run(name)
     assert configuration.run.name == name
-    studies = {"paper_design", "paper_identification", "paper_validation"}
-    assert ("study" in configuration.run.stages) == (name in studies)
     assert configuration.run.stages[0] == "design"
 
 

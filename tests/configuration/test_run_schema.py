@@ -216,14 +216,6 @@ def test_names_that_are_refused(error_of, name):
         # What no period holds.
         ("experiment", {"delay": "1000 s"}, "delay", "longer than a period"),
         ("experiment", {"delay": "-11 s"}, "delay", "longer than a period"),
-        ("study", {"kind": "identification", "sets": 3}, "sets", "identification has no 'sets'"),
-        ("study", {"kind": "design", "wrong": {"p1": 2}}, "wrong", "design has no 'wrong'"),
-        (
-            "study",
-            {"kind": "validation", "tracking_error": {"position": "2 mm"}},
-            "tracking_error",
-            "validation has no 'tracking_error'",
-        ),
         ("data", {"columns": {"q7": "x"}}, "columns.q7", "'q7' is not a channel"),
         ("data", {"columns": {"q1": 5}}, "columns.q1", "5 is no text"),
         ("data", {"columns": {"q1": "x", "q2": "x"}}, "columns", "'x' is both q1 and q2"),

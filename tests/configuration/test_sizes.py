@@ -6,13 +6,7 @@ import pytest
 
 from expdesign.cli.commands import _MOST_REPETITIONS
 from expdesign.configuration import InputError, load_run
-from expdesign.configuration.sizes import (
-    MEMORY,
-    REPETITIONS,
-    SAMPLES,
-    STUDY_ESTIMATES,
-    design_samples,
-)
+from expdesign.configuration.sizes import MEMORY, REPETITIONS, SAMPLES, design_samples
 
 ROBOT = {"name": "large", "robot": "palida"}
 
@@ -35,7 +29,6 @@ def refused(**sections):
         ("trajectory.samples", {"trajectory": {"samples": 5000, "harmonics": 100}}),
         ("trajectory.frequency", {"trajectory": {"frequency": [1e-9, 0.6], "harmonics": 101}}),
         ("montecarlo.repetitions", {"montecarlo": {"repetitions": 10_000_000}}),
-        ("study.repetitions", {"study": {"kind": "design", "repetitions": 100_000, "sets": 1000}}),
         ("export[1].segment", {"export": [{"format": "csv", "segment": "1 us"}]}),
         ("export[1].format", {"export": [{"format": "csv", "scale": 1e-9}]}),
         ("design.starts", {"design": {"starts": 100_000}}),
@@ -70,7 +63,6 @@ def test_too_large(key, sections):
         ("experiment", "periods", {"sampling": 5000}, SAMPLES.most // 10_000),
         # 1666.67 samples each: the quotient is rounded.
         ("experiment", "periods", {"sampling": 5000 / 6}, SAMPLES.most * 6 // 10_000),
-        ("study", "repetitions", {"kind": "design", "sets": 10}, STUDY_ESTIMATES.most // 60),
     ],
 )
 def test_however_large_a_number_is_the_bound_that_holds_is_told(section, key, others, most):

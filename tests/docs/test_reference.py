@@ -16,7 +16,6 @@ from estimation.diagnostics.noise_record import NoiseFile
 from estimation.feedforward.record import FeedforwardFile
 from estimation.identification.estimate_file import EstimateFile
 from estimation.montecarlo.record import MonteCarloFile, MonteCarloRecord, repetition_table
-from estimation.studies.records import StudySummary
 from estimation.twin import Twin
 from estimation.twin.record import MEASUREMENT, Truth
 from estimation.validation.record import ValidationFile
@@ -39,11 +38,7 @@ from expdesign.configuration.sections.disturbances import (
     Quantisation,
     TrackingError,
 )
-from expdesign.configuration.sections.experiment import (
-    ExperimentSection,
-    StudySection,
-    ValidationMotion,
-)
+from expdesign.configuration.sections.experiment import ExperimentSection, ValidationMotion
 from expdesign.configuration.sections.export import OFFERS
 from expdesign.configuration.sections.feedforward import FeedforwardSection
 from expdesign.configuration.sections.selection import SelectSection
@@ -101,7 +96,6 @@ def _required(model):
     small = {
         Cogging: {"amplitude": 12, "pitch": 0.03},
         ValidationMotion: {"motion": "circle"},
-        StudySection: {"kind": "design"},
         ExportSection: {"format": "csv"},
         JointRing: {"radius": 0.3, "half_angle": 0.1, "pairs": "1-2"},
         Body: {"mass": 1},
@@ -140,7 +134,6 @@ def _required(model):
         (FeedforwardSection, RUN_FILES, "## feedforward"),
         (DataSection, DATA, "## data"),
         (ExportSection, TABLES_PAGE, "## Options"),
-        (StudySection, RUN_FILES, "## study"),
         (ReportSection, DOCS / "reports.md", "## report"),
     ],
     ids=lambda value: value if isinstance(value, str) else getattr(value, "__name__", ""),
@@ -245,7 +238,7 @@ def test_the_readme_has_a_row_for_every_command_and_option():
     commands = get_command(app).commands
     rows = {codes(row[0])[0].split()[1]: row[0] for row in table(ROOT / "README.md", "## Commands")}
     assert set(rows) == set(commands)
-    called = {"experiment": "simulate", "feedforward": "run", "study": "run", "sweep": "run"}
+    called = {"experiment": "simulate", "feedforward": "run", "sweep": "run"}
     assert {called.get(name, name) for name in STAGES} <= set(rows)
     for name, row in rows.items():
         options = {option for parameter in commands[name].params for option in parameter.opts}
@@ -329,7 +322,6 @@ def test_columns_of_the_tables():
         FeedforwardFile,
         MonteCarloFile,
         ExportsRecord,
-        StudySummary,
         SweepFile,
     ],
 )

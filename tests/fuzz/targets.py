@@ -65,7 +65,7 @@ EXPORTS = (
 @functools.cache
 def _runs():
     shipped = [yaml.safe_load(path.read_text(encoding="utf-8")) for path in run_files().values()]
-    every_key = yaml.safe_load(resolved_yaml(load_run("paper_identification")))
+    every_key = yaml.safe_load(resolved_yaml(load_run("palida-sweep")))
     full = yaml.safe_load(resolved_yaml(load_run("palida")))
     return [*shipped, full, {**every_key, "robot": "palida"}]
 

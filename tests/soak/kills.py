@@ -100,12 +100,6 @@ def every_stage():
         "montecarlo": {"repetitions": 6, "estimators": ["ls"]},
         "estimate": {"estimators": ["ls"]},
         "validate": [{"motion": "circle", "periods": 3}],
-        "study": {
-            "kind": "validation",
-            "repetitions": 3,
-            "wrong": {"p10": 1.2},
-            "motions": [{"motion": "circle"}],
-        },
         "export": [{"format": "xps-pvt", "segment": 0.02, "tolerance": 2e-4, "scale": 0.3}],
         "report": {"figures": ["svg"]},
         "workers": 2,

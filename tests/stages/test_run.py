@@ -206,17 +206,6 @@ def test_ctrl_c_in_the_study_of_a_run_leaves_what_is_done_and_the_run_goes_on(ru
     assert set(statuses(folder).values()) == {"done"}
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_what_is_interrupted_without_a_result_has_not_failed(run_of, tmp_path, number):
-    folder, study = tmp_path / "out", {"kind": "identification", "repetitions": 4}
-    with pytest.raises(expdesign.StageFailed, match="2 of 4"):
-        expdesign.run(run_of(study=study), out=folder, progress=Impatient(number))
-    found = statuses(folder)
-    assert found.pop("study") == "interrupted"
-    assert set(found.values()) == {"done"}
-    assert not (folder / "study.json").exists()
-
-
 def test_bad_input():
     with pytest.raises(expdesign.InputError, match="needs a design"):
         expdesign.run({"name": "a", "robot": "palida", "experiment": {"periods": 2}})

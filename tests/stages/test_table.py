@@ -10,7 +10,6 @@ from estimation.diagnostics.noise_record import NoiseRecord
 from estimation.feedforward.record import FeedforwardRecord
 from estimation.identification.record import EstimateRecord
 from estimation.montecarlo.record import MonteCarloRecord
-from estimation.studies.records import StudyRecord
 from estimation.validation.record import ValidationRecord
 from expdesign.cli import shown
 from expdesign.configuration import RunDescription, load_run
@@ -20,7 +19,7 @@ from expdesign.experiment.sweep_record import SweepRecord
 from expdesign.runfolder.manifest import Manifest
 from expdesign.stages.record import stage_inputs
 from expdesign.stages.report import reported_stages
-from expdesign.stages.table import STAGES, loaded, performed, stages_without_design
+from expdesign.stages.table import STAGES, loaded, stages_without_design
 from expdesign.stages.workspace import Workspace
 
 RECORDS = {
@@ -30,7 +29,6 @@ RECORDS = {
     "estimate": EstimateRecord,
     "validate": ValidationRecord,
     "feedforward": FeedforwardRecord,
-    "study": StudyRecord,
     "sweep": SweepRecord,
 }
 
@@ -47,7 +45,6 @@ CHANGED = {
     "estimate": {"estimators": ["ls"]},
     "validate": [{"motion": "circle"}],
     "feedforward": {"bandwidth": 8.0},
-    "study": {"kind": "validation"},
     "sweep": {"design.seed": [0, 1]},
     "export": ["csv"],
     "report": {"title": "other"},
@@ -126,9 +123,6 @@ def test_who_needs_a_design(tmp_path):
     problem = stages_without_design(load_run(run), tmp_path)
     assert problem.message.startswith("experiment and montecarlo need a design")
     assert stages_without_design(load_run(run | {"design": {}}), tmp_path) is None
-    study = load_run(run | {"study": {"kind": "design", "repetitions": 25}})
-    assert performed(study) == ["study"]
-    assert stages_without_design(study, tmp_path) is None
     measured = {"name": "name", "robot": "palida", "data": {"file": "measured.csv"}, "estimate": {}}
     circle, design = (
         load_run(measured | {"feedforward": {"motion": motion}}) for motion in ("circle", "design")

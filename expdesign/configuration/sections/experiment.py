@@ -1,18 +1,15 @@
-"""`experiment:`, `validate:` and `study:`: what is executed, on the machine or on its twin."""
+"""`experiment:` and `validate:`: what is executed, on the machine or on its twin."""
 
 from __future__ import annotations
 
-import math
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import model_validator
 
 from expdesign.configuration.bodies import FixedBodies
-from expdesign.configuration.parameters import ParameterName
 from expdesign.configuration.problem import refusal, require
 from expdesign.configuration.robot_description import RobotSource
 from expdesign.configuration.section import LATER, Section
-from expdesign.configuration.sections.design import CRITERIA
 from expdesign.configuration.sections.disturbances import (
     Cogging,
     ForceConstantError,
@@ -29,27 +26,21 @@ from expdesign.configuration.values.quantity import (
     Frequency,
     Length,
     NotNegative,
-    Number,
     Positive,
     Share,
     Speed,
 )
 from expdesign.configuration.values.scalars import (
     Direction,
-    Distinct,
     FilledText,
     Pose,
     Seed,
     Sized,
     at_least,
-    exactly,
     one_of,
     per_strut,
-    whole,
 )
 from expdesign.mechanism.hexapod import ACTUATORS
-from expdesign.mechanism.terms import actuator_friction
-from expdesign.mechanism.terms.rigid_platform import MASS
 
 _CLOCK = require(
     lambda value: abs(value) < 0.1,  # noqa: PLR2004 - no clock is that wrong
@@ -144,82 +135,4 @@ class ValidationMotion(BenchmarkMotion):
     def _recorded_motion_has_a_file(self) -> Self:
         if self.motion == "file" and self.file is None:
             raise refusal("motion 'file' names no file", "file: the recorded motion", key="file")
-        return self
-
-
-StudyKind = Literal["design", "identification", "validation"]
-Kinematics = Literal["exact", "fourier", "central"]
-
-_KEYS: dict[str, tuple[str, ...]] = {
-    "design": ("sets", "criteria", "kinematics", "shown"),
-    "identification": ("tracking_error",),
-    "validation": ("cogging", "motions", "wrong"),
-}
-"""Of each kind alone; `kind` and `repetitions` are of all."""
-
-_MOST_SETS = 1000
-_FEWEST = 3
-_FRICTION = tuple(p.name for p in actuator_friction.TERM.parameters)
-
-
-_FACTOR = require(
-    lambda value: 0 <= value != 1,
-    "{value:g} makes no wrong parameter",
-    "a factor other than 1, at least 0",
-)
-
-
-class StudySection(Section):
-    """A comparison on the digital twin; each kind takes the keys named for it."""
-
-    kind: Annotated[StudyKind, one_of(StudyKind)]
-    repetitions: Annotated[int, whole(_FEWEST, None)] = 100
-    """Simulated experiments: of every design, of every estimator, or identifications with the
-    validation that follows."""
-    sets: Annotated[int, whole(1, _MOST_SETS)] = 5
-    """Kind design: sets of initial parameters; set k searches from `design.seed` + k − 1."""
-    criteria: Annotated[
-        tuple[Annotated[str, one_of(CRITERIA)], ...], exactly(2, "criteria"), Distinct
-    ] = ("d", "condition")
-    """Kind design: the criteria that are compared."""
-    kinematics: Annotated[
-        tuple[Annotated[Kinematics, one_of(Kinematics)], ...], at_least(1, "kinds"), Distinct
-    ] = ("exact", "fourier", "central")
-    """Kind design: without noise of the lengths, or with it and one of the differentiations."""
-    shown: Annotated[tuple[ParameterName, ...], at_least(1, "parameters"), Distinct] = (
-        "p10",
-        "r1",
-        "v1",
-    )
-    """Kind design: parameters whose distributions are drawn."""
-    tracking_error: TrackingError = TrackingError(position=0.001, angle=math.radians(0.1))
-    """Kind identification: of the disturbed experiments."""
-    cogging: Cogging = Cogging(
-        amplitude=(0.0, 0.0, 14.8, 21.1, 0.0, 0.0),
-        pitch=(0.03,) * ACTUATORS,
-        phase=(0.0, 0.0, 0.3, 1.1, 0.0, 0.0),
-    )
-    """Kind validation: what the model does not know."""
-    motions: Annotated[tuple[ValidationMotion, ...], at_least(1, "motions")] = (
-        ValidationMotion(motion="circle"),
-        ValidationMotion(motion="circle", mirror="xz"),
-    )
-    """Kind validation: motions that are predicted."""
-    wrong: dict[ParameterName, Annotated[Number, _FACTOR]] = Field(
-        default_factory=lambda: {MASS: 1.2} | dict.fromkeys(_FRICTION, 0.5)
-    )
-    """Kind validation: factors of parameters, each wrong in turn."""
-
-    @model_validator(mode="after")
-    def _keys_are_of_this_kind(self) -> StudySection:
-        # With their defaults they stand in every resolved run file, and say nothing.
-        others = {key for kind, keys in _KEYS.items() if kind != self.kind for key in keys}
-        for key in sorted(others & self.model_fields_set):
-            default = type(self).model_fields[key].get_default(call_default_factory=True)
-            if getattr(self, key) != default:
-                raise refusal(
-                    f"a study of kind {self.kind} has no '{key}'",
-                    ", ".join(("kind", "repetitions", *_KEYS[self.kind])),
-                    key=key,
-                )
         return self

@@ -9,7 +9,6 @@ from pathlib import Path
 
 from estimation.identification.record import EstimateRecord
 from estimation.montecarlo.record import MonteCarloRecord
-from estimation.studies.records import StudySummary
 from expdesign.configuration import InputError, Problem
 from expdesign.experiment import DesignRecord
 from expdesign.experiment.sensitivity import limit_sensitivity
@@ -36,14 +35,12 @@ from results.report.content import (
     Page,
     Section,
     StageReport,
-    TextBlock,
     Verdict,
 )
 from results.report.folder import ReportedStage, RunFolder, embedded
 from results.report.rendering import latex_table, rendered
 from results.report.run_report import NAME
 from results.report.stages.estimate import NAMES
-from results.report.stages.study import CLAIM_COLUMNS, SIMULATED, claim_row, judgement
 from results.report.table import Column, ReportTable, text_columns
 
 _FORMATS = ("png", "svg", "pdf")
@@ -53,7 +50,6 @@ COMPARED = {
     "design": "trajectory.csv",
     "estimate": "estimates.csv",
     "montecarlo": "tables/montecarlo.csv",
-    "study": "study.json",
 }
 """Stages that can be compared, and the table that is the result of each: the same seeds give the
 same bytes, while the documents beside them hold times."""
@@ -120,8 +116,6 @@ def _page(
     def holding(stage: str) -> dict[str, RunFolder]:
         return {label: folder for label, folder in folders.items() if folder.has(stage)}
 
-    if asked := holding("study"):
-        reports.append(_claims_report(asked))
     designs = tuple(
         ComparedDesign(label, folder.record(DesignRecord))
         for label, folder in holding("design").items()
@@ -162,26 +156,6 @@ def _page(
         warnings=tuple(warning for report in reports for warning in report.warnings),
     )
     return page, written
-
-
-def _claims_report(studies: dict[str, RunFolder]) -> StageReport:
-    """Return the claims of every study in one table; those that fail are named first."""
-    claims = [
-        (label, claim)
-        for label, folder in studies.items()
-        for claim in StudySummary.read(folder.path).claims
-    ]
-    level, word, sentence, fact = judgement([claim for _, claim in claims])
-    sentence = f"{counted(len(studies), 'study', 'studies')} on the digital twin: {sentence}"
-    table = ReportTable.of(
-        "claims",
-        "What the studies show; all numbers found are simulated",
-        (Column("study", kind="text"), *CLAIM_COLUMNS),
-        [(label, *claim_row(claim)) for label, claim in claims],
-    )
-    blocks = (TextBlock(SIMULATED), table)
-    verdict = Verdict("Studies", level, word, sentence, "claims")
-    return StageReport(verdict, blocks, (fact,), heading="Studies on the digital twin")
 
 
 def _achieved_report(folders: dict[str, RunFolder]) -> StageReport:

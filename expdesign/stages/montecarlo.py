@@ -1,20 +1,15 @@
-"""The stages that simulate many experiments: the Monte-Carlo study, and studies of comparison."""
+"""The Monte-Carlo stage simulates and estimates many experiments."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterator
 from dataclasses import asdict
 
 from estimation.montecarlo import run_study as run_montecarlo
 from estimation.montecarlo.journal import NAME as JOURNAL
 from estimation.montecarlo.record import EstimatorKeys, MonteCarloFile, MonteCarloRecord
-from estimation.studies import run_study
-from estimation.studies.records import Claim
 from expdesign.interruption import interruptible
 from expdesign.stages.outcome import Outcome, StageFailed, short
-from expdesign.stages.record import clear_outdated
-from expdesign.stages.table import STAGES
 from expdesign.stages.workspace import Workspace
 from expdesign.workers import Monitor, StoppedError
 
@@ -27,7 +22,11 @@ def montecarlo(work: Workspace) -> Outcome:
     design = work.design()
     warnings = work.warn_of(design)
     kept = "the repetitions that are done are kept"
-    with _watched(work, "repetitions", kept) as monitor:
+    with (
+        work.progress.count("repetitions") as advanced,
+        interruptible(work.progress.note, kept) as stop,
+    ):
+        monitor = Monitor(stop, advanced=advanced)
         study = run_montecarlo(configuration, design.trajectory, folder / JOURNAL, monitor)
     asked = monitor.stop_requested()
     if not study.repetitions:
@@ -63,39 +62,6 @@ def montecarlo(work: Workspace) -> Outcome:
         else "",
         asked_to_stop=asked,
     )
-
-
-def study(work: Workspace) -> Outcome:
-    """Do the comparison that the run names."""
-    configuration = work.configuration
-    trajectory = None
-    if STAGES["study"].needed(configuration):
-        design = work.design()
-        work.warn_of(design)
-        trajectory = design.trajectory
-    kept = "a study is kept as a whole only, and this one is not complete"
-    with _watched(work, "steps of the study", kept) as monitor:
-        found = run_study(configuration, trajectory, monitor)
-    clear_outdated("study", work)
-    claims = found.record.summary.claims
-    return Outcome(
-        result=claims,
-        record=found,
-        summary={"claims": [asdict(claim) for claim in claims]},
-        message=_how_many_hold(claims),
-        asked_to_stop=monitor.stop_requested(),
-    )
-
-
-@contextmanager
-def _watched(work: Workspace, what: str, kept: str) -> Iterator[Monitor]:
-    with work.progress.count(what) as advanced, interruptible(work.progress.note, kept) as stop:
-        yield Monitor(stop, advanced=advanced)
-
-
-def _how_many_hold(found: Sequence[Claim]) -> str:
-    judged = [claim for claim in found if claim.holds is not None]
-    return f"{sum(bool(claim.holds) for claim in judged)} of {len(judged)} claims hold"
 
 
 def _failed_repetitions(summary: MonteCarloFile) -> Iterator[str]:

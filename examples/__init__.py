@@ -1,0 +1,1 @@
+"""Examples on the public functions of the packages."""

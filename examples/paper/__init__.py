@@ -1,0 +1,1 @@
+"""Three studies of a paper, repeated on the digital twin."""
